@@ -49,8 +49,7 @@ class Engines:
     ) -> Reply:
         """Answer one request about things of an owner; the caller has checked the right to them.
 
-        Raises:
-            GuidefieldError: as `Engine.answer`; QuotaExceeded if the owner has no space for it.
+        Raises GuidefieldError as `Engine.answer`; QuotaExceeded if the owner has no space for it.
         """
         if isinstance(request, requests.StoreScene | requests.ChangeScene | requests.StoreRobot):
             self.stores.require_room(owner, size)
@@ -97,10 +96,8 @@ class Engines:
     def stream_recording(self, owner: str, name: str) -> bytes:
         """Make the recording of a stored stream from all files of its journal.
 
-        Raises:
-            UnknownObject: if there is none of that name, or no update yet, or it is damaged or too large.
-            GuidefieldError: if its robot or scene is refused now.
-            OSError: if the disk refuses.
+        Raises UnknownObject if there is none of that name, or no update yet, or it is damaged or too large;
+        GuidefieldError if its robot or scene is refused now; OSError if the disk refuses.
         """
         from guidefield.stream import journal
         from guidefield.stream.shown import recorded

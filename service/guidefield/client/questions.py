@@ -115,8 +115,7 @@ class Question(Generic[_R]):
 def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[PlanReply]:
     """Make the question for a plan, from a request or its fields; a request without a run id gets one.
 
-    Raises:
-        MalformedRequest: if that isn't a plan request, or both are given.
+    Raises MalformedRequest if that isn't a plan request, or both are given.
     """
     given = codec.decode_request(_take_either("plan", request, fields))
     if not isinstance(given, PlanRequest):
@@ -127,8 +126,7 @@ def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -
 def certify(request: CertifyRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[CertifyReply]:
     """Make the question for a verdict, from a request or its fields; a request without a run id gets one.
 
-    Raises:
-        MalformedRequest: if that isn't a certify request, or both are given.
+    Raises MalformedRequest if that isn't a certify request, or both are given.
     """
     asked = _take_either("certify", request, fields)
     given = codec.decode_request({"type": CERTIFY, **asked} if isinstance(asked, dict) else asked)

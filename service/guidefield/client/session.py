@@ -27,8 +27,7 @@ RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor"
 def open_session(settings: zenoh.Config, deadline: float) -> zenoh.Session:
     """Open a session, trying until a deadline.
 
-    Raises:
-        NoService: if nobody listens there, or who does doesn't let us in.
+    Raises NoService if nobody listens there, or who does doesn't let us in.
     """
     while True:
         try:
@@ -91,8 +90,7 @@ def read_user(settings: zenoh.Config) -> str:
 def build_config(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config:
     """Build the configuration of a session: a client of one endpoint, or a peer linked to each of several.
 
-    Raises:
-        ValueError: if an endpoint isn't one, or the configuration is wrong.
+    Raises ValueError if an endpoint isn't one, or the configuration is wrong.
     """
     try:
         settings = zenoh.Config() if config is None else zenoh.Config.from_file(str(config))

@@ -35,11 +35,7 @@ Answer = Piece | StreamState
 
 
 class StreamLink:
-    """A client's side of a stream.
-
-    Raises:
-        MalformedRequest: if that can't be asked for.
-    """
+    """A client's side of a stream; raises MalformedRequest if that can't be asked for."""
 
     def __init__(
         self,

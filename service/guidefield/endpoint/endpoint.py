@@ -186,8 +186,7 @@ class Endpoint:
     def ask(self, read: keys.Query, received: float) -> Future[Answer]:
         """Have work done that was asked for by other means than a query on one of the keys.
 
-        Raises:
-            GuidefieldError: if nothing such is served, or it can't wait its turn.
+        Raises GuidefieldError if nothing such is served, or it can't wait its turn.
         """
         self._meter.count("asked")
         self._pool.stand_by()  # there are others beside the keys

@@ -131,8 +131,7 @@ def _exposition(instance: str, brief: Callable[[], InfoReply]) -> Callable[[], t
 def families(instance: str, told: InfoReply) -> Iterator[Any]:
     """The metrics of what a service says about itself, as prometheus-client has them.
 
-    Raises:
-        ImportError: if prometheus-client isn't installed.
+    Raises ImportError if prometheus-client isn't installed.
     """
     from prometheus_client import metrics_core
 

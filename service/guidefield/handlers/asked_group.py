@@ -95,8 +95,7 @@ def followers_of(group: PlanningGroup) -> dict[str, Mimic]:
 def rates_of(asked: Mapping[str, float], field: str, group: PlanningGroup) -> ChartRate | None:
     """Rates of every coordinate, shape (nv,), 0 where none is given; None where none is asked for.
 
-    Raises:
-        InvalidConfiguration: if a joint is named that doesn't move, or has several coordinates.
+    Raises InvalidConfiguration if a joint is named that doesn't move, or has several coordinates.
     """
     joints = {joint.name: joint for joint in group.joints}
     for name in asked:
@@ -130,9 +129,8 @@ def jerk_limits(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Ch
 def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathConstraint, ...]:
     """Build the path constraints of a request.
 
-    Raises:
-        UnknownFrame: if the robot has no such frame.
-        MalformedRequest: if a direction is zero, or a joint of several coordinates is planned for.
+    Raises UnknownFrame if the robot has no such frame; MalformedRequest if a direction is zero, or a joint of several
+    coordinates is planned for.
     """
     if request.path_constraints and not group.is_euclidean:
         several = [joint.name for joint in group.joints if joint.nv > 1]

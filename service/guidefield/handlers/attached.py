@@ -55,10 +55,9 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
     Each is a link of its own, fixed to the one that holds it. It is tested against all links but those, those it may
     touch, and those that move with it as one; and against other held objects that don't.
 
-    Raises:
-        RobotInvalid: if an object is held by a robot that has no collision geometry.
-        UnknownFrame: if a link that holds or may be touched isn't one of the robot's.
-        UnknownObject: if an object has the name of a link, of a frame, of a collision shape or of another object.
+    Raises RobotInvalid if an object is held by a robot that has no collision geometry; UnknownFrame if a link that
+    holds or may be touched isn't one of the robot's; UnknownObject if an object has the name of a link, of a frame, of
+    a collision shape or of another object.
     """
     if held:
         robot.require_collision_geometry()

@@ -155,10 +155,8 @@ def _since(problem: GivenProblem, judgement: Judgement) -> float | None:
 def motion_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> Motion:
     """The motion that a request is about, and what it is judged by.
 
-    Where a contact at the start may be left, how it is left is found out first.
-
-    Raises:
-        GuidefieldError: as `certify_problem` does, where the question is ill-posed.
+    Where a contact at the start may be left, how it is left is found out first; raises GuidefieldError as
+    `certify_problem` does, where the question is ill-posed.
     """
     problem, _ = certify_problem(request, robot, scene, Deadline(time.monotonic() + request.allowed_time))
     leaving = judge_leaving(problem, problem.motion.pieces) if request.leave_start_contact else None

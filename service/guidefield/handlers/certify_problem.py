@@ -44,9 +44,8 @@ def certify_problem(
 ) -> tuple[GivenProblem, tuple[str, ...]]:
     """The motion that a request gives among what it is judged by, and warnings about what was odd but harmless.
 
-    Raises:
-        InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid, MalformedRequest: if the question
-            is ill-posed.
+    Raises InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid, MalformedRequest if the
+    question is ill-posed.
     """
     _require_served(request, scene)
     robot = holding(robot, request.attached_objects, scene, deadline)

@@ -31,8 +31,7 @@ TOGETHER = 16
 def configurations_from(robot: RobotModel, given: ConfigurationBatch) -> RobotConfigurations:
     """Return configurations of the whole robot, mimic joints included, shape (n, nq).
 
-    Raises:
-        InvalidConfiguration: if a joint is unknown or a mimic joint, or a value doesn't fit it.
+    Raises InvalidConfiguration if a joint is unknown or a mimic joint, or a value doesn't fit it.
     """
     if isinstance(given, ConfigurationTable):
         rows = rows_in(given.rows) if given.rows else _unpacked(given)

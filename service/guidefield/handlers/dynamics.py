@@ -35,9 +35,8 @@ def jacobian(
 
     Columns are the joints that are no mimic joints; what these add is in the column of their source joint.
 
-    Raises:
-        UnknownFrame: if the robot lacks a frame.
-        InvalidConfiguration: if a configuration or velocity doesn't fit the robot.
+    Raises UnknownFrame if the robot lacks a frame; InvalidConfiguration if a configuration or velocity doesn't fit the
+    robot.
     """
     frames = frame_ids(robot, request.frames)
     group, root = whole_group(robot, request.robot_placement), se3_of(request.robot_placement)
@@ -72,11 +71,9 @@ def dynamics(
 ) -> DynamicsReply:
     """Torques, mass matrix and centre of mass of the links that joints move, with a payload.
 
-    Raises:
-        RobotInvalid: if no link that moves has a mass.
-        UnknownFrame: if the robot lacks a link that carries a payload.
-        MalformedRequest: if the inertia of a payload can't be that of a body.
-        InvalidConfiguration: if a configuration, velocity or acceleration doesn't fit the robot.
+    Raises RobotInvalid if no link that moves has a mass; UnknownFrame if the robot lacks a link that carries a payload;
+    MalformedRequest if the inertia of a payload can't be that of a body; InvalidConfiguration if a configuration,
+    velocity or acceleration doesn't fit the robot.
     """
     group, root = whole_group(robot, request.robot_placement), se3_of(request.robot_placement)
     model = _with_payload(robot, request.payload)

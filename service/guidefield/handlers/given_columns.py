@@ -48,8 +48,7 @@ class Columns:
     ) -> Columns:
         """From names as a client gives them.
 
-        Raises:
-            InvalidConfiguration: if a name is none of the robot's, stands twice, or a joint lacks one of its columns.
+        Raises InvalidConfiguration if a name is none of the robot's, stands twice, or a joint lacks one of its columns.
         """
         known = {
             joint.name: tuple(joint.name + end for end in suffixes.get(joint.kind, ("",))) for joint in robot.joints

@@ -48,9 +48,8 @@ def given_planes(request: PlanRequest, scene: Scene, deadline: Deadline) -> tupl
 
     Where planes are to be derived, the last of the scene's is left if it is the goal.
 
-    Raises:
-        SceneInvalid: if a plane of the request isn't flat, isn't convex or has no area.
-        DeadlineExpired: if time was up before planes of many corners were built.
+    Raises SceneInvalid if a plane of the request isn't flat, isn't convex or has no area; DeadlineExpired if time was
+    up before planes of many corners were built.
     """
     if request.planner == "tree":
         return ()
@@ -113,11 +112,9 @@ def problem_of(
     They are about the robot, what it holds, the scene, the start and the goal.
     Guide planes that are to be derived are not in it yet.
 
-    Raises:
-        InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid: if the question
-            is ill-posed.
-        MalformedRequest: if it asks for what this version doesn't serve.
-        DeadlineExpired: if time was up before its guide planes were built, or its many goals were read.
+    Raises InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid if the question is
+    ill-posed; MalformedRequest if it asks for what this version doesn't serve; DeadlineExpired if time was up before
+    its guide planes were built, or its many goals were read.
     """
     robot = holding(robot, request.attached_objects, scene, deadline)
     q_whole, warnings = start_of(request.start, robot)

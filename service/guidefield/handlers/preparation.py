@@ -38,8 +38,7 @@ def prepare_plan(
 ) -> None:
     """Prepare a robot and a scene for a plan.
 
-    Raises:
-        DeadlineExpired: if the deadline passed before all is prepared.
+    Raises DeadlineExpired if the deadline passed before all is prepared.
     """
     if robot is not None and not is_prepared(robot):
         deadline.check("the meshes of the robot")
@@ -56,8 +55,7 @@ def prepare_plan(
 def prepare_problem(request: PlanRequest, problem: Problem, told: Told) -> None:
     """Prepare the scene of a problem, and its robot if a plan certainly connects.
 
-    Raises:
-        DeadlineExpired: if the deadline passed before all is prepared.
+    Raises DeadlineExpired if the deadline passed before all is prepared.
     """
     if problem.scene.moves and not connects(request):
         return
@@ -71,8 +69,7 @@ def prepare_problem(request: PlanRequest, problem: Problem, told: Told) -> None:
 def crop_to_reach(problem: Asked, deadline: Deadline, *, limited: bool = True) -> Asked:
     """Crop the scene of a problem to what its robot can reach: distances from the nearest obstacles are the same.
 
-    Raises:
-        DeadlineExpired: if time was up before.
+    Raises DeadlineExpired if time was up before.
     """
     scene, world = problem.scene, problem.world
     reach = reach_ball(problem.group, limited) if has_many(scene) or has_large(scene) else None

@@ -136,10 +136,8 @@ class Standing:
     def holding(self, asked: Attach, link: str) -> Standing:
         """The same with an obstacle picked up where it is.
 
-        Raises:
-            UnknownObject: if there is no such obstacle, or one that it may touch.
-            UnknownFrame: if a link isn't one of the robot's.
-            MalformedRequest: if it is of a kind that can't be picked up.
+        Raises UnknownObject if there is no such obstacle, or one that it may touch; UnknownFrame if a link isn't one of
+        the robot's; MalformedRequest if it is of a kind that can't be picked up.
         """
         names = [one.name for one in self.scene.obstacles]
         for name in (asked.object, *asked.touch_objects):

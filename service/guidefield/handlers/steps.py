@@ -46,8 +46,7 @@ BALLS = (JointKind.SPHERICAL, JointKind.FLOATING)
 class Steps:
     """The course of a request.
 
-    Raises:
-        GuidefieldError: as `problem_of`, with the step's path, where the question is ill-posed.
+    Raises GuidefieldError as `problem_of`, with the step's path, where the question is ill-posed.
     """
 
     def __init__(

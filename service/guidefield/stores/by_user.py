@@ -109,11 +109,7 @@ class StoresByUser:
             raise NotAllowed(told, user=owner, kind=kind, name=name[:64])
 
     def require_room(self, user: str, size: int) -> None:
-        """Refuse a robot or scene for which a user has no room.
-
-        Raises:
-            QuotaExceeded: if it has none.
-        """
+        """Refuse a robot or scene for which a user has no room; raises QuotaExceeded if it has none."""
         most = self.bytes_of(user)
         if most is None:
             return

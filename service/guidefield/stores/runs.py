@@ -143,8 +143,7 @@ class RunDatabase:
     def take_over(self, tell: Callable[[str], None]) -> None:
         """Take over the runs that guidefield 0.1 kept in folders.
 
-        Raises:
-            DiskRefused: if the database can't be written; OSError, if a folder can't be read.
+        Raises DiskRefused if the database can't be written; OSError, if a folder can't be read.
         """
         for owner in (PLAIN, *users_in(self._data)):
             own = user_folder(self._data, owner)
@@ -284,9 +283,7 @@ class UserRuns:
     def read(self, run_id: str) -> AnyRunReply:
         """One run.
 
-        Raises:
-            UnknownObject: if there is none of that name, or it is damaged.
-            DiskRefused: if the database can't be read.
+        Raises UnknownObject if there is none of that name, or it is damaged; DiskRefused if the database can't be read.
         """
         self._writer.settle()
         row = self._row(run_id, "kind, began, encoding, request, reply, error", "JOIN documents USING (number)")

@@ -56,8 +56,7 @@ class AskedGoal:
 def goal_of(constraints: Sequence[Any], group: Sequence[str], start: Snapshot) -> AskedGoal:
     """The goal of a request: any one of its constraints, and of a position's regions.
 
-    Raises:
-        Refused: if they aren't served; names the field.
+    Raises Refused if they aren't served; names the field.
     """
     if not constraints:
         raise GoalRefused("`goal_constraints` is empty")

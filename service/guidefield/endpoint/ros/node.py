@@ -285,11 +285,7 @@ def _send_error(query: zenoh.Query, sentence: str) -> None:
 
 
 def ros_node(settings: RosSettings, session: zenoh.Session, model: RobotModel, ask: Ask) -> RosNode:
-    """A node on a session, that isn't offered yet.
-
-    Raises:
-        RobotInvalid: if the robot can't be offered over ROS.
-    """
+    """A node on a session, that isn't offered yet; raises RobotInvalid if the robot can't be offered over ROS."""
     robot = KnownRobot(settings.robot, model)
     known = KnownScene(Snapshot(robot))
     return RosNode(session, settings.domain, types_of(settings.distribution), known, ask, _description(model))

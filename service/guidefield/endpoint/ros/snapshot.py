@@ -30,8 +30,7 @@ WORLD = "world"
 class KnownRobot:
     """A robot as messages of ROS name it.
 
-    Raises:
-        RobotInvalid: if a joint of it has several coordinates, which these messages have no place for.
+    Raises RobotInvalid if a joint of it has several coordinates, which these messages have no place for.
     """
 
     def __init__(self, name: str, model: RobotModel) -> None:
@@ -205,8 +204,7 @@ class Snapshot:
     def frame(self, name: str, field: str) -> tuple[Any, str | None]:
         """Where a frame is in the world, and the link with which it moves.
 
-        Raises:
-            Refused: if nothing is called so.
+        Raises Refused if nothing is called so.
         """
         if self.robot.is_root(name):
             return pin.SE3.Identity(), None
