@@ -109,6 +109,6 @@ def test_silence_ends_it_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_one_that_is_not_open_in_time_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(open_stream, "OPENED_WITHIN", 0.0)
-    monkeypatch.setattr(open_stream.Companion, "_heard", lambda *_: None)  # its process says that it is open to nobody
+    monkeypatch.setattr(open_stream.OpenStream, "_hear", lambda *_: None)  # its process says that it is open to nobody
     with opened() as (stream, _), pytest.raises(TimedOut, match="wasn't open after"):
         stream.opened.result(SO_WITHIN)
