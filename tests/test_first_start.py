@@ -18,7 +18,8 @@ from tests.kernels.jit.copies import compiling_package
 HERE = Path(guidefield.__file__).parent
 
 KERNEL = """
-from guidefield.kernels.jit.signatures import compiled, SCALAR
+from guidefield.kernels.jit.decorators import compiled
+from guidefield.kernels.jit.arrays import SCALAR
 {imported}
 
 @compiled(SCALAR(SCALAR))

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from guidefield.kernels.field.box import capsule_at
 from guidefield.kernels.field.field import field_at_points
-from guidefield.kernels.field.primitives import capsule_at
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.potential import Precision, RobotField

@@ -11,12 +11,7 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.charged import at_angle, convex_quads, field_tables
 from guidefield.kernels.field.box import BOX_COLUMNS, FAR
 from guidefield.kernels.field.faces import ORDINARY
-from guidefield.kernels.field.field_tables import (
-    CHARGE_PER_AREA,
-    NODE_COLUMNS,
-    QUAD_COLUMNS,
-    TRIANGLE_COLUMNS,
-)
+from guidefield.kernels.field.field_tables import CHARGE_PER_AREA, NODE_COLUMNS, QUAD_COLUMNS, TRIANGLE_COLUMNS
 from tests.kernels.evaluation import triangles
 from tests.oracles import EPS
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numba
 
-from guidefield.kernels.jit.signatures import FASTMATH
+from guidefield.kernels.jit.decorators import FASTMATH
 
 
 def from_python(part: Any) -> Callable[..., Any]:

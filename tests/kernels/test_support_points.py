@@ -17,13 +17,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.kernels.collide.gjk import reach_along, support
-from guidefield.kernels.collide.gjk_scratch import WORK
+from guidefield.kernels.collide.gjk import WORK, reach_along, support
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, away_from_primitive
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import load, store
-from guidefield.kernels.stream import separation
-from guidefield.kernels.stream.separation import Solids
+from guidefield.kernels.stream import judge
+from guidefield.kernels.stream.judge import Solids
 
 SHARE = 1e-13
 """What a point may be off a body, or short of the farthest one, of the body's size."""
@@ -123,7 +122,7 @@ def compiled(part: Any) -> Callable[..., Any]:
     return numba.njit(fastmath={"contract"}, error_model="numpy")(part.py_func)
 
 
-_FURTHEST = compiled(separation._furthest)
+_FURTHEST = compiled(judge._furthest)
 
 
 def of_streamed_body(body: Body, direction: np.ndarray, _: float) -> np.ndarray:

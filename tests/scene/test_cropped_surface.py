@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry.surface_rows import box_tree
-from guidefield.kernels.cover.anchors import distance_to_triangles
+from guidefield.kernels.cover.crop_to_ball import distance_to_triangles
 from guidefield.kernels.distance.ray_winding import BALL, PLACE, REACH, ROOM, TURNS, surely_outside_seen
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
 from guidefield.read_only import read_only

@@ -12,9 +12,10 @@ from numba import types
 
 from guidefield.geometry.placements import se3
 from guidefield.kernels.collide.gjk_simplex import SIMPLEX
-from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, lane_kernel
+from guidefield.kernels.jit.arrays import VECTOR, VECTOR_OUT, Floats
+from guidefield.kernels.jit.compilers import kernel
 from guidefield.kernels.simd.packing import pointers
-from guidefield.kernels.stream.separation import SOLIDS, Solids, apart
+from guidefield.kernels.stream.judge import SOLIDS, Solids, apart
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, Obstacle, PointCloud, Scene, Sphere
 from guidefield.messages.streams import Deviation, Observation, StreamObstacle, StreamOpen
 from guidefield.messages.values import Placement
@@ -36,7 +37,7 @@ SHAPES: list[Obstacle] = [
 ORIGIN = np.zeros(3)
 
 
-@lane_kernel(types.UniTuple(types.float64, 2)(SOLIDS, VECTOR, SOLIDS, VECTOR, VECTOR_OUT))
+@kernel(types.UniTuple(types.float64, 2)(SOLIDS, VECTOR, SOLIDS, VECTOR, VECTOR_OUT))
 def bounds(a: Solids, here: Floats, b: Solids, there: Floats, simplex: Floats) -> tuple[float, float]:
     """`apart` of the first solids."""
     return apart(a, 0, here, b, 0, there, np.inf, -np.inf, pointers(simplex))

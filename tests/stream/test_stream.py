@@ -80,7 +80,7 @@ def test_who_stands_at_the_goal_is_told_so_also_where_it_is_given_again() -> Non
 
 
 OPENED = """
-from guidefield.kernels.stream import dodge, judge, profiles, room, way
+from guidefield.kernels.stream import dodge, judge, room, way
 from guidefield.messages.scene import Scene
 from guidefield.messages.streams import StreamOpen
 from guidefield.robot.catalog.catalog import Catalog
@@ -89,7 +89,7 @@ from guidefield.stream.stream import CertifiedStream
 
 with CertifiedStream(StreamOpen("ur5", "empty"), Catalog().load("ur5"), build(Scene("empty"))):
     asked = [
-        dodge.dodged, judge.judged, judge.travelled, profiles.piece_and_braking, room.distances, room.pressure,
+        dodge.dodged, judge.judge_motion, judge.travelled, way.piece_and_braking, room.distances, room.pressure,
         room.swept, way.cut_short, way.straight_free, way.way_between,
     ]
     print(*(one.__name__ for one in asked if not one.overloads))

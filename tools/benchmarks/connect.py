@@ -28,7 +28,7 @@ from benchmarks.problems import ROBOTS, Problems, scene_message
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
-from guidefield.kernels.collide.motion_validation import EXACT
+from guidefield.kernels.collide.batch_collision import EXACT
 from guidefield.messages.scene import Scene
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.settings import TREE

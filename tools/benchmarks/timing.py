@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, VECTOR, VECTOR_OUT, compiled
+from guidefield.kernels.jit.arrays import FLOATS, FLOATS_OUT, VECTOR, VECTOR_OUT
+from guidefield.kernels.jit.decorators import compiled
 from guidefield.kernels.simd.vector import lanes_of, load, store
 
 _CHAINS = 10

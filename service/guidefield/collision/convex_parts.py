@@ -18,8 +18,8 @@ from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap, conten
 from guidefield.geometry.entries import Arrays, Layout, in_memory
 from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about
 from guidefield.geometry.placements import transform_points
-from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.parts import (
+    BALL_ROW,
     BLOCKS,
     DISC,
     FIRST_BLOCK,
@@ -38,7 +38,7 @@ from guidefield.kernels.collide.parts import (
 )
 from guidefield.kernels.collide.primitive import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.jit.compilers import load_imported
-from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.simd.packing import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import size_of
 from guidefield.parallel import run_queue

@@ -11,7 +11,7 @@ import numpy as np
 
 from guidefield.geometry.curve_order import Along, along_curve, changed_along
 from guidefield.kernels.collide.near_pairs import BoxedObstacles
-from guidefield.kernels.collide.primitive_boxes import along_both, primitive_boxes
+from guidefield.kernels.collide.primitive import along_both, primitive_boxes
 from guidefield.kernels.distance.bvh import boxes_above, overlaps_in_tree
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.scene.incremental import Rows, incremental

@@ -14,8 +14,7 @@ from guidefield.geometry.closed import connected_pieces
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.geometry.surfaces import box_about
-from guidefield.kernels.cover.crossings import RUN, UNSURE, find_run_boxes, winding_by_crossings
-from guidefield.kernels.cover.winding import winding_by_angles
+from guidefield.kernels.cover.winding import RUN, UNSURE, find_run_boxes, winding_by_angles, winding_by_crossings
 from guidefield.memo import memoized
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup

@@ -11,9 +11,8 @@ import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.kernels.distance.distance import DistanceTables
-from guidefield.kernels.kinematics.local_coordinates import chart_values
-from guidefield.kernels.sweep.swept import motion_apart
-from guidefield.kernels.sweep.swept_bounds import SweptRobot
+from guidefield.kernels.kinematics.forward_kinematics import chart_values
+from guidefield.kernels.sweep.swept_bounds import SweptRobot, motion_apart
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.bodies.charges import robot_charges

@@ -19,6 +19,7 @@ from guidefield.kernels.field.faces import (
     FIRST_QUAD,
     FIRST_TRIANGLE,
     FIRST_VERTEX,
+    FLAT,
     FLATTENED,
     FORM,
     HALF_ROWS,
@@ -54,7 +55,6 @@ from guidefield.kernels.field.field_tables import (
     FieldTables,
     frozen,
 )
-from guidefield.kernels.field.solid_angle import FLAT
 
 __all__ = ["FieldTables", "at_angle", "convex_quads", "field_tables", "never", "pair_faces", "within"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from guidefield.geometry.directions import across, furthest, spread_directions
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.enclosing_circle import SLACK, enclosing_circle
-from guidefield.kernels.cover.farthest import farthest_first
+from guidefield.kernels.cover.pieces import farthest_first
 
 _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 """The same for points that lie close together far from the origin, over their coordinates."""

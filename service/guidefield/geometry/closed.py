@@ -8,10 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
-from guidefield.kernels.cover.connected import lowest_connected
-from guidefield.kernels.cover.edge_numbers import count_ways, number_edges
-from guidefield.kernels.cover.merge_points import merge_points
-from guidefield.kernels.cover.signed_volume import signed_volume
+from guidefield.kernels.cover.merge_points import lowest_connected, merge_points
+from guidefield.kernels.cover.small_surfaces import count_ways, number_edges
+from guidefield.kernels.cover.winding import signed_volume
 
 
 def numbered_edges(triangles: Integers) -> tuple[Integers, int]:

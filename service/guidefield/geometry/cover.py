@@ -20,12 +20,10 @@ import numpy as np
 from guidefield.geometry.elements import Elements, Pieces, bisected, blocks, gathered, join_pieces, united
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats, Integers
-from guidefield.kernels.cover.ball_cover import contained, reaches
-from guidefield.kernels.cover.cell_proof import uncovered_cells
+from guidefield.kernels.cover.ball_cover import contained, greedy_choice, reaches
 from guidefield.kernels.cover.enclosing_ball import ball_around_balls, largest_distances, smallest_ball, smallest_balls
-from guidefield.kernels.cover.greedy_set_cover import greedy_choice
-from guidefield.kernels.cover.inscribed import tangent_balls
-from guidefield.kernels.cover.stable_order import stable_order
+from guidefield.kernels.cover.inscribed import tangent_balls, uncovered_cells
+from guidefield.kernels.cover.pieces import stable_order
 
 
 def medial_balls(body: Solid, elements: Elements, most: int, resolution: float, slack: float = 0.0) -> Floats:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers, extents
-from guidefield.kernels.cover.overlapping_boxes import swept_pairs
+from guidefield.kernels.cover.merge_points import swept_pairs
 from guidefield.kernels.distance.triangle_rows import triangle_boxes
 
 _TOUCHING = 1e-10

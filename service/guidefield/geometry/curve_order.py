@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from guidefield.kernels.cover.curve_places import changed_order, curve_places
+from guidefield.kernels.cover.small_surfaces import changed_order, curve_places
 from guidefield.kernels.distance.bvh import middles_within
 
 FINEST = 21

@@ -22,8 +22,7 @@ from guidefield.geometry.elements import Pieces, bisected, join_pieces
 from guidefield.geometry.mesh_tree import polytope_about
 from guidefield.geometry.solid import Solid, stand_off
 from guidefield.geometry.surfaces import Floats, Surface
-from guidefield.kernels.cover.beyond_planes import beyond_any
-from guidefield.kernels.cover.cut_halves import count_cut, cut_halves, furthest_out
+from guidefield.kernels.cover.cut_halves import beyond_any, count_cut, cut_halves, furthest_out
 
 _PARALLEL = 1e-6
 """Three planes whose normals span less than this meet nowhere that matters."""

@@ -16,8 +16,8 @@ from guidefield.kernels.cover.pieces import (
     grid_cells,
     halve,
     longest_edges,
+    stable_order,
 )
-from guidefield.kernels.cover.stable_order import stable_order
 
 
 class Pieces(NamedTuple):

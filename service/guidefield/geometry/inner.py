@@ -10,7 +10,7 @@ from guidefield.geometry.cover import medial_balls
 from guidefield.geometry.elements import Pieces, bisected, gathered
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats
-from guidefield.kernels.cover.filling import count_missing, held_points
+from guidefield.kernels.cover.ball_cover import count_missing, held_points
 
 MOST = 8
 """Most balls of a body."""

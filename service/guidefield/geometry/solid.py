@@ -19,8 +19,7 @@ from guidefield.geometry.closed import (
 from guidefield.geometry.entries import in_memory
 from guidefield.geometry.surface_rows import NO_TRIANGLES, are_wide, surfaces_in, write_surfaces
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
-from guidefield.kernels.cover.hausdorff_distance import largest_distance
-from guidefield.kernels.cover.inscribed import depths_at, distances_at
+from guidefield.kernels.cover.inscribed import depths_at, distances_at, largest_distance
 from guidefield.kernels.distance.ray_winding import windings_at
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
 

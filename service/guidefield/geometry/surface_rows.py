@@ -15,9 +15,8 @@ from guidefield.geometry.entries import Arrays, Room, in_memory
 from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.cover.small_surfaces import flat_frames, small_surfaces
 from guidefield.kernels.distance.bvh import boxes_of_pairs
-from guidefield.kernels.distance.pseudonormal_sums import summed_normals
 from guidefield.kernels.distance.triangle_distance import LEAF, SurfaceTables
-from guidefield.kernels.distance.triangle_rows import corners_and_edges, triangle_boxes, wide_triangles
+from guidefield.kernels.distance.triangle_rows import corners_and_edges, summed_normals, triangle_boxes, wide_triangles
 
 
 def pseudonormals(vertices: Floats, triangles: Integers) -> Floats:

@@ -30,7 +30,7 @@ from guidefield.handlers.configurations import (
 from guidefield.handlers.dynamics import dynamics, jacobian
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import exact
-from guidefield.kernels.kinematics.group_joints import FrameTable, place_frames
+from guidefield.kernels.kinematics.forward_kinematics import FrameTable, place_frames
 from guidefield.memo import memoized
 from guidefield.messages import requests, scene as scene_messages
 from guidefield.messages.kinematics_replies import PackedClearance

@@ -14,8 +14,15 @@ import numpy as np
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline, DeadlineExpired
-from guidefield.kernels.timing.travel import squared_turns, travelled, when_travelled
-from guidefield.kernels.timing.way_lengths import IN_CHART, OF_FRAME, WAYS, way_lengths
+from guidefield.kernels.timing.travel import (
+    IN_CHART,
+    OF_FRAME,
+    WAYS,
+    squared_turns,
+    travelled,
+    way_lengths,
+    when_travelled,
+)
 from guidefield.memo import MISSING, Answers, memoized
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import Conditions

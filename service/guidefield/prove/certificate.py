@@ -23,7 +23,7 @@ import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.kernels.prove.questions import IN_MOTION
+from guidefield.kernels.prove.tables import IN_MOTION
 from guidefield.prove.curve import Curve, excesses, halved, point_on
 from guidefield.prove.search import RESOLUTION_FLOOR, Found, Goal, found_nothing, search
 from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, LIMITS, Reason, Verdict

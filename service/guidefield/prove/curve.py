@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.kernels.prove.bezier import find_halves, find_ranges
+from guidefield.kernels.prove.placement import find_halves, find_ranges
 from guidefield.prove.verdict import LIMITS
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints

@@ -10,7 +10,7 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.collide.gjk import ACCURACY, SLACK
-from guidefield.kernels.prove.questions import NEARLY
+from guidefield.kernels.prove.tables import NEARLY
 from guidefield.prove.closest import ClosestPairs, put_obstacle
 from guidefield.prove.curve import Curve
 from guidefield.prove.search import ContradictionError, Found, Goal, Smallest, search

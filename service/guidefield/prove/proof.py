@@ -15,8 +15,8 @@ import numpy as np
 from guidefield.collision.bodies import bodies
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.parts import (
+    BALL_ROW,
     BLOCKS,
     DISC,
     FIRST_BLOCK,

@@ -15,7 +15,8 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.prove.kept_distance import LOG_CAPACITY, LOG_COUNT, LOG_ROW, LOG_ROWS
-from guidefield.kernels.prove.questions import (
+from guidefield.kernels.prove.search import BEGINS, DEEPEST, ENDS, INTERVAL, LOG_ENDS, prove_along
+from guidefield.kernels.prove.tables import (
     ANSWER,
     AT_REST,
     BOUND,
@@ -41,9 +42,8 @@ from guidefield.kernels.prove.questions import (
     TOO_CLOSE,
     UNTIL,
     VERDICT,
+    MovingRobot,
 )
-from guidefield.kernels.prove.search import BEGINS, DEEPEST, ENDS, INTERVAL, LOG_ENDS, prove_along
-from guidefield.kernels.prove.tables import MovingRobot
 from guidefield.prove.closest import put_obstacle
 from guidefield.prove.curve import Curve, find_pieces
 from guidefield.prove.tables import ARITHMETIC, bezier_curve, index_of_pair, with_passing_speeds, world_tables

@@ -10,7 +10,7 @@ import numpy as np
 
 from guidefield.errors import InvalidConfiguration
 from guidefield.geometry.placements import frames
-from guidefield.kernels.kinematics.group_joints import FrameTable, place_frames
+from guidefield.kernels.kinematics.forward_kinematics import FrameTable, place_frames
 from guidefield.messages import replies as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointSetGoal, JointsGoal, PlanRequest

@@ -12,8 +12,7 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.surfaces import Floats, box_about
 from guidefield.kernels.distance.bvh import fill_tree, sort_for_tree
 from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
-from guidefield.kernels.simd.blocks import AROUND, BLOCK
-from guidefield.kernels.simd.packing import Words, packed
+from guidefield.kernels.simd.packing import AROUND, BLOCK, Words, pack
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import memoized
 from guidefield.scene.recipe import Charges
@@ -138,7 +137,7 @@ def make_cloud_tables(points: np.ndarray, box: np.ndarray, radius: float) -> Clo
     )
     for array in tables[4:-1]:
         array.setflags(write=False)
-    return CloudTables(tables, packed(tables))
+    return CloudTables(tables, pack(tables))
 
 
 MOST_IN_BODIES = 5_000

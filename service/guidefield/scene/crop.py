@@ -21,7 +21,7 @@ from guidefield.bounded_map import content_key
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.entries import Arrays
-from guidefield.kernels.collide.primitive_boxes import gaps_from_ball
+from guidefield.kernels.collide.primitive import gaps_from_ball
 from guidefield.memo import memoized_by
 from guidefield.scene.cloud import Cloud, cloud_specks
 from guidefield.scene.cropped_surface import crop_surface, nearest_parts

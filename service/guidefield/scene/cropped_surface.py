@@ -14,8 +14,7 @@ from guidefield.geometry.closed import used_alone
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.geometry.surfaces import box_about
-from guidefield.kernels.cover.anchors import distance_to_triangles
-from guidefield.kernels.cover.crop_to_ball import crop_to_ball
+from guidefield.kernels.cover.crop_to_ball import crop_to_ball, distance_to_triangles
 from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.kernels.distance.ray_winding import ANCHOR, BALL, PLACE, REACH, ROOM, TURNS
 

@@ -10,10 +10,10 @@ from typing import cast
 import numpy as np
 
 from guidefield.kernels.collide.gjk_simplex import SIMPLEX
-from guidefield.kernels.kinematics.group_joints import joint_places
+from guidefield.kernels.kinematics.forward_kinematics import joint_places
 from guidefield.kernels.stream import judge
 from guidefield.kernels.stream.judge import DEEPEST, MOST_NODES, JudgedPlaces, JudgedRobot, JudgedShapes, JudgeMemory
-from guidefield.kernels.stream.profiles import MOST_PHASES, piece_and_braking
+from guidefield.kernels.stream.way import MOST_PHASES, piece_and_braking
 from guidefield.messages.streams import PieceTrajectory
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint
@@ -192,7 +192,7 @@ class Judge:
             self._memory = self._of_pairs(2 * pairs)
         stops = commit.stops - commit.begins
         begun = 0.0 if since is None else min(max(0.0, since - commit.begins), stops)
-        verdict = judge.judged(
+        verdict = judge.judge_motion(
             self._robot, shapes, places, commit.phases, commit.counts, commit.begins, begun, stops, commit.start,
             self._limits, self._tolerances, most, self._memory, self._found,
         )  # fmt: skip

@@ -12,10 +12,9 @@ import numpy as np
 
 from guidefield.errors import MalformedRequest
 from guidefield.geometry.curve_order import curve_order
-from guidefield.kernels.kinematics.group_joints import joint_places
-from guidefield.kernels.stream.judge import JudgedRobot, JudgedShapes
+from guidefield.kernels.kinematics.forward_kinematics import joint_places
+from guidefield.kernels.stream.judge import JudgedRobot, JudgedShapes, Solids
 from guidefield.kernels.stream.room import RoomRobot
-from guidefield.kernels.stream.separation import Solids
 from guidefield.messages import scene as messages
 from guidefield.read_only import ReadOnly
 from guidefield.robot.bodies.convex_parts import convex_parts

@@ -21,7 +21,7 @@ from guidefield.errors import (
     at_path,
 )
 from guidefield.kernels.jit.compilers import load
-from guidefield.kernels.stream import dodge, judge, profiles, room, way
+from guidefield.kernels.stream import dodge, judge, room, way
 from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import ORIGIN
@@ -56,7 +56,7 @@ TRAVELLED_IN = 20  # in so many parts it is added up how far the robot goes befo
 SLACK = 1e-6  # joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]
 
 
-KERNELS = (dodge, judge, profiles, room, way)
+KERNELS = (dodge, judge, room, way)
 """What the first update would wait for, 30 to 60 ms: loaded when a stream opens."""
 
 

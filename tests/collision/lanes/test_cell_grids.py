@@ -21,7 +21,7 @@ from guidefield.kernels.collide.layout import (
     TOGETHER,
     LaneBodies,
 )
-from guidefield.kernels.collide.self_collision_cache import APART, TOUCHING, UNJUDGED, UNKNOWN
+from guidefield.kernels.collide.self_narrowphase import APART, TOUCHING, UNJUDGED, UNKNOWN
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.group.group import PlanningGroup

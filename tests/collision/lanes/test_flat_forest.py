@@ -8,7 +8,7 @@ from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.surface_tables import flat_forest
 from guidefield.geometry.mesh_tree import mesh_tree
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, KIND, LINK, OWN, PART, SHAPE, TRIANGLE, Parts
-from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.simd.packing import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 
 

@@ -13,7 +13,7 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import BAND
 from guidefield.kernels.kinematics.poses import POSE
-from guidefield.kernels.simd.packing import packed
+from guidefield.kernels.simd.packing import pack
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import build
 from tests.kernels.collide.lane_callers import placements_of_configurations
@@ -38,7 +38,7 @@ def without_inner_balls(lanes: BatchCollision) -> BatchCollision:
     """The same robot, but not kept from itself, and nothing known of its inside."""
     bodies = lanes.tables.bodies
     tables = lanes.tables._replace(bodies=bodies._replace(inners=np.zeros_like(bodies.inners), n_meetings=0))
-    return dataclasses.replace(lanes, words=packed(tables))
+    return dataclasses.replace(lanes, words=pack(tables))
 
 
 @pytest.mark.parametrize("kind", ["rod", "plate", "cylinder", "capsule"])

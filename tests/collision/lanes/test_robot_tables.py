@@ -16,8 +16,8 @@ from guidefield.geometry.convex import bvh, convex_hull, hull_planes
 from guidefield.geometry.decomposition import Part, decompose
 from guidefield.geometry.solid import solid
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, KIND, LINK, OWN, POLYTOPE, SHAPE, SURFACE, Parts
-from guidefield.kernels.cover.beyond_planes import not_beyond
-from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.cover.cut_halves import not_beyond
+from guidefield.kernels.simd.packing import BLOCK
 from guidefield.messages import scene as messages
 from guidefield.prove.tables import robot_bodies
 from guidefield.scene.scene import build

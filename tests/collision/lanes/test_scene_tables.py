@@ -16,8 +16,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.kernels.collide.parts import LINK, PART
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALF_SPACE, HALVES, ROUND
-from guidefield.kernels.simd.blocks import BLOCK
-from guidefield.kernels.simd.packing import packed
+from guidefield.kernels.simd.packing import BLOCK, pack
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import Scene, build
@@ -128,7 +127,7 @@ def test_every_stand_in_is_tested_as_its_obstacle_is() -> None:
 def test_a_scenes_words_are_those_of_its_tables() -> None:
     for count in (0, 5):
         lanes = BatchCollision.build(World.build(group("panda"), scene(1, count)))
-        np.testing.assert_array_equal(lanes.words, packed(lanes.tables))
+        np.testing.assert_array_equal(lanes.words, pack(lanes.tables))
 
 
 def test_known_obstacles_give_the_same_tables_in_another_scene() -> None:

@@ -15,7 +15,7 @@ from guidefield.kernels.barrier.obstacle_barrier import MARGIN, MOST, nothing_re
 from guidefield.kernels.barrier.sampled_robot import SOFT, STEEPNESS, SampledRobot
 from guidefield.kernels.barrier.self_barrier import pair_distances
 from guidefield.kernels.distance.distance import distance_at_points
-from guidefield.kernels.linalg.banded_cholesky import COUPLED
+from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along
 from guidefield.messages import scene as messages
 from guidefield.planner.optimize.sampled_robot import sampled_robot

@@ -6,32 +6,32 @@ import numpy as np
 from numba import int64, types, void
 
 from guidefield.kernels.collide.layout import world_of
-from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, INDICES, INDICES_OUT, Floats32, lane_kernel
+from guidefield.kernels.jit.arrays import FLOATS, FLOATS_OUT, INDICES, INDICES_OUT, Floats32
+from guidefield.kernels.jit.compilers import kernel
 from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints, lane_placements
 from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.kernels.tree.informed_samples import sampling_of
-from guidefield.kernels.tree.nearest import nearest, nearest_to_each
-from guidefield.kernels.tree.nodes import search_of
-from guidefield.kernels.tree.sphere_rejection import certain_hits
+from guidefield.kernels.tree.nodes import nearest, nearest_to_each, search_of
+from guidefield.kernels.tree.rrt_connect import certain_hits
 
 TARGETS = types.Array(types.float32, 2, "C")
 
 
-@lane_kernel(void(LANE_JOINTS, FLOATS, FLOATS_OUT))
+@kernel(void(LANE_JOINTS, FLOATS, FLOATS_OUT))
 def placements_of_configurations(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
     """`lane_placements`."""
     lane_placements(pointers(joints), pointers(coordinates), pointers(poses_out))
 
 
-@lane_kernel(int64(INDICES, types.float64, FLOATS, INDICES_OUT))
+@kernel(int64(INDICES, types.float64, FLOATS, INDICES_OUT))
 def hits_of_configurations(words: Words, clearance: float, coordinates: Floats32, hits: np.ndarray) -> int:
     """`certain_hits` in a world that is packed."""
     world = world_of(pointers(words))
     return certain_hits(world, clearance, pointers(coordinates), pointers(hits))
 
 
-@lane_kernel(void(INDICES, INDICES, int64, TARGETS, INDICES_OUT))
+@kernel(void(INDICES, INDICES, int64, TARGETS, INDICES_OUT))
 def nearest_nodes(search: Words, sampling: Words, tree: int, targets: np.ndarray, nodes_out: np.ndarray) -> None:
     """`nearest`: of each of some targets, shape (n, nv), the node of a tree, shape (n,)."""
     trees, sources = search_of(pointers(search)), sampling_of(pointers(sampling))
@@ -39,7 +39,7 @@ def nearest_nodes(search: Words, sampling: Words, tree: int, targets: np.ndarray
         nodes_out[i] = nearest(trees, tree, pointers(targets[i]), sources)
 
 
-@lane_kernel(void(INDICES, INDICES, int64, TARGETS, INDICES_OUT))
+@kernel(void(INDICES, INDICES, int64, TARGETS, INDICES_OUT))
 def nearest_nodes_of_samples(
     search: Words, sampling: Words, tree: int, targets: np.ndarray, nodes_out: np.ndarray
 ) -> None:

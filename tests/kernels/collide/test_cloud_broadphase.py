@@ -8,8 +8,7 @@ from numba import njit
 
 from guidefield.kernels.collide.broadphase import cloud_near
 from guidefield.kernels.distance.point_tree import cloud_of, nearest_distance, next_block
-from guidefield.kernels.simd.blocks import AROUND
-from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.simd.packing import AROUND, pointers
 from guidefield.kernels.simd.vector import splat
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud import CloudTables

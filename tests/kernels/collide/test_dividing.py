@@ -11,11 +11,11 @@ from guidefield.collision.convex_parts import PartsTable
 from guidefield.geometry.mesh_tree import mesh_tree
 from guidefield.kernels.collide.gjk import divides_first
 from guidefield.kernels.collide.parts import LEFT, LINK, OWN, PARTS, Parts
-from guidefield.kernels.jit.signatures import lane_kernel
+from guidefield.kernels.jit.compilers import kernel
 from guidefield.kernels.simd.packing import pointers
 
 
-@lane_kernel(boolean(PARTS, types.int64, PARTS, types.int64))
+@kernel(boolean(PARTS, types.int64, PARTS, types.int64))
 def first_of(a: Parts, node_a: int, b: Parts, node_b: int) -> bool:
     """`divides_first` of two nodes."""
     return divides_first(pointers(a), node_a, pointers(b), node_b)

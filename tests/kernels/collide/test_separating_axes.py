@@ -13,8 +13,7 @@ from guidefield.kernels.collide.parts import PART, POLYTOPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE, away_from_primitive
 from guidefield.kernels.collide.separating_axes import kept_beyond
 from guidefield.kernels.kinematics.poses import POSE
-from guidefield.kernels.simd.blocks import BLOCK
-from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.simd.packing import BLOCK, pointers
 from guidefield.kernels.simd.vector import ALL_LANES, load, store
 
 

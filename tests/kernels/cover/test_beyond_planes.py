@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry.convex import convex_hull, hull_planes
-from guidefield.kernels.cover.beyond_planes import beyond_any
+from guidefield.kernels.cover.cut_halves import beyond_any
 
 
 @pytest.mark.parametrize("rounding", [0.0, 0.1])

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.geometry.solid import solid
-from guidefield.kernels.cover.cell_proof import uncovered_cells
+from guidefield.kernels.cover.inscribed import uncovered_cells
 from tests.geometry import solids
 
 MARGIN = 1e-3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.cover.cluster_boxes import cluster_reaches, cluster_spreads
+from guidefield.kernels.cover.ball_cover import cluster_reaches, cluster_spreads
 
 
 @pytest.mark.parametrize("each", [1, 5, 21])

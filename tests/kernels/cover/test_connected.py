@@ -6,7 +6,7 @@ import networkx as nx
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from guidefield.kernels.cover.connected import lowest_connected
+from guidefield.kernels.cover.merge_points import lowest_connected
 
 
 @settings(deadline=None, max_examples=18)

@@ -7,9 +7,8 @@ import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
 
-from guidefield.kernels.cover import crossings
-from guidefield.kernels.cover.crossings import RUN, UNSURE, find_run_boxes, winding_by_crossings
-from guidefield.kernels.cover.winding import winding_by_angles
+from guidefield.kernels.cover import winding
+from guidefield.kernels.cover.winding import RUN, UNSURE, find_run_boxes, winding_by_angles, winding_by_crossings
 
 
 def boxes_of(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -52,7 +51,7 @@ def points_about(mesh: trimesh.Trimesh, scale: float, rng: np.random.Generator) 
     edges = mesh.vertices[rng.permutation(mesh.edges)[:6]].mean(axis=1)
     on = np.concatenate([rng.permutation(mesh.vertices)[:6], rng.permutation(mesh.triangles_center)[:6], edges])
     far = scale * rng.choice([-1.0, 1.0], len(on)) * rng.uniform(1e-6, 1.0, len(on))
-    line = np.array([crossings._ALONG_X, crossings._ALONG_Y, 1.0])
+    line = np.array([winding._ALONG_X, winding._ALONG_Y, 1.0])
     return np.concatenate([anywhere, on + far[:, None] * line, on + scale * rng.normal(size=on.shape) * 1e-3])
 
 

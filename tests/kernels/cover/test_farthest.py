@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.cover.farthest import BLOCK, farthest_first
+from guidefield.kernels.cover.pieces import BLOCK, farthest_first
 
 
 def plainly(candidates: np.ndarray, start: int, spacing: float) -> tuple[list[int], np.ndarray]:

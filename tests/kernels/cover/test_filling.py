@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.cover.filling import count_missing, held_points
+from guidefield.kernels.cover.ball_cover import count_missing, held_points
 
 
 @pytest.mark.parametrize("points", [1, 63, 64, 65, 300])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.kernels.cover.greedy_set_cover import greedy_choice
+from guidefield.kernels.cover.ball_cover import greedy_choice
 
 
 def packed(rows: np.ndarray) -> np.ndarray:

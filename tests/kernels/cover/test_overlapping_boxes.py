@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from guidefield.kernels.cover.overlapping_boxes import swept_pairs
+from guidefield.kernels.cover.merge_points import swept_pairs
 
 
 @settings(deadline=None, max_examples=12)

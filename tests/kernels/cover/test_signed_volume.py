@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.cover.signed_volume import TOGETHER, signed_volume
+from guidefield.kernels.cover.winding import TOGETHER, signed_volume
 
 
 @pytest.mark.parametrize("count", [0, 1, TOGETHER, TOGETHER + 1, 5 * TOGETHER])

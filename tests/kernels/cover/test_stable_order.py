@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.cover.stable_order import stable_order
+from guidefield.kernels.cover.pieces import stable_order
 
 
 @pytest.mark.parametrize("largest", [1, 2, 2047, 2048, 10**6, 2**33, 2**62])

@@ -10,7 +10,8 @@ from numba import void
 
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, distance_at_points
 from guidefield.kernels.distance.points_distance import ROWS, nearest_body_of_each
-from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats, compiled
+from guidefield.kernels.jit.arrays import INDICES_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats
+from guidefield.kernels.jit.decorators import compiled
 from guidefield.kernels.simd.vector import LANES_64, load, store
 from guidefield.messages import scene as messages
 from tests.geometry import solids

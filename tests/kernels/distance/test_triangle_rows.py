@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.distance.triangle_rows import (
-    corner_sums,
-    corners_and_edges,
-    runs_of_triangles,
-    triangle_boxes,
-)
+from guidefield.kernels.distance.triangle_rows import corner_sums, corners_and_edges, runs_of_triangles, triangle_boxes
 
 
 def test_rows_are_those_of_numpy() -> None:

@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.kernels.field.faces import PLANE_ROWS, sliver_part
+from guidefield.kernels.field.faces import PLANE_ROWS, arctangent_tail, sliver_part
 from guidefield.kernels.field.field_tables import CHARGE_PER_AREA, FieldTables
-from guidefield.kernels.field.solid_angle import arctangent_tail
-from guidefield.kernels.jit.signatures import Floats, Vector3
+from guidefield.kernels.jit.arrays import Floats, Vector3
 
 _SMALL = math.tan(math.pi / 8) ** 2
 

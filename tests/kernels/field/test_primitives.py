@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.kernels.field.primitives import CAPSULE_SHELL, capsule_at
+from guidefield.kernels.field.box import CAPSULE_SHELL, capsule_at
 from tests.kernels.evaluation import Field, field, gradient_by_differences, rigid_motions, vectors
 from tests.kernels.parts import from_python
 from tests.oracles import EPS, SolidCase, distance_to_segment, solid_cases

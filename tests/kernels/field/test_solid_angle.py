@@ -11,7 +11,7 @@ from numba import njit
 
 from guidefield.geometry import surfaces
 from guidefield.kernels.field.box import FAR
-from guidefield.kernels.field.solid_angle import FLAT, flat_pair, single_field, steep_pair
+from guidefield.kernels.field.faces import FLAT, flat_pair, single_field, steep_pair
 from guidefield.kernels.simd.vector import load, store
 from tests.kernels.evaluation import field, vectors
 from tests.oracles import EPS

@@ -11,9 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.jit.fields import Row, numba_type
-from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import (
+from guidefield.kernels.jit.arrays import (
     FLOAT_POINTER,
     FLOATS,
     INDICES,
@@ -24,12 +22,18 @@ from guidefield.kernels.jit.signatures import (
     VECTOR,
     VECTOR_OUT,
     Floats,
+    Row,
+    numba_type,
+)
+from guidefield.kernels.jit.compilers import kernel
+from guidefield.kernels.jit.decorators import (
     compiled,
+    counted,
     inlined,
-    lane_kernel,
     lane_part,
     lane_step,
     optimized,
+    uncounted,
 )
 from guidefield.kernels.simd.packing import Words, pointers, unpacked
 from guidefield.kernels.simd.rotations import cosine_and_sine
@@ -115,7 +119,7 @@ def _turned(angles: Any, cosines_out: Any, row: int) -> int:
     return int(below(s, splat(0.0)))
 
 
-@lane_kernel(void(INDICES, INDICES_OUT))
+@kernel(void(INDICES, INDICES_OUT))
 def turned(words: Words, masks_out: np.ndarray) -> None:
     """Cosines of twice the angles, and which of their sines are negative."""
     turning = turning_of(pointers(words))

@@ -12,7 +12,7 @@ import numpy as np
 
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.jit.cache import keep_kernels_of
-from guidefield.kernels.simd.packing import packed
+from guidefield.kernels.simd.packing import pack
 
 
 def results() -> dict[str, np.ndarray]:
@@ -25,7 +25,7 @@ def results() -> dict[str, np.ndarray]:
     sums(Weighted(frozen(rng.normal(size=64)), frozen(rng.normal(size=64))), found["sums"])
     steps, values = rng.uniform(0.1, 1.0, 20), rng.normal(size=(21, 3))
     angles = rng.uniform(-20.0, 20.0, 8 * 16).astype(np.float32)
-    turned(packed(Turning(angles, found["cosines"], 8)), found["masks"])
+    turned(pack(Turning(angles, found["cosines"], 8)), found["masks"])
     found["speeds"], found["accelerations"] = np.empty((2, 20, 3))
     times, velocities = np.r_[0.0, np.cumsum(steps)], rng.normal(size=(21, 3))
     piece_peaks(times, values, velocities, found["speeds"], found["accelerations"])

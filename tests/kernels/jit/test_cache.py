@@ -11,15 +11,14 @@ import pytest
 
 from guidefield import kernels
 from guidefield.first_start import kernel_compiler
-from guidefield.kernels.jit.cache import sources, uncompiled
-from guidefield.kernels.jit.dependencies import Sources
+from guidefield.kernels.jit.cache import Sources, sources, uncompiled
 from tests.kernels.jit.copies import compiling_package
 
 KERNELS = Path(kernels.__file__).parent
 
 KERNEL = """
 from numba import int64
-from guidefield.kernels.jit.signatures import compiled
+from guidefield.kernels.jit.decorators import compiled
 {}
 @compiled(int64())
 def {}():

@@ -19,15 +19,17 @@ from numba.core.types.functions import BaseFunction
 from numba.np import arrayobj
 
 from guidefield import kernels
-from guidefield.kernels.jit import typing_cache
+from guidefield.kernels.jit import patched_compiler
+from guidefield.kernels.jit.arrays import SCALAR, VECTOR, VECTOR_OUT
+from guidefield.kernels.jit.decorators import inlined
 from guidefield.kernels.jit.patched_compiler import kernel, part, quicken
-from guidefield.kernels.jit.signatures import SCALAR, VECTOR, VECTOR_OUT, inlined
 from tests.kernels.jit.copies import compiling_package
 
 HERE = Path(kernels.__file__).parent
 
 KERNEL = """
-from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, compiled
+from guidefield.kernels.jit.arrays import VECTOR, VECTOR_OUT
+from guidefield.kernels.jit.decorators import compiled
 from numba import void
 {imported}
 
@@ -121,13 +123,13 @@ def test_kept_machine_code_finds_what_another_process_compiled(tmp_path: Path) -
 
 
 def test_a_program_that_imports_kernels_has_numba_as_it_is() -> None:
-    assert TargetConfig.__hash__ is not typing_cache._hash
-    assert BaseFunction.get_call_type is typing_cache._ask
+    assert TargetConfig.__hash__ is not patched_compiler._hash
+    assert BaseFunction.get_call_type is patched_compiler._ask
 
 
 def test_options_are_the_same_whether_set_or_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(TargetConfig, "values", typing_cache._values)
-    monkeypatch.setattr(TargetConfig, "__hash__", typing_cache._hash)
+    monkeypatch.setattr(TargetConfig, "values", patched_compiler._values)
+    monkeypatch.setattr(TargetConfig, "__hash__", patched_compiler._hash)
     plain, told, other = Flags(), Flags(), Flags()
     told.forceinline = False
     other.forceinline = True
@@ -145,5 +147,5 @@ def test_remembered_signatures_are_those_that_numba_finds(asked: object) -> None
     of = {operator.getitem: [(VECTOR, types.int64), (VECTOR, types.slice2_type)], abs: [(SCALAR,), (types.int64,)]}
     both = [(SCALAR, SCALAR), (SCALAR, types.float32), (types.int64, SCALAR), (types.int64, types.int64)]
     for arguments in of.get(asked, both):
-        found = [typing_cache._call_type(function, context, arguments, {}) for _ in range(2)]
-        assert found[0] == found[1] == typing_cache._ask(function, context, arguments, {})
+        found = [patched_compiler._call_type(function, context, arguments, {}) for _ in range(2)]
+        assert found[0] == found[1] == patched_compiler._ask(function, context, arguments, {})

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from guidefield import kernels
-from guidefield.kernels.jit.dependencies import Sources
+from guidefield.kernels.jit.cache import Sources
 
 USES = {
     "from": "from guidefield.kernels.{0} import {0}\n{1} = {0}\n",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from guidefield.kernels.field.field_tables import TABLES, TABLES_32, FieldTables, frozen
-from guidefield.kernels.jit.fields import (
+from guidefield.kernels.jit.arrays import (
     Bits,
     Indices,
     IndicesOut,

@@ -11,7 +11,7 @@ from numba import types
 from numba.core.types import abstract
 from numba.core.types.abstract import _TypeMetaclass
 
-from guidefield.kernels.jit import interned_types, patched_compiler
+from guidefield.kernels.jit import patched_compiler
 
 
 class SlowLookUp(dict[Any, Any]):
@@ -30,7 +30,7 @@ def made_at_once(length: int) -> list[Any]:
 
 def test_equal_types_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
     assert patched_compiler.part, "who has kernels has the change"
-    assert _TypeMetaclass._intern is interned_types._interned
+    assert _TypeMetaclass._intern is patched_compiler._interned
     monkeypatch.setattr(abstract, "_typecache", SlowLookUp(abstract._typecache))
     made = made_at_once(70_001)
     assert all(one is made[0] for one in made)
@@ -39,7 +39,7 @@ def test_equal_types_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_numbas_own_gives_one_type_two_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Else the change is needed no more."""
     monkeypatch.setattr(abstract, "_typecache", SlowLookUp(abstract._typecache))
-    monkeypatch.setattr(_TypeMetaclass, "_intern", interned_types._intern)
+    monkeypatch.setattr(_TypeMetaclass, "_intern", patched_compiler._intern)
     made = made_at_once(70_002)
     assert made[0] == made[1]
     assert len({one._code for one in made}) > 1

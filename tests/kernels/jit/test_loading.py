@@ -12,9 +12,9 @@ import pytest
 
 from guidefield.first_start import plain_numba
 from guidefield.kernels.jit import compilers, patched_compiler
+from guidefield.kernels.jit.arrays import SCALAR, VECTOR
 from guidefield.kernels.jit.cache import sources
 from guidefield.kernels.jit.patched_compiler import Kernel, kernel
-from guidefield.kernels.jit.signatures import SCALAR, VECTOR
 
 pytestmark = pytest.mark.skipif(plain_numba(), reason="numba loads all at once where it is left as it is")
 

@@ -7,7 +7,8 @@ import pytest
 from numba import types
 
 from guidefield.kernels.field.energy import forces
-from guidefield.kernels.jit.signatures import MATRIX, SCALAR, VECTOR, VECTOR_OUT, compiled
+from guidefield.kernels.jit.arrays import MATRIX, SCALAR, VECTOR, VECTOR_OUT
+from guidefield.kernels.jit.decorators import compiled
 from guidefield.kernels.kinematics.articulated_body import empty_factors, factorize, solve, trace
 from guidefield.kernels.kinematics.forward_kinematics import JOINTS, motion_subspaces
 from guidefield.potential import RobotField

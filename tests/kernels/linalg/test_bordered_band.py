@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.kernels.linalg.banded_cholesky import COUPLED, TILE
 from guidefield.kernels.linalg.bordered_band import (
+    COUPLED,
+    TILE,
     BorderedFactor,
     factorize_bordered,
     room_for_factor,

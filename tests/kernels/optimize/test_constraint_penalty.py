@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.linalg.banded_cholesky import COUPLED
+from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, add_constraint_penalty, constraint_penalty
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.kernels.linalg.banded_cholesky import TILE
+from guidefield.kernels.linalg.bordered_band import TILE
 from guidefield.kernels.optimize.clearance_model import ClearanceModel
 from guidefield.kernels.optimize.newton_descent import coupled_groups
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from guidefield.kernels.barrier.obstacle_barrier import nothing_remembered
-from guidefield.kernels.linalg.banded_cholesky import COUPLED
+from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from guidefield.kernels.prove.bezier import MOST_ORDER, bound_segment, write_point
+from guidefield.kernels.prove.placement import MOST_ORDER, bound_segment, write_point
 from guidefield.kernels.prove.tables import BezierCurve
 from guidefield.prove.curve import Curve, restricted
 

@@ -12,9 +12,10 @@ from hypothesis import given, settings, strategies as st
 from numba import types
 
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.kernels.collide.gjk_scratch import WORK
+from guidefield.kernels.collide.gjk import WORK
 from guidefield.kernels.collide.parts import PARTS, Parts
-from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, lane_kernel
+from guidefield.kernels.jit.arrays import VECTOR, VECTOR_OUT, Floats
+from guidefield.kernels.jit.compilers import kernel
 from guidefield.kernels.prove.kept_distance import (
     FIRST_TURNS,
     FIRST_TWIST,
@@ -35,7 +36,7 @@ Body = tuple[Any, np.ndarray | None]
 """A Coal shape, and its points about its origin; None: those of a half-space."""
 
 
-@lane_kernel(
+@kernel(
     types.float64(
         PARTS, VECTOR, PARTS, VECTOR, VECTOR, types.float64, types.float64, types.float64, VECTOR_OUT, VECTOR_OUT
     )

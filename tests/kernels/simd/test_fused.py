@@ -5,7 +5,7 @@ from fractions import Fraction
 import numba
 import numpy as np
 
-from guidefield.kernels.simd.fused import fused
+from guidefield.kernels.simd.packing import fused
 
 
 @numba.njit

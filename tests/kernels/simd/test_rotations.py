@@ -7,7 +7,9 @@ import pinocchio as pin
 import pytest
 from numba import void
 
-from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, MATRIX_OUT, VECTOR, compiled, lane_kernel
+from guidefield.kernels.jit.arrays import FLOATS, FLOATS_OUT, MATRIX_OUT, VECTOR
+from guidefield.kernels.jit.compilers import kernel
+from guidefield.kernels.jit.decorators import compiled
 from guidefield.kernels.simd.rotations import (
     cosine_and_sine,
     quaternion_of_matrix,
@@ -45,7 +47,7 @@ def _turns(matrices, vectors, out):
         store(out[5 + k], 0, v[k])
 
 
-@lane_kernel(void(FLOATS, FLOATS_OUT))
+@kernel(void(FLOATS, FLOATS_OUT))
 def _single(numbers, out):
     """Cosines and sines of sixteen angles, then quaternions (4) of the vectors of these and what follows."""
     c, s = cosine_and_sine(load(numbers, 0))

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from guidefield.kernels.timing import earliest_schedule as kernel
+from guidefield.kernels.timing import path_parameterization as kernel
 
 RATES = 3
 

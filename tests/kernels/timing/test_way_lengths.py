@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from guidefield.kernels.timing.way_lengths import STRIDES, against_chords, chord_lengths
+from guidefield.kernels.timing.travel import STRIDES, against_chords, chord_lengths
 
 
 def test_lengths_are_those_of_all_chords_and_of_longer_ones() -> None:

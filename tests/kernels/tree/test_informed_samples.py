@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from numba import int64, types, void
 
-from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, INDICES, VECTOR_OUT, Floats, Floats32, lane_kernel
-from guidefield.kernels.simd.packing import Words, packed, pointers
+from guidefield.kernels.jit.arrays import FLOATS, FLOATS_OUT, INDICES, VECTOR_OUT, Floats, Floats32
+from guidefield.kernels.jit.compilers import kernel
+from guidefield.kernels.simd.packing import Words, pack, pointers
 from guidefield.kernels.simd.vector import LANES, load
 from guidefield.kernels.tree.informed_samples import (
     NEAR,
@@ -22,14 +23,14 @@ from guidefield.kernels.tree.informed_samples import (
 )
 
 
-@lane_kernel(void(FLOATS, FLOATS_OUT))
+@kernel(void(FLOATS, FLOATS_OUT))
 def turned(shares: Floats32, vectors_out: Floats32) -> None:
     for at in range(0, len(shares), 3 * LANES):
         x, y, z = load(pointers(shares), at), load(pointers(shares), at + LANES), load(pointers(shares), at + 2 * LANES)
         turn_evenly(x, y, z, pointers(vectors_out), at)
 
 
-@lane_kernel(void(INDICES, VECTOR_OUT, FLOATS, types.float64, int64, types.Array(types.float32, 2, "C")))
+@kernel(void(INDICES, VECTOR_OUT, FLOATS, types.float64, int64, types.Array(types.float32, 2, "C")))
 def drawn(words: Words, places: Floats, ends: Floats32, reach: float, used: int, samples_out: Floats32) -> None:
     sampling, nv = sampling_of(pointers(words)), len(ends) // 2
     way = Way(pointers(ends), 0, nv, 1, reach)
@@ -62,7 +63,7 @@ def sequence(
         0,
         np.zeros(0, np.int64),
     )
-    drawn(packed(sampling), begin.copy(), ends.astype(np.float32).ravel(), reach, LANES, samples)
+    drawn(pack(sampling), begin.copy(), ends.astype(np.float32).ravel(), reach, LANES, samples)
     places = (begin + np.arange(1.0, batches * LANES + 1.0)[:, None] * steps_of(nv + 1)) % 1.0
     return samples.reshape(-1, nv, LANES).transpose(0, 2, 1).reshape(-1, nv).astype(float), places
 
@@ -85,7 +86,7 @@ def test_samples_go_on_where_the_last_that_was_used_is(used: int) -> None:
     none = np.zeros(4, np.float32)
     sampling = Sampling(steps, lower, width, none, none, np.ones(len(lower), np.float32), 0, np.zeros(0, np.int64))
     begin, samples = np.array([0.1, 0.999, 0.0, 0.6, 0.9]), np.empty((40, 4 * LANES), np.float32)
-    drawn(packed(sampling), begin.copy(), np.zeros(8, np.float32), 0.1, used, samples)
+    drawn(pack(sampling), begin.copy(), np.zeros(8, np.float32), 0.1, used, samples)
     which = used * np.arange(40)[:, None] + np.arange(1, LANES + 1)
     shares = ((begin + which[..., None] * steps) % 1.0)[..., :4]
     off = np.abs((samples.reshape(-1, 4, LANES).transpose(0, 2, 1) - lower) / width - shares)
@@ -99,7 +100,7 @@ def test_rotations_of_samples_are_drawn_evenly() -> None:
     none = np.zeros(5, np.float32)
     sampling = Sampling(steps, *box, none, none, np.ones(len(none), np.float32), 1, np.array([1]))
     samples = np.empty((1, 5 * LANES), np.float32)
-    drawn(packed(sampling), np.zeros(6), np.full(10, -6.0, np.float32), 0.5, LANES, samples)
+    drawn(pack(sampling), np.zeros(6), np.full(10, -6.0, np.float32), 0.5, LANES, samples)
     shares, points = (np.arange(1.0, 17.0)[:, None] * steps) % 1.0, samples.reshape(5, LANES).T
     near = shares[:, 5] < NEAR
     assert 0 < near.sum() < LANES

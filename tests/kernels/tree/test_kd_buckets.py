@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.simd.packing import packed
+from guidefield.kernels.simd.packing import pack
 from guidefield.kernels.tree import nodes as lane_nodes
 from guidefield.kernels.tree.informed_samples import Sampling
 from guidefield.kernels.tree.kd_buckets import BUCKET, KNOWN, STATE
@@ -58,7 +58,7 @@ def test_the_nearest_of_few_nodes_is_brute_forces() -> None:
         room.search.counters[lane_nodes.SIZE] = size
         least = apart(points[None, :size], targets[:, None], WRAPS).argmin(axis=1)
         for asked in (nearest_nodes, nearest_nodes_of_samples):
-            asked(room.words, packed(sampling), 0, targets.astype(np.float32), nodes)
+            asked(room.words, pack(sampling), 0, targets.astype(np.float32), nodes)
             np.testing.assert_array_equal(nodes, least)
 
 
@@ -73,7 +73,7 @@ def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
     room.search.counters[lane_nodes.SIZE] = len(roots[0])
     targets = np.concatenate([spread("even", 204, rng), roots[1][:100]]).astype(np.float32)
     nodes = np.zeros(len(targets), np.int64)
-    state, search, words = room.search.buckets.state, room.words, packed(sampling)
+    state, search, words = room.search.buckets.state, room.words, pack(sampling)
     for size in (1500, 1600, 2500, 3000, 5000):  # some in buckets, some not; then more
         room.search.counters[lane_nodes.SIZE + 1] = size
         for tree, points in ((0, roots[0]), (1, roots[1][:size])):

@@ -7,7 +7,7 @@ import pytest
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.kernels.simd.vector_model import LANES
-from guidefield.kernels.tree.sphere_rejection import SIEVE
+from guidefield.kernels.tree.rrt_connect import SIEVE
 from tests.collision.lanes.test_lanes import draw, world_of
 from tests.kernels.collide.lane_callers import hits_of_configurations
 

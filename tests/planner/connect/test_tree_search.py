@@ -15,7 +15,8 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
-from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, lane_kernel
+from guidefield.kernels.jit.arrays import INDICES, INDICES_OUT
+from guidefield.kernels.jit.compilers import kernel
 from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.kernels.tree.nodes import PLANTED, RANGE, search_of
@@ -203,7 +204,7 @@ def test_a_way_that_leads_far_round_is_found(seed: int) -> None:
     assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
 
 
-@lane_kernel(void(INDICES, int64, INDICES_OUT))
+@kernel(void(INDICES, int64, INDICES_OUT))
 def ways(search: Words, capacity: int, pairs_out: np.ndarray) -> None:
     trees = search_of(pointers(search))
     for turn in range(len(pairs_out) // 2):

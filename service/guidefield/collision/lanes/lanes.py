@@ -17,11 +17,11 @@ from guidefield.collision.lanes.memory import LaneMemory, lane_memory
 from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turned_from, turns_freely
 from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
 from guidefield.collision.world import World
+from guidefield.kernels.collide.batch_collision import path_free_until, touching_configurations
 from guidefield.kernels.collide.layout import GRID_NUMBERS, GRID_PLACES, MEETING, PAIR, LaneAlone, LaneWorld, Scratch
-from guidefield.kernels.collide.motion_validation import path_free_until, touching_configurations
 from guidefield.kernels.collide.primitives_layout import MEMORY_WORDS, SCENE_WORDS, lay_out
-from guidefield.kernels.collide.self_collision_cache import STACK, never_touching
-from guidefield.kernels.simd.packing import Words, packed
+from guidefield.kernels.collide.self_narrowphase import STACK, never_touching
+from guidefield.kernels.simd.packing import Words, pack
 from guidefield.kernels.tree.shortcut import shorten
 from guidefield.memo import memoized
 from guidefield.robot.group.alike import memoized_for_alike
@@ -61,7 +61,7 @@ def _alike_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
 
 
 def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Words]:
-    return robot, packed((robot.joints, robot.bodies, robot.parts, robot.surfaces, robot.fractions, group.nv))
+    return robot, pack((robot.joints, robot.bodies, robot.parts, robot.surfaces, robot.fractions, group.nv))
 
 
 def without_never_colliding(robot: LaneRobot, nv: int) -> LaneRobot:
@@ -75,7 +75,7 @@ def without_never_colliding(robot: LaneRobot, nv: int) -> LaneRobot:
     scratch = Scratch(**{name: views[name] for name in Scratch._fields})
     alone = LaneAlone(robot.joints, bodies, robot.parts, robot.surfaces, scratch)
     never = np.zeros(bodies.n_meetings, np.bool_)
-    never_touching(packed(alone), MOST_JUDGED_CELLS, np.zeros(STACK, np.int64), never)
+    never_touching(pack(alone), MOST_JUDGED_CELLS, np.zeros(STACK, np.int64), never)
     meetings = bodies.meetings.reshape(-1, MEETING)[~never].ravel()
     grids = bodies.grids.reshape(-1, GRID_PLACES)[~never].ravel()
     numbers = bodies.grid_numbers.reshape(-1, GRID_NUMBERS)[~never].ravel()

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from guidefield.collision.lanes.robot_tables import LaneRobot
-from guidefield.kernels.collide.balls import BALL_ROW
-from guidefield.kernels.collide.gjk_scratch import WORK
+from guidefield.kernels.collide.gjk import WORK
 from guidefield.kernels.collide.layout import (
     AXIS_AND_REACH,
     FOUND,
@@ -20,13 +19,12 @@ from guidefield.kernels.collide.layout import (
     LaneWorld,
     Scratch,
 )
-from guidefield.kernels.collide.parts import LINK, PART, SHAPE, Parts
+from guidefield.kernels.collide.parts import BALL_ROW, LINK, PART, SHAPE, Parts
 from guidefield.kernels.collide.primitive import PRIMITIVE
 from guidefield.kernels.collide.primitives_layout import LINE
-from guidefield.kernels.jit.fields import array_types
+from guidefield.kernels.jit.arrays import array_types
 from guidefield.kernels.kinematics.poses import POSE
-from guidefield.kernels.simd.blocks import AROUND, BLOCK
-from guidefield.kernels.simd.packing import Words
+from guidefield.kernels.simd.packing import AROUND, BLOCK, Words
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import memoized
 

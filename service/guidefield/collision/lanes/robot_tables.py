@@ -18,10 +18,10 @@ from guidefield.geometry.decomposition import Decomposition, Part
 from guidefield.geometry.directions import furthest, spread_and_axes, spread_directions
 from guidefield.geometry.mesh_tree import polytope_about
 from guidefield.geometry.placements import transform_points
+from guidefield.kernels.collide.batch_collision import FRACTIONS
 from guidefield.kernels.collide.layout import BAND, GRID_SIDES, LaneBodies
-from guidefield.kernels.collide.motion_validation import FRACTIONS
 from guidefield.kernels.collide.parts import SURFACE, Parts
-from guidefield.kernels.cover.beyond_planes import not_beyond
+from guidefield.kernels.cover.cut_halves import not_beyond
 from guidefield.kernels.cover.enclosing_ball import ball_around_balls
 from guidefield.kernels.kinematics import forward_kinematics
 from guidefield.kernels.kinematics.batch_forward_kinematics import (

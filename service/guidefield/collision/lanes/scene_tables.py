@@ -31,8 +31,7 @@ from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
 from guidefield.kernels.collide.parts import FIRST_BLOCK, SHAPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
 from guidefield.kernels.collide.primitives_layout import LINE, SCENE_WORDS, primitive_tables
-from guidefield.kernels.simd.blocks import AROUND, BLOCK
-from guidefield.kernels.simd.packing import Words, packed
+from guidefield.kernels.simd.packing import AROUND, BLOCK, Words, pack
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import MISSING, Answers, MemoSet, memoized
 from guidefield.messages import scene as messages
@@ -139,7 +138,7 @@ def lane_scene(scene: Scene) -> LaneScene:
     roots[kept], roots[others] = obstacles.roots, [table.add_parts(one.parts) for one in tables]
     made = _behind(obstacles, tables, roots[others]), table.tables()
     read_only(roots, *made[0][1:])
-    return LaneScene(owners, roots, packed(made), lambda: made)
+    return LaneScene(owners, roots, pack(made), lambda: made)
 
 
 def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:

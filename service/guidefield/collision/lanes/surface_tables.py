@@ -21,11 +21,21 @@ from guidefield.geometry.mesh_tree import (
     mesh_of_nodes,
     tree_written,
 )
-from guidefield.kernels.collide.balls import BALL_ROW, RADIUS
-from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, LINK, OWN, PART, ROUND as PART_ROUND, SHAPE, Parts
+from guidefield.kernels.collide.parts import (
+    BALL_ROW,
+    BLOCKS,
+    FIRST_BLOCK,
+    LINK,
+    OWN,
+    PART,
+    RADIUS,
+    ROUND as PART_ROUND,
+    SHAPE,
+    Parts,
+)
 from guidefield.kernels.collide.primitive import CENTRE, HALVES, PRIMITIVE, ROUND
-from guidefield.kernels.cover.cluster_boxes import cluster_reaches, cluster_spreads
-from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.cover.ball_cover import cluster_reaches, cluster_spreads
+from guidefield.kernels.simd.packing import BLOCK
 from guidefield.parallel import run_parallel
 from guidefield.read_only import read_only
 from guidefield.scene.cloud import Cloud

@@ -29,9 +29,19 @@ from guidefield.kernels.barrier.sampled_robot import (
     workspace,
 )
 from guidefield.kernels.distance.distance import DistanceTables, bounds_near, nearest_body
-from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Vector3, compiled
+from guidefield.kernels.jit.arrays import (
+    SCALAR,
+    VECTOR,
+    Blocks,
+    Floats,
+    IndexRows,
+    Indices,
+    Row,
+    Rows,
+    Vector3,
+    numba_type,
+)
+from guidefield.kernels.jit.decorators import compiled, counted, uncounted
 from guidefield.kernels.kinematics.poses import moved_by, turned_by
 
 SMALL = 1e-3

@@ -28,9 +28,17 @@ from guidefield.kernels.barrier.sampled_robot import (
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, nearest_body
 from guidefield.kernels.distance.points_distance import Lanes3, nearest_body_of_each
 from guidefield.kernels.distance.triangle_distance import box_gap_squared
-from guidefield.kernels.jit.fields import BlocksOut, IndexBlocksOut, IndexRowsOut, numba_type
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Vector3, compiled
+from guidefield.kernels.jit.arrays import (
+    SCALAR,
+    VECTOR,
+    BlocksOut,
+    Floats,
+    IndexBlocksOut,
+    IndexRowsOut,
+    Vector3,
+    numba_type,
+)
+from guidefield.kernels.jit.decorators import compiled, uncounted
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64, Vector, load, store, total as total_of
 

@@ -7,8 +7,8 @@ from guidefield.kernels.barrier.obstacle_barrier import NearBodies, obstacle_bar
 from guidefield.kernels.barrier.sampled_robot import SampledRobot, Workspace, place
 from guidefield.kernels.barrier.self_barrier import self_barrier
 from guidefield.kernels.distance.distance import DistanceTables
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import Floats, Vector3
+from guidefield.kernels.jit.arrays import Floats, Vector3
+from guidefield.kernels.jit.decorators import uncounted
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
 
 

@@ -9,10 +9,9 @@ from numba import types
 
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.distance.points_distance import ROWS
-from guidefield.kernels.jit.fields import Flags, IndexRows, Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import Floats, inlined
-from guidefield.kernels.kinematics.group_joints import (
+from guidefield.kernels.jit.arrays import Flags, Floats, IndexRows, Indices, Row, Rows, numba_type
+from guidefield.kernels.jit.decorators import counted, inlined, uncounted
+from guidefield.kernels.kinematics.forward_kinematics import (
     GroupJoints,
     JointPlaces,
     joint_places,

@@ -25,8 +25,8 @@ from guidefield.kernels.barrier.sampled_robot import (
     workspace,
 )
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, body_distance, bounds_near
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, Vector3, compiled
+from guidefield.kernels.jit.arrays import VECTOR, VECTOR_OUT, Floats, Vector3
+from guidefield.kernels.jit.decorators import compiled, uncounted
 from guidefield.kernels.kinematics.poses import moved_by
 
 

@@ -9,9 +9,11 @@ it, so that never a contact passes for free, nor the other way round farther tha
 
 from __future__ import annotations
 
-from numba import boolean, int64, types
+import math
 
-from guidefield.kernels.collide.balls import ball_centre, ball_radius, balls_meet
+import numpy as np
+from numba import boolean, int64, types, void
+
 from guidefield.kernels.collide.broadphase import (
     boxes_near,
     carrier_centre,
@@ -35,14 +37,18 @@ from guidefield.kernels.collide.layout import (
     pair_of,
     pairs_of,
     robot_of,
+    world_of,
     write_found,
 )
 from guidefield.kernels.collide.obstacle_narrowphase import left_of_obstacle, meets_cloud, meets_obstacle
-from guidefield.kernels.collide.self_collision_cache import left_of_cells
-from guidefield.kernels.collide.self_narrowphase import pair_meets
-from guidefield.kernels.jit.signatures import Integers, lane_part, lane_step
+from guidefield.kernels.collide.parts import ball_centre, ball_radius, balls_meet
+from guidefield.kernels.collide.self_narrowphase import left_of_cells, pair_meets
+from guidefield.kernels.collide.separating_axes import forget_axes
+from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32, Indices, Integers, SingleRows, TruthsOut
+from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements
-from guidefield.kernels.simd.vector import ALL_LANES, LANES, below, first_lane, splat
+from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.simd.vector import ALL_LANES, LANES, below, first_lane, load, splat, store
 
 
 @lane_part
@@ -174,9 +180,9 @@ def _undecided_obstacles(world: LaneWorld, clearance: float, count: int) -> int:
 
 @lane_part
 def _near_pairs(world: LaneWorld, count: int) -> int:
-    """Add the pairs of the robot's bodies that come near each other to what was found; how many that is now.
+    """Add pairs of the robot's bodies that come near each other to what was found.
 
-    -1 if any touch by their cells.
+    Their count, -1 if any touch by cells.
     """
     bodies, scratch = world.bodies, world.scratch
     coordinates = world.block
@@ -206,12 +212,10 @@ def _near_pairs(world: LaneWorld, count: int) -> int:
 
 @lane_step(boolean(WORLD, types.float64, boolean))
 def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
-    """Tell if the robot touches an obstacle or itself at any of sixteen configurations.
+    """Tell if the robot touches an obstacle or itself at any of the sixteen configurations of a world's block.
 
-    Args:
-        world: Robot and obstacles.
-        clearance: What it has to keep from obstacles [m], >= 0.
-        likely: Whether a contact is likely: else it is not looked for with what finds one sooner.
+    It keeps `clearance` from obstacles [m], >= 0. Unless a contact is `likely` it isn't looked for with what finds one
+    sooner.
     """
     joints, bodies, obstacles, scratch = world.joints, world.bodies, world.obstacles, world.scratch
     coordinates = world.block
@@ -237,3 +241,70 @@ def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
         if touches:
             return True
     return bool(count < 0)
+
+
+FRACTIONS = np.arange(1, LANES + 1, dtype=np.float32)
+FRACTIONS.setflags(write=False)
+"""1 to 16: what a sample's place on a motion is made of."""
+
+EXACT = 1e-3  # a share of a block: motions that are as long as whole blocks get no more for being rounded up to float32
+
+
+@lane_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, types.float64))
+def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, resolution: float) -> bool:
+    """Tell if no sample of the straight motion between chart points (nv,) touches.
+
+    The first isn't looked at, the last is. With b blocks of sixteen, block k looks at the places (b i - k) / (16 b), i
+    = 1 .. 16: the first spreads over the whole motion and holds its end. `resolution` is samples per length in the
+    chart [1/rad or 1/m, at size 1].
+    """
+    nv, square, block = world.nv, 0.0, world.block
+    for j in range(nv):
+        square += ((z1[j] - z0[j]) * world.fractions[LANES + j]) ** 2
+    blocks = max(1, math.ceil(math.sqrt(square) * resolution / LANES - EXACT))
+    for k in range(blocks):
+        place = load(world.fractions, 0) * (1.0 / LANES) - k / (LANES * blocks)
+        for j in range(nv):
+            origin, end = z0[j], z1[j]
+            store(block, j * LANES, place * (end - origin) + origin)
+        if block_touches(world, clearance, k == 0):
+            return False
+    return True
+
+
+@lane_step(void(WORLD))
+def forget(world: LaneWorld) -> None:
+    """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
+    scratch = world.scratch
+    forget_axes(scratch.obstacle_axes, scratch.obstacle_places)
+    forget_axes(scratch.pair_axes, scratch.pair_places)
+    for k in range(HIT * HITS):
+        scratch.hits[k] = -1
+
+
+@lane_kernel
+def touching_configurations(
+    words: Indices, clearance: float, configurations: SingleRows, touching_out: TruthsOut
+) -> None:
+    """Write which of chart points (n, nv) [rad or m] touch, one after another, (n,).
+
+    `words` are a packed `LaneWorld`; `clearance` is kept from obstacles [m].
+    """
+    world = world_of(pointers(words))
+    for i in range(configurations.shape[0]):
+        for j in range(configurations.shape[1]):
+            store(world.block, j * LANES, splat(configurations[i, j]))
+        touching_out[i] = block_touches(world, clearance, True)
+
+
+@lane_kernel
+def path_free_until(words: Indices, clearance: float, path: SingleRows, resolution: float) -> int:
+    """Return how many of the straight motions along a path (n, nv) are free before the first that is not.
+
+    Arguments are those of `touching_configurations`, `resolution` is samples per length in the chart [1/rad or 1/m].
+    """
+    world = world_of(pointers(words))
+    for i in range(path.shape[0] - 1):
+        if not motion_free(world, clearance, pointers(path[i]), pointers(path[i + 1]), resolution):
+            return i
+    return len(path) - 1

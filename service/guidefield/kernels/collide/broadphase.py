@@ -15,7 +15,6 @@ from llvmlite import ir
 from numba import boolean, float64, int64, types, void
 from numba.extending import intrinsic
 
-from guidefield.kernels.collide.balls import ball_centre
 from guidefield.kernels.collide.layout import (
     BODIES,
     CLOUD,
@@ -25,6 +24,7 @@ from guidefield.kernels.collide.layout import (
     LaneObstacles,
     Scratch,
 )
+from guidefield.kernels.collide.parts import ball_centre
 from guidefield.kernels.collide.primitive import PRIMITIVE, near_primitive
 from guidefield.kernels.distance.point_tree import (
     CELL,
@@ -39,8 +39,9 @@ from guidefield.kernels.distance.point_tree import (
     next_block,
     words_at,
 )
-from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, lane_part, lane_step
-from guidefield.kernels.simd.blocks import AROUND, BLOCK, points_at
+from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32
+from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.simd.packing import AROUND, BLOCK, points_at
 from guidefield.kernels.simd.vector import (
     LANES,
     Vector,
@@ -88,16 +89,7 @@ def _ask(cloud: LaneCloud, places: Vector, x: Vector, y: Vector, z: Vector, lane
 
 @lane_step(int64(CLOUD_TABLES, f32x16, f32x16, f32x16, float64, int64))
 def cloud_near(cloud: LaneCloud, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
-    """Mask of the points, of those in some lanes, closer than `reach` to a ball of the cloud.
-
-    Args:
-        cloud: The cloud.
-        x: Sixteen points in the world [m], with y and z.
-        y: See x.
-        z: See x.
-        reach: Distance [m].
-        lanes: Mask of those that matter.
-    """
+    """Return the mask of points, of those in some lanes, closer than `reach` to a ball of the cloud [m]."""
     numbers, cells, zero = cloud.numbers, cloud.cells, splat(0.0)
     reach += numbers[RADIUS]
     dx = largest_of(largest_of(numbers[LOW] - x, x - numbers[HIGH]), zero)

@@ -13,20 +13,6 @@ import math
 import numpy as np
 from numba import boolean, types
 
-from guidefield.kernels.collide.balls import ball_radius
-from guidefield.kernels.collide.gjk_scratch import (
-    LEAF_A,
-    LEAF_B,
-    POSE_A,
-    POSE_B,
-    STACK,
-    axis_in,
-    origins_apart,
-    place_ball,
-    place_part,
-    place_part_of,
-    write_axis,
-)
 from guidefield.kernels.collide.gjk_simplex import has_point, nearest_point, reduced_with
 from guidefield.kernels.collide.parts import (
     BLOCKS,
@@ -43,28 +29,100 @@ from guidefield.kernels.collide.parts import (
     SHAPE,
     TRIANGLE,
     Parts,
+    ball_radius,
     child_of,
     is_flat_sided,
     is_leaf,
     kind_of,
     part_of,
+    placed_ball,
     rounding,
 )
 from guidefield.kernels.collide.primitive import CYLINDER, HALF_SPACE
-from guidefield.kernels.jit.signatures import (
-    DOUBLE_POINTER,
-    Floats,
-    Floats32,
-    Integers,
-    lane_part,
-    lane_step,
-)
+from guidefield.kernels.jit.arrays import DOUBLE_POINTER, Floats, Floats32, Integers
+from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.kinematics.poses import write_product
 from guidefield.kernels.linalg.small_systems import unit_in_plane
-from guidefield.kernels.simd.blocks import BLOCK, point_at, points_at
+from guidefield.kernels.simd.packing import BLOCK, point_at, points_at
 from guidefield.kernels.simd.vector import ALL_LANES, below, first_lane, lane, largest_lane, select, splat
 
-ACCURACY = 2e-7
-"""By how much a distance may be too large [m]."""
+POSE_A, POSE_B = 16, 28  # places of the two poses of the parts that are compared
+
+AXIS, KEPT = 40, 44
+"""Place of the last separating axis, all 0 where there is none, and of another one to keep, with a reach behind it."""
+
+LEAF_A, LEAF_B = 48, 49  # places of the leaves of two bodies that were nearest to each other last, each plus 1, or 0
+STACK, WORK = 64, 512  # place of the stack, and the number of all numbers
+X, Y, Z = 3, 7, 11  # places of its origin in a pose
+
+
+@lane_part
+def axis_in(work: Floats) -> tuple[float, float, float]:
+    """The last separating axis in the scratch space, shape (WORK,); all 0 if there is none."""
+    return work[AXIS], work[AXIS + 1], work[AXIS + 2]
+
+
+@lane_part
+def axis_length(work: Floats) -> float:
+    """Length of the axis in the scratch space, shape (WORK,)."""
+    return math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2)
+
+
+@lane_part
+def write_axis(work: Floats, x: float, y: float, z: float) -> None:
+    """Write the axis that the next search in the scratch space, shape (WORK,), begins with."""
+    work[AXIS], work[AXIS + 1], work[AXIS + 2] = x, y, z
+
+
+@lane_part
+def divide_axis(work: Floats, length: float) -> None:
+    """Divide the axis in the scratch space, shape (WORK,), by a length."""
+    for k in range(AXIS, AXIS + 3):
+        work[k] /= length
+
+
+@lane_part
+def origins_apart(work: Floats) -> float:
+    """Return how far apart the origins of the two poses in the scratch space, shape (WORK,), are, squared [m^2]."""
+    x = work[POSE_A + X] - work[POSE_B + X]
+    y = work[POSE_A + Y] - work[POSE_B + Y]
+    z = work[POSE_A + Z] - work[POSE_B + Z]
+    return float(x * x + y * y + z * z)
+
+
+@lane_part
+def place_ball(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> None:
+    """Write the rotation of a body placed at (12,), and the centre of a node's ball, to a pose in scratch (WORK,)."""
+    for r in range(3):
+        for c in range(3):
+            work[pose + 4 * r + c] = body[4 * r + c]
+    work[pose + X], work[pose + Y], work[pose + Z] = placed_ball(body, parts.balls, node)
+
+
+@lane_part
+def place_part(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -> None:
+    """Write the placement of a part; shapes as for `place_ball`."""
+    if is_flat_sided(parts, part):
+        for k in range(12):
+            work[pose + k] = body[k]
+        return
+    write_product(body, parts.numbers, part * PART, work, pose)
+
+
+@lane_part
+def place_part_of(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> float:
+    """Place the part of a node instead of its ball, if it has one; return the radius of what rounds it [m].
+
+    Shapes are those of `place_ball`.
+    """
+    part = part_of(parts, node)
+    if part < 0:
+        return float(ball_radius(parts.balls, node))
+    place_part(parts, part, body, work, pose)
+    return rounding(parts, part)
+
+
+ACCURACY = 2e-7  # by how much a distance may be too large [m]
 
 ROUNDS, FEW_ROUNDS = 64, 5
 """After how many rounds GJK has what it finds (with rounded parts it comes closer by a factor each time), and where a
@@ -73,8 +131,7 @@ bound is enough."""
 SLACK = 5e-6
 """What is nearer than the nearest leaves that are known by no more isn't looked for: flat sides have many alike [m]."""
 
-PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)
-"""Tables, a node or part in them, the placement of its body."""
+PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)  # tables, a node or part in them, the placement of its body
 
 NODE_A, NODE_B, LEAST, ENTRY = range(4)
 """Numbers of an entry of the stack: a node of each body, and how far apart what they hold is at least [m]; then how
@@ -101,7 +158,7 @@ def _farthest_vertex(
 
 @lane_part
 def _farthest_corner(numbers: Floats, at: int, x: float, y: float, z: float) -> int:
-    """Return where the corner of a triangle farthest along a direction begins: 0, 3 or 6."""
+    """Where the corner of a triangle farthest along a direction begins: 0, 3 or 6."""
     farthest, best = 0, numbers[at] * x + numbers[at + 1] * y + numbers[at + 2] * z
     for corner in (3, 6):
         along = numbers[at + corner] * x + numbers[at + corner + 1] * y + numbers[at + corner + 2] * z
@@ -122,7 +179,7 @@ def support(
     dy: float,
     dz: float,
 ) -> tuple[float, float, float]:
-    """The point of a part (without what rounds it) farthest along a direction, in the world.
+    """Return the point of a part, without what rounds it, farthest along a direction, in the world.
 
     The tables are those of `Parts`; the pose (12,) that places the part stands in the scratch space, shape (WORK,).
     """
@@ -152,7 +209,7 @@ def support(
 
 @lane_part
 def over_plane(a: Parts, part_a: int, b: Parts, part_b: int, work: Floats) -> float:
-    """Return how far a part, without what rounds it, is over a half-space's plane [m], whose normal is the axis now.
+    """Return how far a part, without what rounds it, is over a half-space's plane [m]; the normal becomes the axis.
 
     The pose that places the part stands in the scratch space, shape (WORK,).
     """
@@ -179,23 +236,14 @@ def over_plane(a: Parts, part_a: int, b: Parts, part_b: int, work: Floats) -> fl
 def parts_distance(
     a: Parts, part_a: int, b: Parts, part_b: int, rounding: float, least: float, most: float, rounds: int, work: Floats
 ) -> float:
-    """Distance of two parts that are placed by the poses in the scratch space, less what rounds them [m].
+    """Return the distance of two parts that the poses in scratch (WORK,) place, less what rounds them [m].
 
-    Args:
-        a: Tables that the first part is in.
-        part_a: The part, or -1 for a point at the origin of its pose.
-        b: Tables that the second is in; only it may be a half-space.
-        part_b: The part, or -1.
-        rounding: Radii of what rounds both, together [m].
-        least: If they are no farther apart than this, some bound of their distance is enough that is no more than it
-            [m]; minus infinity: none.
-        most: If they are farther apart than this, some bound of their distance that is no less than it is enough [m].
-        rounds: How long GJK goes on at most: fewer than `ROUNDS` give a bound of the distance.
-        work: Scratch, shape (WORK,), with the poses; the search begins with the axis in it, and leaves its last one.
+    A part is -1 for a point at the origin of its pose; only the second may be a half-space. Some bound of the distance
+    is enough that is no more than `least` [m], minus infinity: none, or no less than `most` [m]. Fewer than `ROUNDS`
+    rounds give a bound of the distance. The search begins with the axis in the scratch, and leaves its last one.
 
-    Returns:
-        The distance, at most `ACCURACY` too large, or if a least one is given too small; not above -rounding where the
-        parts overlap without what rounds them.
+    The distance is at most `ACCURACY` too large, or if a least one is given too small; not above -rounding where the
+    parts overlap without what rounds them.
     """
     if part_b >= 0 and kind_of(b, part_b) == HALF_SPACE:
         return over_plane(a, part_a, b, part_b, work) - rounding
@@ -234,10 +282,7 @@ def parts_distance(
 
 @lane_step(types.float64(POINTED_PARTS, types.int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
 def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz: float) -> float:
-    """Return how far a part of a body that stands at the origin reaches along a unit direction in its frame [m].
-
-    Scratch `work` has the shape (WORK,).
-    """
+    """Return how far a part of a body at the origin reaches along a unit direction in its frame [m]; work (WORK,)."""
     at = PART * part
     if kind_of(parts, part) == HALF_SPACE:
         return float(parts.numbers[at + PLANE_OFFSET])
@@ -297,23 +342,12 @@ def _bodies_distance(
     a: Parts, root_a: int, pose_a: Floats, b: Parts, root_b: int, pose_b: Floats, least: float, most: float,
     slack: float, work: Floats,
 ) -> float:  # fmt: skip
-    """Distance of two bodies [m].
+    """Return the distance of two bodies [m]; not above 0 where they touch.
 
-    Args:
-        a: Tables that the first body is in.
-        root_a: Root of its tree of balls.
-        pose_a: Its placement, rotation and translation row by row, shape (12,) [m].
-        b: Tables that the second is in; only it may be a half-space.
-        root_b: Its root.
-        pose_b: Its placement, (12,).
-        least: If they are no farther apart than this, or touch, it is enough to know that; minus infinity: none [m].
-        most: If they are farther apart than this, some bound of their distance that is no less than it is enough [m].
-        slack: By how much the distance may be too large, besides GJK's `ACCURACY` [m].
-        work: Scratch, shape (WORK,); the search begins with the axis and the nearest leaves in it, and leaves its last
-            ones.
-
-    Returns:
-        The distance or that bound; not above 0 where they touch.
+    Roots are those of trees of balls, poses (12,) place the bodies; only the second may be a half-space. If they are no
+    farther apart than `least`, or touch, it is enough to know that; minus infinity: none [m]. If they are farther apart
+    than `most`, some bound no less than it is enough [m]. It may be too large by `slack`, besides `ACCURACY` [m]. The
+    search begins with the axis and the nearest leaves in `work` (WORK,), and leaves its last ones.
     """
     best, top = most, STACK + ENTRY
     work[STACK + NODE_A], work[STACK + NODE_B], work[STACK + LEAST] = root_a, root_b, -math.inf

@@ -9,16 +9,12 @@ from __future__ import annotations
 
 from numba import boolean, int64
 
-from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
+from guidefield.kernels.jit.arrays import DOUBLE_POINTER, Floats
+from guidefield.kernels.jit.decorators import lane_part, lane_step
 
-POINT = 3
-"""Numbers of a point."""
-
-NEAREST = 4 * POINT
-"""Place of the nearest point in the array."""
-
-SIMPLEX = 5 * POINT
-"""Numbers of the array."""
+POINT = 3  # numbers of a point
+NEAREST = 4 * POINT  # place of the nearest point in the array
+SIMPLEX = 5 * POINT  # numbers of the array
 
 
 @lane_part

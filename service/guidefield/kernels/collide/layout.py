@@ -5,22 +5,29 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from guidefield.kernels.collide.parts import Parts
-from guidefield.kernels.jit.fields import Bits, Cells, Indices, IndicesOut, Row, RowOut, Singles, SinglesOut, numba_type
-from guidefield.kernels.jit.signatures import Integers, lane_part
+from guidefield.kernels.jit.arrays import (
+    Bits,
+    Cells,
+    Indices,
+    IndicesOut,
+    Integers,
+    Row,
+    RowOut,
+    Singles,
+    SinglesOut,
+    numba_type,
+)
+from guidefield.kernels.jit.decorators import lane_part
 from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
 from guidefield.kernels.simd.packing import pointed, unpacked
 
-BAND = 1e-5
-"""Within this of contact [m] either answer may come."""
-
-DECISION_BAND = 2e-6
-"""Share of it that the exact decision keeps [m]: more than the error of a placement in float32."""
+BAND = 1e-5  # within this of contact [m] either answer may come
+DECISION_BAND = 2e-6  # share of it that the exact decision keeps [m]: more than the error of a placement in float32
 
 REACH, AXIS_AND_REACH = 3, 4
 """Numbers of a separating axis: the unit vector, and how far one body reaches along it; all 0 where there is none."""
 
-HITS = 4
-"""Number of balls that met an obstacle last and are tried first."""
+HITS = 4  # number of balls that met an obstacle last and are tried first
 
 BODY, OBSTACLE, BALL, HIT = range(4)
 """Columns of what met last: a body, an obstacle, the ball inside the body; then how many columns there are."""
@@ -35,8 +42,7 @@ CARRIER_A, CARRIER_B, FIRST_PAIR, PAST_PAIR, MEETING = range(5)
 BODY_A, BODY_B, PAIR_AXES, PAIR = range(4)
 """Columns of a pair: its bodies, and where the axes of its pairs of pieces begin; then how many columns there are."""
 
-GRID_SIDES = 3
-"""Coordinates that a grid of cells has at most."""
+GRID_SIDES = 3  # coordinates that a grid of cells has at most
 
 DRIVER, COUNT, STEP, SIDE = range(4)
 """Whole numbers of each of a grid's sides: the coordinate, how many of the smallest cells are along it, how far such
@@ -53,11 +59,8 @@ MOVED, GRID_NUMBERS = SIDE * GRID_SIDES, SIDE * GRID_SIDES + 1
 """Behind them stands how far motions within one of the largest cells move bodies past each other; then how many numbers
 there are."""
 
-CHILDREN = 64
-"""Cells that a cell is divided into."""
-
-CLOUD = 6
-"""The kind of an obstacle that is balls about points; its primitive says nothing."""
+CHILDREN = 64  # cells that a cell is divided into
+CLOUD = 6  # the kind of an obstacle that is balls about points; its primitive says nothing
 
 
 class LaneBodies(NamedTuple):
@@ -65,134 +68,89 @@ class LaneBodies(NamedTuple):
 
     A *carrier* is a joint with bodies. Balls contain each other: those about a carrier's bodies, about a body, about a
     group of its cover's balls, the cover's.
-
-    Attributes:
-        size: n.
-        carriers: m, how many joints carry bodies.
-        moving: How many of them move in the world: the first ones, those far out first.
-        n_meetings: Pairs of carriers some of whose bodies must not touch.
-        n_cells: How long `cells` is.
-        joints: (n,) the joint that carries each body.
-        carrying: (m,) the joint of each carrier.
-        members: (m + 1,) where the bodies of each carrier begin in `order`.
-        order: (n,) the bodies, carrier by carrier.
-        groups: (n + 1,) where the groups of each body's cover begin.
-        covers: (groups + 1,) where the balls of each group begin in `cover`.
-        inners: (n + 1,) where a body's inner balls begin in `inner`.
-        roots: (n,) its hull's node in the robot's parts.
-        surface_roots: (n,) its root in the robot's surfaces.
-        pieces: (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into nearly convex ones.
-        piece_roots: (pieces,) the node of each one's hull in the robot's parts.
-        meetings: (MEETING * n_meetings,) pairs of carriers, and which pairs of bodies are theirs.
-        grids: (GRID_PLACES * n_meetings,) whole numbers of each meeting's grid; all 0 where bodies' distance
-            depends on more coordinates.
-        pairs: (PAIR * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin.
-        around: (BALL_ROW * m,) a ball about each carrier's bodies.
-        bounds: (BALL_ROW * n,) a ball about each body.
-        piece_bounds: (BALL_ROW * pieces,) a ball about each piece.
-        surface_frames: (12 * n,) where the frame of its surface is in that of the joint, rotation and translation row
-            by row.
-        grouped: (BALL_ROW * groups,) a ball about each group.
-        cover: (BALL_ROW * c,) balls that contain the bodies.
-        inner: (BALL_ROW * i,) balls that are inside them.
-        grid_numbers: (GRID_NUMBERS * n_meetings,) its other numbers.
-        cells: (n_cells,) what is known of the grids' cells, or where a cell's children begin; int32, written by the
-            kernels. The first number says from where on the array is free.
-        apart: A bit for each number before those of cells' children, set where one of the largest is known to keep
-            the bodies apart: few lines of the cache tell most of what is asked. uint32, written by the kernels.
     """
 
-    size: int
-    carriers: int
-    moving: int
-    n_meetings: int
-    n_cells: int
-    joints: Indices
-    carrying: Indices
-    members: Indices
-    order: Indices
-    groups: Indices
-    covers: Indices
-    inners: Indices
-    roots: Indices
-    surface_roots: Indices
+    size: int  # n
+    carriers: int  # m, how many joints carry bodies
+    moving: int  # how many of them move in the world: the first ones, those far out first
+    n_meetings: int  # pairs of carriers some of whose bodies must not touch
+    n_cells: int  # how long `cells` is
+    joints: Indices  # (n,) the joint that carries each body
+    carrying: Indices  # (m,) the joint of each carrier
+    members: Indices  # (m + 1,) where the bodies of each carrier begin in `order`
+    order: Indices  # (n,) the bodies, carrier by carrier
+    groups: Indices  # (n + 1,) where the groups of each body's cover begin
+    covers: Indices  # (groups + 1,) where the balls of each group begin in `cover`
+    inners: Indices  # (n + 1,) where a body's inner balls begin in `inner`
+    roots: Indices  # (n,) its hull's node in the robot's parts
+    surface_roots: Indices  # (n,) its root in the robot's surfaces
+    # (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into nearly convex ones
     pieces: Indices
-    piece_roots: Indices
-    meetings: Indices
+    piece_roots: Indices  # (pieces,) the node of each one's hull in the robot's parts
+    meetings: Indices  # (MEETING * n_meetings,) pairs of carriers, and which pairs of bodies are theirs
+    # (GRID_PLACES * n_meetings,) whole numbers of each meeting's grid; all 0 where bodies' distance depends on more
+    # coordinates
     grids: Indices
+    # (PAIR * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin
     pairs: Indices
-    around: Singles
-    bounds: Singles
-    piece_bounds: Singles
+    around: Singles  # (BALL_ROW * m,) a ball about each carrier's bodies
+    bounds: Singles  # (BALL_ROW * n,) a ball about each body
+    piece_bounds: Singles  # (BALL_ROW * pieces,) a ball about each piece
+    # (12 * n,) where the frame of its surface is in that of the joint, rotation and translation row by row
     surface_frames: Row
-    grouped: Singles
-    cover: Singles
-    inner: Singles
-    grid_numbers: Singles
+    grouped: Singles  # (BALL_ROW * groups,) a ball about each group
+    cover: Singles  # (BALL_ROW * c,) balls that contain the bodies
+    inner: Singles  # (BALL_ROW * i,) balls that are inside them
+    grid_numbers: Singles  # (GRID_NUMBERS * n_meetings,) its other numbers
+    # (n_cells,) what is known of the grids' cells, or where a cell's children begin; int32, written by the kernels. The
+    # first number says from where on the array is free.
     cells: Cells
+    # a bit for each number before those of cells' children, set where one of the largest is known to keep the bodies
+    # apart: few lines of the cache tell most of what is asked. uint32, written by the kernels.
     apart: Bits
 
 
 class LaneObstacles(NamedTuple):
-    """Obstacles, in the world [m]; one of many triangles stands as several.
+    """Obstacles, in the world [m]; one of many triangles stands as several."""
 
-    Attributes:
-        size: n.
-        kinds: (n,) kind of the primitive that contains each, or `CLOUD`.
-        whole: (n,) 1 where that primitive is the obstacle itself, else 0.
-        roots: (n,) its root in the scene's parts.
-        may_touch: (bodies * n,) 1 where the body isn't tested against it, else 0.
-        primitives: (PRIMITIVE * n,) float32.
-        boxes: (AROUND * blocks,) boxes about them along the world's axes; unused places hold empty ones.
-        clouds: (n,) the address of the words of each one's `LaneCloud`; 0 of all other kinds.
-    """
-
-    size: int
-    kinds: Indices
-    whole: Indices
-    roots: Indices
-    may_touch: Indices
-    primitives: Singles
-    boxes: Singles
-    clouds: Indices
+    size: int  # n
+    kinds: Indices  # (n,) kind of the primitive that contains each, or `CLOUD`
+    whole: Indices  # (n,) 1 where that primitive is the obstacle itself, else 0
+    roots: Indices  # (n,) its root in the scene's parts
+    may_touch: Indices  # (bodies * n,) 1 where the body isn't tested against it, else 0
+    primitives: Singles  # (PRIMITIVE * n,) float32
+    boxes: Singles  # (AROUND * blocks,) boxes about them along the world's axes; unused places hold empty ones
+    clouds: Indices  # (n,) the address of the words of each one's `LaneCloud`; 0 of all other kinds
 
 
 class Scratch(NamedTuple):
     """Memory that a search uses again and again.
 
     Only axes and hits mean anything between calls: with what separated bodies or met last, the next question begins.
-
-    Attributes:
-        poses: (joints * POSE,) placements.
-        centres: (m * BLOCK,) centres of the balls about carriers.
-        found: (FOUND * (bodies * obstacles + pairs),) what is near what: body, obstacle and mask, or -1, pair and mask.
-        obstacle_axes: (AXIS_AND_REACH * bodies * obstacles,) in the world; how far the obstacle reaches along it.
-        pair_axes: (AXIS_AND_REACH * pairs of pieces,) in the first one's frame; how far that reaches against it.
-        obstacle_places, pair_places: (1 + bodies * obstacles,) and (1 + pairs of pieces,) how many axes there are, then
-            where they are.
-        pose_a, pose_b: (12,) each.
-        surface_a, surface_b: (12,) each, the poses of two bodies' surfaces.
-        work: (WORK,).
-        middle, middle_poses: (nv * 16,) and (joints * POSE,), the middle of a cell.
-        places: ((GRID_SIDES + 1) * 16,) where on a grid a block's configurations are.
-        hits: (HIT * HITS,) the last inner balls that met an obstacle: body, obstacle, ball; -1 where there is none yet.
     """
 
-    poses: SinglesOut
-    centres: SinglesOut
+    poses: SinglesOut  # (joints * POSE,) placements
+    centres: SinglesOut  # (m * BLOCK,) centres of the balls about carriers
+    # (FOUND * (bodies * obstacles + pairs),) what is near what: body, obstacle and mask, or -1, pair and mask
     found: IndicesOut
-    obstacle_axes: RowOut
-    pair_axes: RowOut
+    obstacle_axes: RowOut  # (AXIS_AND_REACH * bodies * obstacles,) in the world; how far the obstacle reaches along it
+    pair_axes: RowOut  # (AXIS_AND_REACH * pairs of pieces,) in the first one's frame; how far that reaches against it
+    # obstacle_places, pair_places: (1 + bodies * obstacles,) and (1 + pairs of pieces,) how many axes there are, then
+    # where they are
     obstacle_places: IndicesOut
     pair_places: IndicesOut
+    # pose_a, pose_b: (12,) each
     pose_a: RowOut
     pose_b: RowOut
+    # surface_a, surface_b: (12,) each, the poses of two bodies' surfaces
     surface_a: RowOut
     surface_b: RowOut
-    work: RowOut
+    work: RowOut  # (WORK,)
+    # middle, middle_poses: (nv * 16,) and (joints * POSE,), the middle of a cell
     middle: SinglesOut
     middle_poses: SinglesOut
-    places: SinglesOut
+    places: SinglesOut  # ((GRID_SIDES + 1) * 16,) where on a grid a block's configurations are
+    # (HIT * HITS,) the last inner balls that met an obstacle: body, obstacle, ball; -1 where there is none yet
     hits: IndicesOut
 
 
@@ -204,58 +162,43 @@ BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(LANE_BODIES), pointed(LANE_OBSTACLES
 
 
 class LaneWorld(NamedTuple):
-    """A robot among obstacles, for lanes.
+    """A robot among obstacles, for lanes."""
 
-    Attributes:
-        joints, bodies: The robot.
-        parts: Hulls of its bodies and of their pieces, in the turned frames of joints.
-        surfaces: The bodies themselves, as proofs have them.
-        fractions: `FRACTIONS`, and by how much each coordinate counts, (16 + nv,): 1 for angles.
-        nv: How many coordinates a configuration has.
-        obstacles, scene: What is around it.
-        scratch: Memory; so a world answers one question at a time.
-        block: (nv * 16,) memory for the configurations of one block.
-    """
-
+    # joints, bodies: The robot
     joints: LaneJoints
     bodies: LaneBodies
-    parts: Parts
-    surfaces: Parts
-    fractions: Singles
-    nv: int
+    parts: Parts  # hulls of its bodies and of their pieces, in the turned frames of joints
+    surfaces: Parts  # the bodies themselves, as proofs have them
+    fractions: Singles  # `FRACTIONS`, and by how much each coordinate counts, (16 + nv,): 1 for angles
+    nv: int  # how many coordinates a configuration has
+    # obstacles, scene: What is around it
     obstacles: LaneObstacles
     scene: Parts
-    scratch: Scratch
-    block: SinglesOut
+    scratch: Scratch  # memory; so a world answers one question at a time
+    block: SinglesOut  # (nv * 16,) memory for the configurations of one block
 
 
 LANE_WORLD = numba_type(LaneWorld)
 WORLD = pointed(LANE_WORLD)
 
-world_of = unpacked(LANE_WORLD)
-"""Makes a world of its words."""
+world_of = unpacked(LANE_WORLD)  # makes a world of its words
 
 
 class LaneAlone(NamedTuple):
-    """A robot without obstacles.
+    """A robot without obstacles."""
 
-    Attributes:
-        joints, bodies, parts, surfaces: The robot, as `LaneWorld` has it.
-        scratch: Memory.
-    """
-
+    # joints, bodies, parts, surfaces: The robot, as `LaneWorld` has it
     joints: LaneJoints
     bodies: LaneBodies
     parts: Parts
     surfaces: Parts
-    scratch: Scratch
+    scratch: Scratch  # memory
 
 
 LANE_ALONE = numba_type(LaneAlone)
 ALONE = pointed(LANE_ALONE)
 
-alone_of = unpacked(LANE_ALONE)
-"""Makes a robot without obstacles of its words."""
+alone_of = unpacked(LANE_ALONE)  # makes a robot without obstacles of its words
 
 
 @lane_part

@@ -6,80 +6,56 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import int64
 
 from guidefield.kernels.distance.bvh import boxes_met
-from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.no_refcount import lane_uncounted, uncounted
-from guidefield.kernels.jit.signatures import (
-    BLOCKS,
-    INDEX_MATRIX_OUT,
-    INDICES,
-    SCALAR,
+from guidefield.kernels.jit.arrays import (
+    Blocks,
     Floats,
+    IndexRows,
+    IndexRowsOut,
+    Indices,
     Integers,
-    lane_kernel,
+    Row,
+    Rows,
+    numba_type,
 )
+from guidefield.kernels.jit.decorators import lane_kernel, lane_uncounted, uncounted
 
 WIDER = 1e-9
 """Margin of boxes about balls, for rounding, of a metre and of each metre that they are from the origin [m]."""
 
 
 class BodyBalls(NamedTuple):
-    """Balls about a robot's r bodies.
+    """Balls about a robot's r bodies."""
 
-    Attributes:
-        carriers: The joint that carries each body, shape (r,).
-        centres: Centres of the balls about bodies in the frame of that joint, shape (r, 3) [m].
-        radii: Their radii, shape (r,) [m].
-        part_centres: Centres of balls that together hold a body, in the same frame, shape (r, parts, 3) [m].
-        part_radii: Their radii, shape (r,) [m].
-    """
-
-    carriers: Indices
-    centres: Rows
-    radii: Row
-    part_centres: Blocks
-    part_radii: Row
+    carriers: Indices  # the joint that carries each body, shape (r,)
+    centres: Rows  # centres of the balls about bodies in the frame of that joint, shape (r, 3) [m]
+    radii: Row  # their radii, shape (r,) [m]
+    part_centres: Blocks  # centres of balls that together hold a body, in the same frame, shape (r, parts, 3) [m]
+    part_radii: Row  # their radii, shape (r,) [m]
 
 
 class BoxedObstacles(NamedTuple):
-    """Boxes about o obstacles: their own ones, and a tree of boxes along the world's axes.
+    """Boxes about o obstacles: their own ones, and a tree of boxes along the world's axes."""
 
-    Attributes:
-        axes: The axes of their own boxes as columns, row by row, shape (o, 9).
-        centres: Centres along these, shape (o, 3) [m].
-        halves: Half extents, shape (o, 3) [m]; infinite for those without an end.
-        nodes: Lower and upper corners of the tree's boxes, shape (k, 6) [m, world]: those about obstacles, then those
-            about every `children` of the level before.
-        levels: Begin of each level among them, and the number of all, shape (levels + 1,).
-        children: Boxes below one box of the next level.
-        order: The obstacle of each box of the first level.
-        apart: The obstacles that are in no box, as they have no end, or move, shape (e,).
-    """
-
-    axes: Rows
-    centres: Rows
-    halves: Rows
+    axes: Rows  # the axes of their own boxes as columns, row by row, shape (o, 9)
+    centres: Rows  # centres along these, shape (o, 3) [m]
+    halves: Rows  # half extents, shape (o, 3) [m]; infinite for those without an end
+    # lower and upper corners of the tree's boxes, shape (k, 6) [m, world]: those about obstacles, then those about
+    # every `children` of the level before
     nodes: Rows
-    levels: Indices
-    children: int
-    order: Indices
-    apart: Indices
+    levels: Indices  # begin of each level among them, and the number of all, shape (levels + 1,)
+    children: int  # boxes below one box of the next level
+    order: Indices  # the obstacle of each box of the first level
+    apart: Indices  # the obstacles that are in no box, as they have no end, or move, shape (e,)
 
 
 class PairTable(NamedTuple):
-    """Pairs that must stay apart: p of the robot's own, then each of m bodies with each of o obstacles, row by row.
+    """Pairs that must stay apart: p of the robot's own, then each of m bodies with each of o obstacles, row by row."""
 
-    Attributes:
-        own: Bodies of each own pair, shape (p, 2).
-        moving: The bodies that are tested against obstacles, ascending, shape (m,).
-        left_out: Of the m * o pairs with obstacles those that may touch, ascending, shape (k,).
-    """
-
-    own: IndexRows
-    moving: Indices
-    left_out: Indices
+    own: IndexRows  # bodies of each own pair, shape (p, 2)
+    moving: Indices  # the bodies that are tested against obstacles, ascending, shape (m,)
+    left_out: Indices  # of the m * o pairs with obstacles those that may touch, ascending, shape (k,)
 
 
 @lane_uncounted
@@ -191,15 +167,9 @@ def _note(found: Integers, count: int, s: int, pair: int) -> int:
 def find_boxes_near(
     obstacles: BoxedObstacles, centre: Floats, reach: float, box: Floats, stack: Integers, met_out: Integers
 ) -> int:
-    """Find the obstacles of the tree whose boxes meet the one about a ball that reaches so far; return their number.
+    """Write the obstacles (o,) of the tree whose boxes meet the one about a ball at (3,) [m]; return their number.
 
-    Args:
-        obstacles: The boxes.
-        centre: Of the ball, shape (3,) [m].
-        reach: Its radius [m].
-        box: Scratch for the corners of the box about it, which is a hair wider, shape (2, 3).
-        stack: Scratch, shape (children * levels, 2) at least.
-        met_out: Gets the obstacles, shape (o,).
+    Scratch: `box` (2, 3), a hair wider than the ball, and `stack` (children * levels, 2) at least.
     """
     for k in range(3):
         wide = reach + WIDER * (1.0 + abs(centre[k]))
@@ -213,31 +183,22 @@ def find_boxes_near(
 BALLS, OBSTACLES, PAIRS = map(numba_type, (BodyBalls, BoxedObstacles, PairTable))
 
 
-@lane_kernel(int64(BALLS, OBSTACLES, PAIRS, BLOCKS, SCALAR, INDICES, INDICES, INDEX_MATRIX_OUT))
+@lane_kernel
 def find_near_pairs(
     robot: BodyBalls,
     obstacles: BoxedObstacles,
     pairs: PairTable,
-    placements: Floats,
+    placements: Blocks,
     margin: float,
-    own: Integers,
-    moving: Integers,
-    found: Integers,
+    own: Indices,
+    moving: Indices,
+    found: IndexRowsOut,
 ) -> int:
-    """Find the pairs at s configurations that balls and boxes can't tell to be farther apart than a margin.
+    """Write the pairs at configurations that balls and boxes can't tell to be farther apart than a margin [m].
 
-    Args:
-        robot: The robot.
-        obstacles: The obstacles.
-        pairs: The pairs.
-        placements: ``T_world_joint`` of every joint, shape (s, joints, 12) [m].
-        margin: At least 0 [m].
-        own: Which of the robot's own pairs are asked about, ascending, shape (k,).
-        moving: Which rows of its moving bodies are, with obstacles, ascending, shape (k,).
-        found: Out: configuration and pair, shape (room, 2); by configuration, not by pair.
-
-    Returns:
-        How many there are; those for which there is no room are not written.
+    `placements` (s, joints, 12) are ``T_world_joint`` [m]; asked about are the `own` pairs (k,) and the rows `moving`
+    (k,) of moving bodies, ascending. `found` (room, 2) gets configuration and pair, by configuration, not by pair.
+    Returns the count, also of those for which there is no room.
     """
     centres, parts = np.empty((robot.radii.shape[0], 3)), np.empty((2, robot.part_centres.shape[1], 3))
     stack = np.empty((obstacles.children * obstacles.levels.shape[0], 2), np.int64)

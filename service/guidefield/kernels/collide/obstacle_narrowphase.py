@@ -9,9 +9,7 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from guidefield.kernels.collide.balls import ball_centre, ball_radius, lowest_of_ball, placed_ball
-from guidefield.kernels.collide.gjk import bodies_apart, reach_along
-from guidefield.kernels.collide.gjk_scratch import (
+from guidefield.kernels.collide.gjk import (
     AXIS,
     KEPT,
     X,
@@ -19,7 +17,9 @@ from guidefield.kernels.collide.gjk_scratch import (
     Z,
     axis_in,
     axis_length,
+    bodies_apart,
     divide_axis,
+    reach_along,
     write_axis,
 )
 from guidefield.kernels.collide.layout import (
@@ -41,8 +41,12 @@ from guidefield.kernels.collide.parts import (
     SHAPE,
     SURFACE,
     Parts,
+    ball_centre,
+    ball_radius,
     kind_of,
+    lowest_of_ball,
     part_of,
+    placed_ball,
     polytope_of,
 )
 from guidefield.kernels.collide.primitive import PRIMITIVE, away_from_primitive, near_primitive
@@ -64,16 +68,17 @@ from guidefield.kernels.distance.point_tree import (
     point_gaps,
     words_at,
 )
-from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
+from guidefield.kernels.jit.arrays import DOUBLE_POINTER, Floats
+from guidefield.kernels.jit.decorators import lane_part, lane_step
 from guidefield.kernels.kinematics.poses import (
+    apply_pose,
     one_pose,
-    placed,
     turned_axis,
     turned_back,
     write_identity,
     write_product,
 )
-from guidefield.kernels.simd.blocks import BLOCK, point_at, points_at
+from guidefield.kernels.simd.packing import BLOCK, point_at, points_at
 from guidefield.kernels.simd.vector import Vector, below, first_lane, lane, splat
 
 
@@ -94,7 +99,7 @@ def _surface_meets(parts: Parts, part: int, pose: Floats, obstacles: LaneObstacl
     vertices, first = parts.vertices, parts.shapes[SHAPE * part + FIRST_BLOCK]
     for block in range(first, first + parts.shapes[SHAPE * part + BLOCKS]):
         x, y, z = points_at(vertices, block * BLOCK)
-        u, v, w = placed(pose, x, y, z)
+        u, v, w = apply_pose(pose, x, y, z)
         if near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, u, v, w, reach):
             return True
     return False
@@ -172,7 +177,7 @@ def pieces_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: float
 
 @lane_step(int64(WORLD, int64, int64, int64, types.float64, boolean))
 def left_of_obstacle(world: LaneWorld, body: int, obstacle: int, mask: int, clearance: float, closely: bool) -> int:
-    """The lanes of a mask where the last axis that separated body and obstacle does not; it is fixed in the world.
+    """Return the lanes of a mask where the last axis that separated body and obstacle, fixed in the world, does not.
 
     By the balls of the body's cover; `closely` also by the vertices of its hull.
     """

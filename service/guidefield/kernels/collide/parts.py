@@ -2,35 +2,74 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import void
 
-from guidefield.kernels.jit.fields import Indices, Row, Singles, numba_type
-from guidefield.kernels.jit.signatures import (
-    BLOCKS as CORNERS,
-    FLOATS_OUT,
-    INDEX_MATRIX,
+from guidefield.kernels.jit.arrays import (
+    Blocks,
     Floats,
     Floats32,
-    Integers,
-    compiled,
-    lane_part,
+    IndexRows,
+    Indices,
+    Row,
+    Singles,
+    SinglesOut,
+    numba_type,
 )
-from guidefield.kernels.simd.blocks import BLOCK
-from guidefield.kernels.simd.packing import pointed
+from guidefield.kernels.jit.decorators import kernel, lane_part
+from guidefield.kernels.kinematics.poses import apply_pose, apply_poses
+from guidefield.kernels.simd.packing import BLOCK, pointed
+from guidefield.kernels.simd.vector import Vector, below, splat
 from guidefield.kernels.simd.vector_model import LANES
 
-POLYTOPE = 4
-"""The kind of a part that is the hull of vertices; the others are a primitive's, but no boxes."""
+BALL_ROW = 4  # numbers of a ball: its centre's x, y, z and its radius [m]
+RADIUS = 3  # place of the radius among them
+
+
+@lane_part
+def ball_radius(balls: Any, ball: int) -> Any:
+    """Radius of one of some balls, shape (BALL_ROW * n,) [m]."""
+    return balls[BALL_ROW * ball + RADIUS]
+
+
+@lane_part
+def ball_centre(poses: Floats32, joint: int, balls: Floats32, ball: int) -> tuple[Vector, Vector, Vector]:
+    """Centre of a ball that a joint carries: of `poses`, shape (joints * POSE,), and `balls`, shape (BALL_ROW * n,)."""
+    at = BALL_ROW * ball
+    return apply_poses(poses, joint, balls[at], balls[at + 1], balls[at + 2])
+
+
+@lane_part
+def placed_ball(pose: Floats, balls: Any, ball: int) -> tuple[float, float, float]:
+    """Return the centre of one of balls (BALL_ROW * n,) of a body placed at (12,) [m]."""
+    at = BALL_ROW * ball
+    return apply_pose(pose, balls[at], balls[at + 1], balls[at + 2])
+
+
+@lane_part
+def balls_meet(poses: Floats32, joint_a: int, a: int, joint_b: int, b: int, balls: Floats32, margin: float) -> int:
+    """Mask of the lanes where two balls that two joints carry are closer than a margin; shapes as for `ball_centre`."""
+    x, y, z = ball_centre(poses, joint_a, balls, a)
+    u, v, w = ball_centre(poses, joint_b, balls, b)
+    x, y, z, reach = x - u, y - v, z - w, ball_radius(balls, a) + ball_radius(balls, b) + margin
+    return int(below(x * x + y * y + z * z, splat(reach * reach)))
+
+
+@lane_part
+def lowest_of_ball(balls: Floats32, ball: int, x: Any, y: Any, z: Any) -> Any:
+    """The least n.p over the points p of one of some balls, shape (BALL_ROW * n,), for unit axes n = (x, y, z) [m]."""
+    at = BALL_ROW * ball
+    return x * balls[at] + y * balls[at + 1] + z * balls[at + 2] - balls[at + RADIUS]
+
+
+POLYTOPE = 4  # the kind of a part that is the hull of vertices; the others are a primitive's, but no boxes
 
 TRIANGLE, SURFACE = 5, 6
 """A triangle of a mesh: its corners are its first nine numbers, in the body's frame. Vertices that are points of the
 surface within the polytope before this part: never compared."""
 
-LEFT, RIGHT, OWN, LINK = range(4)
-"""Columns of a node: its children, and its part; then how many columns there are."""
+LEFT, RIGHT, OWN, LINK = range(4)  # columns of a node: its children, and its part; then how many columns there are
 
 KIND, FIRST_BLOCK, BLOCKS, SHAPE = range(4)
 """Columns of a part: its kind, its first block of vertices, how many blocks; then how many columns there are."""
@@ -39,27 +78,19 @@ DISC, HALF_LENGTH, ROUND, PART = 12, 14, 15, 16
 """Numbers of a part: behind its placement in the body's frame (12, row by row) a cylinder's radius, half of a
 cylinder's or capsule's length, and the radius of what rounds it; then how many numbers there are."""
 
-PLANE_OFFSET = 3
-"""Place among them of a half-space's offset along its normal, which is the first three."""
+PLANE_OFFSET = 3  # place among them of a half-space's offset along its normal, which is the first three
 
 
 class Parts(NamedTuple):
-    """Convex parts of bodies, and trees of balls about them; lengths [m] in the frame of the body.
+    """Convex parts of bodies, and trees of balls about them; lengths [m] in the frame of the body."""
 
-    Attributes:
-        balls: (BALL_ROW * nodes,) each node's ball; float64.
-        links: (LINK * nodes,) left child, right child, part; a leaf is its part and has no children (-1), of another
-            node the part contains all that is below it, if it has one (else -1).
-        shapes: (SHAPE * parts,) kind, first block of vertices, how many blocks.
-        numbers: (PART * parts,) float64.
-        vertices: (BLOCK * blocks,) float32; unused places repeat a vertex.
-    """
-
-    balls: Row
+    balls: Row  # (BALL_ROW * nodes,) each node's ball; float64
+    # (LINK * nodes,) left child, right child, part; a leaf is its part and has no children (-1), of another node the
+    # part contains all that is below it, if it has one (else -1)
     links: Indices
-    shapes: Indices
-    numbers: Row
-    vertices: Singles
+    shapes: Indices  # (SHAPE * parts,) kind, first block of vertices, how many blocks
+    numbers: Row  # (PART * parts,) float64
+    vertices: Singles  # (BLOCK * blocks,) float32; unused places repeat a vertex
 
 
 PARTS = numba_type(Parts)
@@ -109,15 +140,11 @@ def polytope_of(parts: Parts, root: int) -> int:
     return part if part >= 0 and kind_of(parts, part) == POLYTOPE else -1
 
 
-@compiled(void(CORNERS, INDEX_MATRIX, FLOATS_OUT))
-def write_cluster_vertices(corners: Floats, members: Integers, vertices_out: Floats32) -> None:
-    """Write the vertices of clusters, cluster by cluster.
+@kernel
+def write_cluster_vertices(corners: Blocks, members: IndexRows, vertices_out: SinglesOut) -> None:
+    """Write the vertices of clusters of triangles (n, k), cluster by cluster, as `Parts.vertices` has them.
 
-    Args:
-        corners: Of all triangles, shape (t, 3, 3) [m].
-        members: The triangles of each cluster, shape (n, k).
-        vertices_out: Their corners, as `Parts.vertices` has them, and the first one wherever places are left; shape
-            (BLOCK * blocks of all,).
+    `corners` (t, 3, 3) are those of all triangles [m]; the first vertex fills what is left of (BLOCK * blocks of all,).
     """
     each = members.shape[1]
     blocks = (3 * each + LANES - 1) // LANES

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from guidefield.kernels.jit.signatures import Floats32, Vector3, lane_part
+import math
+
+from guidefield.kernels.distance.distance import BOX as BOX_BODY, CAPSULE as CAPSULE_BODY, CYLINDER as CYLINDER_BODY
+from guidefield.kernels.jit.arrays import BlocksOut, Floats, Floats32, IndicesOut, Row, RowOut, Rows, RowsOut, Vector3
+from guidefield.kernels.jit.decorators import exact_kernel, lane_part
 from guidefield.kernels.simd.vector import Vector, below, largest_of, magnitude, root, smallest_of, splat
 
-BOX, CYLINDER, CAPSULE, HALF_SPACE = range(4)
-"""Kinds of primitives; a ball is a capsule of no length."""
+BOX, CYLINDER, CAPSULE, HALF_SPACE = range(4)  # kinds of primitives; a ball is a capsule of no length
 
 AXES, CENTRE, HALVES, ROUND, PRIMITIVE = 0, 9, 12, 15, 16
 """Numbers of a primitive: three axes (rows of the rotation from the world), centre, half extents, radius; then how many
@@ -16,8 +19,7 @@ A box has three half extents; a cylinder (flat ends) and a capsule have the half
 radius; of a half-space the third axis is the normal, and the centre is a point of its boundary.
 """
 
-HALF_LENGTH = HALVES + 2
-"""Place of the half length of a cylinder or a capsule."""
+HALF_LENGTH = HALVES + 2  # place of the half length of a cylinder or a capsule
 
 
 @lane_part
@@ -40,16 +42,9 @@ def _beyond(value: Vector, half: float) -> Vector:
 
 @lane_part
 def near_primitive(kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
-    """Mask of the points closer than `reach` to a primitive, or in it.
+    """Return the mask of sixteen world points closer than `reach` to a primitive, or in it [m].
 
-    Args:
-        kind: Of the primitive.
-        primitives: Numbers of all primitives, shape (PRIMITIVE * n,).
-        at: Where its numbers begin.
-        x: Sixteen points in the world [m], with y and z.
-        y: See x.
-        z: See x.
-        reach: Distance [m].
+    Its numbers begin at an index of `primitives` (PRIMITIVE * n,).
     """
     cx, cy, cz = _three(primitives, at + CENTRE)
     ax, ay, az = _axis(primitives, at, 2)
@@ -84,11 +79,10 @@ def near_primitive(kind: int, primitives: Floats32, at: int, x: Vector, y: Vecto
 def away_from_primitive(
     kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """Axes that point from a primitive to points, and how far it reaches along them; arguments as `near_primitive`.
+    """Return axes that point from a primitive to points, and how far it reaches along them.
 
-    Returns:
-        The axes n in the world, of any length, 0 from points in a box or cylinder; the largest n.p over the points p of
-        the primitive.
+    Arguments as `near_primitive`. The axes n are in the world, of any length, 0 from points in a box or cylinder; the
+    reach is the largest n.p over the points p of the primitive.
     """
     cx, cy, cz = _three(primitives, at + CENTRE)
     ax, ay, az = _axis(primitives, at, 2)
@@ -124,3 +118,127 @@ def away_from_primitive(
             nx, ny, nz = nx * out + beyond * ax, ny * out + beyond * ay, nz * out + beyond * az
             reach = magnitude(beyond) * half + length * out * radius
     return nx, ny, nz, reach + nx * cx + ny * cy + nz * cz
+
+
+@lane_part
+def write_rotation(placed: Floats, rotation: Floats) -> None:
+    """Write the rotation of a primitive, `PLACED` of it of shape (12,), to the first three columns of (3, k)."""
+    x, y, z, w = placed[1], placed[2], placed[3], placed[4]
+    rotation[0, 0], rotation[0, 1] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w)
+    rotation[1, 0], rotation[1, 1] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z)
+    rotation[2, 0], rotation[2, 1] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w)
+    rotation[0, 2], rotation[1, 2] = 2.0 * (x * z + y * w), 2.0 * (y * z - x * w)
+    rotation[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@exact_kernel
+def primitive_boxes(placed: Rows, axes: BlocksOut, middles: RowsOut, halves: RowsOut) -> None:
+    """Write axes as columns (n, 3, 3), middles and half extents (n, 3) [m] of primitives `PLACED`, (n, 12).
+
+    Of a half-space the middle is the origin and the extents are infinite.
+    """
+    for i in range(placed.shape[0]):
+        row = placed[i]
+        kind, radius = row[0], row[11]
+        write_rotation(row, axes[i])
+        for k in range(3):
+            middles[i, k], half = row[5 + k], row[8 + k]
+            if kind == HALF_SPACE:
+                middles[i, k], half = 0.0, math.inf
+            elif kind != BOX and k < 2:
+                half = radius
+            elif kind == CAPSULE:
+                half += radius
+            halves[i, k] = half
+
+
+@exact_kernel
+def along_both(axes: Rows, middles: Rows, halves: Rows, rounding: float, centres: RowsOut, boxes: RowsOut) -> None:
+    """Write middles of boxes along their axes (n, 3), and boxes (n, 6) along the world's that contain them [m].
+
+    `axes` (n, 9) are columns, row by row, `middles` and `halves` (n, 3) [m], infinite for what is endless; `rounding`
+    widens world boxes, of a metre and of each metre from the origin.
+    """
+    for i in range(axes.shape[0]):
+        a, m, h = axes[i], middles[i], halves[i]
+        for k in range(3):
+            centres[i, k] = m[0] * a[k] + m[1] * a[3 + k] + m[2] * a[6 + k]
+            reach = abs(a[3 * k]) * h[0] + abs(a[3 * k + 1]) * h[1] + abs(a[3 * k + 2]) * h[2]
+            if math.isinf(h[k]):
+                reach = math.inf
+            low, high = m[k] - reach, m[k] + reach
+            wider = rounding * (1.0 + max(abs(low), abs(high)))
+            boxes[i, k], boxes[i, 3 + k] = low - wider, high + wider
+
+
+@exact_kernel
+def primitive_bodies(
+    placed: Rows,
+    rounding: float,
+    kinds: IndicesOut,
+    sizes: RowsOut,
+    bounds: RowsOut,
+    placements: BlocksOut,
+    boxes: RowsOut,
+) -> None:
+    """Write the rows of bodies as `DistanceTables` has them, of primitives `PLACED` (n, 12).
+
+    Of others rows say nothing. Kinds (n,), sizes (n, 3), own boxes (n, 6), placements (n, 3, 4), and world boxes
+    (n, 6), wider by `rounding` [m].
+    """
+    for i in range(placed.shape[0]):
+        row, placement = placed[i], placements[i]
+        write_rotation(row, placement)
+        for k in range(3):
+            placement[k, 3] = row[5 + k]
+        radius, half = row[11], row[10]
+        if row[0] == BOX:
+            kinds[i] = BOX_BODY
+            sizes[i, 0], sizes[i, 1], sizes[i, 2] = row[8], row[9], row[10]
+            bounds[i, 3], bounds[i, 4], bounds[i, 5] = row[8], row[9], row[10]
+        else:
+            is_capsule = row[0] == CAPSULE
+            kinds[i] = CAPSULE_BODY if is_capsule else CYLINDER_BODY
+            sizes[i, 0], sizes[i, 1], sizes[i, 2] = radius, half, 0.0
+            bounds[i, 3], bounds[i, 4], bounds[i, 5] = radius, radius, half + radius if is_capsule else half
+        for k in range(3):
+            bounds[i, k] = -bounds[i, 3 + k]
+        for k in range(3):
+            turned = placement[k]
+            reach = abs(turned[0]) * bounds[i, 3] + abs(turned[1]) * bounds[i, 4] + abs(turned[2]) * bounds[i, 5]
+            reach += rounding * (1.0 + abs(turned[3]))
+            boxes[i, k], boxes[i, 3 + k] = turned[3] - reach, turned[3] + reach
+
+
+@exact_kernel
+def gaps_from_ball(placed: Rows, ball: Row, rounding: float, least: RowOut, most: RowOut) -> None:
+    """Write the least and largest distance (n,) of primitives `PLACED` (n, 12) from places in a ball (4,) [m].
+
+    Of what is no primitive, all zero, nothing is known. Distances are wider by `rounding`, of a metre and of each metre
+    that places are from the origin.
+    """
+    middle_far = max(abs(ball[0]), abs(ball[1]), abs(ball[2]))
+    for i in range(placed.shape[0]):
+        row = placed[i]
+        known = False
+        for k in range(row.shape[0]):
+            known = known or row[k] != 0.0
+        if not known:
+            least[i], most[i] = -math.inf, math.inf
+            continue
+        kind, radius = row[0], row[11]
+        x, y, z, a, b, c = row[5], row[6], row[7], row[8], row[9], row[10]
+        wider = rounding * (1.0 + max(abs(x), abs(y), abs(z)) + middle_far)
+        if kind == HALF_SPACE:
+            above = (ball[0] - x) * a + (ball[1] - y) * b + (ball[2] - z) * c
+            least[i], most[i] = -math.inf, max(above + ball[3], 0.0) + wider
+            continue
+        apart = math.sqrt((x - ball[0]) ** 2 + (y - ball[1]) ** 2 + (z - ball[2]) ** 2)
+        if kind == BOX:
+            about, within = math.sqrt(a * a + b * b + c * c), min(a, b, c)
+        elif kind == CAPSULE:
+            about, within = c + radius, radius
+        else:
+            about, within = math.sqrt(c * c + radius * radius), min(c, radius)
+        least[i] = apart - about - ball[3] - wider
+        most[i] = max(apart - within + ball[3], 0.0) + wider

@@ -7,11 +7,10 @@ import struct
 from typing import NamedTuple
 
 import numpy as np
-from numba import int64, void
 
-from guidefield.kernels.collide.balls import BALL_ROW, RADIUS
 from guidefield.kernels.collide.layout import HIT, HITS, LaneObstacles, Scratch
 from guidefield.kernels.collide.parts import (
+    BALL_ROW,
     BLOCKS,
     DISC,
     FIRST_BLOCK,
@@ -23,6 +22,7 @@ from guidefield.kernels.collide.parts import (
     PART,
     PLANE_OFFSET,
     POLYTOPE,
+    RADIUS,
     RIGHT,
     ROUND as PART_ROUND,
     SHAPE,
@@ -40,38 +40,24 @@ from guidefield.kernels.collide.primitive import (
     PRIMITIVE,
     ROUND,
 )
-from guidefield.kernels.jit.fields import numba_type
-from guidefield.kernels.jit.signatures import (
-    INDEX_MATRIX,
-    INDICES,
-    INDICES_OUT,
-    VECTOR,
-    Floats,
-    Floats32,
-    compiled,
-    inlined,
-)
-from guidefield.kernels.simd.blocks import AROUND, BLOCK
-from guidefield.kernels.simd.packing import Words, pointers, unpacked
+from guidefield.kernels.jit.arrays import Floats, Floats32, IndexRows, Indices, IndicesOut, Row, numba_type
+from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
+from guidefield.kernels.simd.packing import AROUND, BLOCK, pointers, unpacked
 from guidefield.kernels.simd.vector_model import LANES
 
-LINE = 64
-"""Bytes of a line of the cache: sixteen floats that lie across two of them take twice as long to get."""
-
-SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)
-"""Number of words of obstacles and their shapes."""
+LINE = 64  # bytes of a line of the cache: sixteen floats that lie across two of them take twice as long to get
+SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)  # number of words of obstacles and their shapes
 
 _MAY_TOUCH = LaneObstacles._fields.index("may_touch")
 
 
-MEMORY_WORDS = len(Scratch._fields) + 1
-"""Number of words behind those: of the scratch and the block."""
+MEMORY_WORDS = len(Scratch._fields) + 1  # number of words behind those: of the scratch and the block
 
 _HITS = 1 + Scratch._fields.index("hits")
 
 
-@compiled(void(INDEX_MATRIX, INDICES, INDICES_OUT))
-def _write_left_out(left_out: np.ndarray, owners: Words, may_touch: Words) -> None:
+@inner_kernel
+def _write_left_out(left_out: IndexRows, owners: Indices, may_touch: IndicesOut) -> None:
     """Mark what may touch: for each body all obstacles that stand for one of the scene."""
     n, most = len(owners), -1
     for o in range(n):
@@ -87,33 +73,24 @@ def _write_left_out(left_out: np.ndarray, owners: Words, may_touch: Words) -> No
             o = before[o]
 
 
-@compiled(int64(INDICES, INDICES, INDICES, INDICES, int64, INDICES, INDEX_MATRIX, INDICES_OUT, INDICES_OUT))
+@kernel
 def lay_out(
-    robot: Words,
-    scene: Words,
-    offsets: Words,
-    owners: Words,
+    robot: Indices,
+    scene: Indices,
+    offsets: Indices,
+    owners: Indices,
     bodies: int,
-    moving: Words,
-    left_out: np.ndarray,
-    memory: Words,
-    words: Words,
+    moving: Indices,
+    left_out: IndexRows,
+    memory: IndicesOut,
+    words: IndicesOut,
 ) -> int:
-    """Write a world's words, and what its memory holds at first.
+    """Write a world's words, and what its memory holds at first; return where that begins [bytes].
 
-    Args:
-        robot: Words of the robot.
-        scene: Those of obstacles and their shapes, shape (SCENE_WORDS,).
-        offsets: Where in the memory there is what may touch, the scratch and the block [bytes]; (1 + MEMORY_WORDS,).
-        owners: For each obstacle which one of the scene it stands for, shape (n,).
-        bodies: How many bodies the robot has.
-        moving: Those that are tested against obstacles, ascending, shape (m,).
-        left_out: The pairs of such a body and an obstacle of the scene that are not tested after all; (k, 2).
-        memory: All zero; what is in it begins where a line of the cache does.
-        words: Gets the words.
-
-    Returns:
-        Where that is [bytes].
+    `scene` (SCENE_WORDS,) has the words of obstacles and their shapes, `offsets` (1 + MEMORY_WORDS,) is where in the
+    memory there is what may touch, the scratch and the block [bytes], `owners` (n,) names the obstacle of the scene
+    that each stands for, `moving` (m,) are the bodies tested against obstacles, ascending, but for the pairs `left_out`
+    (k, 2). The memory is all zero; what is in it begins where a line of the cache does.
     """
     first, n, begins = len(robot), len(owners), -memory.ctypes.data % LINE
     start = memory.ctypes.data + begins
@@ -136,8 +113,7 @@ def lay_out(
     return begins
 
 
-CORNERS = 8
-"""Of a box."""
+CORNERS = 8  # of a box
 
 PLACED = struct.Struct("12d")
 """A primitive as it is declared: its kind, a unit quaternion (x, y, z, w), then centre, half extents and radius as in
@@ -145,8 +121,7 @@ PLACED = struct.Struct("12d")
 
 _PLACED = PLACED.size // 8
 
-NORMAL = AXES + 6
-"""Place of the third axis of a primitive; of a half-space it is the normal."""
+NORMAL = AXES + 6  # place of the third axis of a primitive; of a half-space it is the normal
 
 
 class _Scene(NamedTuple):
@@ -238,19 +213,13 @@ def _write_row(kind: int, placed: Floats, at: int, row: Floats) -> None:
             row[NORMAL + k] = placed[at + 8 + k]
 
 
-@compiled(int64(VECTOR, INDICES, INDICES_OUT, INDICES_OUT))
-def primitive_tables(placed: Floats, offsets: Words, memory: Words, words: Words) -> int:
-    """Tables of primitives each of which is an obstacle: one node and one part each, and a block of vertices of a box.
+@kernel
+def primitive_tables(placed: Row, offsets: Indices, memory: IndicesOut, words: IndicesOut) -> int:
+    """Write tables of primitives, each an obstacle of one node and one part, and a block of vertices of a box.
 
-    Args:
-        placed: How they are declared, `PLACED` one after the other.
-        offsets: For how many obstacles there are boxes, then where in the memory each other field of `LaneObstacles` is
-            and of `Parts` [bytes], vertices as if all were boxes; shape (SCENE_WORDS,).
-        memory: All zero; gets the tables, from where a line of the cache begins. What may touch isn't there.
-        words: Gets their words, shape (SCENE_WORDS,).
-
-    Returns:
-        Where that is [bytes].
+    `placed` has them as `PLACED`; `offsets` (SCENE_WORDS,) has the number of obstacles with boxes, then where in the
+    memory each other field of `LaneObstacles` and `Parts` is [bytes], vertices as if all were boxes. The memory, all
+    zero, gets the tables from where a line of the cache begins, which is returned [bytes], without what may touch.
     """
     begins = -memory.ctypes.data % LINE
     for k in range(1, SCENE_WORDS):

@@ -5,26 +5,59 @@ Hulls come first, then nearly convex pieces, and where two of these aren't apart
 
 from __future__ import annotations
 
-import numpy as np
-from numba import boolean, int64
+from typing import Any
 
-from guidefield.kernels.collide.balls import balls_meet
-from guidefield.kernels.collide.gjk import bodies_apart, parts_apart
-from guidefield.kernels.collide.gjk_scratch import AXIS
+import numpy as np
+from numba import boolean, int64, types
+
+from guidefield.kernels.collide.gjk import AXIS, bodies_apart, parts_apart, write_axis
 from guidefield.kernels.collide.layout import (
     ALONE,
     AXIS_AND_REACH,
     BAND,
+    BODIES,
+    CHILDREN,
+    COUNT,
     DECISION_BAND,
+    DIVIDED,
+    DRIVER,
+    GRID_NUMBERS,
+    GRID_PLACES,
+    GRID_SIDES,
+    LEAST,
+    LEVELS,
+    MOVED,
     PAIR,
     PAIR_AXES,
+    PER_LENGTH,
     REACH,
+    SIDE,
+    START,
+    STEP,
+    TOGETHER,
+    WRAPS,
     LaneAlone,
+    LaneBodies,
+    alone_of,
+    carriers_of,
     pair_of,
+    pairs_of,
 )
-from guidefield.kernels.collide.parts import part_of, polytope_of
+from guidefield.kernels.collide.parts import ball_radius, balls_meet, part_of, placed_ball, polytope_of
 from guidefield.kernels.collide.separating_axes import keep_axis, lowest_ball, lowest_vertex, no_axis
-from guidefield.kernels.jit.signatures import lane_step
+from guidefield.kernels.jit.arrays import (
+    DOUBLE_POINTER,
+    FLOAT_POINTER,
+    INTEGER_POINTER,
+    Floats,
+    Floats32,
+    Indices,
+    IndicesOut,
+    Integers,
+    TruthsOut,
+)
+from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
+from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements
 from guidefield.kernels.kinematics.poses import (
     POSE,
     column_along,
@@ -34,7 +67,284 @@ from guidefield.kernels.kinematics.poses import (
     write_product,
     write_turned,
 )
-from guidefield.kernels.simd.vector import LANES, below, first_lane, splat
+from guidefield.kernels.simd.atomic_allocator import claimed
+from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.simd.vector import LANES, below, first_lane, largest_of, load, rint, smallest_of, splat, store
+
+UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
+"""Verdicts on a cell: bodies keep apart wherever in it, they touch wherever in it, or neither is known.
+
+A larger number says that neither is known of the cell as a whole, and where its children are.
+"""
+
+
+@lane_part
+def _between(
+    balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats
+) -> tuple[float, float, float]:
+    """From the middle of a ball of the second body to that of one of the first, which are placed so (12) [m]."""
+    x, y, z = placed_ball(pose_a, balls, a)
+    u, v, w = placed_ball(pose_b, others, b)
+    return x - u, y - v, z - w
+
+
+@lane_part
+def _balls_apart(
+    balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats, margin: float
+) -> bool:
+    """Tell if two balls of bodies that are placed so (12) are farther apart than a margin."""
+    x, y, z = _between(balls, a, pose_a, others, b, pose_b)
+    reach = ball_radius(balls, a) + ball_radius(others, b) + margin
+    return bool(x * x + y * y + z * z > reach * reach)
+
+
+@lane_part
+def _begin_between(balls: Floats32, a: int, pose_a: Floats, b: int, pose_b: Floats, work: Floats) -> None:
+    """Let GJK begin with the axis between the middles of two balls of bodies that are placed so (12)."""
+    x, y, z = _between(balls, a, pose_a, balls, b, pose_b)
+    write_axis(work, x, y, z)
+
+
+@lane_step(boolean(BODIES, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
+def _reaches_out(bodies: LaneBodies, a: int, pose_a: Floats, b: int, pose_b: Floats, margin: float) -> bool:
+    """Tell if a ball inside a body has its middle farther than a margin from another body, by that one's cover."""
+    first, last = bodies.covers[bodies.groups[b]], bodies.covers[bodies.groups[b + 1]]
+    for ball in range(bodies.inners[a], bodies.inners[a + 1]):
+        outside = True
+        for other in range(first, last):
+            reach = margin - ball_radius(bodies.inner, ball)
+            if not _balls_apart(bodies.inner, ball, pose_a, bodies.cover, other, pose_b, reach):
+                outside = False
+                break
+        if outside:
+            return True
+    return False
+
+
+@lane_step(boolean(ALONE, int64, int64, types.float64))
+def _inner_meet(robot: LaneAlone, first: int, second: int, depth: float) -> bool:
+    """Tell if a ball inside each of two bodies, placed by the scratch's poses, lie that deep in each other.
+
+    Neither body may be inside the other: a mesh that swallows another doesn't touch it.
+    """
+    bodies, scratch = robot.bodies, robot.scratch
+    pose_a, pose_b, inner = scratch.pose_a, scratch.pose_b, bodies.inner
+    if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, -depth):
+        return False
+    for a in range(bodies.inners[first], bodies.inners[first + 1]):
+        for b in range(bodies.inners[second], bodies.inners[second + 1]):
+            if ball_radius(inner, a) + ball_radius(inner, b) <= depth:
+                continue
+            if not _balls_apart(inner, a, pose_a, inner, b, pose_b, -depth):
+                out = _reaches_out(bodies, first, pose_a, second, pose_b, depth)
+                return bool(out and _reaches_out(bodies, second, pose_b, first, pose_a, depth))
+    return False
+
+
+@lane_step(boolean(ALONE, int64, int64, types.float64))
+def _pair_apart(robot: LaneAlone, first: int, second: int, margin: float) -> bool:
+    """Tell if two bodies, placed by the scratch's poses, are farther apart than a margin, by what contains them.
+
+    GJK begins with the axis that the scratch's `work` holds, unless that is 0.
+    """
+    bodies, parts, scratch = robot.bodies, robot.parts, robot.scratch
+    work, pose_a, pose_b = scratch.work, scratch.pose_a, scratch.pose_b
+    pieces, roots = bodies.pieces, bodies.piece_roots
+    if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, margin):
+        return True
+    hull_a, hull_b = part_of(parts, bodies.roots[first]), part_of(parts, bodies.roots[second])
+    if no_axis(work, AXIS):
+        _begin_between(bodies.bounds, first, pose_a, second, pose_b, work)
+    if hull_a >= 0 and hull_b >= 0 and parts_apart(parts, hull_a, pose_a, parts, hull_b, pose_b, margin, work):
+        return True
+    for a in range(pieces[first], pieces[first + 1]):
+        for b in range(pieces[second], pieces[second + 1]):
+            if _balls_apart(bodies.piece_bounds, a, pose_a, bodies.piece_bounds, b, pose_b, margin):
+                continue
+            part_a, part_b = part_of(parts, roots[a]), part_of(parts, roots[b])
+            _begin_between(bodies.piece_bounds, a, pose_a, b, pose_b, work)
+            if part_a < 0 or part_b < 0 or not parts_apart(parts, part_a, pose_a, parts, part_b, pose_b, margin, work):
+                return False
+    return True
+
+
+@lane_step(int64(ALONE, int64, int64, int64, int64, int64, types.float64))
+def judge_cell(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: int, besides: float) -> int:
+    """Return the verdict on the bodies of a meeting wherever in a cell of its grid the coordinates are.
+
+    a, b, c are indices of one of the smallest cells in it, its sides are 2^shift as long; `besides` is what bodies have
+    to keep besides, or to lie in each other [m], at least `BAND`.
+    """
+    joints, bodies, scratch = robot.joints, robot.bodies, robot.scratch
+    grids, numbers, place, at = bodies.grids, bodies.grid_numbers, GRID_PLACES * meeting, GRID_NUMBERS * meeting
+    for side in range(GRID_SIDES):
+        n, index = at + SIDE * side, a if side == 0 else b if side == 1 else c
+        if numbers[n + PER_LENGTH] > 0.0:
+            middle = numbers[n + LEAST] + ((index >> shift) + 0.5) * (1 << shift) / numbers[n + PER_LENGTH]
+            store(scratch.middle, grids[place + SIDE * side + DRIVER] * LANES, splat(middle))
+    lane_placements(joints, scratch.middle, scratch.middle_poses)
+    first_carrier, second_carrier = carriers_of(bodies, meeting)
+    one_pose(scratch.middle_poses, bodies.carrying[first_carrier], 0, scratch.pose_a)
+    one_pose(scratch.middle_poses, bodies.carrying[second_carrier], 0, scratch.pose_b)
+    divisions = grids[place + LEVELS] * grids[place + DIVIDED]
+    verdict, moved = APART, numbers[at + MOVED] * (1 << shift) / (1 << divisions) + besides
+    write_axis(scratch.work, 0.0, 0.0, 0.0)  # the axis between the last bodies that were apart may do for the next
+    first_pair, past_pair = pairs_of(bodies, meeting)
+    for pair in range(first_pair, past_pair):
+        first, second = pair_of(bodies, pair)
+        if verdict == APART and _pair_apart(robot, first, second, moved):
+            continue
+        if _inner_meet(robot, first, second, moved + 2.0 * BAND):
+            return TOUCHING
+        verdict = UNKNOWN
+    return verdict
+
+
+_TURN = 6.283185307179586
+
+
+@lane_step(int64(ALONE, int64, int64, int64, int64, int64))
+def _judged_first(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: int) -> int:
+    """Judge one of a grid's largest cells when it is met first: as many of them together, or by itself."""
+    bodies = robot.bodies
+    grids, cells, place = bodies.grids, bodies.cells, GRID_PLACES * meeting
+    larger, at = shift + grids[place + DIVIDED], 0
+    for side in range(GRID_SIDES):
+        index = a if side == 0 else b if side == 1 else c
+        at = at * ((grids[place + SIDE * side + COUNT] - 1 >> larger) + 1) + (index >> larger)
+    at += grids[place + TOGETHER]
+    if cells[at] == UNJUDGED:
+        cells[at] = judge_cell(robot, meeting, a, b, c, larger, BAND)
+    known = int(cells[at])
+    return known if known != UNKNOWN else judge_cell(robot, meeting, a, b, c, shift, BAND)
+
+
+@lane_part
+def _find_verdict(robot: LaneAlone, meeting: int, chosen: int) -> int:
+    """Return the verdict on a meeting's bodies at a lane's configuration, by the smallest cell that has to be asked."""
+    bodies, scratch = robot.bodies, robot.scratch
+    grids, cells, places, place = bodies.grids, bodies.cells, scratch.places, GRID_PLACES * meeting
+    a, b, c = int(places[chosen]), int(places[LANES + chosen]), int(places[2 * LANES + chosen])
+    divided, largest = grids[place + DIVIDED], grids[place + START] + int(places[GRID_SIDES * LANES + chosen])
+    shift, last, at = divided * grids[place + LEVELS], (1 << divided) - 1, largest
+    while True:
+        known = int(cells[at])
+        if known == UNJUDGED:
+            if at == largest:
+                known = _judged_first(robot, meeting, a, b, c, shift)
+            else:
+                known = judge_cell(robot, meeting, a, b, c, shift, BAND)
+            if known == UNKNOWN and shift > 0:
+                known = max(UNKNOWN, claimed(cells, CHILDREN, bodies.n_cells))
+            cells[at] = known
+        if known <= TOUCHING:
+            if known == APART and at == largest:
+                # a bit that another thread sets at the same time may be lost: it is set when the cell is asked again
+                bodies.apart[at >> 5] |= np.uint32(1) << np.uint32(at & 31)
+            return known
+        shift -= divided
+        at = known + grids[place + STEP] * (a >> shift & last)
+        at += grids[place + SIDE + STEP] * (b >> shift & last) + grids[place + 2 * SIDE + STEP] * (c >> shift & last)
+
+
+@lane_part
+def _apart_by_largest(apart: Any, start: int, places: Floats32) -> int:
+    """The lanes whose largest cell keeps the bodies apart; without a branch, as most of the time goes by for memory."""
+    mask = 0
+    for k in range(LANES):
+        cell = start + int(places[GRID_SIDES * LANES + k])
+        mask |= (int(apart[cell >> 5]) >> (cell & 31) & 1) << k
+    return mask
+
+
+@lane_step(int64(ALONE, int64, int64, FLOAT_POINTER))
+def left_of_cells(robot: LaneAlone, meeting: int, mask: int, coordinates: Floats32) -> int:
+    """The lanes of a mask where nothing is known of a meeting's bodies by their cells, -1 if they touch in any.
+
+    Shapes as in `block_touches`.
+    """
+    bodies, scratch = robot.bodies, robot.scratch
+    grids, numbers, places = bodies.grids, bodies.grid_numbers, scratch.places
+    place, at, cells, inside = GRID_PLACES * meeting, GRID_NUMBERS * meeting, splat(0.0), mask
+    if grids[place + COUNT] == 0:
+        return mask
+    divisions = 1 << grids[place + LEVELS] * grids[place + DIVIDED]
+    share, down = 1.0 / divisions, 0.5 / divisions - 0.5
+    for side in range(GRID_SIDES):
+        count, n = float(grids[place + SIDE * side + COUNT]), at + SIDE * side
+        value = load(coordinates, grids[place + SIDE * side + DRIVER] * LANES)
+        along = (value - rint(value * numbers[n + WRAPS]) * _TURN - numbers[n + LEAST]) * numbers[n + PER_LENGTH]
+        inside &= below(along, splat(count)) & ~below(along, splat(0.0))
+        index = smallest_of(largest_of(rint(along - 0.5), splat(0.0)), splat(count - 1.0))
+        store(places, side * LANES, index)
+        cells = cells * (count * share) + rint(index * share + down)
+    store(places, GRID_SIDES * LANES, cells)
+    left, mask = mask & ~inside, inside & ~_apart_by_largest(bodies.apart, grids[place + START], places)
+    while mask:
+        chosen = first_lane(mask)
+        mask &= mask - 1
+        known = _find_verdict(robot, meeting, chosen)
+        if known == TOUCHING:
+            return -1
+        if known != APART:
+            left |= 1 << chosen
+    return left
+
+
+BEYOND = 1e-3  # margin that bodies keep besides [m]: configurations may be a little beyond the limits of their joints
+
+CELL = GRID_SIDES + 1
+"""Numbers of a cell that waits to be judged: the indices of its first smallest cell, the logarithm of its sides."""
+
+
+@lane_step(boolean(ALONE, int64, int64, INTEGER_POINTER))
+def _never(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
+    """Tell if a meeting's bodies keep apart in all of its grid, as far as so many cells tell; others are halved."""
+    grids, place = robot.bodies.grids, GRID_PLACES * meeting
+    largest, longest = grids[place + LEVELS] * grids[place + DIVIDED], 0
+    for side in range(GRID_SIDES):
+        while 1 << longest < grids[place + SIDE * side + COUNT]:
+            longest += 1
+    stack[0], stack[1], stack[2], stack[3] = 0, 0, 0, longest
+    top = 1
+    while top > 0:
+        top -= 1
+        a, b, c, shift = stack[CELL * top], stack[CELL * top + 1], stack[CELL * top + 2], stack[CELL * top + 3]
+        most -= 1
+        known = judge_cell(robot, meeting, a, b, c, shift, BEYOND)
+        if known == APART:
+            continue
+        if known == TOUCHING or most <= 0 or shift <= largest:
+            return False
+        half = 1 << shift - 1
+        for child in range(1 << GRID_SIDES):
+            u, v, w = a + half * (child & 1), b + half * (child >> 1 & 1), c + half * (child >> 2)
+            inside = u < grids[place + COUNT] and v < grids[place + SIDE + COUNT]
+            if inside and w < grids[place + 2 * SIDE + COUNT]:
+                at = CELL * top
+                stack[at], stack[at + 1], stack[at + 2], stack[at + 3] = u, v, w, shift - 1
+                top += 1
+    return True
+
+
+STACK = CELL * 256  # numbers of the memory for cells that wait: fewer than 8 more of each size
+
+
+@lane_kernel
+def never_touching(words: Indices, most: int, stack: IndicesOut, never_out: TruthsOut) -> None:
+    """Of each meeting whether its bodies are known to keep apart wherever their coordinates are within their limits.
+
+    Args:
+        words: A packed `LaneAlone`.
+        most: So many cells are judged for each, fewer where several pairs of bodies meet.
+        stack: Memory, shape (STACK,).
+        never_out: Shape (n_meetings,).
+    """
+    robot = alone_of(pointers(words))
+    for meeting in range(len(never_out)):
+        first, past = pairs_of(robot.bodies, meeting)
+        gridded = robot.bodies.grids[GRID_PLACES * meeting + COUNT] > 0
+        never_out[meeting] = gridded and _never(robot, meeting, most // (past - first), pointers(stack))
 
 
 @lane_step(int64(ALONE, int64, int64, int64, int64, int64, int64))

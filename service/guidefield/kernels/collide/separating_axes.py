@@ -5,23 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numba import int64
 
-from guidefield.kernels.collide.balls import lowest_of_ball
-from guidefield.kernels.collide.gjk import reach_along
-from guidefield.kernels.collide.gjk_scratch import AXIS, axis_in, axis_length, divide_axis
+from guidefield.kernels.collide.gjk import AXIS, axis_in, axis_length, divide_axis, reach_along
 from guidefield.kernels.collide.layout import AXIS_AND_REACH, REACH, LaneBodies
-from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, POINTED_PARTS, SHAPE, Parts, part_of
-from guidefield.kernels.jit.signatures import Floats, Floats32, Integers, lane_part, lane_step
+from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, POINTED_PARTS, SHAPE, Parts, lowest_of_ball, part_of
+from guidefield.kernels.jit.arrays import Floats, Floats32, Integers
+from guidefield.kernels.jit.decorators import lane_part, lane_step
 from guidefield.kernels.kinematics.poses import turned_axis, turned_back
-from guidefield.kernels.simd.blocks import BLOCK
-from guidefield.kernels.simd.vector import (
-    LANES,
-    Vector,
-    below,
-    f32x16,
-    root,
-    smallest_of,
-    splat,
-)
+from guidefield.kernels.simd.packing import BLOCK
+from guidefield.kernels.simd.vector import LANES, Vector, below, f32x16, root, smallest_of, splat
 
 
 @lane_step(f32x16(POINTED_PARTS, int64, f32x16, f32x16, f32x16))
@@ -39,18 +30,10 @@ def lowest_vertex(parts: Parts, part: int, x: Vector, y: Vector, z: Vector) -> V
 def kept_beyond(
     parts: Parts, part: int, poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector, reach: Vector, margin: float
 ) -> int:
-    """Mask of the lanes where not all of a polytope is farther along an axis than something else reaches, by a margin.
+    """Return the lanes where not all of a polytope is farther along axes than something reaches, by a margin [m].
 
-    Args:
-        parts: Tables that the polytope is in.
-        part: Which part it is.
-        poses: Placements in lanes, shape (joints * POSE,).
-        joint: The joint that carries it.
-        u: The axes in the world, of any length, with v and w; where they are 0, nothing is farther.
-        v: See u.
-        w: See u.
-        reach: How far the other reaches along them, times their length [m].
-        margin: By how much [m].
+    `poses` (joints * POSE,) place it; the world axes (u, v, w) have any length, `reach` is times that; where they are
+    0, nothing is farther.
     """
     enough = reach + root(u * u + v * v + w * w) * margin + 1e-30  # more than 0, so that no axis separates nothing
     x, y, z, origin = turned_axis(poses, joint, u, v, w)
@@ -101,16 +84,9 @@ def forget_axes(axes: Floats, places: Integers) -> None:
 
 @lane_part
 def write_separating(parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int) -> None:
-    """Write the axis that separated, of length 1 and in the frame of a pose, and how far a body reaches along it [m].
+    """Write the axis that separated, of length 1 and in the frame of a pose (12,), and a body's reach along it [m].
 
-    Args:
-        parts: Tables that the body is in.
-        root: Root of its tree.
-        work: Scratch with the axis in the world, shape (WORK,).
-        pose: Rotation and translation, row by row, shape (12,).
-        way: 1, or -1 where the body's reach against the axis is wanted.
-        axes: Gets axis and reach, shape (n,).
-        at: Where in it.
+    The world axis stands in `work` (WORK,); `way` is -1 where the reach against the axis is wanted; (n,) gets both.
     """
     divide_axis(work, max(axis_length(work), 1e-30))
     x, y, z = axis_in(work)
@@ -125,18 +101,7 @@ def write_separating(parts: Parts, root: int, work: Floats, pose: Floats, way: f
 def keep_axis(
     parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int, places: Integers
 ) -> None:
-    """`write_separating` into what is kept, if there is an axis, and note where that is.
-
-    Args:
-        parts: As there, with root, work, pose and way.
-        root: See parts.
-        work: See parts.
-        pose: See parts.
-        way: See parts.
-        axes: All axes, shape (AXIS_AND_REACH * n,).
-        at: Where among them.
-        places: How many axes there are, then where, shape (1 + n,).
-    """
+    """`write_separating` into what is kept, (AXIS_AND_REACH * n,), if there is an axis, and note where: (1 + n,)."""
     if not no_axis(work, AXIS):
         _note(axes, at, places)
         write_separating(parts, root, work, pose, way, axes, at)

@@ -1,4 +1,4 @@
-"""Which balls contain which elements, and how far each ball has to reach for those that it has to contain.
+"""Balls that contain elements, and the least radii with which they still do.
 
 An element is a small body that is contained in a ball if its corners are: triangles of a surface.
 """
@@ -8,10 +8,79 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types, uint64, void
+from numba import types, uint64
 
-from guidefield.kernels.cover.greedy_set_cover import lowest
-from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, VECTOR_OUT, Floats, compiled, inlined, optimized
+from guidefield.kernels.jit.arrays import (
+    Blocks,
+    BlocksOut,
+    Floats,
+    IndexRows,
+    Indices,
+    IndicesOut,
+    RowOut,
+    Rows,
+    RowsOut,
+    WordRows,
+    WordRowsOut,
+    Words,
+)
+from guidefield.kernels.jit.decorators import inlined, kernel, optimized
+
+WORDS = types.Array(types.uint64, 2, "C", readonly=True)
+
+
+@inlined
+def ones(word: int) -> int:
+    """How many bits of a word are set."""
+    word = word - ((word >> uint64(1)) & uint64(0x5555555555555555))
+    word = (word & uint64(0x3333333333333333)) + ((word >> uint64(2)) & uint64(0x3333333333333333))
+    word = (word + (word >> uint64(4))) & uint64(0x0F0F0F0F0F0F0F0F)
+    total: int = (word * uint64(0x0101010101010101)) >> uint64(56)
+    return np.int64(total)  # type: ignore[return-value]
+
+
+@inlined
+def lowest(word: int) -> int:
+    """Place of the lowest bit that is set."""
+    return ones((word & (~word + uint64(1))) - uint64(1))
+
+
+@kernel
+def greedy_choice(bits: WordRows, chosen_out: IndicesOut) -> int:
+    """Choose sets that together contain every element that any contains, the most fruitful first; return their count.
+
+    `bits` (n, words) says which set contains which element; `chosen_out` (n,) gets the chosen in order. A set's worth
+    only falls while others are chosen, so that it is counted again only when it would be next.
+    """
+    rows, words = bits.shape
+    missing = np.full(words, ~uint64(0), np.uint64)
+    worth = np.empty(rows, np.int64)
+    for i in range(rows):
+        total = 0
+        for w in range(words):
+            total += ones(bits[i, w])
+        worth[i] = total
+    count = 0
+    while rows > 0:
+        best = 0
+        for i in range(rows):
+            if worth[i] > worth[best]:
+                best = i
+        if worth[best] == 0:
+            return count
+        total = 0
+        for w in range(words):
+            total += ones(bits[best, w] & missing[w])
+        if total < worth[best]:
+            worth[best] = total
+            continue
+        for w in range(words):
+            missing[w] &= ~bits[best, w]
+        worth[best] = 0
+        chosen_out[count] = best
+        count += 1
+    return count
+
 
 INTEGERS = types.Array(types.int64, 1, "C", readonly=True)
 WORDS_OUT = types.Array(types.uint64, 2, "C")
@@ -77,19 +146,12 @@ def _in_words(bounds: Floats, words: int) -> Floats:
     return packed
 
 
-@compiled(void(MATRIX, MATRIX, INTEGERS, MATRIX, MATRIX, WORDS_OUT))
-def contained(
-    balls: Floats, corners: Floats, first: np.ndarray, bounds: Floats, blocks: Floats, bits_out: np.ndarray
-) -> None:
-    """Which elements are in which ball.
+@kernel
+def contained(balls: Rows, corners: Rows, first: Indices, bounds: Rows, blocks: Rows, bits_out: WordRowsOut) -> None:
+    """Write which elements are in which of `balls` (n, 4) as bits (n, words), all zero before: bit j of row i.
 
-    Args:
-        balls: Centre and radius, shape (n, 4) [m].
-        corners: Corners of all elements, one element's together, shape (k, 3) [m].
-        first: First corner of each element, and the number of all, shape (m + 1,).
-        bounds: A ball about each element, shape (m, 4) [m]: most are decided by it.
-        blocks: A ball about every 64 elements, shape (words, 4) [m]: still more are decided by it.
-        bits_out: Shape (n, words), zeros; bit j of row i is set if ball i contains element j.
+    Corners (k, 3) stand element by element, from `first` (m + 1,) on; `bounds` (m, 4) are balls about elements and
+    `blocks` (words, 4) about every 64 of them, which decide most [m].
     """
     elements, found, packed = bounds.shape[0], np.empty(2, np.uint64), _in_words(bounds, blocks.shape[0])
     for i in range(balls.shape[0]):
@@ -135,29 +197,21 @@ def _reach(balls: Floats, i: int, corners: Floats, first: np.ndarray, j: int) ->
     return reach
 
 
-@compiled(void(MATRIX, MATRIX, INTEGERS, MATRIX, MATRIX, VECTOR_OUT, INDICES_OUT))
+@kernel
 def reaches(
-    balls: Floats,
-    corners: Floats,
-    first: np.ndarray,
-    bounds: Floats,
-    blocks: Floats,
-    radii_out: Floats,
-    owners_out: np.ndarray,
+    balls: Rows,
+    corners: Rows,
+    first: Indices,
+    bounds: Rows,
+    blocks: Rows,
+    radii_out: RowOut,
+    owners_out: IndicesOut,
 ) -> None:
     """Share elements out among balls that together contain them, so that the balls can shrink.
 
-    A ball first reaches for the elements that no other contains. The others go to a ball that reaches them anyway, else
-    to the one that has to grow least.
-
-    Args:
-        balls: Centre and radius, shape (n, 4) [m].
-        corners: Corners of all elements, shape (k, 3) [m].
-        first: First corner of each element, and the number of all, shape (m + 1,).
-        bounds: A ball about each element, shape (m, 4) [m].
-        blocks: A ball about every 64 elements, shape (words, 4) [m].
-        radii_out: How far each ball reaches about its centre, shape (n,), at most its radius; 0 if for nothing [m].
-        owners_out: Which ball each element went to, shape (m,); -1 if none contains it.
+    A ball first reaches for the elements that no other contains; the others go to a ball that reaches them anyway, else
+    to the one that has to grow least. Arguments are those of `contained`. Writes how far each ball reaches (n,) [m], 0
+    if for nothing, and the ball of each element (m,), -1 if none contains it.
     """
     radii_out[:] = 0.0
     owners_out[:] = -1
@@ -188,3 +242,77 @@ def reaches(
             if best >= 0:
                 owners_out[j] = best
                 radii_out[best] = max(radii_out[best], farther)
+
+
+_MISSING = types.Array(types.uint64, 1, "C", readonly=True)
+
+
+@kernel
+def held_points(balls: Rows, points: Rows, bits_out: WordRowsOut) -> None:
+    """Write which of `balls` (n, 4) holds which of `points` (m, 3) [m]: bit j of row i, shape (n, words)."""
+    count = points.shape[0]
+    x, y, z = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
+    for i in range(balls.shape[0]):
+        square = balls[i, 3] * balls[i, 3]
+        for w in range(bits_out.shape[1]):
+            word = uint64(0)
+            for j in range(64 * w, min(64 * (w + 1), count)):
+                dx, dy, dz = x[j] - balls[i, 0], y[j] - balls[i, 1], z[j] - balls[i, 2]
+                word |= uint64(dx * dx + dy * dy + dz * dz <= square) << uint64(j & 63)
+            bits_out[i, w] = word
+
+
+@kernel
+def count_missing(bits: WordRows, missing: Words, counts_out: IndicesOut) -> None:
+    """Count how many of the `missing` points (words,) each ball holds, by `bits` (n, words); shape (n,)."""
+    for i in range(bits.shape[0]):
+        count = 0
+        for w in range(bits.shape[1]):
+            count += ones(bits[i, w] & missing[w])
+        counts_out[i] = count
+
+
+@kernel
+def cluster_spreads(corners: Blocks, members: IndexRows, centres_out: RowsOut, spreads_out: BlocksOut) -> None:
+    """Write the means of clusters' corners (n, 3) [m], and sums of products of coordinates about them (n, 3, 3).
+
+    `corners` (t, 3, 3) are those of all triangles, `members` (n, k) the triangles of each cluster.
+    """
+    each = members.shape[1]
+    for cluster in range(members.shape[0]):
+        for k in range(3):
+            total = 0.0
+            for i in range(each):
+                for corner in range(3):
+                    total += corners[members[cluster, i], corner, k]
+            centres_out[cluster, k] = total / (3 * each)
+        for row in range(3):
+            for column in range(row + 1):
+                total = 0.0
+                for i in range(each):
+                    for corner in range(3):
+                        here = corners[members[cluster, i], corner, row] - centres_out[cluster, row]
+                        total += here * (corners[members[cluster, i], corner, column] - centres_out[cluster, column])
+                spreads_out[cluster, row, column] = spreads_out[cluster, column, row] = total
+
+
+@kernel
+def cluster_reaches(corners: Blocks, members: IndexRows, centres: Rows, axes: Blocks, reaches_out: BlocksOut) -> None:
+    """Write the least and the largest reach of clusters from their centres along axes, (n, 2, 3) [m].
+
+    `axes` (n, 3, 3) are three unit vectors, one a row, `centres` has shape (n, 3); the others are as in
+    `cluster_spreads`.
+    """
+    away = np.empty(3)
+    for cluster in range(members.shape[0]):
+        for axis in range(3):
+            reaches_out[cluster, 0, axis], reaches_out[cluster, 1, axis] = math.inf, -math.inf
+        for i in range(members.shape[1]):
+            for corner in range(3):
+                for k in range(3):
+                    away[k] = corners[members[cluster, i], corner, k] - centres[cluster, k]
+                for axis in range(3):
+                    along = axes[cluster, axis, 0] * away[0] + axes[cluster, axis, 1] * away[1]
+                    along += axes[cluster, axis, 2] * away[2]
+                    reaches_out[cluster, 0, axis] = min(reaches_out[cluster, 0, axis], along)
+                    reaches_out[cluster, 1, axis] = max(reaches_out[cluster, 1, axis], along)

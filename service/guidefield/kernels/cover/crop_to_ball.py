@@ -10,29 +10,35 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types, void
+from numba import types
 
-from guidefield.kernels.jit.signatures import (
-    INDEX_MATRIX,
-    INDICES_OUT,
-    MATRIX,
-    MATRIX_OUT,
-    SCALAR,
-    VECTOR,
-    Floats,
-    Integers,
-    compiled,
-    inlined,
-)
+from guidefield.kernels.distance.triangle_distance import nearest_of
+from guidefield.kernels.jit.arrays import Floats, IndexRows, IndicesOut, Integers, Row, Rows, RowsOut, TruthsOut
+from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 
-VOXELS = 64
-"""Voxels along the longest side of what is within reach of the ball."""
 
-COARSE, FINE = 8, 4
-"""Cells along each axis of the box about the ball, and smaller ones along each axis of one of those."""
+@kernel
+def distance_to_triangles(x: float, y: float, z: float, vertices: Rows, triangles: IndexRows) -> float:
+    """Return the distance of a point to the nearest of `triangles` (t, 3) of `vertices` (v, 3) [m].
 
-ROUNDING = 1e-9
-"""What distances are taken larger by, as a share of the largest length in the question."""
+    Each triangle has an area; without any the distance is infinite.
+    """
+    best, row = math.inf, np.empty((1, 9))
+    for t in range(triangles.shape[0]):
+        for k in range(3):
+            a = vertices[triangles[t, 0], k]
+            row[0, k], row[0, 3 + k], row[0, 6 + k] = (
+                a,
+                vertices[triangles[t, 1], k] - a,
+                vertices[triangles[t, 2], k] - a,
+            )
+        best = nearest_of((x, y, z), row, 0, 1, best, 0)[0]
+    return math.sqrt(best)
+
+
+VOXELS = 64  # voxels along the longest side of what is within reach of the ball
+COARSE, FINE = 8, 4  # cells along each axis of the box about the ball, and smaller ones along each axis of one of those
+ROUNDING = 1e-9  # what distances are taken larger by, as a share of the largest length in the question
 
 _CHOSEN = types.Array(types.boolean, 1, "C")
 
@@ -97,8 +103,8 @@ def _is_beyond(low: Floats, high: Floats, corner: Floats, box: Floats, slack: fl
     """Whether a box is farther than a corner (3,) from each place in a cell.
 
     What squares of distances from a place x of the cell differ by, |x - q|^2 - |x - p|^2 for q in the box and the
-    corner p, is linear in x. Its least over the cell, of middle c and half sides h, is the sum over the axes of
-    (q - c)^2 - 2 h |q - p| - (p - c)^2, which is least at an end of the box, at p, or at c + h or c - h.
+    corner p, is linear in x. Its least over the cell, of middle c and half sides h, is the sum over the axes of (q -
+    c)^2 - 2 h |q - p| - (p - c)^2, which is least at an end of the box, at p, or at c + h or c - h.
     """
     margin = 0.0
     for k in range(3):
@@ -111,8 +117,8 @@ def _is_beyond(low: Floats, high: Floats, corner: Floats, box: Floats, slack: fl
     return margin > slack
 
 
-@compiled(SCALAR(MATRIX, INDEX_MATRIX, VECTOR))
-def _from_corners(vertices: Floats, corners: Integers, centre: Floats) -> float:
+@inner_kernel
+def _from_corners(vertices: Rows, corners: IndexRows, centre: Row) -> float:
     """Distance of a place from the nearest of some corners [m]."""
     least = math.inf
     for i in range(corners.shape[0]):
@@ -124,22 +130,14 @@ def _from_corners(vertices: Floats, corners: Integers, centre: Floats) -> float:
     return math.sqrt(least)
 
 
-@compiled(types.UniTuple(MATRIX_OUT, 2)(MATRIX, INDEX_MATRIX, VECTOR, VECTOR, _CHOSEN, INDICES_OUT))
+@inner_kernel
 def _voxels(
-    vertices: Floats, corners: Integers, low: Floats, high: Floats, chosen: np.ndarray, voxel_out: Integers
-) -> tuple[Floats, Floats]:
-    """Put parts together by their boxes' middles, all between two corners (3,) [m].
+    vertices: Rows, corners: IndexRows, low: Row, high: Row, chosen: TruthsOut, voxel_out: IndicesOut
+) -> tuple[RowsOut, RowsOut]:
+    """Put the `chosen` parts (n,) together by their boxes' middles, all between the corners `low` and `high` (3,) [m].
 
-    Args:
-        vertices: As in `crop_to_ball`.
-        corners: As there.
-        low: Least middle, shape (3,) [m].
-        high: Largest middle, shape (3,) [m].
-        chosen: Which parts count, shape (n,).
-        voxel_out: Gets in which voxel each of them is, shape (n,).
-
-    Returns:
-        Of each voxel that holds any a box about all, lower, then upper corner, (m, 6), and a corner in it, (m, 3) [m].
+    Returns of each voxel that holds any a box about all (m, 6), and a corner in it (m, 3); writes the voxel of each
+    part.
     """
     n, box, sizes, count = corners.shape[0], np.empty(6), np.empty(3, np.int64), 0
     side = max(high[0] - low[0], high[1] - low[1], high[2] - low[2], 1e-9) / VOXELS
@@ -170,17 +168,9 @@ def _voxels(
     return boxes, ends
 
 
-@compiled(_CHOSEN(MATRIX, MATRIX, VECTOR, SCALAR, SCALAR))
-def _needed(boxes: Floats, ends: Floats, centre: Floats, radius: float, slack: float) -> np.ndarray:
-    """Which voxels may hold what is nearest to a place in a ball, shape (m,).
-
-    Args:
-        boxes: About what is in each, lower, then upper corner, shape (m, 6) [m].
-        ends: A corner of something in each, shape (m, 3) [m].
-        centre: Of the ball, shape (3,) [m].
-        radius: Of the ball [m].
-        slack: For rounding [m].
-    """
+@inner_kernel
+def _needed(boxes: Rows, ends: Rows, centre: Row, radius: float, slack: float) -> TruthsOut:
+    """Tell which voxels may hold what is nearest to a place in a ball, shape (m,), by what `_voxels` returns."""
     count = boxes.shape[0]
     needed, every, some = np.zeros(count, np.bool_), np.arange(count), np.empty(count, np.int64)
     coarse, fine = 2.0 * radius / COARSE, 2.0 * radius / (COARSE * FINE)
@@ -212,16 +202,12 @@ def _needed(boxes: Floats, ends: Floats, centre: Floats, radius: float, slack: f
     return needed
 
 
-@compiled(void(MATRIX, INDEX_MATRIX, VECTOR, SCALAR, _CHOSEN))
-def crop_to_ball(vertices: Floats, corners: Integers, centre: Floats, radius: float, chosen_out: Floats) -> None:
-    """Choose those parts of a surface or cloud that may be the nearest of all to a place in a ball.
+@kernel
+def crop_to_ball(vertices: Rows, corners: IndexRows, centre: Row, radius: float, chosen_out: TruthsOut) -> None:
+    """Choose the parts of a surface or cloud that may be the nearest of all to some place in a ball, shape (n,).
 
-    Args:
-        vertices: Shape (v, 3) [m].
-        corners: Vertices of each part, shape (n, k): of triangles three, of points one; at least one part.
-        centre: Of the ball, shape (3,) [m].
-        radius: Of the ball [m].
-        chosen_out: Gets whether each may be, shape (n,).
+    `corners` (n, k) are the vertices of each part among `vertices` (v, 3) [m], three of a triangle, one of a point; n
+    >= 1.
     """
     n, box, low, high = corners.shape[0], np.empty(6), np.full(3, math.inf), np.full(3, -math.inf)
     least = _from_corners(vertices, corners, centre)

@@ -1,6 +1,6 @@
-"""What planes across an axis leave of a surface on either side: cut triangles, and the points furthest out.
+"""Halves of a surface on either side of planes across an axis: cut triangles, and the points furthest out.
 
-Each plane has two halves: of what is below it, then of what is above. All sums keep their order.
+Each plane has two halves: below it, then above. All sums keep their order.
 """
 
 from __future__ import annotations
@@ -8,22 +8,56 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types, void
 
-from guidefield.kernels.jit.compilers import part
-from guidefield.kernels.jit.signatures import (
-    BLOCKS,
-    BLOCKS_OUT,
-    INDICES,
-    INDICES_OUT,
-    MATRIX,
-    MATRIX_OUT,
-    VECTOR,
+from guidefield.kernels.jit.arrays import (
+    Blocks,
+    BlocksOut,
     Floats,
+    Indices,
+    IndicesOut,
     Integers,
-    exact_kernel,
+    Row,
+    Rows,
+    RowsOut,
+    TruthsOut,
 )
-from guidefield.kernels.simd.fused import fused
+from guidefield.kernels.jit.compilers import part
+from guidefield.kernels.jit.decorators import exact_kernel, kernel
+from guidefield.kernels.simd.packing import fused
+
+
+@kernel
+def not_beyond(corners: Rows, planes: Rows, rounding: float, kept_out: TruthsOut) -> None:
+    """Write for each triangle whether no plane has all of it beyond, (t,).
+
+    `corners` (3 t, 3) are those of the triangles one after the other [m], `planes` (m, 4) unit normals n and offsets d:
+    beyond is n.x > d + `rounding` [m].
+    """
+    for t in range(kept_out.shape[0]):
+        kept = True
+        for m in range(planes.shape[0]):
+            x, y, z, least = planes[m, 0], planes[m, 1], planes[m, 2], planes[m, 3] + rounding
+            beyond = True
+            for k in range(3 * t, 3 * t + 3):
+                beyond &= corners[k, 0] * x + corners[k, 1] * y + corners[k, 2] * z > least
+            if beyond:
+                kept = False
+                break
+        kept_out[t] = kept
+
+
+@kernel
+def beyond_any(points: Rows, planes: Rows, rounding: float, beyond_out: TruthsOut) -> None:
+    """Write for each of `points` (n, 3) [m] whether any of `planes` (m, 4) has it beyond, as in `not_beyond`; (n,)."""
+    for i in range(beyond_out.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        beyond = False
+        for m in range(planes.shape[0]):
+            if x * planes[m, 0] + y * planes[m, 1] + z * planes[m, 2] > planes[m, 3] + rounding:
+                beyond = True
+                break
+        beyond_out[i] = beyond
+
 
 CORNERS = 3
 
@@ -45,14 +79,9 @@ def _below(along: Floats, t: int, side: float, place: float) -> int:
     return count
 
 
-@exact_kernel(types.int64(MATRIX, VECTOR))
-def count_cut(along: Floats, places: Floats) -> int:
-    """How many points `cut_halves` makes.
-
-    Args:
-        along: Where the triangles' corners are along the axis, shape (t, 3) [m].
-        places: Where the planes are, shape (n,) [m].
-    """
+@exact_kernel
+def count_cut(along: Rows, places: Row) -> int:
+    """Return number of points of `cut_halves`: corners at `along` (t, 3) on the axis, planes at `places` (n,) [m]."""
     count = 0
     for place in places:
         for t in range(along.shape[0]):
@@ -71,17 +100,12 @@ def _cut(corners: Floats, along: Floats, t: int, i: int, j: int, place: float, p
         point_out[k] = corners[t, i, k] + here / (here - there) * (corners[t, j, k] - corners[t, i, k])
 
 
-@exact_kernel(void(BLOCKS, MATRIX, VECTOR, MATRIX_OUT, INDICES_OUT))
-def cut_halves(corners: Floats, along: Floats, places: Floats, points_out: Floats, first_out: Integers) -> None:
-    """Cut the triangles that planes go through.
+@exact_kernel
+def cut_halves(corners: Blocks, along: Rows, places: Row, points_out: RowsOut, first_out: IndicesOut) -> None:
+    """Write the corners (k, 3) of what each half has of the triangles (t, 3, 3) that its plane meets [m].
 
-    Args:
-        corners: Of triangles, shape (t, 3, 3) [m].
-        along: Where these are along the axis, shape (t, 3) [m].
-        places: Where the planes are, shape (n,) [m].
-        points_out: Gets the corners of what each half has of the triangles that its plane meets, as many as
-            `count_cut` says; shape (k, 3).
-        first_out: Gets where those of each half begin, and k; shape (2 n + 1,).
+    `along` (t, 3) is where corners are along the axis, `places` (n,) where the planes are, `first_out` (2 n + 1,) gets
+    where the points of each half begin; k is `count_cut`.
     """
     at = half = 0
     for place in places:
@@ -126,28 +150,21 @@ def _further(x: float, y: float, z: float, directions: Floats, i: int, best_out:
         best_out[d] = max(best_out[d], height)
 
 
-@exact_kernel(void(MATRIX, VECTOR, MATRIX, INDICES, VECTOR, MATRIX, MATRIX_OUT, BLOCKS_OUT))
+@exact_kernel
 def furthest_out(
-    points: Floats,
-    along: Floats,
-    cut: Floats,
-    first: Integers,
-    places: Floats,
-    directions: Floats,
-    origins_out: Floats,
-    furthest_out: Floats,
+    points: Rows,
+    along: Row,
+    cut: Rows,
+    first: Indices,
+    places: Row,
+    directions: Rows,
+    origins_out: RowsOut,
+    furthest_out: BlocksOut,
 ) -> None:
-    """Find the points of each half that are furthest in some directions; of several the first.
+    """Write the points of each half that are furthest in `directions` (3, d), of several the first: (2 n, d, 3) [m].
 
-    Args:
-        points: Shape (m, 3) [m].
-        along: Where they are along the axis, shape (m,) [m].
-        cut: Points of the cut triangles, as of `cut_halves`, shape (k, 3) [m].
-        first: Where those of each half begin, shape (2 n + 1,).
-        places: Where the planes are, shape (n,) [m].
-        directions: Shape (3, d).
-        origins_out: Gets the first point of each half, shape (2 n, 3) [m]; not a number where it has none.
-        furthest_out: Gets the furthest ones, shape (2 n, d, 3) [m].
+    `points` (m, 3) stand at `along` (m,), `cut` (k, 3) and `first` (2 n + 1,) are those of `cut_halves`. The first
+    point of each half (2 n, 3) is not a number where it has none.
     """
     best, which = np.empty(directions.shape[1]), np.empty(directions.shape[1], np.int64)
     for half in range(origins_out.shape[0]):
@@ -170,15 +187,9 @@ def furthest_out(
                 furthest_out[half, d] = points[i] if i < points.shape[0] else cut[i - points.shape[0]]
 
 
-@exact_kernel(void(MATRIX, MATRIX, INDICES_OUT))
-def furthest_along(points: Floats, directions: Floats, which_out: Integers) -> None:
-    """Find the points that are furthest in some directions; of several the first.
-
-    Args:
-        points: Shape (m, 3) [m].
-        directions: Shape (3, d).
-        which_out: Gets the points' places, shape (d,).
-    """
+@exact_kernel
+def furthest_along(points: Rows, directions: Rows, which_out: IndicesOut) -> None:
+    """Write which of `points` (m, 3) [m] is furthest in each of `directions` (3, d) (d,), of several the first."""
     best = np.full(directions.shape[1], -math.inf)
     which_out[:] = 0
     for i in range(points.shape[0]):

@@ -5,19 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
-from guidefield.kernels.jit.signatures import (
-    INDICES,
-    MATRIX,
-    MATRIX_OUT,
-    VECTOR_OUT,
-    Floats,
-    Integers,
-    compiled,
-    exact_kernel,
-    inlined,
-)
+from guidefield.kernels.jit.arrays import Floats, Indices, RowOut, Rows, RowsOut
+from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel
 
 SLACK = 1.0 + 1e-12
 """By how much the radius exceeds the farthest point's distance, so that rounding leaves no point outside."""
@@ -43,7 +33,7 @@ def _farthest(points: Floats, count: int, ball: Floats) -> tuple[int, float]:
 
 @inlined
 def _circumscribe(held: Floats, subset: int, ball_out: Floats) -> bool:
-    """The ball with its centre in the span of a subset of points, and those on it; False if they lie too flat.
+    """Write the ball through a subset of points with its centre in their span; False if they lie too flat.
 
     With v_i the others less the first and G their products, the centre is the first + sum l_i v_i, G l = diag(G) / 2.
     """
@@ -102,15 +92,11 @@ def _smallest_of_few(held: Floats, count: int, ball_out: Floats) -> int:
     return best
 
 
-@compiled(types.void(MATRIX, VECTOR_OUT))
-def smallest_ball(points: Floats, ball_out: Floats) -> None:
-    """The smallest ball that contains points.
+@kernel
+def smallest_ball(points: Rows, ball_out: RowOut) -> None:
+    """Find the smallest ball (4,) that contains `points` (n, 3), n >= 1 [m], whatever rounding does.
 
-    Takes in the farthest point outside until there is none; the ball of the few points that hold it grows each time.
-
-    Args:
-        points: Shape (n, 3), n >= 1 [m], in any frame.
-        ball_out: Centre and radius, shape (4,) [m]; all points are in it, whatever rounding does.
+    It takes in the farthest point outside until there is none; the ball of the few points that hold it grows each time.
     """
     held = np.zeros((_HELD, 3))
     held[0] = points[0]
@@ -136,29 +122,16 @@ def smallest_ball(points: Floats, ball_out: Floats) -> None:
     ball_out[3] = math.sqrt(square) * SLACK
 
 
-@compiled(types.void(MATRIX, INDICES, MATRIX_OUT))
-def smallest_balls(points: Floats, first: Integers, balls_out: Floats) -> None:
-    """`smallest_ball` of each run of points.
-
-    Args:
-        points: Shape (k, 3) [m].
-        first: Where each run begins, and k; none is empty; shape (m + 1,).
-        balls_out: Shape (m, 4) [m].
-    """
+@kernel
+def smallest_balls(points: Rows, first: Indices, balls_out: RowsOut) -> None:
+    """`smallest_ball` (m, 4) of each run of points (k, 3), which begin at `first` (m + 1,); none is empty."""
     for m in range(balls_out.shape[0]):
         smallest_ball(points[first[m] : first[m + 1]], balls_out[m])
 
 
-@exact_kernel(types.void(MATRIX, INDICES, MATRIX, VECTOR_OUT))
-def largest_distances(points: Floats, first: Integers, centres: Floats, distances_out: Floats) -> None:
-    """The largest distance of each run of points from a centre of its own.
-
-    Args:
-        points: Shape (k, 3) [m].
-        first: Where each run begins, and k; shape (m + 1,).
-        centres: Shape (m, 3) [m].
-        distances_out: Shape (m,) [m].
-    """
+@exact_kernel
+def largest_distances(points: Rows, first: Indices, centres: Rows, distances_out: RowOut) -> None:
+    """Write the largest distance (m,) of each run of points (k, 3), from `first` on, from its own centre (m, 3) [m]."""
     for m in range(centres.shape[0]):
         square = 0.0
         for i in range(first[m], first[m + 1]):
@@ -167,15 +140,11 @@ def largest_distances(points: Floats, first: Integers, centres: Floats, distance
         distances_out[m] = math.sqrt(square)
 
 
-@compiled(types.void(MATRIX, VECTOR_OUT))
-def ball_around_balls(balls: Floats, ball_out: Floats) -> None:
-    """A small ball that contains balls.
+@kernel
+def ball_around_balls(balls: Rows, ball_out: RowOut) -> None:
+    """Find a small ball (4,) that contains balls (n, 4), n >= 1 [m].
 
     Its centre goes towards the far end of the farthest ball, less and less far (Badoiu and Clarkson, 2003).
-
-    Args:
-        balls: Centres and radii, shape (n, 4), n >= 1 [m], in any frame.
-        ball_out: Centre and radius, shape (4,) [m].
     """
     ball_out[:] = balls[0]
     best = math.inf

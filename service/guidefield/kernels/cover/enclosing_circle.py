@@ -9,18 +9,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
+from guidefield.kernels.jit.arrays import Floats, Integers, RowOut, Rows
 from guidefield.kernels.jit.compilers import part
-from guidefield.kernels.jit.signatures import MATRIX, VECTOR_OUT, Floats, Integers, exact_kernel
-from guidefield.kernels.simd.fused import fused
+from guidefield.kernels.jit.decorators import exact_kernel
+from guidefield.kernels.simd.packing import fused
 
-SLACK = 1.0 + 1e-12
-"""By how much the farthest point may be farther than the circle is wide, as rounding has it."""
+SLACK = 1.0 + 1e-12  # by how much the farthest point may be farther than the circle is wide, as rounding has it
 
 _HELD = 4
-_FLAT = 1e-24
-"""Square of twice a triangle's area over those of two sides, below which its corners lie on a line."""
+_FLAT = 1e-24  # square of twice a triangle's area over those of two sides, below which its corners lie on a line
 
 
 @part
@@ -77,14 +75,9 @@ def _smallest_of_few(points: Floats, circle_out: Floats, holding_out: Integers) 
     return held
 
 
-@exact_kernel(types.void(MATRIX, VECTOR_OUT))
-def enclosing_circle(points: Floats, circle_out: Floats) -> None:
-    """Find the smallest circle around points.
-
-    Args:
-        points: In the plane, shape (n, 2), n >= 1 [m].
-        circle_out: Gets the centre, and the distance of the farthest point from it, shape (3,) [m].
-    """
+@exact_kernel
+def enclosing_circle(points: Rows, circle_out: RowOut) -> None:
+    """Find the smallest circle (3,) around `points` (n, 2), n >= 1 [m]: its centre, the farthest point's distance."""
     held, kept, holding = np.empty((_HELD, 2)), np.empty((_HELD, 2)), np.empty(_HELD, np.int64)
     held[0] = points[0]
     count, radius = 1, -1.0

@@ -8,39 +8,106 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types, void
 
-from guidefield.kernels.jit.signatures import (
-    BLOCKS,
-    BLOCKS_OUT,
-    INDICES,
-    INDICES_OUT,
-    MATRIX,
-    MATRIX_OUT,
-    SCALAR,
-    Floats,
-    Integers,
-    exact_kernel,
-)
+from guidefield.kernels.jit.arrays import Blocks, BlocksOut, Floats, Indices, IndicesOut, Rows, RowsOut
+from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel
 
-ROUNDING = 1.0 + 1e-12
-"""By how much a ball is larger than the distance of its farthest point, whatever rounding does."""
-
-LOOK_BACK = 32
-"""A point is compared with the last so many that were kept."""
+BLOCK = 64  # candidates of a block
 
 
-@exact_kernel(types.int64(BLOCKS, SCALAR, INDICES_OUT))
-def longest_edges(corners: Floats, size: float, edges_out: Integers) -> int:
-    """Find the longest edge of each triangle that has one longer than `size`.
+@inlined
+def _balls(candidates: Floats, balls: Floats) -> None:
+    """Centre and radius of a ball around every block, about the middle of its extents."""
+    for b in range(balls.shape[0]):
+        first, past = b * BLOCK, min((b + 1) * BLOCK, candidates.shape[0])
+        for c in range(3):
+            low, high = candidates[first, c], candidates[first, c]
+            for i in range(first, past):
+                low, high = min(low, candidates[i, c]), max(high, candidates[i, c])
+            balls[b, c] = 0.5 * (low + high)
+        square = 0.0
+        for i in range(first, past):
+            dx, dy, dz = candidates[i, 0] - balls[b, 0], candidates[i, 1] - balls[b, 1], candidates[i, 2] - balls[b, 2]
+            square = max(square, dx * dx + dy * dy + dz * dz)
+        balls[b, 3] = math.sqrt(square)
 
-    Args:
-        corners: Of triangles, shape (n, 3, 3) [m].
-        size: Of what is small enough [m].
-        edges_out: Gets the first corner of that edge, the first such one of several; -1 of small triangles; shape (n,).
 
-    Returns:
-        How many aren't small.
+@kernel
+def farthest_first(candidates: Rows, start: int, spacing: float, chosen_out: IndicesOut, owner_out: IndicesOut) -> int:
+    """Choose candidates until none is as far as `spacing` from those chosen [m]; return their count.
+
+    `candidates` (n, 3) stand so that neighbours are near each other, ties go to the first, `start` is chosen first.
+    Writes the chosen in order, and of each candidate the place in that order of the nearest chosen one, shapes (n,).
+    """
+    n = candidates.shape[0]
+    blocks = (n + BLOCK - 1) // BLOCK
+    balls, farthest, which = np.empty((blocks, 4)), np.full(blocks, np.inf), np.zeros(blocks, np.int64)
+    _balls(candidates, balls)
+    nearest = np.full(n, np.inf)
+    count, new = 0, start
+    while True:
+        chosen_out[count] = new
+        x, y, z = candidates[new, 0], candidates[new, 1], candidates[new, 2]
+        best, block = -1.0, 0
+        for b in range(blocks):
+            dx, dy, dz = balls[b, 0] - x, balls[b, 1] - y, balls[b, 2] - z
+            # beyond the farthest member's distance nothing in the block comes nearer
+            reach = balls[b, 3] + math.sqrt(farthest[b])
+            if dx * dx + dy * dy + dz * dz < reach * reach:
+                farthest[b] = -1.0
+                for i in range(b * BLOCK, min((b + 1) * BLOCK, n)):
+                    ex, ey, ez = candidates[i, 0] - x, candidates[i, 1] - y, candidates[i, 2] - z
+                    square = ex * ex + ey * ey + ez * ez
+                    if square < nearest[i]:
+                        nearest[i] = square
+                        owner_out[i] = count
+                    if nearest[i] > farthest[b]:
+                        farthest[b], which[b] = nearest[i], i
+            if farthest[b] > best:
+                best, block = farthest[b], b
+        count += 1
+        if best < spacing * spacing or count == n:
+            return count
+        new = which[block]
+
+
+BITS = 11  # of a digit
+
+
+@kernel
+def stable_order(numbers: Indices, order_out: IndicesOut) -> None:
+    """Write the order (n,) of whole numbers (n,), none negative; equal ones keep that of their places (radix sort)."""
+    largest = 0
+    for i in range(numbers.shape[0]):
+        order_out[i] = i
+        largest = max(largest, numbers[i])
+    before, starts = np.empty(numbers.shape[0], np.int64), np.empty((1 << BITS) + 1, np.int64)
+    shift = 0
+    while largest >> shift > 0:
+        before[:] = order_out
+        starts[:] = 0
+        for i in range(numbers.shape[0]):
+            starts[(numbers[i] >> shift & ((1 << BITS) - 1)) + 1] += 1
+        for digit in range(1 << BITS):
+            starts[digit + 1] += starts[digit]
+        for i in range(numbers.shape[0]):
+            digit = numbers[before[i]] >> shift & ((1 << BITS) - 1)
+            order_out[starts[digit]] = before[i]
+            starts[digit] += 1
+        shift += BITS
+        if shift > 62:  # all digits of a number of 63 bits
+            return
+
+
+ROUNDING = 1.0 + 1e-12  # by how much a ball is larger than the distance of its farthest point, whatever rounding does
+LOOK_BACK = 32  # a point is compared with the last so many that were kept
+
+
+@exact_kernel
+def longest_edges(corners: Blocks, size: float, edges_out: IndicesOut) -> int:
+    """Write the longest edge longer than `size` of each of triangles (n, 3, 3) [m]; return how many have one.
+
+    An edge is given by its first corner, the first of several; -1 of small triangles; shape (n,).
     """
     count = 0
     for i in range(corners.shape[0]):
@@ -58,26 +125,20 @@ def longest_edges(corners: Floats, size: float, edges_out: Integers) -> int:
     return count
 
 
-@exact_kernel(void(BLOCKS, INDICES, INDICES, BLOCKS_OUT, INDICES_OUT, BLOCKS_OUT, INDICES_OUT))
+@exact_kernel
 def halve(
-    corners: Floats,
-    sources: Integers,
-    edges: Integers,
-    small_out: Floats,
-    small_sources_out: Integers,
-    halves_out: Floats,
-    halves_sources_out: Integers,
+    corners: Blocks,
+    sources: Indices,
+    edges: Indices,
+    small_out: BlocksOut,
+    small_sources_out: IndicesOut,
+    halves_out: BlocksOut,
+    halves_sources_out: IndicesOut,
 ) -> None:
-    """Halve triangles at the middle of an edge.
+    """Halve triangles (n, 3, 3) [m] at the middle of `edges` (n,), -1 where nothing is to be halved.
 
-    Args:
-        corners: Shape (n, 3, 3) [m].
-        sources: What they are part of, shape (n,).
-        edges: First corner of the edge, -1 where nothing is to be halved; shape (n,).
-        small_out: Gets the triangles that aren't halved, shape (n - k, 3, 3).
-        small_sources_out: What they are part of, shape (n - k,).
-        halves_out: Gets the halves of the others: all first ones, then all second ones; shape (2 k, 3, 3).
-        halves_sources_out: What they are part of, shape (2 k,).
+    Writes the k others, then all first and all second halves (2 k, 3, 3), each with the `sources` (n,) that they are
+    part of.
     """
     many = halves_out.shape[0] // 2
     small = half = 0
@@ -102,14 +163,11 @@ def halve(
         half += 1
 
 
-@exact_kernel(void(BLOCKS, SCALAR, INDICES_OUT))
-def grid_cells(corners: Floats, size: float, cells_out: Integers) -> None:
-    """Number the cells of a grid that the centroids of triangles lie in.
+@exact_kernel
+def grid_cells(corners: Blocks, size: float, cells_out: IndicesOut) -> None:
+    """Number the cells of a grid of width `size` [m] that the centroids of triangles (n, 3, 3), n >= 1, lie in; (n,).
 
-    Args:
-        corners: Shape (n, 3, 3), n >= 1 [m].
-        size: Width of the grid, which begins at the least coordinates of all centroids [m].
-        cells_out: Gets the number of each triangle's cell, those along z one after the other; shape (n,).
+    The grid begins at the least coordinates of all centroids; cells along z follow one another.
     """
     count = corners.shape[0]
     centroids, least, most = np.empty((count, 3)), np.full(3, np.inf), np.full(3, -np.inf)
@@ -127,19 +185,12 @@ def grid_cells(corners: Floats, size: float, cells_out: Integers) -> None:
         cells_out[i] = (x * rows + y) * columns + z
 
 
-@exact_kernel(types.int64(BLOCKS, INDICES, INDICES, INDICES_OUT, MATRIX_OUT))
-def cell_middles(corners: Floats, cells: Integers, order: Integers, first_out: Integers, middles_out: Floats) -> int:
-    """Find the middles of the boxes about all triangles of each cell.
+@exact_kernel
+def cell_middles(corners: Blocks, cells: Indices, order: Indices, first_out: IndicesOut, middles_out: RowsOut) -> int:
+    """Write the middles (n, 3) of the boxes about all triangles of each cell [m]; return how many cells there are.
 
-    Args:
-        corners: Shape (n, 3, 3) [m].
-        cells: Of each triangle, shape (n,).
-        order: Triangles by cell, shape (n,).
-        first_out: Gets where in that order those of each cell begin, and n; shape (n + 1,).
-        middles_out: Gets the middles, shape (n, 3) [m].
-
-    Returns:
-        How many cells there are.
+    Of triangles (n, 3, 3), their `cells` (n,), and `order` (n,) by cell; `first_out` (n + 1,) gets where in that order
+    each cell begins, and n.
     """
     low, high = np.empty(3), np.empty(3)
     count, begin = 0, 0
@@ -160,28 +211,21 @@ def cell_middles(corners: Floats, cells: Integers, order: Integers, first_out: I
     return count
 
 
-@exact_kernel(void(BLOCKS, INDICES, INDICES, INDICES, INDICES, BLOCKS_OUT, INDICES_OUT, INDICES_OUT))
+@exact_kernel
 def gather(
-    corners: Floats,
-    sources: Integers,
-    order: Integers,
-    first: Integers,
-    turn: Integers,
-    corners_out: Floats,
-    sources_out: Integers,
-    first_out: Integers,
+    corners: Blocks,
+    sources: Indices,
+    order: Indices,
+    first: Indices,
+    turn: Indices,
+    corners_out: BlocksOut,
+    sources_out: IndicesOut,
+    first_out: IndicesOut,
 ) -> None:
-    """Put the triangles of each cell together.
+    """Put the triangles (n, 3, 3) of each cell together, with their `sources` (n,), the cells in a `turn` (m,).
 
-    Args:
-        corners: Shape (n, 3, 3) [m].
-        sources: What they are part of, shape (n,).
-        order: Triangles by cell, shape (n,).
-        first: Where in that order those of each cell begin, and n; shape (m + 1,) at least.
-        turn: Which cells come first, shape (m,).
-        corners_out: Gets the triangles in that turn, shape (n, 3, 3).
-        sources_out: What they are part of, shape (n,).
-        first_out: Gets where those of each cell begin, and n; shape (m + 1,).
+    `order` (n,) and `first` (m + 1,) are as `cell_middles` has them; `first_out` (m + 1,) gets where each cell begins
+    now, and n.
     """
     at = 0
     for m in range(turn.shape[0]):
@@ -195,18 +239,11 @@ def gather(
     first_out[turn.shape[0]] = at
 
 
-@exact_kernel(types.int64(MATRIX, INDICES, MATRIX_OUT, INDICES_OUT))
-def distinct_points(corners: Floats, first: Integers, points_out: Floats, first_out: Integers) -> int:
-    """Keep one of equal points of each run; of very many some equal ones may stay.
+@exact_kernel
+def distinct_points(corners: Rows, first: Indices, points_out: RowsOut, first_out: IndicesOut) -> int:
+    """Keep one of equal points of each run of `corners` (k, 3) [m]; of very many some may stay. Return their count.
 
-    Args:
-        corners: Shape (k, 3) [m].
-        first: Where each run begins, and k; shape (m + 1,).
-        points_out: Gets the points, the first of equal ones, in their order, shape (k, 3).
-        first_out: Gets where those of each run begin, and how many there are; shape (m + 1,).
-
-    Returns:
-        How many points there are.
+    Runs begin at `first` (m + 1,), those of `points_out` (k, 3) at `first_out`.
     """
     count = 0
     for m in range(first.shape[0] - 1):
@@ -225,15 +262,9 @@ def distinct_points(corners: Floats, first: Integers, points_out: Floats, first_
     return count
 
 
-@exact_kernel(void(MATRIX, INDICES, MATRIX_OUT))
-def balls_about(points: Floats, first: Integers, balls_out: Floats) -> None:
-    """Find a ball about each run of points: about the middle of their box.
-
-    Args:
-        points: Shape (k, 3) [m].
-        first: Where each run begins, and k; shape (m + 1,).
-        balls_out: Gets centres and radii, shape (m, 4) [m].
-    """
+@exact_kernel
+def balls_about(points: Rows, first: Indices, balls_out: RowsOut) -> None:
+    """Write balls (m, 4) about runs of `points` (k, 3), which begin at `first`: about the middles of boxes [m]."""
     for m in range(balls_out.shape[0]):
         for k in range(3):
             low, high = math.inf, -math.inf

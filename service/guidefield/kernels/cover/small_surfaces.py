@@ -5,30 +5,165 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import void
 
-from guidefield.kernels.cover.curve_places import curve_places
-from guidefield.kernels.cover.edge_numbers import number_edges
 from guidefield.kernels.distance.bvh import boxes_of_pairs, middles_within
-from guidefield.kernels.distance.pseudonormal_sums import summed_normals
 from guidefield.kernels.distance.triangle_distance import LEAF
-from guidefield.kernels.distance.triangle_rows import corners_and_edges, triangle_boxes
-from guidefield.kernels.jit.signatures import (
-    BLOCKS_OUT,
-    INDEX_MATRIX,
-    MATRIX,
-    MATRIX_OUT,
+from guidefield.kernels.distance.triangle_rows import corners_and_edges, summed_normals, triangle_boxes
+from guidefield.kernels.jit.arrays import (
+    BlocksOut,
     Floats,
+    IndexRows,
+    IndexRowsOut,
+    Indices,
+    IndicesOut,
     Integers,
-    compiled,
-    inlined,
+    Row,
+    Rows,
+    RowsOut,
 )
+from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel, lane_part
+from guidefield.kernels.linalg.small_systems import write_stable_order
 
-FLAT = 1e-9
-"""Share of its size within which a surface is flat."""
 
-FINEST = 21
-"""Bits of one coordinate of a place on the Morton curve: three fit into 63."""
+@lane_part
+def _spread_bits(cell: int) -> int:
+    """The bits of a number of 21 of them, two zeros between each and the next."""
+    cell = (cell | cell << 32) & 0x001F00000000FFFF
+    cell = (cell | cell << 16) & 0x001F0000FF0000FF
+    cell = (cell | cell << 8) & 0x100F00F00F00F00F
+    cell = (cell | cell << 4) & 0x10C30C30C30C30C3
+    return (cell | cell << 2) & 0x1249249249249249
+
+
+@exact_kernel
+def curve_places(points: Rows, least: Row, size: float, most: int, places: IndicesOut) -> None:
+    """Write the places of `points` (n, 3) along the Morton curve: the bits of their coordinates' cells in turn, (n,).
+
+    The cube has its least corner at `least` (3,) and the side `size`; `most` is the last cell along a side, below 2^21.
+    """
+    for i in range(points.shape[0]):
+        x = int((points[i, 0] - least[0]) / size * most)
+        y = int((points[i, 1] - least[1]) / size * most)
+        z = int((points[i, 2] - least[2]) / size * most)
+        places[i] = _spread_bits(x) | _spread_bits(y) << 1 | _spread_bits(z) << 2
+
+
+@exact_kernel
+def changed_order(
+    order: Indices,
+    places: Indices,
+    now: Indices,
+    fresh: Indices,
+    fresh_places: Indices,
+    order_out: IndicesOut,
+    places_out: IndicesOut,
+    runs_out: IndexRowsOut,
+) -> int:
+    """Merge the points that are left of an order with `fresh` ones (k,); those of one place go by their numbers.
+
+    `order` and `places` (m,) are those before, `now` has the number that each has now, -1 of those that are gone; those
+    left keep their order. Writes the order and its places (n,), and in `runs_out` (r, 2) where runs that stand as
+    before began and their lengths, -1 and the length of runs of fresh ones. Returns the number of runs.
+    """
+    at = others = runs = 0
+    last = -2  # where in the order the last one stood, -1 of another
+    for i in range(order.shape[0] + 1):
+        end = i == order.shape[0]
+        point = -1 if end else now[order[i]]
+        if point < 0 and not end:
+            continue
+        while others < fresh.shape[0] and (
+            end or fresh_places[others] < places[i] or (fresh_places[others] == places[i] and fresh[others] < point)
+        ):
+            order_out[at], places_out[at] = fresh[others], fresh_places[others]
+            if last == -1:
+                runs_out[runs - 1, 1] += 1
+            else:
+                runs_out[runs, 0], runs_out[runs, 1] = -1, 1
+                runs += 1
+            last = -1
+            at, others = at + 1, others + 1
+        if end:
+            break
+        order_out[at], places_out[at] = point, places[i]
+        if last >= 0 and last == i - 1:
+            runs_out[runs - 1, 1] += 1
+        else:
+            runs_out[runs, 0], runs_out[runs, 1] = i, 1
+            runs += 1
+        last = i
+        at += 1
+    return runs
+
+
+FEW = 32  # so many numbers are sorted by insertion; a vertex of a surface seldom has more edges
+
+
+@inlined
+def _insert(keys: Integers, members: Integers, begin: int, end: int) -> None:
+    """Sort some keys, and what belongs to them, by insertion."""
+    for i in range(begin + 1, end):
+        key, member, j = keys[i], members[i], i
+        while j > begin and keys[j - 1] > key:
+            keys[j], members[j] = keys[j - 1], members[j - 1]
+            j -= 1
+        keys[j], members[j] = key, member
+
+
+@kernel
+def number_edges(triangles: IndexRows, vertices: int, numbers_out: IndicesOut) -> int:
+    """Number the edges of `triangles` (t, 3) by their lower vertex, then by the other one; return their count.
+
+    `numbers_out` (3 t,) gets the numbers of each triangle's edges ab, bc, ca.
+    """
+    sides = 3 * triangles.shape[0]
+    starts = np.zeros(vertices + 1, np.int64)
+    for side in range(sides):
+        a, b = triangles[side // 3, side % 3], triangles[side // 3, (side + 1) % 3]
+        starts[min(a, b) + 1] += 1
+    for vertex in range(vertices):
+        starts[vertex + 1] += starts[vertex]
+    others, members, ends = np.empty(sides, np.int64), np.empty(sides, np.int64), starts[:-1].copy()
+    for side in range(sides):
+        a, b = triangles[side // 3, side % 3], triangles[side // 3, (side + 1) % 3]
+        low, at = min(a, b), ends[min(a, b)]
+        others[at], members[at] = max(a, b), side
+        ends[low] = at + 1
+    count = 0
+    for vertex in range(vertices):
+        begin, end = starts[vertex], starts[vertex + 1]
+        if end - begin <= FEW:
+            _insert(others, members, begin, end)
+        else:
+            keys, sides_of, order = others[begin:end].copy(), members[begin:end].copy(), np.empty(end - begin, np.int64)
+            write_stable_order(keys, order)
+            for k in range(end - begin):
+                others[begin + k], members[begin + k] = keys[order[k]], sides_of[order[k]]
+        for at in range(begin, end):
+            if at > begin and others[at] != others[at - 1]:
+                count += 1
+            numbers_out[members[at]] = count
+        if end > begin:
+            count += 1
+    return count
+
+
+@kernel
+def count_ways(triangles: IndexRows, numbers: Indices, up_out: IndicesOut, down_out: IndicesOut) -> None:
+    """Count how often edges are run through upwards, and downwards; all zero before, shape (edges,).
+
+    `triangles` (t, 3) and the `numbers` (3 t,) of their edges are as in `number_edges`; upwards is from the lower
+    vertex to the other one.
+    """
+    for side in range(numbers.shape[0]):
+        if triangles[side // 3, side % 3] < triangles[side // 3, (side + 1) % 3]:
+            up_out[numbers[side]] += 1
+        else:
+            down_out[numbers[side]] += 1
+
+
+FLAT = 1e-9  # share of its size within which a surface is flat
+FINEST = 21  # bits of one coordinate of a place on the Morton curve: three fit into 63
 
 
 @inlined
@@ -49,26 +184,21 @@ def _order(boxes: Floats, count: int, places: Integers, order: Integers) -> None
         order[j] = i
 
 
-@compiled(void(MATRIX, INDEX_MATRIX, INDEX_MATRIX, MATRIX_OUT, MATRIX_OUT, MATRIX_OUT, MATRIX_OUT))
+@kernel
 def small_surfaces(
-    vertices: Floats,
-    triangles: Integers,
-    starts: Integers,
-    bounds_out: Floats,
-    nodes_out: Floats,
-    corners_out: Floats,
-    normals_out: Floats,
+    vertices: Rows,
+    triangles: IndexRows,
+    starts: IndexRows,
+    bounds_out: RowsOut,
+    nodes_out: RowsOut,
+    corners_out: RowsOut,
+    normals_out: RowsOut,
 ) -> None:
     """Write the rows of surfaces of few triangles, all of which have an area, as `SurfaceTables` has them.
 
-    Args:
-        vertices: Of the surfaces, one behind the other, shape (v, 3) [m].
-        triangles: Indices among the vertices of their own surface, shape (t, 3).
-        starts: The first vertex, triangle and node of each surface, then the numbers of all, shape (n + 1, 3).
-        bounds_out: Lower and upper corner of the box about each, shape (n, 6) [m].
-        nodes_out: Shape (m, 6).
-        corners_out: Shape (t, 9).
-        normals_out: Shape (t, 21).
+    Vertices (v, 3) [m] stand surface by surface, triangles (t, 3) index those of their own one; `starts` (n + 1, 3) has
+    the first vertex, triangle and node of each, then the numbers of all. Writes boxes (n, 6), nodes (m, 6), corners (t,
+    9), normals (t, 21).
     """
     for surface in range(starts.shape[0] - 1):
         own = vertices[starts[surface, 0] : starts[surface + 1, 0]]
@@ -140,15 +270,11 @@ def _to_side(vertices: Floats, a: int, b: int, normal: Floats, along: Floats, be
         beside[k] = normal[i] * along[j] - normal[j] * along[i]
 
 
-@compiled(void(MATRIX, INDEX_MATRIX, INDEX_MATRIX, BLOCKS_OUT))
-def flat_frames(vertices: Floats, triangles: Integers, starts: Integers, axes_out: Floats) -> None:
-    """Find axes in which the box about each surface is as thin as the surface, if that is flat; else the given ones.
+@kernel
+def flat_frames(vertices: Rows, triangles: IndexRows, starts: IndexRows, axes_out: BlocksOut) -> None:
+    """Find axes (n, 3, 3), as columns, in which the box about each surface is thin if that is flat; else unit axes.
 
-    Args:
-        vertices: As `small_surfaces` takes them.
-        triangles: As there.
-        starts: As there; nodes aren't looked at.
-        axes_out: The axes as columns, the last one across a flat surface, shape (n, 3, 3).
+    Surfaces are as in `small_surfaces`; the last axis is across a flat one.
     """
     normal, along, beside, unit = np.empty(3), np.empty(3), np.empty(3), np.eye(3)
     for surface in range(starts.shape[0] - 1):

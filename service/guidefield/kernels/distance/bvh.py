@@ -9,35 +9,29 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import int64, types, void
 
 from guidefield.kernels.distance.point_tree import NOWHERE
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import (
-    BLOCKS,
-    FLOATS_OUT,
-    INDEX_MATRIX_OUT,
-    INDICES,
-    INDICES_OUT,
-    MATRIX,
-    MATRIX_OUT,
-    VECTOR_OUT,
+from guidefield.kernels.jit.arrays import (
+    Blocks,
     Floats,
-    Floats32,
+    IndexRowsOut,
+    Indices,
+    IndicesOut,
     Integers,
-    compiled,
-    exact_kernel,
-    inlined,
-    lane_part,
+    RowOut,
+    Rows,
+    RowsOut,
+    SinglesOut,
 )
-from guidefield.kernels.simd.blocks import AROUND, BLOCK
+from guidefield.kernels.jit.decorators import exact_kernel, inlined, inner_kernel, kernel, lane_part, uncounted
+from guidefield.kernels.simd.packing import AROUND, BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 
 _STACK = 64
 
 
-@compiled(void(VECTOR_OUT, INDICES_OUT, types.int64, types.int64, types.int64))
-def _divide(along: Floats, members: Integers, begin: int, end: int, at: int) -> None:
+@inner_kernel
+def _divide(along: RowOut, members: IndicesOut, begin: int, end: int, at: int) -> None:
     """Order members so that none before `at` is greater along an axis than any from there on (Hoare's selection)."""
     low, high = begin, end - 1
     while low < high:
@@ -77,15 +71,11 @@ def _write_widest(points: Floats, members: Integers, first: int, last: int, alon
         along_out[i] = points[members[i], axis]
 
 
-@compiled(void(MATRIX, INDICES, INDICES, INDICES_OUT))
-def halve_runs(centres: Floats, starts: Integers, sizes: Integers, members: Integers) -> None:
-    """Order the members of runs, so that the first half of each is on one side of the other along its widest side.
+@kernel
+def halve_runs(centres: Rows, starts: Indices, sizes: Indices, members: IndicesOut) -> None:
+    """Order members (m,) of runs so that each one's first half is on one side of the other along its widest side.
 
-    Args:
-        centres: Of all triangles, shape (t, 3) [m].
-        starts: Where each run begins, shape (n,).
-        sizes: How many each has, shape (n,).
-        members: Which triangles are in the runs, shape (m,); sorted in place.
+    `centres` (t, 3) are those of all triangles [m], `starts` and `sizes` (n,) where runs begin and their lengths.
     """
     along = np.empty(members.shape[0])
     for run in range(starts.shape[0]):
@@ -94,16 +84,12 @@ def halve_runs(centres: Floats, starts: Integers, sizes: Integers, members: Inte
         _divide(along, members, first, last, first + sizes[run] // 2)
 
 
-@compiled(void(BLOCKS, INDICES, INDICES, INDICES, MATRIX_OUT))
-def balls_about_runs(corners: Floats, members: Integers, starts: Integers, sizes: Integers, balls_out: Floats) -> None:
-    """Balls about runs of triangles: about the middle of the box about each.
+@kernel
+def balls_about_runs(corners: Blocks, members: Indices, starts: Indices, sizes: Indices, balls_out: RowsOut) -> None:
+    """Write balls (n, 4) about runs of triangles, about the middle of the box about each [m].
 
-    Args:
-        corners: Of all triangles, shape (t, 3, 3) [m].
-        members: Which triangles are in the runs, one run after the other, shape (m,).
-        starts: Where each run begins, shape (n,).
-        sizes: How many each has, shape (n,).
-        balls_out: Centre and radius of each run's ball, shape (n, 4) [m].
+    `corners` (t, 3, 3) are those of all triangles, `members` (m,) stand run by run, from `starts` (n,) on, `sizes`
+    (n,).
     """
     for run in range(starts.shape[0]):
         first, last = starts[run], starts[run] + sizes[run]
@@ -131,13 +117,9 @@ def balls_about_runs(corners: Floats, members: Integers, starts: Integers, sizes
         balls_out[run, 3] = math.sqrt(farthest)
 
 
-@compiled(void(MATRIX_OUT))
-def sort_for_tree(points: Floats) -> None:
-    """Order points so that neighbours are together: each sixteen, each sixteen of those, and so on.
-
-    Args:
-        points: Shape (n, 3) [m]; sorted in place.
-    """
+@kernel
+def sort_for_tree(points: RowsOut) -> None:
+    """Order points (n, 3) [m] in place so that neighbours are together: each sixteen, sixteen of those, and so on."""
     before, along, order = points.copy(), np.empty(points.shape[0]), np.arange(points.shape[0])
     begins, ends = np.empty(_STACK, np.int64), np.empty(_STACK, np.int64)
     begins[0], ends[0], top = 0, points.shape[0], 1
@@ -161,16 +143,9 @@ def sort_for_tree(points: Floats) -> None:
             points[i, k] = before[order[i], k]
 
 
-@compiled(void(MATRIX, INDICES, FLOATS_OUT, FLOATS_OUT))
-def fill_tree(points: Floats, firsts: np.ndarray, points_out: Floats32, boxes_out: Floats32) -> None:
-    """Write the tables of sorted points.
-
-    Args:
-        points: In that order, shape (n, 3) [m].
-        firsts: As `LaneCloud` has them.
-        points_out: Sixteen together, shape (BLOCK * blocks,).
-        boxes_out: Boxes, shape (AROUND * blocks of all levels,).
-    """
+@kernel
+def fill_tree(points: Rows, firsts: Indices, points_out: SinglesOut, boxes_out: SinglesOut) -> None:
+    """Write tables of sorted points (n, 3) as of `LaneCloud`: points (BLOCK * blocks,), boxes (AROUND * blocks,)."""
     count, size = points.shape[0], boxes_out.shape[0]
     for at in range(0, size, AROUND):
         boxes_out[at : at + AROUND // 2] = np.float32(math.inf)
@@ -204,14 +179,11 @@ def _add(box: Floats, other: Floats) -> None:
         box[k], box[3 + k] = min(box[k], other[k]), max(box[3 + k], other[3 + k])
 
 
-@exact_kernel(void(MATRIX_OUT, INDICES, int64))
-def boxes_above(boxes: Floats, firsts: Integers, children: int) -> None:
-    """Find the boxes of the levels of a tree above the first one.
+@exact_kernel
+def boxes_above(boxes: RowsOut, firsts: Indices, children: int) -> None:
+    """Find the boxes of the levels of a tree above the first one, shape (m, 6), lower, then upper corners.
 
-    Args:
-        boxes: Lower, then upper corners, shape (m, 6), those of the first level at the beginning; gets the others.
-        firsts: Where each level begins among them, and the number of all, shape (levels + 1,).
-        children: How many of a level are behind each of the next: those of box i begin at `children * i`.
+    `firsts` (levels + 1,) is where each level begins, and the number of all; children of box i begin at `children * i`.
     """
     for level in range(1, firsts.shape[0] - 1):
         for i in range(firsts[level + 1] - firsts[level]):
@@ -222,14 +194,11 @@ def boxes_above(boxes: Floats, firsts: Integers, children: int) -> None:
                 _add(box, boxes[child])
 
 
-@exact_kernel(void(MATRIX, int64, MATRIX_OUT))
-def boxes_of_pairs(boxes: Floats, leaf: int, nodes: Floats) -> None:
-    """Find the boxes of a complete binary tree, in which node i has the children 2 i + 1 and 2 i + 2.
+@exact_kernel
+def boxes_of_pairs(boxes: Rows, leaf: int, nodes: RowsOut) -> None:
+    """Write the boxes (2 leaves - 1, 6) of a complete binary tree over boxes (n, 6), `leaf` of them in a leaf.
 
-    Args:
-        boxes: Lower, then upper corners, shape (n, 6).
-        leaf: How many of them a leaf holds.
-        nodes: Gets the boxes, the root's first; shape (2 leaves - 1, 6). Those of empty leaves are of nothing.
+    Node i has the children 2 i + 1 and 2 i + 2; boxes of empty leaves are of nothing.
     """
     inner = nodes.shape[0] // 2
     for i in range(nodes.shape[0] - 1, -1, -1):
@@ -243,14 +212,9 @@ def boxes_of_pairs(boxes: Floats, leaf: int, nodes: Floats) -> None:
                 _add(box, boxes[k])
 
 
-@exact_kernel(void(MATRIX, VECTOR_OUT))
-def middles_within(boxes: Floats, corners: Floats) -> None:
-    """Find the box about the middles of boxes.
-
-    Args:
-        boxes: Lower, then upper corners, shape (n, 6).
-        corners: Gets its lower, then its upper corner, shape (6,).
-    """
+@exact_kernel
+def middles_within(boxes: Rows, corners: RowOut) -> None:
+    """Write the corners (6,) of the box about the middles of boxes (n, 6), each lower, then upper corner."""
     _empty(corners)
     for i in range(boxes.shape[0]):
         for k in range(3):
@@ -262,19 +226,10 @@ def middles_within(boxes: Floats, corners: Floats) -> None:
 def boxes_met(
     boxes: Floats, firsts: Integers, children: int, low: Floats, high: Floats, stack: Integers, met_out: Integers
 ) -> int:
-    """Write which boxes of a tree's first level overlap a box; boxes that touch do.
+    """Write the places (n,) of a tree's first boxes that overlap or touch a box, and return their number.
 
-    Args:
-        boxes: Of all levels one after the other, as `boxes_above` has them, shape (m, 6) [m].
-        firsts: Where each level begins, and the last one ends, shape (levels + 1,).
-        children: How many of a level are behind each of the next: those of box i begin at `children * i`.
-        low: Lower corner of the box, shape (3,) [m].
-        high: Upper corner, shape (3,) [m].
-        stack: Scratch, shape (children * levels, 2).
-        met_out: Gets the places of the boxes, shape (n,).
-
-    Returns:
-        How many there are.
+    `boxes`, `firsts` and `children` are those of `boxes_above`, `low` and `high` (3,) the corners [m]; scratch
+    (children * levels, 2).
     """
     count, top, highest = 0, 0, firsts.shape[0] - 2
     for node in range(firsts[highest + 1] - firsts[highest]):
@@ -304,22 +259,13 @@ def boxes_met(
     return count
 
 
-@compiled(types.int64(MATRIX, INDICES, types.int64, MATRIX, MATRIX, INDEX_MATRIX_OUT))
+@kernel
 def overlaps_in_tree(
-    boxes: Floats, firsts: Integers, children: int, low: Floats, high: Floats, pairs_out: Integers
+    boxes: Rows, firsts: Indices, children: int, low: Rows, high: Rows, pairs_out: IndexRowsOut
 ) -> int:
-    """Write which boxes overlap which of a tree's.
+    """Write which boxes overlap which of a tree's: an index of the others and a place, (k, 2), as many as fit.
 
-    Args:
-        boxes: As in `boxes_met`, and so are the next two.
-        firsts: See there.
-        children: See there.
-        low: Lower corners of the others, shape (q, 3) [m].
-        high: Upper corners, shape (q, 3) [m].
-        pairs_out: Gets the index of one of the others and a box's place in the tree, shape (k, 2); as many as fit.
-
-    Returns:
-        How many there are.
+    Count all. The tree is that of `boxes_met`, the others have lower and upper corners (q, 3) [m].
     """
     stack, met = np.empty((children * firsts.shape[0], 2), np.int64), np.empty(firsts[1], np.int64)
     count = 0

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.kernels.jit.signatures import MATRIX, SCALAR, VECTOR, Floats, compiled, inlined
+from guidefield.kernels.jit.arrays import Floats, Row, Rows
+from guidefield.kernels.jit.decorators import inlined, kernel
 
-_PARALLEL = 1e-12
-"""Edges whose normals have a smaller cross product don't meet."""
-
-_LATEST = 1e300
-"""No edge of a bounded polygon vanishes as late."""
+_PARALLEL = 1e-12  # edges whose normals have a smaller cross product don't meet
+_LATEST = 1e300  # no edge of a bounded polygon vanishes as late
 
 
 @inlined
@@ -39,7 +37,7 @@ def _vanishes(normals: Floats, offsets: Floats, before: int, k: int, after: int)
 
 
 @inlined
-def _put(least: Floats, leaf: int, value: float) -> None:
+def _write_leaf(least: Floats, leaf: int, value: float) -> None:
     """Change a leaf of a binary tree whose nodes have the least of their two children, the root first, from 1 on."""
     node = leaf
     least[node] = value
@@ -48,20 +46,14 @@ def _put(least: Floats, leaf: int, value: float) -> None:
         least[node] = min(least[2 * node], least[2 * node + 1])
 
 
-@compiled(SCALAR(MATRIX, VECTOR, SCALAR))
-def inradius(inward: Floats, offsets: Floats, straight: float) -> float:
-    """Largest inset that leaves something over: edges move inwards, the first to vanish is dropped, until all is gone.
+@kernel
+def inradius(inward: Rows, offsets: Row, straight: float) -> float:
+    """Return the largest inset that leaves something over [m]: edges move inwards until all is gone.
 
-    Each edge's length is linear in the inset between two such events, so each event is exact. An event changes when the
-    two edges beside it vanish, and a tree has the first of all: k edges take k log k steps.
-
-    Args:
-        inward: Unit normals of the edges, to the inside, counter-clockwise, shape (k, 2).
-        offsets: Shape (k,): ``inward[i] . x - offsets[i]`` is the height of x over edge i [m].
-        straight: Edges whose normals have a smaller cross product are in line: they have no corner of their own.
-
-    Returns:
-        The inradius [m].
+    Each edge's length is linear in the inset between two events at which an edge vanishes and is dropped, so each is
+    exact. An event changes when the two edges beside it vanish, and a tree has the first of all: k edges take k log k
+    steps. `inward` (k, 2) are unit normals, counter-clockwise, and ``inward[i] . x - offsets[i]`` is the height of x
+    over edge i [m]; edges whose normals have a cross product below `straight` have no corner of their own.
     """
     edges = inward.shape[0]
     normals, at = np.empty((edges, 2)), np.empty(edges)
@@ -76,7 +68,7 @@ def inradius(inward: Floats, offsets: Floats, straight: float) -> float:
     before, after, least = np.empty(count, np.int64), np.empty(count, np.int64), np.full(2 * leaves, np.inf)
     for k in range(count):
         before[k], after[k] = (k - 1) % count, (k + 1) % count
-        _put(least, leaves + k, _vanishes(normals, at, before[k], k, after[k]))
+        _write_leaf(least, leaves + k, _vanishes(normals, at, before[k], k, after[k]))
     while True:
         node = 1
         while node < leaves:  # of several the first
@@ -87,6 +79,6 @@ def inradius(inward: Floats, offsets: Floats, straight: float) -> float:
             return float(least[1])
         count -= 1
         after[one], before[other] = other, one
-        _put(least, node, np.inf)
-        _put(least, leaves + one, _vanishes(normals, at, before[one], one, after[one]))
-        _put(least, leaves + other, _vanishes(normals, at, before[other], other, after[other]))
+        _write_leaf(least, node, np.inf)
+        _write_leaf(least, leaves + one, _vanishes(normals, at, before[one], one, after[one]))
+        _write_leaf(least, leaves + other, _vanishes(normals, at, before[other], other, after[other]))

@@ -12,7 +12,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import void
 
 from guidefield.kernels.distance.point_tree import cloud_beyond, cloud_distance
 from guidefield.kernels.distance.ray_winding import surely_outside, surely_outside_seen
@@ -25,18 +24,19 @@ from guidefield.kernels.distance.triangle_distance import (
     some_triangle_near,
     surface_distance,
 )
-from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Rows, numba_type
-from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import (
-    INDICES_OUT,
-    MATRIX,
-    MATRIX_OUT,
-    SCALAR,
-    VECTOR_OUT,
+from guidefield.kernels.jit.arrays import (
+    Blocks,
     Floats,
+    IndexRows,
+    Indices,
+    IndicesOut,
+    RowOut,
+    Rows,
+    RowsOut,
     Vector3,
-    compiled,
+    numba_type,
 )
+from guidefield.kernels.jit.decorators import counted, kernel, uncounted
 from guidefield.kernels.kinematics.poses import moved_back_by, turned_by
 
 BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD, CROPPED_SOLID = range(8)
@@ -45,43 +45,29 @@ BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD, CROPPED_SOLID = range(8
 
 _STACK = 64
 
-_FEW = 32
-"""So few bodies are looked at one by one."""
-
-_SMALL = 64
-"""A surface of so few triangles may be near where its box is."""
+_FEW = 32  # so few bodies are looked at one by one
+_SMALL = 64  # a surface of so few triangles may be near where its box is
 
 
 class DistanceTables(NamedTuple):
-    """The bodies of a scene as the kernels read them; half-spaces first, the others in the order of their tree.
+    """The bodies of a scene as the kernels read them; half-spaces first, the others in the order of their tree."""
 
-    Attributes:
-        kinds: Kind of each body, shape (n,).
-        obstacles: Index of the obstacle that it belongs to, shape (n,).
-        placements: Rotation and translation of its frame in the world, shape (n, 3, 4) [m].
-        sizes: Shape (n, 3) [m]: half extents of a box; radius and half length of a cylinder or capsule along its z
-            (0 for a sphere). A half-space is z <= 0.
-        bounds: A box about it in its own frame, lower then upper corner, shape (n, 6) [m].
-        boxes: A box about it along the world's axes, shape (n, 6) [m].
-        spans: Of a surface, where its tree stands, see `SPAN`, and the row of its anchor counted from 1, 0 of all that
-            have none; shape (n, 5).
-        anchors: Of seen solids, how their sides are told, in their own frames, see `ray_winding.ANCHOR`; shape (k, 9).
-        nodes: Tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m].
-        surfaces: Triangles of all surfaces.
-        clouds: Where the words of each body's `LaneCloud` are, 0 of all that are none, shape (n,).
-    """
-
-    kinds: Indices
-    obstacles: Indices
-    placements: Blocks
+    kinds: Indices  # kind of each body, shape (n,)
+    obstacles: Indices  # index of the obstacle that it belongs to, shape (n,)
+    placements: Blocks  # rotation and translation of its frame in the world, shape (n, 3, 4) [m]
+    # shape (n, 3) [m]: half extents of a box; radius and half length of a cylinder or capsule along its z
+    # (0 for a sphere). A half-space is z <= 0.
     sizes: Rows
-    bounds: Rows
-    boxes: Rows
+    bounds: Rows  # a box about it in its own frame, lower then upper corner, shape (n, 6) [m]
+    boxes: Rows  # a box about it along the world's axes, shape (n, 6) [m]
+    # of a surface, where its tree stands, see `SPAN`, and the row of its anchor counted from 1, 0 of all that have
+    # none; shape (n, 5)
     spans: IndexRows
+    # of seen solids, how their sides are told, in their own frames, see `ray_winding.ANCHOR`; shape (k, 9)
     anchors: Rows
-    nodes: Rows
-    surfaces: SurfaceTables
-    clouds: Indices
+    nodes: Rows  # tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m]
+    surfaces: SurfaceTables  # triangles of all surfaces
+    clouds: Indices  # where the words of each body's `LaneCloud` are, 0 of all that are none, shape (n,)
 
 
 TABLES = numba_type(DistanceTables)
@@ -118,20 +104,10 @@ def distance_at_points(
 def body_distance(
     x: float, y: float, z: float, body: int, tables: DistanceTables, cutoff: float, depth: float
 ) -> Signed:
-    """Signed distance of a point to a body, if it is below a cutoff.
+    """Return the signed distance of a point to a body [m] and the unit vector along which it grows, in the world.
 
-    Args:
-        x: Point in the world [m], with y and z.
-        y: See x.
-        z: See x.
-        body: Index of the body.
-        tables: The bodies.
-        cutoff: Distance from which on the answer doesn't matter [m]; may be infinite or negative.
-        depth: How deep inside a solid its surface is looked for [m]; may be infinite.
-
-    Returns:
-        Distance [m] and unit vector (3) in the world; infinite and zero where the distance is not below the cutoff, or
-        a value that is not below it.
+    Infinite and zero, or a value not below it, where the distance is not below `cutoff`, which may be infinite or
+    negative [m]; `depth` is how deep inside a solid its surface is looked for [m].
     """
     T = tables.placements[body]
     p = moved_back_by(T, x, y, z)
@@ -200,16 +176,7 @@ def span_of(tables: DistanceTables, body: int) -> Span:
 
 @uncounted
 def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
-    """Tell if the box about a body, in its own frame, is within reach of a point.
-
-    Args:
-        x: Point in the world [m], with y and z.
-        y: See x.
-        z: See x.
-        body: Index of the body.
-        tables: The bodies.
-        reach: Distance [m].
-    """
+    """Tell if the box about a body, in its own frame, is within reach of a world point [m]."""
     px, py, pz = moved_back_by(tables.placements[body], x, y, z)
     return box_gap_squared(px, py, pz, tables.bounds, body) < reach * reach
 
@@ -262,18 +229,9 @@ def _bodies_in_tree(
 
 @uncounted
 def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTables, bodies_out: np.ndarray) -> int:
-    """The bodies that may be within reach of a point: all that are, and few others.
+    """Write the bodies (bodies,) that may be within reach of a point: all that are, and few others.
 
-    Args:
-        x: Point in the world [m], with y and z.
-        y: See x.
-        z: See x.
-        reach: Distance [m], positive; may be infinite.
-        tables: The bodies.
-        bodies_out: Gets their indices, in ascending order of the tree; shape (bodies,).
-
-    Returns:
-        How many there are.
+    In ascending order of the tree; `reach` is positive and may be infinite [m]. Returns their number.
     """
     count, bodies = 0, tables.kinds.shape[0]
     first = 0
@@ -291,19 +249,9 @@ def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTabl
 def nearest_body(
     x: float, y: float, z: float, candidates: np.ndarray, count: int, tables: DistanceTables, cutoff: float
 ) -> tuple[float, float, float, float, int]:
-    """Signed distance of a point to the nearest of some bodies.
+    """Return the signed distance [m], unit vector and index of the nearest of the first `count` candidates (bodies,).
 
-    Args:
-        x: Point in the world [m], with y and z.
-        y: See x.
-        z: See x.
-        candidates: Indices of bodies, of which the first `count` count, shape (bodies,).
-        count: How many.
-        tables: The bodies.
-        cutoff: Distance beyond which nothing is looked for [m].
-
-    Returns:
-        Distance [m], unit vector (3), index of the body; infinite, zero and -1 beyond the cutoff.
+    Beyond the cutoff [m] they are infinite, zero and -1.
     """
     best, bx, by, bz, nearest = cutoff, 0.0, 0.0, 0.0, -1
     for k in range(count):
@@ -315,14 +263,14 @@ def nearest_body(
     return best, bx, by, bz, nearest
 
 
-@compiled(void(MATRIX, TABLES, SCALAR, VECTOR_OUT, MATRIX_OUT, INDICES_OUT))
+@kernel
 def _distance_at_points(
-    points: Floats,
+    points: Rows,
     tables: DistanceTables,
     cutoff: float,
-    distances_out: Floats,
-    normals_out: Floats,
-    bodies_out: np.ndarray,
+    distances_out: RowOut,
+    normals_out: RowsOut,
+    bodies_out: IndicesOut,
 ) -> None:
     """`nearest_body` among all for every row of `points`."""
     candidates = np.empty(tables.kinds.shape[0], np.int64)

@@ -15,15 +15,9 @@ from numba import boolean, float64, int64, types
 from numba.extending import intrinsic
 
 from guidefield.kernels.distance.shape_distance import Signed
-from guidefield.kernels.jit.fields import Indices, Singles, SinglesOut, numba_type
-from guidefield.kernels.jit.signatures import (
-    INTEGER_POINTER,
-    Floats32,
-    lane_part,
-    lane_step,
-)
-from guidefield.kernels.simd.blocks import AROUND, BLOCK, point_at, points_at
-from guidefield.kernels.simd.packing import pointed, unpacked
+from guidefield.kernels.jit.arrays import INTEGER_POINTER, Floats32, Indices, Singles, SinglesOut, numba_type
+from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.simd.packing import AROUND, BLOCK, point_at, pointed, points_at, unpacked
 from guidefield.kernels.simd.vector import (
     ALL_LANES,
     LANES,
@@ -40,46 +34,33 @@ NUMBERS = 12
 """Numbers of a cloud: middle of the grid's first cell (3), size of a cell, cells per length, box about the points (6),
 radius."""
 
-CELL, PER_LENGTH, LOW, HIGH, RADIUS = 3, 4, 5, 8, 11
-"""Their places."""
-
-MOST_LEVELS = 4
-"""Levels of boxes: enough for 16^5 points."""
-
-NOWHERE = 1e30
-"""Coordinate of points that fill up the last sixteen [m]."""
+CELL, PER_LENGTH, LOW, HIGH, RADIUS = 3, 4, 5, 8, 11  # their places
+MOST_LEVELS = 4  # levels of boxes: enough for 16^5 points
+NOWHERE = 1e30  # coordinate of points that fill up the last sixteen [m]
 
 
 class LaneCloud(NamedTuple):
-    """A cloud of balls, in the world [m].
+    """A cloud of balls, in the world [m]."""
 
-    Attributes:
-        levels: Levels of boxes; the highest has one block of sixteen.
-        columns, rows, layers: How many cells the grid has along x, y, z.
-        firsts: (levels + 1,) where the blocks of each level begin in `boxes`, from level 1 on; level 1 has a box for
-            each sixteen points, each level above one for each block of the level below.
-        points: (BLOCK * blocks,) sixteen x, y, z each.
-        boxes: (AROUND * blocks of all levels,).
-        numbers: (NUMBERS,).
-        cells: (columns * rows * layers,) distances; 0 where none has been asked for yet; written by the kernels.
-    """
-
-    levels: int
+    levels: int  # levels of boxes; the highest has one block of sixteen
+    # columns, rows, layers: How many cells the grid has along x, y, z
     columns: int
     rows: int
     layers: int
+    # (levels + 1,) where the blocks of each level begin in `boxes`, from level 1 on; level 1 has a box for each sixteen
+    # points, each level above one for each block of the level below
     firsts: Indices
-    points: Singles
-    boxes: Singles
-    numbers: Singles
+    points: Singles  # (BLOCK * blocks,) sixteen x, y, z each
+    boxes: Singles  # (AROUND * blocks of all levels,)
+    numbers: Singles  # (NUMBERS,)
+    # (columns * rows * layers,) distances; 0 where none has been asked for yet; written by the kernels
     cells: SinglesOut
 
 
 LANE_CLOUD = numba_type(LaneCloud)
 CLOUD_TABLES = pointed(LANE_CLOUD)
 
-cloud_of = unpacked(LANE_CLOUD)
-"""Makes a cloud of its words."""
+cloud_of = unpacked(LANE_CLOUD)  # makes a cloud of its words
 
 
 @intrinsic
@@ -117,15 +98,7 @@ def _box_gaps(boxes: Floats32, block: int, x: float, y: float, z: float) -> Vect
 
 @lane_part
 def point_gaps(points: Floats32, block: int, x: float, y: float, z: float) -> Vector:
-    """Squares of the distances of a point to sixteen points [m^2].
-
-    Args:
-        points: Sixteen x, y, z each, shape (BLOCK * blocks,) [m].
-        block: Which sixteen.
-        x: The point [m], with y and z.
-        y: See x.
-        z: See x.
-    """
+    """Return the squared distances of a point to the sixteen points of a block, (BLOCK * blocks,) [m^2]."""
     px, py, pz = points_at(points, block * BLOCK)
     dx, dy, dz = px - x, py - y, pz - z
     return dx * dx + dy * dy + dz * dz
@@ -133,15 +106,9 @@ def point_gaps(points: Floats32, block: int, x: float, y: float, z: float) -> Ve
 
 @lane_step(int64(CLOUD_TABLES, int64, float64, float64, float64, float64))
 def next_block(cloud: LaneCloud, after: int, x: float, y: float, z: float, reach: float) -> int:
-    """The next sixteen points some of which are within reach of a point; -1 if there are none.
+    """Return the next sixteen points after some, -1 at first, with any within reach of a point [m].
 
-    Args:
-        cloud: The cloud.
-        after: The last sixteen that were found; -1 at first.
-        x: The point [m], with y and z.
-        y: See x.
-        z: See x.
-        reach: Distance [m].
+    -1 if there are none.
     """
     square = splat(reach * reach)
     # sixteen bits for each level: boxes of the block that was entered there that have not been looked at yet
@@ -216,14 +183,7 @@ def nearest_point(cloud: LaneCloud, x: float, y: float, z: float, cutoff: float)
 
 @lane_step(float64(CLOUD_TABLES, float64, float64, float64))
 def nearest_distance(cloud: LaneCloud, x: float, y: float, z: float) -> float:
-    """Distance of a point to the nearest of the cloud's [m].
-
-    Args:
-        cloud: The cloud.
-        x: The point [m], with y and z.
-        y: See x.
-        z: See x.
-    """
+    """Return the distance of a point to the nearest of the cloud's [m]."""
     px, py, pz = point_at(cloud.points, nearest_point(cloud, x, y, z, 1e15))
     dx, dy, dz = x - px, y - py, z - pz
     return math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -249,34 +209,17 @@ def _beyond(cloud: LaneCloud, x: float, y: float, z: float, reach: float) -> boo
 
 @lane_step(boolean(int64, float64, float64, float64, float64))
 def cloud_beyond(address: int, x: float, y: float, z: float, reach: float) -> bool:
-    """Tell if a point is certain to be farther than a reach from all balls of a cloud.
-
-    Args:
-        address: Where the words of the cloud are.
-        x: Point in the cloud's frame [m], with y and z.
-        y: See x.
-        z: See x.
-        reach: Distance [m].
-    """
+    """Tell if a point in a cloud's frame is certain to be farther than a reach from all its balls [m]."""
     cloud = cloud_of(words_at(address))
     return bool(_beyond(cloud, x, y, z, reach + cloud.numbers[RADIUS]))
 
 
 @lane_step(types.UniTuple(float64, 4)(int64, float64, float64, float64, float64))
 def cloud_distance(address: int, x: float, y: float, z: float, cutoff: float) -> Signed:
-    """Signed distance of a point to the nearest ball of a cloud, and the unit vector along which it grows.
+    """Return the signed distance of a point to the nearest ball of a cloud [m], and the vector along which it grows.
 
-    Points are in float32, of which the one that is nearest may be missed by another that is as near to a micrometre.
-
-    Args:
-        address: Where the words of the cloud are.
-        x: Point in the cloud's frame [m], with y and z.
-        y: See x.
-        z: See x.
-        cutoff: Distance from which on the answer doesn't matter [m]; may be infinite or negative.
-
-    Returns:
-        Distance [m] and unit vector (3); infinite and zero beyond the cutoff.
+    The point is in the cloud's frame. Points are in float32, of which the nearest may be missed by another that is as
+    near to a micrometre. Infinite and zero beyond the cutoff, which may be infinite or negative [m].
     """
     cloud = cloud_of(words_at(address))
     radius = float(cloud.numbers[RADIUS])

@@ -23,8 +23,8 @@ from guidefield.kernels.distance.distance import (
 )
 from guidefield.kernels.distance.point_tree import cloud_distance
 from guidefield.kernels.distance.triangle_distance import LEAF, Span, SurfaceTables, signed_distance
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import Floats
+from guidefield.kernels.jit.arrays import Floats
+from guidefield.kernels.jit.decorators import uncounted
 from guidefield.kernels.kinematics.poses import moved_back_by, turned_by
 from guidefield.kernels.simd.vector import (
     LANES_64,
@@ -40,50 +40,33 @@ from guidefield.kernels.simd.vector import (
     total,
 )
 
-Lanes3 = tuple[Vector, Vector, Vector]
-"""Points or axes, by coordinate."""
+Lanes3 = tuple[Vector, Vector, Vector]  # points or axes, by coordinate
 
 Away = tuple[Vector, Vector, Vector, Vector]
 """Distances of points: the square of the distance, negative inside [m²], and a vector (3) along which the distance
 grows, as long as the distance, or `NEXT_TO` where that is less [m]."""
 
-Signed = tuple[Vector, Vector, Vector, Vector]
-"""Signed distances [m] and the unit vectors (3) along which they grow."""
-
-DEEPEST = 40
-"""Maximum number of nodes of a tree that wait: one of a million leaves is 20 levels deep."""
+Signed = tuple[Vector, Vector, Vector, Vector]  # signed distances [m] and the unit vectors (3) along which they grow
+DEEPEST = 40  # maximum number of nodes of a tree that wait: one of a million leaves is 20 levels deep
 
 _FOUND, _NODES, _GAPS = 8, 9, 9 + DEEPEST // LANES_64
 """Rows of scratch: of the nearest triangles, of the nodes that wait, and of the points' distances from these."""
 
-ROWS = _GAPS + DEEPEST
-"""Rows of scratch, each of `LANES_64` numbers."""
-
-NEXT_TO = 1e-12
-"""Nearer than this to a surface the direction is that of what is inside, or of a sheet's normal [m]."""
+ROWS = _GAPS + DEEPEST  # rows of scratch, each of `LANES_64` numbers
+NEXT_TO = 1e-12  # nearer than this to a surface the direction is that of what is inside, or of a sheet's normal [m]
 
 _NEXT_TO_SQUARED = NEXT_TO * NEXT_TO
 
-_TINY = 1e-300
-"""Added to what may be zero and is divided by."""
+_TINY = 1e-300  # added to what may be zero and is divided by
 
 
 @uncounted
 def nearest_body_of_each(
     p: Lanes3, candidates: Floats, count: int, tables: DistanceTables, cutoff: float, scratch: Floats
 ) -> Signed:
-    """Signed distance of points to the nearest of some bodies.
+    """Return signed distances [m] of points to the nearest of the first `count` candidates (bodies,), and unit vectors.
 
-    Args:
-        p: The points in the world [m].
-        candidates: Indices of bodies, of which the first `count` count, shape (bodies,).
-        count: How many.
-        tables: The bodies.
-        cutoff: Distance beyond which nothing is looked for, positive [m].
-        scratch: Of `ROWS` times `LANES_64` numbers.
-
-    Returns:
-        Distances [m], and unit vectors (3); the cutoff and zero beyond it.
+    They are the cutoff, positive [m], and zero beyond it; scratch of `ROWS` times `LANES_64` numbers.
     """
     nothing = 0.0 * p[0]
     best, bx, by, bz = nothing + cutoff * cutoff, nothing, nothing, nothing
@@ -105,15 +88,7 @@ def _make_signed(square: Vector, ax: Vector, ay: Vector, az: Vector) -> Signed:
 
 @uncounted
 def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> Away:
-    """From a body, in the world; where a distance isn't below the best, by the square of a signed one, any that isn't.
-
-    Args:
-        p: The points in the world [m].
-        body: Index of the body.
-        tables: The bodies.
-        best: Squares of signed distances [m²].
-        scratch: Of `ROWS` times `LANES_64` numbers.
-    """
+    """From a body in the world; where a distance isn't below the best, by the square of a signed one, any."""
     T, nothing = tables.placements[body], 0.0 * p[0]
     q = moved_back_by(T, p[0], p[1], p[2])
     gap = _gap_squared(q, tables.bounds[body])
@@ -228,12 +203,7 @@ def _away_from_sheet(p: Lanes3, body: int, tables: DistanceTables) -> Away:
 
 @uncounted
 def _away_from_triangle(p: Lanes3, corner: Floats) -> Lanes3:
-    """From the closest point of a triangle to points: of its face where they are over it, else of its nearest edge.
-
-    Args:
-        p: The points [m].
-        corner: Corner a, edges b - a and c - a, shape (9,) [m].
-    """
+    """From the closest point of a triangle (9,): of its face where points are over it, else of its nearest edge."""
     ax, ay, az = p[0] - corner[0], p[1] - corner[1], p[2] - corner[2]
     ux, uy, uz, wx, wy, wz = corner[3], corner[4], corner[5], corner[6], corner[7], corner[8]
     uu, uw, ww = ux * ux + uy * uy + uz * uz, ux * wx + uy * wy + uz * wz, wx * wx + wy * wy + wz * wz

@@ -13,25 +13,19 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types, void
 
-from guidefield.kernels.distance.triangle_distance import LEAF, SPAN, SURFACES, Span, SurfaceTables
-from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, SCALAR, Floats, Vector3, compiled, inlined
+from guidefield.kernels.distance.triangle_distance import LEAF, Span, SurfaceTables
+from guidefield.kernels.jit.arrays import Floats, IndicesOut, Rows, Vector3
+from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 from guidefield.kernels.linalg.small_systems import cross, dot
 
-RAYS = 64
-"""Directions that are tried."""
-
-GRAZING = 1e-12
-"""An edge is grazed if the ray passes it closer than this, over the lengths involved."""
-
-GRAZED = 1 << 40
-"""More crossings than there are: the ray grazes an edge."""
+RAYS = 64  # directions that are tried
+GRAZING = 1e-12  # an edge is grazed if the ray passes it closer than this, over the lengths involved
+GRAZED = 1 << 40  # more crossings than there are: the ray grazes an edge
 
 _STACK = 64
 
-_FLAT = 1e-12
-"""Less than this of a direction along an axis counts as so much where boxes are met."""
+_FLAT = 1e-12  # less than this of a direction along an axis counts as so much where boxes are met
 
 BALL, REACH, PLACE, ROOM, TURNS, ANCHOR = 0, 3, 4, 7, 8, 9
 """Columns of anchors: centre and radius of the ball in which all of the surface is there; a place, how far about it is
@@ -139,54 +133,29 @@ def _winding(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span) 
     return total
 
 
-@compiled(types.int64(SCALAR, SCALAR, SCALAR, SURFACES, SPAN))
+@kernel
 def ray_winding(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span) -> int:
-    """Winding number of a closed surface around a point that is not on it.
+    """Return the winding number of a closed surface around a point not on it.
 
-    Args:
-        x: Point in the frame of the surface [m], with y and z.
-        y: See x.
-        z: See x.
-        surfaces: All surfaces.
-        span: Where the surface's tree stands.
-
-    Returns:
-        The number; 0 where each of `RAYS` rays grazes an edge.
+    0 where each of `RAYS` rays grazes an edge.
     """
     total = _winding(x, y, z, surfaces, span)
     return total if total <= GRAZED // 2 else 0
 
 
-@compiled(types.boolean(SCALAR, SCALAR, SCALAR, SURFACES, SPAN))
+@inner_kernel
 def surely_outside(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span) -> bool:
-    """Tell if a closed surface is certain not to wind around a point that is not on it.
-
-    Args:
-        x: Point in the frame of the surface [m], with y and z.
-        y: See x.
-        z: See x.
-        surfaces: All surfaces.
-        span: Where the surface's tree stands.
-    """
+    """Tell if a closed surface is certain not to wind around a point that is not on it."""
     return _winding(x, y, z, surfaces, span) == 0
 
 
-@compiled(types.boolean(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, MATRIX, types.int64))
+@inner_kernel
 def surely_outside_seen(
-    x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, anchors: Floats, row: int
+    x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, anchors: Rows, row: int
 ) -> bool:
-    """`surely_outside` of a closed surface of which only that is there which meets a ball.
+    """`surely_outside` of a closed surface of which only that is there which meets a ball; `anchors` (k, ANCHOR).
 
     What is between two places in the ball is in it, and so all is there that the way between them crosses.
-
-    Args:
-        x: Point in the frame of the surface [m], with y and z.
-        y: See x.
-        z: See x.
-        surfaces: All surfaces.
-        span: Where the tree of what is there stands.
-        anchors: Rows of `ANCHOR` numbers in that frame.
-        row: Which is the surface's.
     """
     dx, dy, dz = x - anchors[row, BALL], y - anchors[row, BALL + 1], z - anchors[row, BALL + 2]
     if not (dx * dx + dy * dy + dz * dz <= anchors[row, REACH] ** 2 and anchors[row, ROOM] > 0.0):
@@ -205,15 +174,8 @@ def surely_outside_seen(
     return False
 
 
-@compiled(void(MATRIX, SURFACES, SPAN, INDICES_OUT))
-def windings_at(points: Floats, surfaces: SurfaceTables, span: Span, windings_out: np.ndarray) -> None:
-    """`ray_winding` at many points.
-
-    Args:
-        points: Shape (n, 3) [m], in the frame of the surface.
-        surfaces: All surfaces.
-        span: Where the surface's tree stands.
-        windings_out: Shape (n,).
-    """
+@kernel
+def windings_at(points: Rows, surfaces: SurfaceTables, span: Span, windings_out: IndicesOut) -> None:
+    """`ray_winding` at many points (n, 3) [m], shape (n,)."""
     for i in range(points.shape[0]):
         windings_out[i] = ray_winding(points[i, 0], points[i, 1], points[i, 2], surfaces, span)

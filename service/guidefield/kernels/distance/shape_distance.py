@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
-from guidefield.kernels.jit.signatures import Vector3, inlined
+from guidefield.kernels.jit.arrays import Vector3
+from guidefield.kernels.jit.decorators import inlined
 
-Signed = tuple[float, float, float, float]
-"""Signed distance [m] and the unit vector (3) along which it grows."""
+Signed = tuple[float, float, float, float]  # signed distance [m] and the unit vector (3) along which it grows
 
 
 @inlined

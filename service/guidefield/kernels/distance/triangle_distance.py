@@ -15,19 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.fields import Rows, numba_type
-from guidefield.kernels.jit.signatures import SCALAR, Floats, Vector3, compiled, inlined
+from guidefield.kernels.jit.arrays import Floats, Rows, Vector3, numba_type
+from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 
 FOUR_SCALARS = types.UniTuple(types.float64, 4)
 
-LEAF = 4
-"""Boxes that one leaf of a tree holds."""
-
-ON_SURFACE = 1e-12
-"""Nearer than this the direction from the surface is the pseudonormal [m]."""
-
-_STACK = 64
-"""More nodes than ever wait: a tree of a million leaves is 20 levels deep."""
+LEAF = 4  # boxes that one leaf of a tree holds
+ON_SURFACE = 1e-12  # nearer than this the direction from the surface is the pseudonormal [m]
+_STACK = 64  # more nodes than ever wait: a tree of a million leaves is 20 levels deep
 
 FACE, EDGE_AB, EDGE_BC, EDGE_CA, CORNER_A, CORNER_B, CORNER_C = range(7)
 """Parts of a triangle, as columns of its pseudonormals."""
@@ -38,16 +33,11 @@ class SurfaceTables(NamedTuple):
 
     A tree is a complete binary tree of boxes in an array: the children of node i are 2 i + 1 and 2 i + 2, its last
     `leaves` nodes hold `LEAF` triangles each. Boxes without triangles are empty, from plus to minus infinity.
-
-    Attributes:
-        nodes: Boxes, lower then upper corner, shape (m, 6) [m].
-        corners: Corner a, edges b - a and c - a, shape (t, 9) [m].
-        normals: Unit pseudonormals in the order of the parts, shape (t, 21).
     """
 
-    nodes: Rows
-    corners: Rows
-    normals: Rows
+    nodes: Rows  # boxes, lower then upper corner, shape (m, 6) [m]
+    corners: Rows  # corner a, edges b - a and c - a, shape (t, 9) [m]
+    normals: Rows  # unit pseudonormals in the order of the parts, shape (t, 21)
 
 
 SURFACES = numba_type(SurfaceTables)
@@ -59,15 +49,7 @@ Span = tuple[int, int, int, int]
 
 @inlined
 def box_gap_squared(x: float, y: float, z: float, boxes: Floats, i: int) -> float:
-    """Square of the distance from a point to a box, 0 inside; infinite for an empty box [m^2].
-
-    Args:
-        x: Point in the frame of the boxes [m], with y and z.
-        y: See x.
-        z: See x.
-        boxes: Lower, then upper corners, shape (n, 6) [m].
-        i: Which box.
-    """
+    """Return the squared distance from a point to one of boxes (n, 6), 0 inside; infinite for an empty box [m^2]."""
     dx = max(boxes[i, 0] - x, x - boxes[i, 3], 0.0)
     dy = max(boxes[i, 1] - y, y - boxes[i, 4], 0.0)
     dz = max(boxes[i, 2] - z, z - boxes[i, 5], 0.0)
@@ -121,15 +103,9 @@ def _away(p: Vector3, corners: Floats, i: int, s: float, t: float) -> Vector3:
 
 @inlined
 def nearest_of(p: Vector3, corners: Floats, begin: int, end: int, best: float, found: int) -> tuple[float, int]:
-    """Square of the distance to the nearest of some triangles, and its index, if it is nearer than what was found.
+    """Return the squared distance to the nearest of triangles `begin` to `end` - 1, rows (t, 9), and its index.
 
-    Args:
-        p: Point in the frame of the surface [m].
-        corners: Corner a, edges b - a and c - a, shape (t, 9) [m].
-        begin: The first of those that are looked at.
-        end: The one past the last.
-        best: Square of the distance of what was found [m^2].
-        found: Its index.
+    If none is nearer than what was found, `best` [m^2] and `found`, those are returned.
     """
     for i in range(begin, end):
         s, t, _ = _closest(p, corners, i)
@@ -177,53 +153,23 @@ def _search(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, c
     return found
 
 
-@compiled(types.int64(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, SCALAR))
+@kernel
 def nearest_triangle(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, cutoff: float) -> int:
-    """The triangle of a tree that is nearest to a point and nearer than a cutoff.
-
-    Args:
-        x: Point in the frame of the surface [m], with y and z.
-        y: See x.
-        z: See x.
-        surfaces: All surfaces.
-        span: Where the tree stands.
-        cutoff: Distance beyond which nothing is looked for [m]; may be infinite.
-
-    Returns:
-        Index of a row of `corners`, or -1.
-    """
+    """Return the row of the triangle of a tree that is nearest to a point and nearer than a cutoff [m], or -1."""
     return _search(x, y, z, surfaces, span, cutoff, False)
 
 
-@compiled(types.boolean(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, SCALAR))
+@kernel
 def some_triangle_near(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, reach: float) -> bool:
-    """Tell if any triangle of a tree is nearer to a point than a reach: sooner told than which is nearest.
-
-    Args:
-        x: Point in the frame of the surface [m], with y and z.
-        y: See x.
-        z: See x.
-        surfaces: All surfaces.
-        span: Where the tree stands.
-        reach: Distance [m], not negative; may be infinite.
-    """
+    """Tell if any triangle of a tree is nearer to a point than a reach [m] >= 0: sooner told than the nearest."""
     return _search(x, y, z, surfaces, span, reach, True) >= 0
 
 
-@compiled(FOUR_SCALARS(SCALAR, SCALAR, SCALAR, SURFACES, types.int64, types.boolean))
+@inner_kernel
 def signed_distance(
     x: float, y: float, z: float, surfaces: SurfaceTables, nearest: int, solid: bool
 ) -> tuple[float, float, float, float]:
-    """Distance of a point to its nearest triangle and the unit vector along which it grows, as `surface_distance`.
-
-    Args:
-        x: Point in the frame of the surface [m], with y and z.
-        y: See x.
-        z: See x.
-        surfaces: All surfaces.
-        nearest: Index of the triangle.
-        solid: Whether its surface is closed.
-    """
+    """Return the distance of a point to its nearest triangle and the vector along it, as `surface_distance`."""
     p = (x, y, z)
     s, t, part = _closest(p, surfaces.corners, nearest)
     dx, dy, dz = _away(p, surfaces.corners, nearest, s, t)
@@ -238,23 +184,13 @@ def signed_distance(
     return sign * distance, over * dx, over * dy, over * dz
 
 
-@compiled(FOUR_SCALARS(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, types.boolean, SCALAR))
+@inner_kernel
 def surface_distance(
     x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, solid: bool, cutoff: float
 ) -> tuple[float, float, float, float]:
-    """Distance of a point to a surface of triangles and the unit vector along which it grows.
+    """Return the distance of a point to a surface of triangles [m] and the unit vector along which it grows.
 
-    Args:
-        x: Point in the frame of the surface [m], with y and z.
-        y: See x.
-        z: See x.
-        surfaces: All surfaces.
-        span: Where the surface's tree stands.
-        solid: Whether the surface is closed: distances inside it are negative then.
-        cutoff: Distance beyond which nothing is looked for, inside or out [m]; may be infinite.
-
-    Returns:
-        Distance [m] and unit vector (3); infinite and zero if the surface is not within the cutoff.
+    Of a `solid` distances inside are negative; beyond the cutoff [m], inside or out, they are infinite and zero.
     """
     nearest = nearest_triangle(x, y, z, surfaces, span, cutoff)
     if nearest < 0:

@@ -14,12 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import void
 
+from guidefield.kernels.field.box import capsule_at
 from guidefield.kernels.field.field import LANES, add_field, add_potential
 from guidefield.kernels.field.field_tables import CAPSULE_RADIUS, TABLES, TABLES_32
-from guidefield.kernels.field.primitives import capsule_at
-from guidefield.kernels.field.wrenches import gathered, give, nothing, project
-from guidefield.kernels.jit.fields import IndexRows, Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import (
+from guidefield.kernels.jit.arrays import (
     BLOCKS_OUT,
     MATRIX,
     MATRIX_OUT,
@@ -27,35 +25,142 @@ from guidefield.kernels.jit.signatures import (
     VECTOR,
     VECTOR_OUT,
     Floats,
-    compiled,
-    inlined,
-    optimized,
+    IndexRows,
+    Indices,
+    Row,
+    Rows,
+    numba_type,
 )
-from guidefield.kernels.kinematics.forward_kinematics import JOINTS, joint_placements
+from guidefield.kernels.jit.decorators import compiled, inlined, optimized
+from guidefield.kernels.kinematics.forward_kinematics import JOINTS, JointTable, joint_placements, motion_subspaces
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import lanes_of, load, select, store, total
 
 
-class ChargedRobot(NamedTuple):
-    """A robot's charged points and capsules.
+@inlined
+def nothing(zero: Any) -> Any:
+    """Sums of a joint before any point."""
+    return (zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero)
 
-    Attributes:
-        points: In the frame of their joint, shape (p, 3) [m].
-        weights: Area that each stands for, shape (p,) [m^2].
-        point_joints: Index of the joint that moves each, shape (p,).
-        capsules: In the frame of their joint: both ends (2 x 3), and the radius at `CAPSULE_RADIUS`; shape (c, 7) [m].
-        capsule_joints: Index of the joint that moves each, shape (c,).
-        pairs: First point, one past the last point (all of one joint), capsule: who repels whom; shape (k, 3).
-        runs: The same with points of several joints that stand together as one, if they move; shape (r, 3).
+
+@inlined
+def gathered(sums: Any, x: Any, y: Any, z: Any, gx: Any, gy: Any, gz: Any, s: Any) -> Any:
+    """Sums of a joint with points added: force -g, its moment, and the inertia of curvature s.
+
+    Inertia: total, first moments, second moments xx xy xz yy yz zz.
     """
+    sx, sy, sz = s * x, s * y, s * z
+    return (
+        sums[0] - gx, sums[1] - gy, sums[2] - gz,
+        sums[3] - (y * gz - z * gy), sums[4] - (z * gx - x * gz), sums[5] - (x * gy - y * gx),
+        sums[6] + s, sums[7] + sx, sums[8] + sy, sums[9] + sz,
+        sums[10] + sx * x, sums[11] + sx * y, sums[12] + sx * z,
+        sums[13] + sy * y, sums[14] + sy * z, sums[15] + sz * z,
+    )  # fmt: skip
 
-    points: Rows
-    weights: Row
-    point_joints: Indices
+
+@inlined
+def give(sums: Any, joint: int, sign: float, wrenches: Floats, inertias: Floats) -> None:
+    """Add a joint's summed lanes to its spatial force and inertia.
+
+    Args:
+        sums: As `gathered` has them.
+        joint: Which joint.
+        sign: 1, or -1 for what is repelled.
+        wrenches: Forces and moments, shape (n, 6); added to.
+        inertias: Shape (n, 10); added to.
+    """
+    for k, lanes in enumerate(sums):
+        if k < 6:
+            wrenches[joint, k] += sign * total(lanes)
+        else:
+            inertias[joint, k - 6] += total(lanes)
+
+
+@inlined
+def _respond(inertia: Floats, S: Floats, response_out: Floats) -> None:
+    """Spatial force of an inertia moved with the twist S, both at the world's origin.
+
+    A point x of curvature s moves with v + omega x x and answers with s times that; summed: force = s v + omega x c,
+    moment = c x v + (tr(Q) 1 - Q) omega with first moments c and second moments Q.
+    """
+    s, cx, cy, cz = inertia[0], inertia[1], inertia[2], inertia[3]
+    xx, xy, xz, yy, yz, zz = inertia[4], inertia[5], inertia[6], inertia[7], inertia[8], inertia[9]
+    vx, vy, vz, wx, wy, wz = S[0], S[1], S[2], S[3], S[4], S[5]
+    response_out[0] = s * vx + wy * cz - wz * cy
+    response_out[1] = s * vy + wz * cx - wx * cz
+    response_out[2] = s * vz + wx * cy - wy * cx
+    response_out[3] = cy * vz - cz * vy + (yy + zz) * wx - xy * wy - xz * wz
+    response_out[4] = cz * vx - cx * vz - xy * wx + (xx + zz) * wy - yz * wz
+    response_out[5] = cx * vy - cy * vx - xz * wx - yz * wy + (xx + yy) * wz
+
+
+@inlined
+def project(
+    joints: JointTable,
+    world: Floats,
+    wrenches: Floats,
+    inertias: Floats,
+    total: int,
+    gradient_out: Floats,
+    metric_out: Floats,
+) -> None:
+    """Carry wrenches and inertias to the root, project them on the motion subspaces.
+
+    gradient = -S^T F of the subtree; metric_jk = S_j^T I_k S_k for every joint j at or above k.
+
+    Args:
+        joints: The n joints.
+        world: Placements of joints, about any origin, shape (n, 3, 4) [m].
+        wrenches: Force [1] and moment about that origin [m] at each joint, shape (n, 6).
+        inertias: Of each joint, shape (n, 10); becomes those of the subtrees.
+        total: How many tangent values there are.
+        gradient_out: Shape (total,).
+        metric_out: Shape (total, total).
+    """
+    parents, idx_v, nv = joints.parents, joints.idx_v, joints.nv
+    n = parents.shape[0]
+    subspaces = np.empty((total, 6))
+    motion_subspaces(joints, world, subspaces)
+    carried = wrenches.copy()
+    metric_out[:, :] = 0.0
+    response = np.empty(6)
+    for i in range(n - 1, 0, -1):
+        for k in range(nv[i]):
+            row = idx_v[i] + k
+            S = subspaces[row]
+            g = 0.0
+            for c in range(6):
+                g -= S[c] * carried[i, c]
+            gradient_out[row] = g
+            _respond(inertias[i], S, response)
+            j = i
+            while j > 0:
+                for m in range(nv[j]):
+                    column = idx_v[j] + m
+                    value = 0.0
+                    for c in range(6):
+                        value += subspaces[column, c] * response[c]
+                    metric_out[row, column] = value
+                    metric_out[column, row] = value
+                j = parents[j]
+        for c in range(6):
+            carried[parents[i], c] += carried[i, c]
+        for c in range(10):
+            inertias[parents[i], c] += inertias[i, c]
+
+
+class ChargedRobot(NamedTuple):
+    """A robot's charged points and capsules."""
+
+    points: Rows  # in the frame of their joint, shape (p, 3) [m]
+    weights: Row  # area that each stands for, shape (p,) [m^2]
+    point_joints: Indices  # index of the joint that moves each, shape (p,)
+    # in the frame of their joint: both ends (2 x 3), and the radius at `CAPSULE_RADIUS`; shape (c, 7) [m]
     capsules: Rows
-    capsule_joints: Indices
-    pairs: IndexRows
-    runs: IndexRows
+    capsule_joints: Indices  # index of the joint that moves each, shape (c,)
+    pairs: IndexRows  # first point, one past the last point (all of one joint), capsule: who repels whom; shape (k, 3)
+    runs: IndexRows  # the same with points of several joints that stand together as one, if they move; shape (r, 3)
 
 
 ROBOT = numba_type(ChargedRobot)
@@ -63,13 +168,7 @@ ROBOT = numba_type(ChargedRobot)
 
 @inlined
 def place_points(robot: Any, world: Floats, points_out: Floats) -> None:
-    """Charged points at placements of joints.
-
-    Args:
-        robot: What the joints carry.
-        world: Placements of joints about the tables' origin, shape (n, 3, 4) [m].
-        points_out: Shape (3, lanes) [m]; the last point is repeated to fill the lanes.
-    """
+    """Write the charged points at placements of joints (n, 3, 4), shape (3, lanes) [m]; the last fills up the lanes."""
     count = robot.points.shape[0]
     for i in range(points_out.shape[1]):
         source = min(i, count - 1)
@@ -151,12 +250,9 @@ def _field_forces(
 def _repulsion(
     robot: Any, k: int, world: Any, points: Any, weights: Any, counting: Any, field: Any, wrenches: Any, inertias: Any
 ) -> Any:
-    """Repulsion of a run of points by a capsule of another link, added to their field; its link gets opposite forces.
+    """Add the repulsion of a run of points by another link's capsule to their field; return its part of the potential.
 
-    Points that don't move have no field: their forces are given at once.
-
-    Returns:
-        What it adds to the potential.
+    Its link gets opposite forces. Points that don't move have no field: their forces are given at once.
     """
     first, past, capsule = robot.runs[k, 0], robot.runs[k, 1], robot.runs[k, 2]
     other = robot.capsule_joints[capsule]
@@ -190,19 +286,11 @@ def _repulsion(
 def forces(
     joints: Any, robot: Any, tables: Any, q: Floats, world_out: Floats, wrenches_out: Floats, inertias_out: Floats
 ) -> float:
-    """Potential U of a robot at q, and what the field does to its links, all about the tables' origin.
+    """Return the potential U of a robot at q (nq,) [m].
 
-    Args:
-        joints: The joints.
-        robot: What they carry.
-        tables: What is charged.
-        q: Configuration, shape (nq,).
-        world_out: Placements of joints, shape (n, 3, 4) [m].
-        wrenches_out: Force and moment on the points that each joint itself carries, shape (n, 6).
-        inertias_out: Their weight by curvature, first moments, second moments xx xy xz yy yz zz, shape (n, 10).
-
-    Returns:
-        U [m].
+    Write what the field does to its links, about the tables' origin. Placements of joints (n, 3, 4) [m]; force and
+    moment on the points that each joint itself carries (n, 6); their weight by curvature, first moments, second moments
+    xx xy xz yy yz zz (n, 10).
     """
     kind, counting = tables.boxes.dtype, _counting(tables)
     # A vector may begin at the last point.
@@ -223,20 +311,11 @@ def forces(
 def energy(
     joints: Any, robot: Any, tables: Any, q: Floats, gradient_out: Floats, metric_out: Floats, wrenches_out: Floats
 ) -> float:
-    """Potential U of a robot at q, its gradient, curvature metric, and the field's wrench on every link.
+    """Return the potential U of a robot at q (nq,) [m].
 
-    Args:
-        joints: The joints.
-        robot: What they carry.
-        tables: What is charged.
-        q: Configuration, shape (nq,).
-        gradient_out: dU/dv, shape (nv,).
-        metric_out: M, shape (nv, nv).
-        wrenches_out: Force [1] and moment about the world's origin [m], in its axes, on the link that each joint moves:
-            on its own points only, not those of links beyond it; shape (n, 6).
-
-    Returns:
-        U [m].
+    Write its gradient (nv,), curvature metric M (nv, nv), and wrenches. `wrenches_out` (n, 6) are force [1] and moment
+    about the world's origin [m], in its axes, on the link that each joint moves: on its own points only, not those of
+    links beyond it.
     """
     n = joints.parents.shape[0]
     world, inertias = np.empty((n, 3, 4)), np.empty((n, 10))
@@ -286,15 +365,7 @@ def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
 
 @compiled(void(JOINTS, ROBOT, TABLES_32, MATRIX, VECTOR_OUT))
 def potentials(joints: Any, robot: Any, tables: Any, qs: Floats, potentials_out: Floats) -> None:
-    """`potential` at many configurations.
-
-    Args:
-        joints: The joints.
-        robot: What they carry.
-        tables: What is charged.
-        qs: Shape (m, nq).
-        potentials_out: Shape (m,) [m].
-    """
+    """`potential` at many configurations (m, nq), shape (m,) [m]."""
     for m in range(qs.shape[0]):
         potentials_out[m] = potential(joints, robot, tables, qs[m])
 
@@ -363,20 +434,10 @@ def link_wrenches(
     robot: Any, tables: Any, world: Floats, points: Floats, weights: Floats, low: int, high: int, counting: Any,
     wrenches_out: Floats,
 ) -> None:  # fmt: skip
-    """Force and moment about the tables' origin on what joints from `low` to `high` carry.
+    """Write force [1] and moment [m] about the tables' origin on what joints from `low` to `high` carry, (n, 6).
 
-    Points of a joint stand together, in the order of joints.
-
-    Args:
-        robot: What the joints carry.
-        tables: What is charged.
-        world: Placements of joints about the tables' origin, shape (n, 3, 4) [m].
-        points: Charged points there, shape (3, lanes) [m].
-        weights: Area that each stands for, shape (lanes,) [m^2].
-        low: First joint.
-        high: Last joint, one of them.
-        counting: 0, 1, 2 .. in the precision of the tables, shape (LANES,).
-        wrenches_out: Force [1] and moment [m], shape (n, 6); rows of other joints have no meaning.
+    Points (3, lanes) of a joint stand together, in the order of joints, with the areas `weights` (lanes,) [m^2];
+    `world` (n, 3, 4) are placements about that origin [m]. Rows of other joints have no meaning.
     """
     wrenches_out[:, :] = 0.0
     _from_scene(robot, tables, points, low, high, wrenches_out)

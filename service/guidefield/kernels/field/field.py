@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.field.box import CHARGE as BOX_CHARGE, box_at
+from guidefield.kernels.field.box import CHARGE as BOX_CHARGE, box_at, charged_capsule_at, plane_at, sphere_at
 from guidefield.kernels.field.faces import (
     AFTER,
     BOXES,
@@ -43,45 +43,32 @@ from guidefield.kernels.field.field_tables import (
     TABLES_32,
     FieldTables,
 )
-from guidefield.kernels.field.primitives import charged_capsule_at, plane_at, sphere_at
-from guidefield.kernels.jit.signatures import FLOATS_OUT, MATRIX, MATRIX_OUT, Floats, compiled, inlined
+from guidefield.kernels.jit.arrays import FLOATS_OUT, MATRIX, MATRIX_OUT, Floats
+from guidefield.kernels.jit.decorators import compiled, inlined
 from guidefield.kernels.simd.vector import every, inverse_root, lanes_of, load, store
 
 MATRIX_32_OUT = types.Array(types.float32, 2, "C")
 
-LANES = 16
-"""Points come in multiples of it: the longest vector of lanes."""
+LANES = 16  # points come in multiples of it: the longest vector of lanes
 
 
 class Field(NamedTuple):
-    """The field at points.
+    """The field at points."""
 
-    Attributes:
-        potential: [1/m], shape (n,).
-        gradient: Of the potential [1/m^2], shape (n, 3); minus the force on a unit charge.
-        curvature: Of the nearby surfaces [1/m^3], never negative, shape (n,): the sum of -2 Phi_h/h over triangles and
-            rectangles, what corresponds to it for other shapes.
-        winding: Count of closed surfaces around the point, whatever their charge, shape (n,).
-    """
-
-    potential: Floats
-    gradient: Floats
+    potential: Floats  # [1/m], shape (n,)
+    gradient: Floats  # of the potential [1/m^2], shape (n, 3); minus the force on a unit charge
+    # of the nearby surfaces [1/m^3], never negative, shape (n,): the sum of -2 Phi_h/h over triangles and rectangles,
+    # what corresponds to it for other shapes
     curvature: Floats
-    winding: Floats
+    winding: Floats  # count of closed surfaces around the point, whatever their charge, shape (n,)
 
 
 def field_at_points(tables: FieldTables, points: Floats) -> Field:
-    """Field of all that is charged at many points, in the precision of the tables.
+    """Return the field of all that is charged at points (n, 3) [m], in the precision and the frame of the tables.
 
-    Args:
-        tables: What is charged.
-        points: Points in the frame of the tables [m], shape (n, 3).
+    All is finite everywhere, on the surfaces too. Inside a solid it does not tell the way out.
 
-    Returns:
-        The field; all is finite everywhere, on the surfaces too. Inside a solid it does not tell the way out.
-
-    Raises:
-        ValueError: if `points` is not of shape (n, 3) or not finite.
+    Raises ValueError if `points` is not of shape (n, 3) or not finite.
     """
     at = padded(tables, points)
     out = np.zeros((6, at.shape[1]), at.dtype)
@@ -91,17 +78,11 @@ def field_at_points(tables: FieldTables, points: Floats) -> Field:
 
 
 def padded(tables: FieldTables, points: Floats) -> Floats:
-    """Points as `add_field` takes them: relative to the tables' origin, the last repeated to fill the lanes.
+    """Return points (n, 3) [m] as `add_field` takes them: (3, m), relative to the tables' origin, of their precision.
 
-    Args:
-        tables: What is charged.
-        points: Points in the frame of the tables [m], shape (n, 3).
+    m is the next multiple of `LANES`, the last point is repeated.
 
-    Returns:
-        Shape (3, m), m the next multiple of `LANES` from n on; in the precision of the tables.
-
-    Raises:
-        ValueError: if `points` is not of shape (n, 3) or not finite.
+    Raises ValueError if `points` is not of shape (n, 3) or not finite.
     """
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -309,15 +290,10 @@ def _potential_of(t: Any, p: Any, phi: Any, scratch: Any, step: int) -> Any:
 
 @compiled([void(TABLES, MATRIX, types.intp, MATRIX_OUT), void(TABLES_32, MATRIX_32, types.intp, MATRIX_32_OUT)])
 def add_field(t: Any, points: Any, first: int, field_out: Any) -> None:
-    """Add the field at points in vectors from the first on.
+    """Add the field (6, n) at points (3, n) from the first on.
 
-    What is left over behind the last whole vector is left out.
-
-    Args:
-        t: What is charged.
-        points: In the frame of the tables, less their origin, shape (3, n) [m].
-        first: The point to begin with.
-        field_out: Potential [1/m], gradient (3) [1/m^2], curvature [1/m^3] and winding number, shape (6, n).
+    What is left over behind the last whole vector is left out. Points are in the frame of the tables, less their origin
+    [m]; the field is potential [1/m], gradient (3) [1/m^2], curvature [1/m^3] and winding number.
     """
     x, y, z = points[0], points[1], points[2]
     step = lanes_of(x)

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.field.faces import HALF_ROWS, PLANE_ROWS
-from guidefield.kernels.jit.fields import IndexRows, Row, Rows, numba_type
+from guidefield.kernels.jit.arrays import IndexRows, Row, Rows, numba_type
 
 TRIANGLE_COLUMNS, QUAD_COLUMNS = PLANE_ROWS + HALF_ROWS, PLANE_ROWS + 2 * HALF_ROWS
 
@@ -22,8 +22,7 @@ SPHERE_RADIUS, SPHERE_CHARGE, SPHERE_COLUMNS = 3, 4, 5
 OTHER_END, CAPSULE_RADIUS, CAPSULE_CHARGE, CAPSULE_COLUMNS = 3, 6, 7, 8
 """Columns of a capsule, behind one end of its axis (3): the other end (3), radius, charge; then how many there are."""
 
-OFFSET, PLANE_CHARGE, PLANE_COLUMNS = 3, 4, 5
-"""Columns of a plane, behind its unit normal (3); then how many there are."""
+OFFSET, PLANE_CHARGE, PLANE_COLUMNS = 3, 4, 5  # columns of a plane, behind its unit normal (3); then how many there are
 
 POINT_CHARGE, SOFTENING, POINT_COLUMNS = 3, 4, 5
 """Columns of a point of a cloud, behind its position (3): charge [1], square of the softening length; then how many
@@ -35,38 +34,22 @@ class FieldTables(NamedTuple):
 
     Faces stand in blocks that share corners. Blocks, and rows of closed forms, are the leaves of trees in depth-first
     order. A node's multipole expansion stands for all below it where points are farther than its reach from its centre.
-
-    Attributes:
-        origin: What to subtract from points, shape (3,), always in double precision; tables are relative to it.
-        boxes: As kernels/field/box.py reads them, shape (b, BOX_COLUMNS).
-        vertices: Corners of blocks, shape (v, 3).
-        triangle_corners: Indices into a block's vertices, shape (t, 3).
-        triangles: As kernels/field/faces.py reads them, shape (t, TRIANGLE_COLUMNS).
-        quad_corners: Two triangles each, indices into a block's vertices, shape (q, 6).
-        quads: As kernels/field/faces.py reads them, shape (q, QUAD_COLUMNS).
-        nodes: Shape (m, NODE_COLUMNS).
-        links: As kernels/field/faces.py reads them, shape (m, LINK_COLUMNS).
-        reach: Distance from a node's centre from which its expansion is used [m]; infinite for never; shape (m,).
-        spheres: Shape (s, SPHERE_COLUMNS).
-        capsules: Shape (c, CAPSULE_COLUMNS).
-        planes: Shape (p, PLANE_COLUMNS).
-        cloud: Points of clouds, shape (n, POINT_COLUMNS).
     """
 
-    origin: Row
-    boxes: Rows
-    vertices: Rows
-    triangle_corners: IndexRows
-    triangles: Rows
-    quad_corners: IndexRows
-    quads: Rows
-    nodes: Rows
-    links: IndexRows
-    reach: Row
-    spheres: Rows
-    capsules: Rows
-    planes: Rows
-    cloud: Rows
+    origin: Row  # what to subtract from points, shape (3,), always in double precision; tables are relative to it
+    boxes: Rows  # as kernels/field/box.py reads them, shape (b, BOX_COLUMNS)
+    vertices: Rows  # corners of blocks, shape (v, 3)
+    triangle_corners: IndexRows  # indices into a block's vertices, shape (t, 3)
+    triangles: Rows  # as kernels/field/faces.py reads them, shape (t, TRIANGLE_COLUMNS)
+    quad_corners: IndexRows  # two triangles each, indices into a block's vertices, shape (q, 6)
+    quads: Rows  # as kernels/field/faces.py reads them, shape (q, QUAD_COLUMNS)
+    nodes: Rows  # shape (m, NODE_COLUMNS)
+    links: IndexRows  # as kernels/field/faces.py reads them, shape (m, LINK_COLUMNS)
+    reach: Row  # distance from a node's centre from which its expansion is used [m]; infinite for never; shape (m,)
+    spheres: Rows  # shape (s, SPHERE_COLUMNS)
+    capsules: Rows  # shape (c, CAPSULE_COLUMNS)
+    planes: Rows  # shape (p, PLANE_COLUMNS)
+    cloud: Rows  # points of clouds, shape (n, POINT_COLUMNS)
 
 
 MATRIX_32 = types.Array(types.float32, 2, "C", readonly=True)

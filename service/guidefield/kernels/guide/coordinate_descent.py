@@ -3,9 +3,6 @@
 service/docs/algorithm.md, "Univariate". A search follows the sign of a projected force or torque: steps of one size as
 long as it stays, reversed and halved where it changes, halved where a trial isn't free. Only the links whose forces a
 search needs are evaluated: those that it moves, of a chain that nothing holds the one that turns.
-
-service/docs/algorithm.md, "Univariate". Only the links whose forces a search needs are evaluated: those that it moves,
-of a chain that nothing holds the one that turns.
 """
 
 from __future__ import annotations
@@ -21,9 +18,9 @@ from guidefield.kernels.field.energy import ROBOT, link_wrenches, place_points
 from guidefield.kernels.field.field import LANES
 from guidefield.kernels.field.field_tables import TABLES_32
 from guidefield.kernels.guide.tip_constraint import COUNTS_OUT, EVALUATIONS, GUARD, JUDGED, allows
-from guidefield.kernels.jit.fields import numba_type
-from guidefield.kernels.jit.signatures import INDICES, MATRIX_OUT, VECTOR, Floats, Vector3, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import JOINTS, joint_placements
+from guidefield.kernels.jit.arrays import INDICES, MATRIX_OUT, VECTOR, Floats, Vector3, numba_type
+from guidefield.kernels.jit.decorators import compiled, inlined
+from guidefield.kernels.kinematics.forward_kinematics import JOINTS, chart_values, joint_placements
 from guidefield.kernels.kinematics.link_chain import (
     CHAIN,
     chain_configuration,
@@ -32,9 +29,7 @@ from guidefield.kernels.kinematics.link_chain import (
     turn_from,
     turn_towards,
 )
-from guidefield.kernels.kinematics.local_coordinates import chart_values
-from guidefield.kernels.sweep.swept import motion_apart
-from guidefield.kernels.sweep.swept_bounds import SWEPT
+from guidefield.kernels.sweep.swept_bounds import SWEPT, motion_apart
 
 SLIDE_END, SLIDE_WHOLE, TURN_TOWARDS, TURN_PAIR, TURN_FROM = range(5)
 """Searches: the last link slides; the chain slides; a link turns about its far end; two about a line; one about its
@@ -42,17 +37,11 @@ joint."""
 
 
 class Strung(NamedTuple):
-    """The chain at a configuration.
+    """The chain at a configuration."""
 
-    Attributes:
-        q: Configuration, shape (nq,).
-        places: Of the joints and the end, shape (n + 1, 3) [m, world].
-        rotations: Of the links in the world, shape (n, 3, 3).
-    """
-
-    q: Floats
-    places: Floats
-    rotations: Floats
+    q: Floats  # configuration, shape (nq,)
+    places: Floats  # of the joints and the end, shape (n + 1, 3) [m, world]
+    rotations: Floats  # of the links in the world, shape (n, 3, 3)
 
 
 class SweepRoom(NamedTuple):
@@ -76,14 +65,9 @@ def strung(nq: int, n: int) -> Any:
 
 @inlined
 def put_at(chain: Any, joints: Any, carriers: Any, world: Floats, at: Any) -> None:
-    """Places of joints and rotations of links from the configuration `at.q`.
+    """Write places of joints and rotations of links from the configuration `at.q`, and placements (joints, 3, 4) [m].
 
-    Args:
-        chain: The chain.
-        joints: The joints of its model.
-        carriers: The joint that carries each link, shape (n,).
-        world: Gets placements of joints, shape (joints, 3, 4) [m].
-        at: Gets places and rotations.
+    `carriers` (n,) has the joint that carries each link.
     """
     n = carriers.shape[0]
     joint_placements(joints, at.q, world)
@@ -153,17 +137,10 @@ def push(joints: Any, carriers: Any, robot: Any, tables: Any, at: Any, kind: int
 
 
 @inlined
-def moved(kind: int, k: int, axis: Floats, step: float, here: Any, places_out: Floats, target: Floats) -> bool:
-    """Places of joints after a step; False where the chain can't be closed.
+def move_places(kind: int, k: int, axis: Floats, step: float, here: Any, places_out: Floats, target: Floats) -> bool:
+    """Write places of joints (n + 1, 3) after a step of a search [m, world]; False where the chain can't be closed.
 
-    Args:
-        kind: Which search.
-        k: Which link, from 1.
-        axis: Unit vector to slide along or turn about, shape (3,), in the world.
-        step: How far [m or rad].
-        here: The chain before it.
-        places_out: Shape (n + 1, 3) [m, world].
-        target: Scratch, shape (3,).
+    Along or about `axis` (3,), by `step` [m or rad], of link k, from 1; scratch (3,).
     """
     n = here.rotations.shape[0]
     if kind == TURN_FROM:
@@ -183,14 +160,7 @@ def moved(kind: int, k: int, axis: Floats, step: float, here: Any, places_out: F
 
 @inlined
 def across(at: Any, k: int, which: int, axis_out: Floats) -> None:
-    """One of two unit vectors across link k and each other, carried with the link.
-
-    Args:
-        at: The chain.
-        k: Which link, from 1.
-        which: 0 or 1.
-        axis_out: Shape (3,), in the world.
-    """
+    """Write one of two unit vectors (3,) across link k, from 1, and each other, carried with the link."""
     lx = at.places[k, 0] - at.places[k - 1, 0]
     ly = at.places[k, 1] - at.places[k - 1, 1]
     lz = at.places[k, 2] - at.places[k - 1, 2]
@@ -212,28 +182,21 @@ def across(at: Any, k: int, which: int, axis_out: Floats) -> None:
     axis_out[0], axis_out[1], axis_out[2] = x, y, z
 
 
-_MOST_TRIALS = 80
-"""Trials of one search."""
+_MOST_TRIALS = 80  # trials of one search
 
 
 class Searching(NamedTuple):
-    """Settings of searches.
+    """Settings of searches."""
 
-    Attributes:
-        first_turn, last_turn: A search for an angle begins with the one and ends below the other [rad].
-        first_slide, last_slide: The same for a slide [m].
-        margin: Distance kept from obstacles [m].
-        self_margin: What capsules of the robot keep from each other [m].
-        floor: Motions are halved down to this [m].
-    """
-
+    # first_turn, last_turn: A search for an angle begins with the one and ends below the other [rad]
     first_turn: float
     last_turn: float
+    # first_slide, last_slide: The same for a slide [m]
     first_slide: float
     last_slide: float
-    margin: float
-    self_margin: float
-    floor: float
+    margin: float  # distance kept from obstacles [m]
+    self_margin: float  # what capsules of the robot keep from each other [m]
+    floor: float  # motions are halved down to this [m]
 
 
 SEARCHING = numba_type(Searching)
@@ -324,29 +287,12 @@ def sweep(
     searching: Any, values: Any, lower: Floats, upper: Floats, normal: Floats, q: Floats, path_out: Floats,
     counts_out: Any,
 ) -> int:  # fmt: skip
-    """One round: slide, then reorient every link.
+    """Make one round: slide, then reorient every link; return how many configurations were accepted.
 
-    Args:
-        chain: The chain.
-        joints: The joints of its model.
-        carriers: The joint that carries each link, shape (n,).
-        leads: 1 where the first joint is the tip and nothing holds it.
-        robot: What is charged.
-        tables: What repels it, in single precision.
-        swept: The robot's capsules; a motion that they can't tell is free is not taken.
-        bodies: The obstacles.
-        guard: Where the tip may be.
-        searching: How searches go.
-        values: Where values with limits stand in a configuration, -1 where there are none, shape (nv,).
-        lower: Their limits, shape (nv,).
-        upper: Shape (nv,).
-        normal: Unit normal of the plane in which the tip slides, shape (3,).
-        q: Configuration, shape (nq,).
-        path_out: Configurations accepted, shape (most, nq); where it is full the round ends.
-        counts_out: Evaluations of forces and motions judged are added, shape (COUNTS,).
-
-    Returns:
-        How many were accepted.
+    `carriers` (n,) has the joint of each link; `leads` is 1 where the first joint is the tip and nothing holds it. A
+    motion that the capsules can't tell is free is not taken. `values` (nv,) is where values with limits `lower` and
+    `upper` (nv,) stand, -1 where there are none, `normal` (3,) that of the plane in which the tip slides, `path_out`
+    (most, nq) gets the configurations accepted, where it is full the round ends; `counts_out` (COUNTS,) is added to.
     """
     n, kind_of_lane = carriers.shape[0], tables.boxes.dtype
     lanes = robot.points.shape[0] + 2 * LANES
@@ -377,7 +323,7 @@ def sweep(
         trials = 0 if slope != 0.0 else _MOST_TRIALS
         while trials < _MOST_TRIALS and abs(step) >= last and taken < path_out.shape[0]:
             trials += 1
-            free = moved(kind, k, axis, step, here, there.places, target) and _free(
+            free = move_places(kind, k, axis, step, here, there.places, target) and _free(
                 chain, joints, leads, swept, bodies, guard, searching, (values, lower, upper), here, there, z0, z1,
                 counts_out,
             )  # fmt: skip

@@ -1,8 +1,8 @@
 """Descent of the potential on the manifold of configurations whose tip keeps a constraint: kernel of Projected.
 
-service/docs/algorithm.md, "Projected". A step is ``v = -(y - Z C y)`` with ``y = M^-1 g`` and
-``Z = M^-1 C^T (C M^-1 C^T)^-1``: Newton's step in the metric M of nearby faces' curvature, less the part that would
-leave the constraint. It is taken back onto the constraint by up to three corrections with the same Z.
+service/docs/algorithm.md, "Projected". A step is ``v = -(y - Z C y)`` with ``y = M^-1 g`` and ``Z = M^-1 C^T
+(C M^-1 C^T)^-1``: Newton's step in the metric M of nearby faces' curvature, less the part that would leave the
+constraint. It is taken back onto the constraint by up to three corrections with the same Z.
 """
 
 from __future__ import annotations
@@ -27,67 +27,43 @@ from guidefield.kernels.guide.tip_constraint import (
     constraint_error,
     constraint_rows,
 )
-from guidefield.kernels.jit.fields import numba_type
-from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.jit.arrays import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, numba_type
+from guidefield.kernels.jit.decorators import compiled, inlined
 from guidefield.kernels.kinematics.articulated_body import empty_factors, factorize, solve, trace
-from guidefield.kernels.kinematics.forward_kinematics import joint_placements, motion_subspaces
+from guidefield.kernels.kinematics.forward_kinematics import chart_values, joint_placements, motion_subspaces
 from guidefield.kernels.kinematics.integrate import MOVER, clamp, integrate, tip_position
-from guidefield.kernels.kinematics.local_coordinates import chart_values
 from guidefield.kernels.linalg.small_systems import invert
-from guidefield.kernels.sweep.swept import motion_apart
-from guidefield.kernels.sweep.swept_bounds import SWEPT
+from guidefield.kernels.sweep.swept_bounds import SWEPT, motion_apart
 
-_AT_LIMIT = 1e-9
-"""A value this close to a limit is at it [rad or m]."""
+_AT_LIMIT = 1e-9  # a value this close to a limit is at it [rad or m]
 
 
 class State(NamedTuple):
-    """A configuration and what the field does there; all about the tables' origin.
+    """A configuration and what the field does there; all about the tables' origin."""
 
-    Attributes:
-        q: Configuration of the model, shape (nq,).
-        world: Placements of joints, shape (n, 3, 4) [m].
-        wrenches: Force [1] and moment [m] on what each joint itself carries, shape (n, 6).
-        inertias: Weight by curvature, first and second moments of that, shape (n, 10).
-    """
-
-    q: Floats
-    world: Floats
-    wrenches: Floats
-    inertias: Floats
+    q: Floats  # configuration of the model, shape (nq,)
+    world: Floats  # placements of joints, shape (n, 3, 4) [m]
+    wrenches: Floats  # force [1] and moment [m] on what each joint itself carries, shape (n, 6)
+    inertias: Floats  # weight by curvature, first and second moments of that, shape (n, 10)
 
 
 class Step(NamedTuple):
-    """Room for a step; m tangents of the model, nv of the group.
+    """Room for a step; m tangents of the model, nv of the group."""
 
-    Attributes:
-        gradient: dU/dv, shape (nv,).
-        v: The step, shape (nv,).
-        rows: C, the constraint's derivative, shape (kind, nv).
-        products: y = M^-1 g, then M^-1 times each row of C, shape (1 + kind, nv).
-        Z: Shape (kind, nv).
-        jacobian: Scratch, shape (6, nv).
-        gram: C M^-1 C^T and its inverse, shape (kind, kind).
-        error: How far the constraint's numbers are from zero, shape (kind,).
-        blocked: 1 where a joint is at a limit that v would push it beyond, shape (nv,).
-        right: Scratch, shape (m,).
-        forces, scratch: What gathers at joints, shapes (n, 6) and (n, 10).
-        tangent: Scratch, shape (nv,).
-    """
-
-    gradient: Floats
-    v: Floats
-    rows: Floats
-    products: Floats
-    Z: Floats
-    jacobian: Floats
-    gram: Floats
-    error: Floats
-    blocked: Any
-    right: Floats
+    gradient: Floats  # dU/dv, shape (nv,)
+    v: Floats  # the step, shape (nv,)
+    rows: Floats  # C, the constraint's derivative, shape (kind, nv)
+    products: Floats  # y = M^-1 g, then M^-1 times each row of C, shape (1 + kind, nv)
+    Z: Floats  # shape (kind, nv)
+    jacobian: Floats  # scratch, shape (6, nv)
+    gram: Floats  # C M^-1 C^T and its inverse, shape (kind, kind)
+    error: Floats  # how far the constraint's numbers are from zero, shape (kind,)
+    blocked: Any  # 1 where a joint is at a limit that v would push it beyond, shape (nv,)
+    right: Floats  # scratch, shape (m,)
+    # forces, scratch: What gathers at joints, shapes (n, 6) and (n, 10)
     forces: Floats
     scratch: Floats
-    tangent: Floats
+    tangent: Floats  # scratch, shape (nv,)
 
 
 @inlined
@@ -245,29 +221,17 @@ _SUFFICIENT_DECREASE = 1e-4
 
 
 class Settings(NamedTuple):
-    """Settings of a descent.
+    """Settings of a descent."""
 
-    Attributes:
-        regularization: Share of the metric's mean diagonal added to it.
-        on_constraint: How near a trial comes to the constraint [m or rad].
-        tolerance: It ends where a step promises, or brings, less than this share of U ..
-        fine: .. and, where the robot is then nearer to obstacles than `close`, less than this share.
-        close: See `fine` [m].
-        margin: Distance kept from obstacles [m].
-        self_margin: What capsules of the robot keep from each other [m].
-        floor: Motions are halved down to this [m].
-        exact: 1 where a no of the capsules is a no.
-    """
-
-    regularization: float
-    on_constraint: float
-    tolerance: float
-    fine: float
-    close: float
-    margin: float
-    self_margin: float
-    floor: float
-    exact: int
+    regularization: float  # share of the metric's mean diagonal added to it
+    on_constraint: float  # how near a trial comes to the constraint [m or rad]
+    tolerance: float  # it ends where a step promises, or brings, less than this share of U .
+    fine: float  # .. and, where the robot is then nearer to obstacles than `close`, less than this share.
+    close: float  # see `fine` [m]
+    margin: float  # distance kept from obstacles [m]
+    self_margin: float  # what capsules of the robot keep from each other [m]
+    floor: float  # motions are halved down to this [m]
+    exact: int  # 1 where a no of the capsules is a no
 
 
 SETTINGS = numba_type(Settings)
@@ -360,25 +324,12 @@ def descend(
 ) -> int:  # fmt: skip
     """Reduce U while the tip keeps a constraint, by at most as many steps as `path_out` has room for.
 
-    Args:
-        mover: The joints that move.
-        robot: What is charged on them.
-        tables: What repels it, in single precision.
-        swept: The robot's capsules.
-        bodies: The obstacles.
-        constraint: What the tip keeps.
-        guard: Where it may be.
-        settings: How it goes.
-        q: Configuration of the model on the constraint, shape (nq,).
-        longest: Share of the first step that is tried first.
-        path_out: Configurations accepted, shape (steps, nq); where it comes back undecided the trial stands behind.
-        potentials_out: U at the start and after each of them, shape (steps + 1,) [m].
-        trial_out: Of an undecided trial, shape (TRIAL,).
-        counts_out: Its steps, evaluations of U and motions judged are written, shape (COUNTS,).
+    From q (nq,) on the constraint, with the share `longest` of the first step tried first; `tables` are in single
+    precision. Writes configurations accepted (steps, nq), behind them an undecided trial and its numbers (TRIAL,); U at
+    the start and after each (steps + 1,) [m]; and counts (COUNTS,).
 
-    Returns:
-        ENDED, UNDECIDED (capsules can't tell whether the motion from the last accepted configuration to the trial is
-        free, and U says it should be taken), or OUT_OF_STEPS.
+    Returns ENDED, UNDECIDED (capsules can't tell whether the motion from the last accepted configuration to the trial
+    is free, and U says it should be taken), or OUT_OF_STEPS.
     """
     n, nv, m = mover.joints.parents.shape[0], mover.values.shape[0], mover.leaders.shape[0]
     here, there = state_room(q.shape[0], n), state_room(q.shape[0], n)

@@ -1,8 +1,7 @@
-"""The tip's coarse way through a scene: a wavefront over a grid of points, along which clearance counts.
+"""Weighted A* for the tip's coarse path through a grid of points, along which clearance counts.
 
-A way costs its length times 1 + (comfort / clearance)^2, clearance up to what is ample. Points touch a ball of their
-own clearance: two neighbours are joined if their balls cover the way between them, so that no wall is too thin to stop
-the wave.
+A path costs its length times 1 + (comfort / clearance)^2, clearance up to what is ample. Points touch a ball of their
+own clearance: two neighbours are joined if their balls cover the way between them, so that no wall is too thin.
 """
 
 from __future__ import annotations
@@ -12,19 +11,18 @@ import math
 import numpy as np
 from numba import types
 
-from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, nearest_body
-from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, SCALAR, VECTOR, Floats, Integers, compiled, inlined
+from guidefield.kernels.distance.distance import DistanceTables, bodies_near, nearest_body
+from guidefield.kernels.jit.arrays import Floats, Indices, IndicesOut, Integers, Row, SinglesOut
+from guidefield.kernels.jit.decorators import inlined, kernel
 
-CAP = 0.25
-"""Clearance beyond this doesn't count [m], at size 1."""
+CAP = 0.25  # clearance beyond this doesn't count [m], at size 1
 
 _HASTE = 1.1
 """The way found costs at most so many times the cheapest: the estimate of what is left is so much too large."""
 
 _SETTLED = -1.0
 
-_ROOM = 1 << 14
-"""For entries of the heap at first."""
+_ROOM = 1 << 14  # for entries of the heap at first
 
 CLEARANCES = types.Array(types.float32, 1, "C")
 
@@ -106,42 +104,22 @@ def _way_back(origin: Integers, last: int, way_out: Integers) -> int:
     return n
 
 
-@compiled(
-    types.int64(
-        *(TABLES, VECTOR, SCALAR, INDICES, INDICES, INDICES),
-        *(SCALAR, SCALAR, SCALAR, SCALAR, VECTOR, SCALAR, SCALAR, CLEARANCES, INDICES_OUT),
-    )
-)
+@kernel
 def wavefront(
-    tables: DistanceTables, low: Floats, spacing: float, counts: Integers, start: Integers, goal: Integers,
-    cap: float, comfort: float, ample: float, floor: float, centre: Floats, reach: float, arm: float,
-    free_out: np.ndarray, way_out: Integers,
+    tables: DistanceTables, low: Row, spacing: float, counts: Indices, start: Indices, goal: Indices,
+    cap: float, comfort: float, ample: float, floor: float, centre: Row, reach: float, arm: float,
+    free_out: SinglesOut, way_out: IndicesOut,
 ) -> int:  # fmt: skip
-    """A cheap way over a grid between two of its points.
+    """Find a cheap path over a grid between two of its points; return its count of points, 0 if there is none.
 
-    Weighted A*: the estimate is the straight way at its best, times `_HASTE` (I. Pohl, Heuristic search viewed as path
-    finding in a graph, 1970).
-
-    Args:
-        tables: The obstacles.
-        low: Lower corner of the grid, shape (3,) [m].
-        spacing: Between neighbours [m].
-        counts: Points along each axis, shape (3,).
-        start: Indices of the first point, shape (3,).
-        goal: Indices of the last, shape (3,).
-        cap: Clearance beyond this doesn't count [m].
-        comfort: Clearance at which a way costs twice its length [m].
-        ample: Clearance beyond which more makes a way no cheaper, at most the cap [m].
-        floor: Points nearer to an obstacle are out of bounds [m].
-        centre: Points farther than `reach` from here are out of bounds, shape (3,) [m].
-        reach: See `centre` [m]; may be infinite.
-        arm: An arm from `centre` that lies along the way, from the point of it that suits best, is no longer than
-            this, as far as the cheapest ways to its points tell [m]; may be infinite.
-        free_out: Clearance of each point where it is known [m], else NaN; -1 beyond reach. What is found out is added.
-        way_out: Gets flat indices of the way's points, from the goal back to the start.
-
-    Returns:
-        How many points the way has; 0 if there is none.
+    Weighted A*: the estimate is the straight path at its best, times `_HASTE` (I. Pohl, Heuristic search viewed as path
+    finding in a graph, 1970). The grid has its lower corner at `low` (3,), `counts` (3,) points along axes, `spacing`
+    apart [m]; start and goal are indices (3,). Clearance beyond `cap` doesn't count; at `comfort` a path costs twice
+    its length; more than `ample`, at most the cap, makes none cheaper; points nearer than `floor` to an obstacle, or
+    farther than `reach` from `centre` (3,), are out of bounds [m]. An arm from the centre that lies along the path,
+    from the point of it that suits best, is no longer than `arm`, as far as the cheapest paths to its points tell [m].
+    `free_out` has the clearance of each point where it is known, else NaN, -1 beyond reach; what is found is added.
+    `way_out` gets flat indices, from the goal back to the start.
     """
     nx, ny, nz = counts[0], counts[1], counts[2]
     cost = np.full(nx * ny * nz, np.inf, np.float32)  # negative where it is settled, or never will be

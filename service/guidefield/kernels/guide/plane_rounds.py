@@ -1,8 +1,7 @@
 """Rounds of advance, slide and reorient towards a guide plane by Projected, where capsules judge every motion.
 
-service/docs/algorithm.md, "Crossing a guide plane", with the additions of "What the thesis leaves open". What these
-kernels do step by step stands in guide.py and guided_path.py of planner/guide too, for the minimizers and the robots
-whose motions are judged elsewhere.
+service/docs/algorithm.md, "Crossing a guide plane". guide.py and guided_path.py of planner/guide do the same step by
+step for the minimizers and the robots whose motions are judged elsewhere.
 """
 
 from __future__ import annotations
@@ -13,13 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.distance.distance import TABLES as BODIES
+from guidefield.kernels.distance.distance import TABLES as BODIES, DistanceTables
 from guidefield.kernels.field.energy import ROBOT
 from guidefield.kernels.field.field_tables import TABLES_32
-from guidefield.kernels.guide.descent import SETTINGS, TRIAL, descend
+from guidefield.kernels.guide.descent import SETTINGS, TRIAL, Settings, descend
 from guidefield.kernels.guide.tip_constraint import (
     COUNTS,
-    COUNTS_OUT,
     EVALUATIONS,
     GUARD,
     JUDGED,
@@ -31,75 +29,46 @@ from guidefield.kernels.guide.tip_constraint import (
     TipGuard,
     closest,
 )
-from guidefield.kernels.jit.fields import IndicesOut, Row, RowOut, RowsOut, numba_type
-from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, VECTOR, Floats, Vector3, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import joint_placements
+from guidefield.kernels.jit.arrays import VECTOR, Floats, IndicesOut, Row, RowOut, RowsOut, Vector3, numba_type
+from guidefield.kernels.jit.decorators import compiled, inlined, inner_kernel
+from guidefield.kernels.kinematics.forward_kinematics import chart_values, joint_placements
 from guidefield.kernels.kinematics.integrate import MOVER, reach, tip_position
-from guidefield.kernels.kinematics.local_coordinates import chart_values
-from guidefield.kernels.sweep.swept import motion_apart
-from guidefield.kernels.sweep.swept_bounds import SWEPT
+from guidefield.kernels.sweep.swept_bounds import SWEPT, SweptRobot, motion_apart
 
-NEARER, ARRIVED, BLOCKED = range(3)
-"""Ends of the last round."""
-
-ADVANCED, DESCENDED = range(2)
-"""Kinds of steps."""
+NEARER, ARRIVED, BLOCKED = range(3)  # ends of the last round
+ADVANCED, DESCENDED = range(2)  # kinds of steps
 
 BEFORE, AFTER, GAPS = range(3)
 """The tip's distances to the inset polygon of a round: where it begins and where it ends; then how many."""
 
-_STRAIGHT, _ALL, _NONE = -1, -2, -3
-"""Ways, where a number that isn't negative is the one step through which it leads."""
+_STRAIGHT, _ALL, _NONE = -1, -2, -3  # ways, where a number that isn't negative is the one step through which it leads
 
 
 class Rounds(NamedTuple):
-    """Settings of rounds; lengths in m.
+    """Settings of rounds; lengths in m."""
 
-    Attributes:
-        step: Of an advance, at most.
-        smallest: An advance below this is given up.
-        guard: Share of an advance's gain that a descent keeps.
-        on_plane: How near the plane counts as on it.
-        depth: How far inside the plane's edges the tip stays once it is on the plane.
-        comfortable: A straight way that keeps this distance is taken without comparing.
-        middle: A point of the plane, shape (3,).
-        normal: Its unit normal, shape (3,).
-        margins: Distances by which ways are compared, the widest first, shape (k,).
-    """
-
-    step: float
-    smallest: float
-    guard: float
-    on_plane: float
-    depth: float
-    comfortable: float
-    middle: Row
-    normal: Row
-    margins: Row
+    step: float  # of an advance, at most
+    smallest: float  # an advance below this is given up
+    guard: float  # share of an advance's gain that a descent keeps
+    on_plane: float  # how near the plane counts as on it
+    depth: float  # how far inside the plane's edges the tip stays once it is on the plane
+    comfortable: float  # a straight way that keeps this distance is taken without comparing
+    middle: Row  # a point of the plane, shape (3,)
+    normal: Row  # its unit normal, shape (3,)
+    margins: Row  # distances by which ways are compared, the widest first, shape (k,)
 
 
 class Record(NamedTuple):
-    """Results of rounds; rows of steps in the order in which they were taken.
+    """Results of rounds; rows of steps in the order in which they were taken."""
 
-    Attributes:
-        steps: Configurations of the model, shape (rows, nq).
-        values: Length of an advance [m] or potential after a descent's step [m], shape (rows,).
-        kinds: ADVANCED or DESCENDED, shape (rows,).
-        kept: 1 where a step stays in the path, shape (rows,).
-        gaps: For each round: distance before and after it [m], shape (rounds, GAPS).
-        ends: For each round: its row past the last, shape (rounds,).
-        refused: Ends of the last motion that was not free, shape (2, nq).
-        counts: Of all rounds together, shape (COUNTS,).
-    """
-
-    steps: RowsOut
-    values: RowOut
-    kinds: IndicesOut
-    kept: IndicesOut
-    gaps: RowsOut
-    ends: IndicesOut
-    refused: RowsOut
-    counts: IndicesOut
+    steps: RowsOut  # configurations of the model, shape (rows, nq)
+    values: RowOut  # length of an advance [m] or potential after a descent's step [m], shape (rows,)
+    kinds: IndicesOut  # ADVANCED or DESCENDED, shape (rows,)
+    kept: IndicesOut  # 1 where a step stays in the path, shape (rows,)
+    gaps: RowsOut  # for each round: distance before and after it [m], shape (rounds, GAPS)
+    ends: IndicesOut  # for each round: its row past the last, shape (rounds,)
+    refused: RowsOut  # ends of the last motion that was not free, shape (2, nq)
+    counts: IndicesOut  # of all rounds together, shape (COUNTS,)
 
 
 ROUND_SETTINGS = numba_type(Rounds)
@@ -120,8 +89,10 @@ def _gap(aim: Any, tip: Vector3) -> tuple[float, Vector3]:
     return math.sqrt((c[0] - tip[0]) ** 2 + (c[1] - tip[1]) ** 2 + (c[2] - tip[2]) ** 2), c
 
 
-@compiled(types.boolean(SWEPT, BODIES, VECTOR, VECTOR, SCALAR, SETTINGS, COUNTS_OUT))
-def _keeps(swept: Any, bodies: Any, q0: Floats, q1: Floats, margin: float, settings: Any, counts: Any) -> bool:
+@inner_kernel
+def _keeps(
+    swept: SweptRobot, bodies: DistanceTables, q0: Row, q1: Row, margin: float, settings: Settings, counts: IndicesOut
+) -> bool:
     """Tell if the straight joint motion between two configurations keeps a margin."""
     m = 0
     for i in range(swept.joints.parents.shape[0]):
@@ -160,9 +131,16 @@ def _advanced(
     return 0.0
 
 
-@compiled(types.boolean(SWEPT, BODIES, VECTOR, MATRIX_OUT, types.int64, SCALAR, SETTINGS, COUNTS_OUT))
+@inner_kernel
 def _way_keeps(
-    swept: Any, bodies: Any, q: Floats, steps: Floats, through: int, margin: float, settings: Any, counts: Any
+    swept: SweptRobot,
+    bodies: DistanceTables,
+    q: Row,
+    steps: RowsOut,
+    through: int,
+    margin: float,
+    settings: Settings,
+    counts: IndicesOut,
 ) -> bool:
     """Tell if the way from q to the last of some steps keeps a margin: straight, by one of them, or by all."""
     last, before = steps.shape[0] - 1, q
@@ -215,23 +193,12 @@ def approach(
     mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, aim: Any, settings: Any, rounds: Any,
     most_steps: int, q: Floats, record_out: Any,
 ) -> int:  # fmt: skip
-    """Rounds towards a guide plane, as many as there is room for in the record.
+    """Make rounds towards a guide plane, as many as there is room for in the record; return how the last one ended.
 
-    Args:
-        mover: The joints that move.
-        robot: What is charged on them.
-        tables: What repels it, in single precision.
-        swept: The robot's capsules; they have to be its very shapes.
-        bodies: The obstacles.
-        aim: The plane's polygon, inset.
-        settings: How descents go.
-        rounds: How rounds go.
-        most_steps: Of one descent; there have to be so many rows and one more in the record for each round.
-        q: Configuration of the model, shape (nq,).
-        record_out: Gets all steps.
+    From q (nq,); the capsules have to be the robot's very shapes, `tables` are in single precision. A descent has at
+    most `most_steps` steps: there have to be so many rows and one more in the record for each round.
 
-    Returns:
-        How the last round ended: NEARER, ARRIVED or BLOCKED (the tip can't be moved; that round has no steps).
+    The end is NEARER, ARRIVED or BLOCKED (the tip can't be moved; that round has no steps).
     """
     world = np.empty((mover.joints.parents.shape[0], 3, 4))
     constraint = TipConstraint(ON_PLANE, np.empty(3), np.empty(3), np.eye(3))

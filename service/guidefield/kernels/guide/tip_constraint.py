@@ -6,28 +6,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types, void
 
-from guidefield.kernels.jit.fields import Row, RowOut, Rows, RowsOut, numba_type
-from guidefield.kernels.jit.signatures import (
-    INDICES_OUT,
-    MATRIX_OUT,
-    VECTOR,
-    VECTOR_OUT,
-    Floats,
-    Vector3,
-    compiled,
-    inlined,
-)
+from guidefield.kernels.jit.arrays import INDICES_OUT, Floats, Row, RowOut, Rows, RowsOut, Vector3, numba_type
+from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements, motion_subspaces
-from guidefield.kernels.kinematics.integrate import MOVER, Mover, tip_jacobian, tip_position
+from guidefield.kernels.kinematics.integrate import Mover, tip_jacobian, tip_position
 
 EVALUATIONS, JUDGED, STEPS, ROUNDS, REFUSED, COUNTS = range(6)
 """Evaluations of U or of its forces; motions judged; steps of descents; rounds towards a plane; ends of the motion that
 was refused in the last of them, 2 or 0; then how many columns there are."""
 
-COUNTS_OUT = INDICES_OUT
-"""A row of them, shape (COUNTS,)."""
+COUNTS_OUT = INDICES_OUT  # a row of them, shape (COUNTS,)
 
 
 ON_PLANE, HELD, SLIDING = 1, 3, 4
@@ -35,36 +24,20 @@ ON_PLANE, HELD, SLIDING = 1, 3, 4
 
 
 class TipConstraint(NamedTuple):
-    """Some numbers about the tip that stay zero.
+    """Some numbers about the tip that stay zero."""
 
-    Attributes:
-        kind: Which, and how many.
-        point: A point of the plane, or where the tip is held, shape (3,) [m].
-        normal: The plane's unit normal, shape (3,).
-        rotation: The orientation that is kept while sliding, shape (3, 3).
-    """
-
-    kind: int
-    point: RowOut
-    normal: RowOut
-    rotation: RowsOut
+    kind: int  # which, and how many
+    point: RowOut  # a point of the plane, or where the tip is held, shape (3,) [m]
+    normal: RowOut  # the plane's unit normal, shape (3,)
+    rotation: RowsOut  # the orientation that is kept while sliding, shape (3, 3)
 
 
-CONSTRAINT = numba_type(TipConstraint)
-"""Its arrays may be written to: a kernel moves it from round to round."""
+CONSTRAINT = numba_type(TipConstraint)  # its arrays may be written to: a kernel moves it from round to round
 
 
 @inlined
 def constraint_error(constraint: TipConstraint, mover: Mover, world: Floats, origin: Floats, error_out: Floats) -> None:
-    """Return how far a constraint's numbers are from zero.
-
-    Args:
-        constraint: The constraint.
-        mover: The joints that move.
-        world: Placements of joints about `origin`, shape (n, 3, 4) [m].
-        origin: In the world, shape (3,) [m].
-        error_out: Shape (kind,) [m or rad].
-    """
+    """Write how far a constraint's numbers (kind,) are from 0, placements (n, 3, 4) about `origin` (3,) [m or rad]."""
     tip, point, normal = tip_position(mover, world), constraint.point, constraint.normal
     dx, dy, dz = tip[0] + origin[0] - point[0], tip[1] + origin[1] - point[1], tip[2] + origin[2] - point[2]
     if constraint.kind == HELD:
@@ -91,15 +64,9 @@ def constraint_error(constraint: TipConstraint, mover: Mover, world: Floats, ori
 def constraint_rows(
     constraint: TipConstraint, mover: Mover, world: Floats, subspaces: Floats, jacobian: Floats, rows_out: Floats
 ) -> None:
-    """Derivative of a constraint's numbers by the group's tangent.
+    """Write the derivative (kind, nv) of a constraint's numbers by the group's tangent; scratch (6, nv).
 
-    Args:
-        constraint: The constraint.
-        mover: The joints that move.
-        world: Placements of joints, shape (n, 3, 4) [m].
-        subspaces: Motion subspaces of the model's tangents about the same origin, shape (m, 6).
-        jacobian: Scratch, shape (6, nv).
-        rows_out: Shape (kind, nv).
+    Placements (n, 3, 4) [m] and motion subspaces (m, 6) are about the same origin.
     """
     tip_jacobian(mover, subspaces, tip_position(mover, world), jacobian)
     normal = constraint.normal
@@ -112,17 +79,9 @@ def constraint_rows(
             rows_out[1, k], rows_out[2, k], rows_out[3, k] = jacobian[3, k], jacobian[4, k], jacobian[5, k]
 
 
-@compiled(void(CONSTRAINT, MOVER, VECTOR, VECTOR_OUT, MATRIX_OUT))
-def constraint_at(constraint: TipConstraint, mover: Mover, q: Floats, error_out: Floats, rows_out: Floats) -> None:
-    """A constraint's numbers and rows at a configuration.
-
-    Args:
-        constraint: The constraint.
-        mover: The joints that move.
-        q: Configuration of the model, shape (nq,).
-        error_out: Shape (kind,) [m or rad].
-        rows_out: Shape (kind, nv).
-    """
+@kernel
+def constraint_at(constraint: TipConstraint, mover: Mover, q: Row, error_out: RowOut, rows_out: RowsOut) -> None:
+    """Write a constraint's numbers (kind,) [m or rad] and rows (kind, nv) at a configuration (nq,)."""
     joints, n = mover.joints, mover.joints.parents.shape[0]
     world, subspaces = np.empty((n, 3, 4)), np.empty((mover.leaders.shape[0], 6))
     joint_placements(joints, q, world)
@@ -132,27 +91,16 @@ def constraint_at(constraint: TipConstraint, mover: Mover, q: Floats, error_out:
 
 
 class TipGuard(NamedTuple):
-    """A convex polygon of k edges, and how far from it the tip may be.
+    """A convex polygon of k edges, and how far from it the tip may be."""
 
-    Attributes:
-        origin: A point of its plane, shape (3,) [m].
-        axes: Two unit vectors of its plane, shape (2, 3).
-        inward: Unit normals of the edges to the inside, shape (k, 2).
-        offsets: Height over edge i is ``inward[i] . x - offsets[i]``, shape (k,) [m].
-        corners: Corners of the inset polygon, shape (m, 2) [m].
-        inset: How far inside the edges the inset polygon lies [m].
-        farthest: The largest distance from the inset polygon that is allowed [m].
-        depth: The smallest height over the edges that is allowed [m]; minus infinity for any.
-    """
-
-    origin: Row
-    axes: Rows
-    inward: Rows
-    offsets: Row
-    corners: Rows
-    inset: float
-    farthest: float
-    depth: float
+    origin: Row  # a point of its plane, shape (3,) [m]
+    axes: Rows  # two unit vectors of its plane, shape (2, 3)
+    inward: Rows  # unit normals of the edges to the inside, shape (k, 2)
+    offsets: Row  # height over edge i is ``inward[i] . x - offsets[i]``, shape (k,) [m].
+    corners: Rows  # corners of the inset polygon, shape (m, 2) [m]
+    inset: float  # how far inside the edges the inset polygon lies [m]
+    farthest: float  # the largest distance from the inset polygon that is allowed [m]
+    depth: float  # the smallest height over the edges that is allowed [m]; minus infinity for any
 
 
 GUARD = numba_type(TipGuard)
@@ -210,7 +158,7 @@ def allows(guard: TipGuard, p: Vector3) -> bool:
     return True
 
 
-@compiled(types.void(GUARD, VECTOR, VECTOR_OUT))
-def closest_point(guard: TipGuard, point: Floats, point_out: Floats) -> None:
+@kernel
+def closest_point(guard: TipGuard, point: Row, point_out: RowOut) -> None:
     """`closest` for a point of shape (3,) [m, world], into one of shape (3,)."""
     point_out[0], point_out[1], point_out[2] = closest(guard, (point[0], point[1], point[2]))

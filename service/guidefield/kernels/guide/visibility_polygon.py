@@ -5,24 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types, void
 
-from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, nearest_body
-from guidefield.kernels.jit.signatures import (
-    BLOCKS,
-    MATRIX,
-    MATRIX_OUT,
-    SCALAR,
-    VECTOR,
-    VECTOR_OUT,
-    Floats,
-    Integers,
-    compiled,
-    inlined,
-)
+from guidefield.kernels.distance.distance import DistanceTables, bodies_near, nearest_body
+from guidefield.kernels.jit.arrays import Blocks, Floats, Integers, Row, RowOut, Rows, RowsOut
+from guidefield.kernels.jit.decorators import inlined, kernel
+from guidefield.kernels.linalg.small_systems import write_stable_order
 
-_NEAR = 0.0025
-"""A ray hits what is nearer than this, as a share of the longest."""
+_NEAR = 0.0025  # a ray hits what is nearer than this, as a share of the longest
 
 
 @inlined
@@ -54,16 +43,11 @@ def _ray_lengths(
         lengths[k] = _ray_length(tables, centre, u, v, 2.0 * math.pi * k / rays, longest, candidates, count)
 
 
-@compiled(types.boolean(TABLES, VECTOR, BLOCKS, SCALAR, types.int64))
-def is_enclosed(tables: DistanceTables, centre: Floats, axes: Floats, longest: float, rays: int) -> bool:
-    """Tell if in one of some planes through a point every ray hits an obstacle.
+@kernel
+def is_enclosed(tables: DistanceTables, centre: Row, axes: Blocks, longest: float, rays: int) -> bool:
+    """Tell if in one of some planes through a point (3,) each of `rays` rays hits an obstacle within `longest` [m].
 
-    Args:
-        tables: The obstacles.
-        centre: The point, shape (3,) [m].
-        axes: Two unit vectors of each plane, across each other, shape (n, 2, 3).
-        longest: No ray is followed farther [m].
-        rays: How many there are.
+    `axes` (n, 2, 3) are two unit vectors of each plane, across each other.
     """
     candidates = np.empty(tables.kinds.shape[0], np.int64)
     count = bodies_near(centre[0], centre[1], centre[2], longest, tables, candidates)
@@ -79,19 +63,13 @@ def is_enclosed(tables: DistanceTables, centre: Floats, axes: Floats, longest: f
     return False
 
 
-@compiled(void(TABLES, MATRIX, BLOCKS, SCALAR, types.int64, VECTOR_OUT))
+@kernel
 def open_areas(
-    tables: DistanceTables, centres: Floats, axes: Floats, longest: float, rays: int, areas_out: Floats
+    tables: DistanceTables, centres: Rows, axes: Blocks, longest: float, rays: int, areas_out: RowOut
 ) -> None:
-    """Return how much of planes about points is seen from there [m^2].
+    """Write how much (n,) of planes about points (n, 3) is seen from there by rays no longer than `longest` [m^2].
 
-    Args:
-        tables: The obstacles.
-        centres: The points, shape (n, 3) [m].
-        axes: Two unit vectors of each plane, across each other, shape (n, 2, 3).
-        longest: No ray is followed farther [m].
-        rays: How many there are.
-        areas_out: Areas between the rays, shape (n,).
+    `axes` (n, 2, 3) are two unit vectors of each plane, across each other.
     """
     candidates, lengths = np.empty(tables.kinds.shape[0], np.int64), np.empty(rays)
     for i in range(centres.shape[0]):
@@ -124,20 +102,12 @@ def _cut(corners: Floats, count: int, nx: float, ny: float, offset: float, cut: 
     return kept
 
 
-@compiled(types.int64(TABLES, VECTOR, MATRIX, SCALAR, MATRIX_OUT))
-def free_section(tables: DistanceTables, centre: Floats, axes: Floats, longest: float, corners_out: Floats) -> int:
-    """A convex polygon about a point that is free as far as rays tell: cut at the nearest hits first.
+@kernel
+def free_section(tables: DistanceTables, centre: Row, axes: Rows, longest: float, corners_out: RowsOut) -> int:
+    """Cut a convex polygon about a point (3,) that is free as far as rays tell, at the nearest hits first; its corners.
 
-    Args:
-        tables: The obstacles.
-        centre: The point, shape (3,) [m].
-        axes: Two unit vectors of the plane, across each other, shape (2, 3).
-        longest: No ray is followed farther [m].
-        corners_out: Corners in those axes about the point, counter-clockwise [m]; room for twice as many as there are
-            rays, shape (2 rays, 2).
-
-    Returns:
-        How many corners there are.
+    In the plane's unit vectors `axes` (2, 3), counter-clockwise [m]; `corners_out` (2 rays, 2); no ray exceeds
+    `longest` [m].
     """
     rays = corners_out.shape[0] // 2
     candidates, lengths = np.empty(tables.kinds.shape[0], np.int64), np.empty(rays)
@@ -147,7 +117,8 @@ def free_section(tables: DistanceTables, centre: Floats, axes: Floats, longest: 
         angle = 2.0 * math.pi * k / rays
         corners_out[k, 0], corners_out[k, 1] = longest * math.cos(angle), longest * math.sin(angle)
     count = rays
-    order = np.argsort(lengths, kind="mergesort")
+    order = np.empty(rays, np.int64)
+    write_stable_order(lengths, order)
     for k in order:
         if lengths[k] < longest:
             angle = 2.0 * math.pi * k / rays

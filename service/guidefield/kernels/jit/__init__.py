@@ -1,1 +1,1 @@
-"""How numba compiles kernels, keeps their machine code, and compiles what is missing ahead."""
+"""The compiler of kernels: numba, the cache of their machine code, and what compiles the missing ones ahead."""

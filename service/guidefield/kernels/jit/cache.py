@@ -1,4 +1,4 @@
-"""Where numba keeps the machine code of the kernels: a folder for every version of a file and of all that it calls.
+"""Cache of the kernels' machine code: a folder for every version of a file and of all that it calls.
 
 numba compares a cached function with the file it stands in, but not with the files of the functions that it calls:
 after an edit of a callee it runs the old machine code. A folder named after a fingerprint of a file and of every
@@ -8,22 +8,210 @@ part of the name: all installations of one version share their machine code.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import functools
+import hashlib
 import inspect
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from numba import config
 from numba.core.caching import UserProvidedCacheLocator
 
 from guidefield.first_start import KERNELS, cache_parent, kernel_compiler, kernels_fingerprint
-from guidefield.kernels.jit.dependencies import Sources
 from guidefield.whole_file import write_whole
 
-_KEPT = re.compile(r"^@(?:compiled|lane_kernel|lane_step)\(", re.MULTILINE)
+Symbol = tuple[str, str]
+"""A name that a file defines: the file's own name, with dots, and that name."""
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement of a file outside of any function."""
+
+    text: str  # its syntax, without docstrings and comments
+    names: frozenset[str]  # the names that it mentions
+
+
+@dataclass(frozen=True)
+class Source:
+    """A kernel file."""
+
+    content: bytes
+    # names that it has from other kernel files: the file of each, and its name there; None: the file itself
+    imports: dict[str, tuple[str, str | None]]
+    definitions: dict[str, tuple[Statement, ...]]  # the statements that define each name
+    effects: tuple[Statement, ...]  # Statements that do something when the file is imported
+
+
+class Sources:
+    """All files below a folder of kernels, by their names below it, with dots: each is read once.
+
+    Args:
+        folder: The folder.
+        package: What it is imported as.
+        others: Files of another package that these may import from; here they go by their full names.
+    """
+
+    def __init__(self, folder: Path, package: str, others: Sources | None = None) -> None:
+        self.folder = folder
+        self.package = package
+        self._others = others
+        self._read: dict[str, Source] = {}
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Every file's name, sorted."""
+        paths = (path.relative_to(self.folder).with_suffix("") for path in self.folder.rglob("*.py"))
+        return tuple(sorted(".".join(path.parts) for path in paths))
+
+    def path(self, name: str) -> Path:
+        """The file of a name."""
+        if self._others is not None and name.startswith(f"{self._others.package}."):
+            return self._others.path(name.removeprefix(f"{self._others.package}."))
+        return self.folder.joinpath(*name.split(".")).with_suffix(".py")
+
+    def source(self, name: str) -> Source:
+        """What stands in a file."""
+        if name not in self._read:
+            self._read[name] = self._parsed(self.path(name).read_bytes())
+        return self._read[name]
+
+    def imported(self, name: str) -> set[str]:
+        """The names of all files that are imported with one, its own among them."""
+        found, waiting = {name}, [name]
+        while waiting:
+            new = {file for file, _ in self.source(waiting.pop()).imports.values()} - found
+            found |= new
+            waiting += new
+        return found
+
+    def fingerprint(self, name: str, also: str = "") -> str:
+        """Sixteen hexadecimal digits that change with a file and with every definition that its code depends on.
+
+        Args:
+            name: The file's name.
+            also: What else they have to change with.
+        """
+        digest = hashlib.sha256(f"{also}\0{name}\0".encode() + self.source(name).content)
+        for (file, defined), statements in sorted(self._needed(name).items()):
+            texts = "\0".join(statement.text for statement in statements)
+            digest.update(f"\0{file}\0{defined}\0{texts}".encode())
+        return digest.hexdigest()[:16]
+
+    def _needed(self, name: str) -> dict[Symbol, tuple[Statement, ...]]:
+        """The statements that a file depends on, by what they define; what has effects by their place."""
+        found: dict[Symbol, tuple[Statement, ...]] = {}
+        waiting: list[Symbol] = [(name, defined) for defined in self.source(name).definitions]
+        for file in self.imported(name):
+            for index, effect in enumerate(self.source(file).effects):
+                found[file, f"effect {index}"] = (effect,)
+                waiting += self._mentioned(file, effect)
+        while waiting:
+            symbol = waiting.pop()
+            if symbol in found:
+                continue
+            found[symbol] = self.source(symbol[0]).definitions[symbol[1]]
+            for statement in found[symbol]:
+                waiting += self._mentioned(symbol[0], statement)
+        return found
+
+    def _mentioned(self, file: str, statement: Statement) -> Iterator[Symbol]:
+        """The definitions that a statement of a file mentions; of a file that it mentions as a whole, all."""
+        source = self.source(file)
+        for name in statement.names:
+            if name in source.definitions:
+                yield file, name
+            if name in source.imports:
+                yield from self._defined(*source.imports[name])
+
+    def _defined(self, file: str, name: str | None) -> Iterator[Symbol]:
+        """Where a name of a file, or all of them, are defined: the file may have it from another one."""
+        source = self.source(file)
+        if name is None:
+            yield from ((file, one) for one in source.definitions)
+        elif name in source.definitions:
+            yield file, name
+        elif name in source.imports:
+            yield from self._defined(*source.imports[name])
+
+    def _parsed(self, content: bytes) -> Source:
+        tree = ast.parse(content)
+        imports = dict(self._imports(tree))
+        definitions: dict[str, tuple[Statement, ...]] = {}
+        effects = []
+        for node in tree.body:
+            if isinstance(node, ast.Import | ast.ImportFrom) or _is_docstring(node):
+                continue
+            names = _defined_by(node, imports)
+            if names is None:
+                effects.append(_statement(node))
+            for name in names or ():
+                definitions[name] = (*definitions.get(name, ()), _statement(node))
+        return Source(content, imports, definitions, tuple(effects))
+
+    def _imports(self, tree: ast.Module) -> Iterator[tuple[str, tuple[str, str | None]]]:
+        """The names that a file has from others of this folder, wherever in it they are imported."""
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                for alias in node.names:
+                    if (file := self._file(alias.name)) is not None:
+                        yield alias.asname or self.package.partition(".")[0], (file, None)
+            elif isinstance(node, ast.ImportFrom) and node.module is not None:
+                for alias in node.names:
+                    name = alias.asname or alias.name
+                    if (file := self._file(f"{node.module}.{alias.name}")) is not None:
+                        yield name, (file, None)
+                    elif (file := self._file(node.module)) is not None:
+                        yield name, (file, alias.name)
+
+    def _file(self, module: str) -> str | None:
+        """The name of a module's file, of this package or the other one; None if there is no such file."""
+        if self._others is not None and self._others._file(module) is not None:
+            return module
+        if not module.startswith(f"{self.package}."):
+            return None
+        name = module.removeprefix(f"{self.package}.")
+        return name if self.path(name).is_file() else None
+
+
+def _defined_by(node: ast.stmt, imports: dict[str, tuple[str, str | None]]) -> list[str] | None:
+    """The names that a statement defines and does nothing else; None if it may do more.
+
+    A function does nothing else where its decorators are of this folder.
+    """
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        decorators = [one.func if isinstance(one, ast.Call) else one for one in node.decorator_list]
+        plain = all(isinstance(one, ast.Name) and one.id in imports for one in decorators)
+        return [node.name] if plain else None
+    if isinstance(node, ast.Assign | ast.AnnAssign):
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        within = [one for target in targets for one in ast.walk(target)]
+        names = [one.id for one in within if isinstance(one, ast.Name)]
+        plain = all(isinstance(one, ast.Name | ast.Tuple | ast.List | ast.expr_context) for one in within)
+        return names if plain else None
+    return None
+
+
+def _is_docstring(node: ast.AST) -> bool:
+    """Whether a statement is a text that nobody reads but people."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def _statement(node: ast.stmt) -> Statement:
+    for within in ast.walk(node):
+        if isinstance(within, ast.FunctionDef | ast.ClassDef):
+            within.body = [one for one in within.body if not _is_docstring(one)] or [ast.Pass()]
+    names = frozenset(one.id for one in ast.walk(node) if isinstance(one, ast.Name))
+    return Statement(ast.dump(node), names)
+
+
+_KEPT = re.compile(r"^@(?:kernel|compiled|inner_kernel|exact_kernel|lane_kernel|lane_step)\b", re.MULTILINE)
 
 _NUMBAS_OWN = "UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator,ZipCacheLocator"
 """Whom numba asks for folders, where the variable ``NUMBA_CACHE_LOCATOR_CLASSES`` says nothing else."""

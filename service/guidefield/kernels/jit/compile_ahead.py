@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from guidefield.kernels.jit.cache import sources, uncompiled
 from guidefield.kernels.jit.compilers import load, quicken
@@ -73,7 +73,8 @@ class _Work:
         ):
             assert child.stdin is not None, "it is piped"
             assert child.stdout is not None, "it is piped"
-            while (name := self._next()) is not None:
+            known: set[str] = set()
+            while (name := self._next(known)) is not None:
                 child.stdin.write(f"{name}\n")
                 child.stdin.flush()
                 answered = child.stdout.readline().strip()
@@ -88,13 +89,17 @@ class _Work:
                     self._changed.notify_all()
             child.stdin.close()
 
-    def _next(self) -> str | None:
-        """The next file whose needs are met, waiting for one if need be; None if there is nothing left to do."""
+    def _next(self, known: set[str]) -> str | None:
+        """The next file whose needs are met, waiting for one if need be; None if there is nothing left to do.
+
+        Parts that it shares with files that the child knows needn't be compiled again: others wait longer.
+        """
         with self._changed:
             while self._waiting and self.fault is None:
                 ready = [name for name in self._waiting if self._needs[name] <= self._done]
                 if ready:
-                    name = max(ready, key=lambda one: (self._ahead[one], one))
+                    name = max(ready, key=lambda one: (self._ahead[one] - 2 * _size_of(one, known), one))
+                    known |= sources().imported(name)
                     self._waiting.remove(name)
                     self._told(self._progress(name))
                     return name
@@ -108,9 +113,9 @@ class _Work:
         return f"compiling kernels {share} %, once for this version: {begun} of {len(self._sizes)} ({name})"
 
 
-def _size_of(name: str) -> int:
-    """How much there is to compile of a file [bytes of source], with the parts that are compiled into it."""
-    return sum(sources().path(one).stat().st_size for one in sources().imported(name))
+def _size_of(name: str, known: Iterable[str] = ()) -> int:
+    """How much there is to compile of a file [bytes of source], with the files of its parts but those known."""
+    return sum(sources().path(one).stat().st_size for one in sources().imported(name).difference(known))
 
 
 def _ahead_of(needs: dict[str, set[str]], sizes: dict[str, int]) -> dict[str, int]:

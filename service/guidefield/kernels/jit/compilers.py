@@ -1,9 +1,8 @@
-"""How kernels and their parts are compiled: with changes to what is inside numba, or plainly.
+"""Compiler of kernels and their parts: with changes to what is inside numba, or plain.
 
-The changes (`patched_compiler`, `typing_cache`) fit the versions of numba that `first_start` knows, and save time only.
-With other versions, and with ``GUIDEFIELD_PLAIN_NUMBA=1`` in the environment, none of them is as much as imported
-(`plain_compiler`): compiling takes several times as long, and what kernels return is the same up to rounding. The
-machine code of both is kept apart.
+The changes (`patched_compiler`) fit the versions of numba that `first_start` knows, and save time only. With other
+versions, and with ``GUIDEFIELD_PLAIN_NUMBA=1`` in the environment, they aren't imported (`plain_compiler`): compiling
+takes several times as long, and kernels return the same up to rounding. The machine code of both is kept apart.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from guidefield.first_start import plain_numba
 from guidefield.kernels.jit.cache import is_kept, use_kernel_folders
 
 
-def _chosen() -> Any:
+def _choose_compiler() -> Any:
     """The file whose functions compile."""
     if plain_numba():
         from guidefield.kernels.jit import plain_compiler
@@ -28,21 +27,20 @@ def _chosen() -> Any:
     return patched_compiler
 
 
-_COMPILER = _chosen()
+_COMPILER = _choose_compiler()
 
 
-def kernel(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator of a kernel: machine code that is kept, no GIL, division by zero gives infinity.
+def kernel(signatures: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator of a kernel of one signature or several, or what tells them later, with numba's options.
 
-    Args:
-        signature: The types of its arguments and of what it returns, or several such.
-        options: Further options of numba's.
+    Its machine code is kept, it runs without the GIL, and division by zero gives infinity.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
         use_kernel_folders()
-        common = {"cache": is_kept(function), "error_model": "numpy", "nogil": True}
-        return _COMPILER.kernel(signature, **common, **options)(function)
+        # C calls none: what numba would make for that is left out
+        common = {"cache": is_kept(function), "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+        return _COMPILER.kernel(signatures, **{**common, **options})(function)
 
     return decorate
 
@@ -50,21 +48,18 @@ def kernel(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any
 def part(
     function: Callable[..., Any], optimized: bool = False, counting: bool | None = None, **options: Any
 ) -> Callable[..., Any]:
-    """A part of kernels from its source: compiled into each caller; called from Python, it runs as Python does.
+    """Make a part of kernels from its source, with numba's options: compiled into each caller.
 
-    Args:
-        function: Its source.
-        optimized: Optimise it before that, too: it costs time, and a few long loops become better vector loops for it.
-        counting: Whether it counts references to arrays, which costs time; None: as its caller does. One that doesn't
-            must neither make nor return arrays.
-        options: numba's.
+    Called from Python, it runs as Python does. An `optimized` one is optimised before that, too: it costs time, and a
+    few long loops become better vector loops. One that doesn't count references to arrays, which costs time, must
+    neither make nor return arrays; None: as its caller does.
     """
     made: Callable[..., Any] = _COMPILER.part(function, optimized, counting, error_model="numpy", **options)
     return made
 
 
 def load(module: ModuleType) -> None:
-    """Compile the kernels of a file that has been imported, or load what is kept of them; else their first calls do."""
+    """Compile the kernels of an imported file, or load what is kept of them; else their first calls do."""
     _COMPILER.load(module)
 
 

@@ -20,20 +20,99 @@ from typing import Any
 
 from llvmlite.binding import Linkage, parse_bitcode
 from numba import _dynfunc, config
-from numba.core import sigutils, typeinfer
+from numba.core import ir, sigutils, typeinfer
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult, DefaultPassBuilder, Flags
 from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime.nrt import rtsys
+from numba.core.targetconfig import TargetConfig
 from numba.core.typed_passes import NativeLowering
+from numba.core.types.abstract import _TypeMetaclass
+from numba.core.types.functions import BaseFunction
 from numba.extending import overload
 from numba.np import arrayobj
 
 from guidefield.kernels.jit.cache import use_kernel_folders
-from guidefield.kernels.jit.interned_types import intern_one_by_one
-from guidefield.kernels.jit.typing_cache import quicken_typing
+
+_making = threading.RLock()  # a type that goes meanwhile may have others made
+_intern = _TypeMetaclass._intern
+
+
+def intern_one_by_one() -> None:
+    """Have it so, in this process."""
+    _TypeMetaclass._intern = _interned
+
+
+def _interned(kind: Any, made: Any) -> Any:
+    """The type that is kept of those that are equal to one that was made."""
+    with _making:
+        return _intern(kind, made)
+
+
+_defaults: dict[type, dict[str, object]] = {}
+_answers: dict[tuple[object, ...], Any] = {}
+_ask = BaseFunction.get_call_type
+
+
+def quicken_typing() -> None:
+    """Have numba remember, in this process."""
+    TargetConfig.values, TargetConfig.__hash__ = _values, _hash
+    BaseFunction.get_call_type = _call_type
+    ir.Inst._rec_list_vars = _list_variables
+
+
+def _values(options: Any) -> dict[str, object]:
+    """All of a function's compiler options, in numba's order."""
+    kind = type(options)
+    if kind not in _defaults:
+        _defaults[kind] = {name: option.default for name, option in options.options.items()}
+    return {**_defaults[kind], **options._values}
+
+
+def _hash(options: Any) -> int:
+    """The same for all options, as numba's own is: equal ones may be set or left at their defaults."""
+    return hash(type(options))
+
+
+def _call_type(function: Any, context: Any, args: Any, kws: Any) -> Any:
+    """The signature of a call.
+
+    Remembered where it follows from the arguments' types: not that of functions that numba compiles for each caller,
+    whose key for an implementation is not the function itself.
+    """
+    if kws:
+        return _ask(function, context, args, kws)
+    key = (function, context, *args)
+    if key in _answers:
+        return _answers[key]
+    signature = _ask(function, context, args, kws)
+    if function._impl_keys.get(signature.args) is function.typing_key:
+        _answers[key] = signature
+    return signature
+
+
+_WITHOUT_VARIABLES = frozenset((ir.Loc, str, int, bool, type(None)))
+
+
+def _list_variables(instruction: Any, value: Any) -> list[Any]:
+    """The variables in what an instruction holds, in numba's order; most of it are places and names, passed by here."""
+    if isinstance(value, ir.Var):
+        return [value]
+    if isinstance(value, ir.Inst):
+        found: list[Any] = value.list_vars()
+        return found
+    held = value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ()
+    found = []
+    for one in held:
+        kind = type(one)
+        if kind is ir.Var:
+            found.append(one)
+        elif kind not in _WITHOUT_VARIABLES:
+            found += _list_variables(instruction, one)
+    return found
+
 
 intern_one_by_one()  # whoever has kernels may load them in several threads
 
@@ -47,40 +126,32 @@ class Part(CPUDispatcher):  # type: ignore[misc]  # numba is untyped
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A function with machine code, which is loaded, or made, at its first call from Python or by a compiler.
+    """A function with machine code, which is loaded, or made, at its first call from Python or by a compiler."""
 
-    Args:
-        function: Its source.
-        signatures: The types of its arguments and of what it returns, for each kind of call.
-        cache: Whether its machine code is kept.
-        options: numba's.
-    """
-
-    def __init__(
-        self, function: Callable[..., Any], signatures: list[Any], cache: bool, options: dict[str, Any]
-    ) -> None:
+    def __init__(self, function: Callable[..., Any], signatures: Any, cache: bool, options: dict[str, Any]) -> None:
         super().__init__(
             function, targetoptions={"nopython": True, "boundscheck": None, **options}, pipeline_class=_KernelCompiler
         )
-        self._due, self._is_kept = signatures, cache
+        self.given, self._is_kept, self._is_loaded = signatures, cache, False
 
     def load(self) -> None:
         """Load its machine code and that of all it calls by name, or make it; at once if that was done before."""
         with _LOADING:
-            if not self._due:
+            if self._is_loaded:
                 return
-            due, self._due = self._due, []
+            self._is_loaded = True
             try:
                 for called in _called_by(self.py_func, set[Any]()):
                     called.load()
                 if self._is_kept:
                     use_kernel_folders()
                     self._cache = _Kept(self.py_func)
+                given = self.given() if callable(self.given) else self.given
                 with typeinfer.register_dispatcher(self):
-                    for signature in due:
+                    for signature in [given] if sigutils.is_signature(given) else given:
                         self.compile(signature)
             except BaseException:
-                self._due = due
+                self._is_loaded = False
                 raise
             self.disable_compile()
 
@@ -171,9 +242,8 @@ def _called_by(function: Callable[..., Any], seen: set[Any]) -> Iterator[Kernel]
             yield from _called_by(one.py_func, seen)
 
 
-def kernel(signature: Any, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator of a kernel of one signature or several, with numba's options."""
-    signatures = [signature] if sigutils.is_signature(signature) else list(signature)
+def kernel(signatures: Any, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator of a kernel of one signature or several, or what tells them, with numba's options."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         if config.DISABLE_JIT:
@@ -191,14 +261,7 @@ def load(module: ModuleType) -> None:
 
 
 def part(function: Callable[..., Any], optimized: bool, counting: bool | None, **options: Any) -> Part:
-    """A part of kernels from its source, with numba's options: compiled into each caller.
-
-    Args:
-        function: Its source.
-        optimized: Whether it is optimised before that, too.
-        counting: Whether it counts references; None: as its caller does.
-        options: numba's.
-    """
+    """Make a part of kernels from its source, as `compilers.part` says."""
     options = {"nopython": True, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}
     if counting is not None:
         options["_nrt"] = counting
@@ -339,6 +402,15 @@ def _refused_shape(source: Any, target: Any) -> Any:
     return refuse
 
 
+def _optimize_defined(library: Any, module: Any) -> None:
+    """Optimise the functions of a module one by one, as numba does, without those that are only declared."""
+    module.data_layout = library._codegen._data_layout
+    for function in module.functions:
+        if not function.is_declaration:
+            passes, builder = library._codegen._function_pass_manager()
+            passes.run(function, builder)
+
+
 def quicken() -> None:
     """Have numba remember types, and leave both shapes out of what it says of such an assignment, in this process.
 
@@ -346,6 +418,7 @@ def quicken() -> None:
     """
     quicken_typing()
     arrayobj.raise_with_shape_context = _refuse_shape
+    JITCodeLibrary._optimize_functions = _optimize_defined
 
 
 _PartCompiler, _OptimizedPartCompiler = _compiler(_PartLowering), _compiler(_OptimizedPartLowering)

@@ -13,9 +13,11 @@ from numba import njit
 from numba.extending import register_jitable
 
 
-def kernel(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator of a kernel of one signature or several, with numba's options."""
-    decorator: Callable[[Callable[..., Any]], Any] = njit(signature, **options)
+def kernel(signatures: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator of a kernel of one signature or several, or what tells them, with numba's options."""
+    decorator: Callable[[Callable[..., Any]], Any] = njit(
+        signatures() if callable(signatures) else signatures, **options
+    )
     return decorator
 
 

@@ -1,9 +1,8 @@
-"""Systems M y = g of a tree of joints solved in time proportional to their number, without the matrix M.
+"""Systems M y = g of a tree of joints, solved in time proportional to their number, without the matrix M.
 
 M = sum_i s_i J_i^T J_i + ridge 1, with point masses s_i that the joints carry, is the mass matrix of a tree of bodies
 whose rotors weigh `ridge` each: articulated-body inertias factor it (R. Featherstone, Rigid Body Dynamics Algorithms,
-2008, chapter 7). All twists and wrenches are taken at the world's origin, linear part first, so that nothing has to be
-transformed from joint to joint.
+2008, chapter 7). All twists and wrenches are at the world's origin, linear part first.
 """
 
 from __future__ import annotations
@@ -12,25 +11,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.jit.signatures import Floats, inlined
+from guidefield.kernels.jit.arrays import Floats
+from guidefield.kernels.jit.decorators import inlined
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
 from guidefield.kernels.linalg.small_systems import invert
 
 
 class TreeFactors(NamedTuple):
-    """Factors of M for n joints with m tangents.
+    """Factors of M for n joints with m tangents."""
 
-    Attributes:
-        subspaces: (m, 6) twist of each tangent; zero for one that takes no part.
-        inertias: (n, 6, 6) articulated inertia of each joint.
-        carried: (m, 6) what it does against each tangent.
-        inverses: (n, 6, 6) inverse of what a joint's own tangents feel.
-    """
-
-    subspaces: Floats
-    inertias: Floats
-    carried: Floats
-    inverses: Floats
+    subspaces: Floats  # (m, 6) twist of each tangent; zero for one that takes no part
+    inertias: Floats  # (n, 6, 6) articulated inertia of each joint
+    carried: Floats  # (m, 6) what it does against each tangent
+    inverses: Floats  # (n, 6, 6) inverse of what a joint's own tangents feel
 
 
 @inlined
@@ -40,8 +33,8 @@ def empty_factors(n: int, m: int) -> Any:
 
 
 @inlined
-def _spread(inertia: Floats, out: Floats) -> None:
-    """The 6 x 6 inertia of points of total weight s, first moments c and second moments Q at the origin.
+def _write_inertia(inertia: Floats, out: Floats) -> None:
+    """Write the 6 x 6 inertia of points of total weight s, first moments c and second moments Q at the origin.
 
     force = s v + omega x c, moment = c x v + (tr(Q) 1 - Q) omega.
     """
@@ -58,14 +51,7 @@ def _spread(inertia: Floats, out: Floats) -> None:
 
 @inlined
 def trace(joints: JointTable, subspaces: Floats, inertias: Floats, scratch: Floats) -> float:
-    """Sum of M's diagonal without the ridge.
-
-    Args:
-        joints: The joints.
-        subspaces: (m, 6) twist of each tangent.
-        inertias: (n, 10) of each joint's own points.
-        scratch: (n, 10).
-    """
+    """Sum M's diagonal without the ridge, by tangents' twists (m, 6) and inertias (n, 10) of joints."""
     scratch[:, :] = inertias
     total = 0.0
     for i in range(joints.parents.shape[0] - 1, 0, -1):
@@ -113,17 +99,13 @@ def _subtract(share: float, u: Floats, w: Floats, B: Floats) -> None:
 
 @inlined
 def factorize(joints: JointTable, inertias: Floats, ridge: float, factors: Any) -> None:
-    """Factor M.
+    """Factor M for inertias (n, 10) of joints' own points: weight, first moments, second moments xx xy xz yy yz zz.
 
-    Args:
-        joints: The joints.
-        inertias: (n, 10) of each joint's own points: weight, first moments, second moments xx xy xz yy yz zz.
-        ridge: Added to the diagonal, positive.
-        factors: Its subspaces are read, the rest is written.
+    The positive `ridge` is added to the diagonal; the subspaces of `factors` are read, the rest is written.
     """
     n = joints.parents.shape[0]
     for i in range(n):
-        _spread(inertias[i], factors.inertias[i])
+        _write_inertia(inertias[i], factors.inertias[i])
     for i in range(n - 1, 0, -1):
         A, B, D = factors.inertias[i], factors.inertias[joints.parents[i]], factors.inverses[i]
         first, size = joints.idx_v[i], joints.nv[i]
@@ -139,15 +121,7 @@ def factorize(joints: JointTable, inertias: Floats, ridge: float, factors: Any) 
 
 @inlined
 def solve(joints: JointTable, factors: Any, right: Floats, forces: Floats, solution: Floats) -> None:
-    """Solve M y = g.
-
-    Args:
-        joints: The joints.
-        factors: Of M.
-        right: g, shape (m,).
-        forces: Scratch, shape (n, 6).
-        solution: y, shape (m,). May be `right` itself.
-    """
+    """Solve M y = g (m,) by its factors; scratch (n, 6), the solution may be the right side itself."""
     S, U, D = factors.subspaces, factors.carried, factors.inverses
     n = joints.parents.shape[0]
     forces[:, :] = 0.0

@@ -6,11 +6,10 @@ from typing import Any, NamedTuple
 
 from numba import int64, void
 
-from guidefield.kernels.jit.fields import Indices, Singles, numba_type
-from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, lane_part, lane_step
+from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32, Indices, Singles, numba_type
+from guidefield.kernels.jit.decorators import lane_part, lane_step
 from guidefield.kernels.kinematics.poses import POSE, ROW, moved_row
-from guidefield.kernels.simd.blocks import points_at
-from guidefield.kernels.simd.packing import pointed
+from guidefield.kernels.simd.packing import pointed, points_at
 from guidefield.kernels.simd.rotations import cosine_and_sine, quaternion_of_vector
 from guidefield.kernels.simd.vector import LANES, Vector, load, splat, store
 
@@ -28,23 +27,15 @@ or the quaternion (x, y, z, w) that its rotation vector starts from; then how ma
 
 
 class LaneJoints(NamedTuple):
-    """Joints, parents before children; row 0 is the world, which never moves.
+    """Joints, parents before children; row 0 is the world, which never moves."""
 
-    Attributes:
-        size: n.
-        parents: (n,) index of each joint's parent.
-        kinds: (n,) one of the kinds above.
-        forms: (n,) one of the forms above; `PLAIN` is always right.
-        drivers: (n,) which coordinate moves it, or the first of several; joints that mimic others share one.
-        numbers: (n * JOINT,) placements and what follows them: the value of a joint with one degree of freedom is
-            multiplier * coordinate + offset.
-    """
-
-    size: int
-    parents: Indices
-    kinds: Indices
-    forms: Indices
-    drivers: Indices
+    size: int  # n
+    parents: Indices  # (n,) index of each joint's parent
+    kinds: Indices  # (n,) one of the kinds above
+    forms: Indices  # (n,) one of the forms above; `PLAIN` is always right
+    drivers: Indices  # (n,) which coordinate moves it, or the first of several; joints that mimic others share one
+    # (n * JOINT,) placements and what follows them: the value of a joint with one degree of freedom is multiplier *
+    # coordinate + offset
     numbers: Singles
 
 
@@ -213,14 +204,9 @@ def _place_free(joints: LaneJoints, i: int, coordinates: Floats32, poses_out: Fl
 
 @lane_step(void(JOINTS, FLOAT_POINTER, FLOAT_POINTER))
 def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
-    """World placements of all joints' moved frames at sixteen configurations.
+    """Write world placements (n * POSE,) of all joints at sixteen configurations, `coordinates` (nv * 16,) [rad or m].
 
-    Args:
-        joints: The joints.
-        coordinates: Sixteen values of each coordinate, shape (nv * 16,) [rad or m]; rotation vectors are shorter than a
-            full turn.
-        poses_out: Entry by entry of rotation and translation [m], shape (n * POSE,); all 0, or from an earlier call,
-            as the world stays where it is.
+    Rotation vectors are shorter than a full turn; `poses_out` is all 0 or of an earlier call, as the world stays.
     """
     size, parents, kinds, forms, drivers, numbers = joints
     if poses_out[0] != 1.0:

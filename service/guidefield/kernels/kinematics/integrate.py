@@ -10,18 +10,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types, void
 
-from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import (
-    VECTOR,
-    VECTOR_OUT,
-    Floats,
-    Vector3,
-    compiled,
-    inlined,
-)
-from guidefield.kernels.kinematics.chart import turned
+from guidefield.kernels.jit.arrays import Floats, Indices, Row, RowOut, Rows, Vector3, numba_type
+from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.kinematics.forward_kinematics import (
     CONTINUOUS,
     FLOATING,
@@ -32,43 +23,30 @@ from guidefield.kernels.kinematics.forward_kinematics import (
     JointTable,
     joint_placements,
     motion_subspaces,
+    turned,
 )
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.linalg.small_systems import solve_three
 
-_SMALL = 1e-4
-"""Below this angle series stand for sine and cosine [rad]: off by less than rounding."""
+_SMALL = 1e-4  # below this angle series stand for sine and cosine [rad]: off by less than rounding
 
 
 class Mover(NamedTuple):
-    """A group's joints on its model; n joints with the world, m tangents of the model, nv of the group.
+    """A group's joints on its model; n joints with the world, m tangents of the model, nv of the group."""
 
-    Attributes:
-        joints: The joints of the model.
-        leaders: (m,) the group's tangent that each of the model's follows.
-        factors: (m,) how far it follows.
-        norms: (nv,) sum of squared factors of those that follow.
-        largest: (nv,) the longest step [rad or m].
-        values: (nv,) where in the model's configuration a value with limits stands; -1 where there are none.
-        lower, upper: (nv,) the limits.
-        stops: (nv,) 1 where a value stops at its limit, 0 where a step beyond it is not taken.
-        supports: (n,) 1 where a joint moves the tip.
-        tip_joint: The last joint that moves it.
-        tip: (3, 4) its placement in that joint's frame.
-    """
-
-    joints: JointTable
-    leaders: Indices
-    factors: Row
-    norms: Row
-    largest: Row
-    values: Indices
+    joints: JointTable  # the joints of the model
+    leaders: Indices  # (m,) the group's tangent that each of the model's follows
+    factors: Row  # (m,) how far it follows
+    norms: Row  # (nv,) sum of squared factors of those that follow
+    largest: Row  # (nv,) the longest step [rad or m]
+    values: Indices  # (nv,) where in the model's configuration a value with limits stands; -1 where there are none
+    # lower, upper: (nv,) the limits
     lower: Row
     upper: Row
-    stops: Indices
-    supports: Indices
-    tip_joint: int
-    tip: Rows
+    stops: Indices  # (nv,) 1 where a value stops at its limit, 0 where a step beyond it is not taken
+    supports: Indices  # (n,) 1 where a joint moves the tip
+    tip_joint: int  # the last joint that moves it
+    tip: Rows  # (3, 4) its placement in that joint's frame
 
 
 MOVER = numba_type(Mover)
@@ -114,16 +92,9 @@ def _turned_pair(q: Floats, at: int, angle: float, q_out: Floats) -> None:
     q_out[at], q_out[at + 1] = over * x, over * y
 
 
-@compiled(void(MOVER, VECTOR, VECTOR, VECTOR_OUT))
-def integrate(mover: Mover, q: Floats, v: Floats, q_out: Floats) -> None:
-    """Configuration of the model that a tangent of the group leads to.
-
-    Args:
-        mover: The group's joints.
-        q: Configuration of the model, shape (nq,).
-        v: Tangent of the group, shape (nv,) [rad or m].
-        q_out: Shape (nq,); may be `q` itself.
-    """
+@kernel
+def integrate(mover: Mover, q: Row, v: Row, q_out: RowOut) -> None:
+    """Write the configuration (nq,) that a tangent (nv,) of the group leads to; it may be q itself."""
     joints = mover.joints
     for i in range(1, joints.parents.shape[0]):
         at, r, kind = joints.idx_q[i], joints.idx_v[i], joints.kinds[i]
@@ -159,17 +130,11 @@ def integrate(mover: Mover, q: Floats, v: Floats, q_out: Floats) -> None:
             _turned_unit(q, at + 3, w, q_out)
 
 
-@compiled(types.boolean(MOVER, VECTOR_OUT, VECTOR_OUT))
-def clamp(mover: Mover, q: Floats, scratch: Floats) -> bool:
-    """Bring values of the model's configuration q (nq,) that are beyond their limits back to them, followers too.
+@kernel
+def clamp(mover: Mover, q: RowOut, scratch: RowOut) -> bool:
+    """Bring values of a configuration (nq,) that are beyond their limits back, mimic joints' too; scratch (nv,).
 
-    Args:
-        mover: The joints.
-        q: Changed in place.
-        scratch: Shape (nv,).
-
-    Returns:
-        False where a value is beyond a limit at which it doesn't stop.
+    It is false where a value is beyond a limit at which it doesn't stop.
     """
     beyond = False
     for k in range(mover.values.shape[0]):
@@ -200,13 +165,9 @@ def tip_position(mover: Mover, world: Floats) -> Vector3:
 
 @inlined
 def tip_jacobian(mover: Mover, subspaces: Floats, tip: Vector3, jacobian_out: Floats) -> None:
-    """Jacobian of the tip by the group's tangents: linear rows first, at the tip in the world's axes.
+    """Write the tip's Jacobian (6, nv) by the group's tangents: linear rows first, at the tip in the world's axes.
 
-    Args:
-        mover: The group's joints.
-        subspaces: Motion subspaces of the model's tangents at the world's origin, shape (m, 6).
-        tip: Where the tip is in the world [m].
-        jacobian_out: Shape (6, nv).
+    `subspaces` (m, 6) are those of the model's tangents at the world's origin, `tip` is the tip's place [m].
     """
     joints = mover.joints
     jacobian_out[:, :] = 0.0
@@ -223,12 +184,9 @@ def tip_jacobian(mover: Mover, subspaces: Floats, tip: Vector3, jacobian_out: Fl
 
 
 _STEPS = 30
-_ARRIVED = 1e-6
-"""Accuracy with which the point is reached [m]."""
-_LONGEST = 0.4
-"""No joint moves more than this in a step [rad or m]."""
-_OWN = 0.05
-"""Added to what a turn moves: one about the tip itself is not free [m]."""
+_ARRIVED = 1e-6  # accuracy with which the point is reached [m]
+_LONGEST = 0.4  # no joint moves more than this in a step [rad or m]
+_OWN = 0.05  # added to what a turn moves: one about the tip itself is not free [m]
 
 
 @inlined
@@ -273,18 +231,11 @@ def _step(mover: Any, q: Floats, jacobian: Floats, weights: Floats, missing: Flo
             return
 
 
-@compiled(types.boolean(MOVER, VECTOR, VECTOR, VECTOR_OUT))
-def reach(mover: Any, q: Floats, point: Floats, q_out: Floats) -> bool:
-    """Bring the tip to a point.
+@kernel
+def reach(mover: Mover, q: Row, point: Row, q_out: RowOut) -> bool:
+    """Bring the tip to a point (3,) [m, world] by Newton's method, within the limits; tell whether it got there.
 
-    Args:
-        mover: The joints that move.
-        q: Configuration of the model, shape (nq,).
-        point: Where the tip shall be, shape (3,) [m, world].
-        q_out: The configuration found, within the limits, shape (nq,).
-
-    Returns:
-        Whether Newton's method got there.
+    From the configuration q (nq,); the one found is `q_out` (nq,).
     """
     joints, n, m, nv = mover.joints, mover.joints.parents.shape[0], mover.leaders.shape[0], mover.values.shape[0]
     world, subspaces, jacobian = np.empty((n, 3, 4)), np.empty((m, 6)), np.empty((6, nv))

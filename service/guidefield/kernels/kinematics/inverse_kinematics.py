@@ -12,49 +12,32 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import int64, types
+from numba import types
 
-from guidefield.kernels.jit.fields import Indices, Row, numba_type
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, VECTOR_OUT, Floats, Integers, compiled, inlined
-from guidefield.kernels.kinematics.tip_chain import (
-    BALL,
-    CHAIN,
-    COLUMN,
-    LANES,
-    TipChain,
-    offset_rates,
-    tip_offset,
-    tip_pose,
-)
+from guidefield.kernels.jit.arrays import Floats, Indices, IndicesOut, Row, RowOut, Rows, RowsOut, TruthsOut, numba_type
+from guidefield.kernels.jit.decorators import inlined, kernel
+from guidefield.kernels.kinematics.tip_chain import BALL, COLUMN, LANES, TipChain, offset_rates, tip_offset, tip_pose
 from guidefield.kernels.simd.rotations import quaternion_of_vector, quaternion_product, vector_of_quaternion
 from guidefield.kernels.simd.vector import load, magnitude, root, select, store
 
 TRUTHS_OUT = types.Array(types.boolean, 1, "C")
 
 MAX_ITERATIONS = 60
-PATIENCE = 5
-"""A start is given up if this many iterations in a row haven't halved the squared error."""
-LEVER = 0.3
-"""A rotation error of one radian counts as much as a position error of this [m]."""
+PATIENCE = 5  # a start is given up if this many iterations in a row haven't halved the squared error
+LEVER = 0.3  # a rotation error of one radian counts as much as a position error of this [m]
 DAMPING = 0.05
 """Damping per squared error. Of 0.005 to 0.5, with levers of 0.15 to 1 m, these take the fewest iterations on Panda,
 UR5, xArm7 and Kinova."""
-DAMPING_FLOOR = 1e-10
-"""Least damping [m^2]: keeps the equations solvable where fewer coordinates than rows move."""
+DAMPING_FLOOR = 1e-10  # least damping [m^2]: keeps the equations solvable where fewer coordinates than rows move
 
 IDLE = -1
 
 
 class Tolerances(NamedTuple):
-    """Tolerances of the tip's offset from its target: translation, rotation vector.
+    """Tolerances of the tip's offset from its target: translation, rotation vector."""
 
-    Attributes:
-        allowed: Shape (6,) [m, rad], maybe infinite.
-        aimed: The part of it that a search aims at, shape (6,) [m, rad].
-    """
-
-    allowed: Row
-    aimed: Row
+    allowed: Row  # shape (6,) [m, rad], maybe infinite
+    aimed: Row  # the part of it that a search aims at, shape (6,) [m, rad]
 
 
 TOLERANCES = numba_type(Tolerances)
@@ -78,16 +61,7 @@ def _store_excess(offset: Any, tolerances: Tolerances, excess_out: Floats, there
 
 @inlined
 def _store_step(chain: TipChain, zs: Floats, excess: Floats, squared: Any, rates: Floats, step_out: Floats) -> None:
-    """One damped step of every coordinate: -J^T (J J^T + damping)^-1 r; J is overwritten by its weighted, free part.
-
-    Args:
-        chain: The chain.
-        zs: Where from, in lanes.
-        excess: The errors, shape (6 * LANES,).
-        squared: Sum of the weighted errors' squares.
-        rates: Their derivatives, shape (nv * COLUMN,).
-        step_out: Shape (nv * LANES,).
-    """
+    """Write a damped step of every coordinate: -J^T (J J^T + damping)^-1 r; J becomes its weighted, free part."""
     nv = chain.lower.shape[0]
     factor = np.empty(36 * LANES)
     for row in range(6):
@@ -176,22 +150,20 @@ def _begin(starts: Floats, start: int, chain: TipChain, lane: int, zs: Floats) -
         zs[d * LANES + lane] = min(max(starts[start, d], chain.lower[d]), chain.upper[d])
 
 
-@compiled(int64(CHAIN, TOLERANCES, MATRIX, MATRIX_OUT, TRUTHS_OUT, VECTOR_OUT))
+@kernel
 def descend(
-    chain: TipChain, tolerances: Tolerances, starts: Floats, ends_out: Floats, reached_out: Any, closest_out: Floats
+    chain: TipChain,
+    tolerances: Tolerances,
+    starts: Rows,
+    ends_out: RowsOut,
+    reached_out: TruthsOut,
+    closest_out: RowOut,
 ) -> int:
-    """Descend from starts to configurations whose tip is within the tolerances of the target.
+    """Descend from `starts` (n, nv) to configurations whose tip is within tolerances of the target.
 
-    Args:
-        chain: The chain in the target's frame.
-        tolerances: How far the tip may be from it.
-        starts: Chart points, shape (n, nv) [rad or m].
-        ends_out: Where the descents ended, shape (n, nv).
-        reached_out: Whether within the tolerances, shape (n,).
-        closest_out: The least weighted squared error so far, then its six excesses, shape (7,); improved.
-
-    Returns:
-        How many iterations all of them took.
+    The chain is in the target's frame. Writes where the descents ended (n, nv), whether each reached it (n,), and of
+    the closest the weighted squared error, then its six excesses (7,), improved from what they are. Returns the number
+    of iterations.
     """
     n, nv = starts.shape
     zs, step, rates = np.zeros(nv * LANES), np.empty(nv * LANES), np.empty(nv * COLUMN)
@@ -241,16 +213,9 @@ def descend(
     return iterations
 
 
-@compiled(types.void(CHAIN, TOLERANCES, MATRIX, VECTOR_OUT))
-def squared_errors(chain: TipChain, tolerances: Tolerances, points: Floats, squared_out: Floats) -> None:
-    """Weighted squared errors of chart points, as descents count them.
-
-    Args:
-        chain: The chain in the target's frame.
-        tolerances: How far the tip may be from it.
-        points: Shape (n, nv) [rad or m].
-        squared_out: Shape (n,) [m^2].
-    """
+@kernel
+def squared_errors(chain: TipChain, tolerances: Tolerances, points: Rows, squared_out: RowOut) -> None:
+    """Write weighted squared errors (n,) of chart points (n, nv), as descents count them [m^2]."""
     nv = points.shape[1]
     zs, columns = np.zeros(nv * LANES), np.empty((3 * chain.kinds.shape[0] + 1) * COLUMN)
     excess, there, row = np.empty(6 * LANES), np.empty(LANES), np.empty(LANES)
@@ -268,17 +233,11 @@ _INDICES_OUT = types.Array(types.int64, 1, "C")
 
 
 class Measure(NamedTuple):
-    """A measure of the distance of two chart points.
+    """A measure of the distance of two chart points."""
 
-    Attributes:
-        periods: By how much a coordinate may differ without any difference, 0 for none, shape (nv,) [rad or m].
-        units: The difference that counts as one, shape (nv,) [rad or m].
-        rotations: Where rotation vectors begin, of which the angle between the two counts, shape (b,).
-    """
-
-    periods: Row
-    units: Row
-    rotations: Indices
+    periods: Row  # by how much a coordinate may differ without any difference, 0 for none, shape (nv,) [rad or m]
+    units: Row  # the difference that counts as one, shape (nv,) [rad or m]
+    rotations: Indices  # where rotation vectors begin, of which the angle between the two counts, shape (b,)
 
 
 MEASURE = numba_type(Measure)
@@ -315,18 +274,11 @@ def _apart(measure: Measure, a: Floats, b: Floats) -> tuple[float, float]:
     return largest, squared
 
 
-@compiled(int64(MEASURE, MATRIX, int64, _INDICES_OUT))
-def distinct(measure: Measure, points: Floats, known: int, kept_out: Integers) -> int:
-    """Points that differ from every one before by more than one unit in some coordinate.
+@kernel
+def distinct(measure: Measure, points: Rows, known: int, kept_out: IndicesOut) -> int:
+    """Write the indices (n,) of points (n, nv) that differ from all before by over one unit in some coordinate.
 
-    Args:
-        measure: How differences are measured.
-        points: Chart points, shape (n, nv); the first `known` are distinct.
-        known: See points.
-        kept_out: Indices of the distinct ones, the known first; shape (n,).
-
-    Returns:
-        How many there are.
+    The first `known` are distinct; returns the count.
     """
     count = known
     for i in range(known):
@@ -343,15 +295,11 @@ def distinct(measure: Measure, points: Floats, known: int, kept_out: Integers) -
     return count
 
 
-@compiled(types.void(MEASURE, MATRIX, int64, _INDICES_OUT))
-def farthest_apart(measure: Measure, points: Floats, given: int, chosen_out: Integers) -> None:
-    """Choose points, each the farthest from those chosen before it; ties go to the first.
+@kernel
+def farthest_apart(measure: Measure, points: Rows, given: int, chosen_out: IndicesOut) -> None:
+    """Choose points (n, nv), each the farthest from those chosen before it, indices (m,); ties go to the first.
 
-    Args:
-        measure: How differences are measured; the distance is the root of the sum of their squares.
-        points: Chart points, shape (n, nv); the first `given` are chosen, at least one.
-        given: See points.
-        chosen_out: Indices of the chosen, in order; shape (m,), m <= n.
+    The first `given`, at least one, are chosen; the distance is the root of the sum of squares.
     """
     nearest = np.full(points.shape[0], np.inf)
     for place in range(chosen_out.shape[0]):

@@ -10,57 +10,42 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import (
-    BLOCKS,
-    BLOCKS_OUT,
-    MATRIX,
-    MATRIX_OUT,
-    SCALAR,
-    VECTOR,
-    VECTOR_OUT,
+from guidefield.kernels.jit.arrays import (
+    Blocks,
+    BlocksOut,
     Floats,
-    compiled,
-    inlined,
+    IndexRows,
+    Indices,
+    Row,
+    RowOut,
+    Rows,
+    RowsOut,
+    numba_type,
 )
+from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.kinematics.forward_kinematics import axis_rotation, quaternion_of
 from guidefield.kernels.linalg.small_systems import solve_three
 
-BALL, FREE, UNIVERSAL = range(3)
-"""Kinds of joints of a chain; FREE is the first of a chain that nothing holds."""
-
-_CLOSED = 1e-7
-"""Accuracy with which a chain is closed [m]."""
+BALL, FREE, UNIVERSAL = range(3)  # kinds of joints of a chain; FREE is the first of a chain that nothing holds
+_CLOSED = 1e-7  # accuracy with which a chain is closed [m]
 _CLOSING_ROUNDS = 12
-_LARGEST_TURN = 0.4
-"""No link turns more than this in a round of closing [rad]."""
+_LARGEST_TURN = 0.4  # no link turns more than this in a round of closing [rad]
 
 
 class LinkChain(NamedTuple):
-    """A chain of links.
+    """A chain of links."""
 
-    Attributes:
-        kinds: (n,) what joins link k to the one before.
-        at: (n, 2) where the joint's values stand in a configuration; of a universal joint both angles.
-        frames: (n, 3, 3) rotation of the joint in the frame of the link before (of the first: in the world).
-        origin: (3,) place of the first joint, as it stands without translation [m].
-        links: (n, 3) each link from its joint to the next, in its own frame [m].
-        first_axes, second_axes: (n, 3) of universal joints, each in the frame of its own revolute joint.
-        between: (n, 3, 3) of universal joints, rotation of the second revolute joint in the first one's frame.
-        circling: (n, 2) 1 where such a revolute joint is continuous: cosine and sine stand for its angle.
-    """
-
-    kinds: Indices
-    at: IndexRows
-    frames: Blocks
-    origin: Row
-    links: Rows
+    kinds: Indices  # (n,) what joins link k to the one before
+    at: IndexRows  # (n, 2) where the joint's values stand in a configuration; of a universal joint both angles
+    frames: Blocks  # (n, 3, 3) rotation of the joint in the frame of the link before (of the first: in the world)
+    origin: Row  # (3,) place of the first joint, as it stands without translation [m]
+    links: Rows  # (n, 3) each link from its joint to the next, in its own frame [m]
+    # first_axes, second_axes: (n, 3) of universal joints, each in the frame of its own revolute joint
     first_axes: Rows
     second_axes: Rows
-    between: Blocks
-    circling: IndexRows
+    between: Blocks  # (n, 3, 3) of universal joints, rotation of the second revolute joint in the first one's frame
+    circling: IndexRows  # (n, 2) 1 where such a revolute joint is continuous: cosine and sine stand for its angle
 
 
 CHAIN = numba_type(LinkChain)
@@ -98,19 +83,12 @@ def _add_closing(link: Floats, N: Floats) -> None:
             N[r, c] += (square if r == c else 0.0) - link[r] * link[c]
 
 
-@compiled(types.boolean(MATRIX_OUT, types.int64, VECTOR))
-def close_chain(joints_out: Floats, m: int, target: Floats) -> bool:
-    """Bring J_m to a place by the least sum of squared turns of links 1..m; J_0 stays, J_{m+1}.. are not looked at.
+@kernel
+def close_chain(joints_out: RowsOut, m: int, target: Row) -> bool:
+    """Bring J_m to a place (3,) by the least sum of squared turns of links 1..m; tell whether that closes the chain.
 
-    omega_i = l_i x lambda, lambda = N^-1 e, N = sum(|l_i|^2 I - l_i l_i^T), e what is missing; until it is closed.
-
-    Args:
-        joints_out: (n + 1, 3) places of joints [m]; those of 1..m are changed.
-        m: How many links turn.
-        target: (3,) [m].
-
-    Returns:
-        Whether it closes: False is out of reach.
+    J_0 stays, J_{m+1}.. aren't looked at, `joints_out` (n + 1, 3) [m]. omega_i = l_i x lambda, lambda = N^-1 e, N =
+    sum(|l_i|^2 I - l_i l_i^T), e what is missing; until it is closed.
     """
     links = np.empty((m, 3))
     N, scratch = np.empty((3, 3)), np.empty((3, 3))
@@ -142,18 +120,12 @@ def close_chain(joints_out: Floats, m: int, target: Floats) -> bool:
     return False
 
 
-@compiled(types.void(MATRIX, MATRIX, MATRIX, types.int64, VECTOR_OUT))
-def end_force(joints: Floats, forces: Floats, torques: Floats, m: int, force_out: Floats) -> None:
-    """f2, the force that links 1..m exert on their end J_m: it does the same virtual work when the chain is closed.
+@kernel
+def end_force(joints: Rows, forces: Rows, torques: Rows, m: int, force_out: RowOut) -> None:
+    """Write f2 (3,), the force that links 1..m exert on their end J_m; it does the same work when the chain is closed.
 
-    Q_i = tau_i + l_i x sum_{i<j<=m} F_j, f2 = N^-1 sum Q_i x l_i.
-
-    Args:
-        joints: (n + 1, 3) places of joints [m].
-        forces: (n, 3) on links.
-        torques: (n, 3) on links about J_{k-1} [m].
-        m: How many links.
-        force_out: (3,).
+    Q_i = tau_i + l_i x sum_{i<j<=m} F_j, f2 = N^-1 sum Q_i x l_i; `joints` (n + 1, 3) [m], forces (n, 3) on links,
+    torques (n, 3) about J_{k-1}.
     """
     N, work, link = np.zeros((3, 3)), np.zeros(3), np.empty(3)
     fx, fy, fz = 0.0, 0.0, 0.0
@@ -171,16 +143,11 @@ def end_force(joints: Floats, forces: Floats, torques: Floats, m: int, force_out
     solve_three(N, _ridge(N), work, force_out)
 
 
-@compiled(types.void(MATRIX, types.int64, VECTOR, SCALAR, MATRIX_OUT))
-def turn_from(joints: Floats, k: int, axis: Floats, angle: float, joints_out: Floats) -> None:
-    """Turn link k about its joint J_{k-1}; the links behind it are carried along without turning.
+@kernel
+def turn_from(joints: Rows, k: int, axis: Row, angle: float, joints_out: RowsOut) -> None:
+    """Turn link k, from 1, about its joint J_{k-1} and a unit axis (3,); the links behind it are carried along.
 
-    Args:
-        joints: (n + 1, 3) places of joints [m].
-        k: Which link, from 1.
-        axis: (3,) unit vector.
-        angle: How far [rad].
-        joints_out: (n + 1, 3).
+    Places of joints before and after have the shape (n + 1, 3) [m]; those links don't turn.
     """
     link, turned, scratch = np.empty(3), np.empty(3), np.empty((3, 3))
     for c in range(3):
@@ -192,12 +159,12 @@ def turn_from(joints: Floats, k: int, axis: Floats, angle: float, joints_out: Fl
             joints_out[i, c] = joints[i, c] + (turned[c] - link[c] if i >= k else 0.0)
 
 
-@compiled(types.boolean(MATRIX, types.int64, VECTOR, SCALAR, MATRIX_OUT))
-def turn_towards(joints: Floats, k: int, axis: Floats, angle: float, joints_out: Floats) -> bool:
-    """Turn link k about its far end J_k; the links before it are closed on its near end, those beyond stay.
+@kernel
+def turn_towards(joints: Rows, k: int, axis: Row, angle: float, joints_out: RowsOut) -> bool:
+    """Turn link k about its far end J_k; those before it are closed on its near end, those beyond stay.
 
     Of link 2 the near end can only circle about the line from J_0 to J_2, whatever `axis` says. Returns whether it
-    closes; see `turn_from` for the arguments and their shapes.
+    closes; arguments are those of `turn_from`.
     """
     pivot = 0 if k == 2 else k
     link, turned, scratch, target = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
@@ -276,7 +243,7 @@ def _near(angle: float, old: float) -> float:
 
 @inlined
 def _bend(chain: LinkChain, k: int, wanted: Floats, old: Floats, scratch: Floats, angles_out: Floats) -> bool:
-    """Angles of universal joint k that point its link along `wanted` (3,), in the joint's frame; near the old ones.
+    """Write the angles of universal joint k, near the old ones, that point its link along `wanted` in its frame.
 
     Rot(a1, alpha) B Rot(a2, beta) link = wanted: the share of both sides along a1 gives beta, then alpha follows.
     """
@@ -326,22 +293,14 @@ def _angle(q: Floats, at: int, circling: int) -> float:
     return math.atan2(q[at + 1], q[at]) if circling == 1 else q[at]
 
 
-@compiled(types.boolean(CHAIN, MATRIX, VECTOR, BLOCKS, VECTOR_OUT, BLOCKS_OUT))
+@kernel
 def chain_configuration(
-    chain: LinkChain, joints: Floats, q: Floats, rotations: Floats, q_out: Floats, rotations_out: Floats
+    chain: LinkChain, joints: Rows, q: Row, rotations: Blocks, q_out: RowOut, rotations_out: BlocksOut
 ) -> bool:
-    """The configuration near q whose joints stand at given places; links turn the least, spin is carried along.
+    """Find the configuration near q (nq,) whose joints stand at given places (n + 1, 3) [m]; links turn the least.
 
-    Args:
-        chain: The chain.
-        joints: Places of joints, a link's length apart, shape (n + 1, 3) [m, world].
-        q: Configuration to be near to, shape (nq,).
-        rotations: Of the links in the world, at q, shape (n, 3, 3).
-        q_out: Shape (nq,).
-        rotations_out: Of the links in the world, at q_out, shape (n, 3, 3).
-
-    Returns:
-        Whether there is one: a universal joint can't point everywhere if its axes aren't square to its link.
+    Spin is carried along: `rotations` (n, 3, 3) are those of the links in the world at q, `rotations_out` at `q_out`.
+    It is false if there is none: a universal joint can't point everywhere if its axes aren't square to its link.
     """
     n = chain.kinds.shape[0]
     world, relative, turn, scratch = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from guidefield.kernels.jit.signatures import Floats, Floats32, Vector3, inlined, lane_part
+from guidefield.kernels.jit.arrays import Floats, Floats32, Vector3
+from guidefield.kernels.jit.decorators import inlined, lane_part
 from guidefield.kernels.simd.vector import LANES, Vector, load
 
-POSE = 12 * LANES
-"""Floats of sixteen poses: each of the twelve numbers in sixteen lanes."""
-
-ROW = 4 * LANES
-"""Floats from a row of these to the next."""
+POSE = 12 * LANES  # floats of sixteen poses: each of the twelve numbers in sixteen lanes
+ROW = 4 * LANES  # floats from a row of these to the next
 
 
 @inlined
@@ -50,7 +48,7 @@ def moved_back_by(T: Floats, x: float, y: float, z: float) -> Vector3:
 
 
 @lane_part
-def placed(pose: Floats, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+def apply_pose(pose: Floats, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
     """Return where a pose (12,) has a point, or sixteen of them [m]."""
     return (
         x * pose[0] + y * pose[1] + z * pose[2] + pose[3],
@@ -61,15 +59,7 @@ def placed(pose: Floats, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
 
 @lane_part
 def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: int) -> None:
-    """Write the rotation of a pose times three numbers.
-
-    Args:
-        pose: Rotation and translation, row by row, shape (12,).
-        source: The numbers, from `start` on, shape (n,).
-        start: Where they are.
-        target: Gets the product, shape (m,).
-        at: Where.
-    """
+    """Write rotation of a pose (12,) times three numbers of `source` (n,) to `target` (m,), from an index on each."""
     x, y, z = source[start], source[start + 1], source[start + 2]
     for r in range(3):
         target[at + r] = pose[4 * r] * x + pose[4 * r + 1] * y + pose[4 * r + 2] * z
@@ -105,14 +95,7 @@ def write_identity(pose_out: Floats) -> None:
 
 @lane_part
 def one_pose(poses: Floats32, joint: int, chosen: int, pose_out: Floats) -> None:
-    """A joint's pose in one lane.
-
-    Args:
-        poses: Of sixteen configurations, shape (joints * POSE,).
-        joint: Which joint.
-        chosen: Which lane.
-        pose_out: Shape (12,).
-    """
+    """Write a joint's pose (12,) in one lane of `poses` (joints * POSE,)."""
     for entry in range(12):
         pose_out[entry] = poses[joint * POSE + entry * LANES + chosen]
 
@@ -130,16 +113,8 @@ def moved_row(poses: Floats32, row: int, x: Any, y: Any, z: Any) -> Vector:
 
 
 @lane_part
-def moved(poses: Floats32, joint: int, x: float, y: float, z: float) -> tuple[Vector, Vector, Vector]:
-    """Return where a point of a joint's moved frame is in the world, at each of sixteen configurations [m].
-
-    Args:
-        poses: Of the configurations, shape (joints * POSE,).
-        joint: Which joint.
-        x: The point in the joint's frame [m], with y and z.
-        y: See x.
-        z: See x.
-    """
+def apply_poses(poses: Floats32, joint: int, x: float, y: float, z: float) -> tuple[Vector, Vector, Vector]:
+    """Return where a point of a joint's frame is in the world at sixteen poses (joints * POSE,) [m]."""
     at = joint * POSE
     return moved_row(poses, at, x, y, z), moved_row(poses, at + ROW, x, y, z), moved_row(poses, at + 2 * ROW, x, y, z)
 
@@ -159,15 +134,7 @@ def column_along(poses: Floats32, column: int, u: Vector, v: Vector, w: Vector) 
 
 @lane_part
 def turned_axis(poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-    """An axis in the world in a joint's frame, and the place of that frame's origin along it [m].
-
-    Args:
-        poses: Of sixteen configurations, shape (joints * POSE,).
-        joint: Which joint.
-        u: The axis' x in the world, with v and w.
-        v: Its y.
-        w: Its z.
-    """
+    """Return a world axis in a joint's frame, and that frame's origin along it; `poses` (joints * POSE,)."""
     at = joint * POSE
     return (
         column_along(poses, at, u, v, w),

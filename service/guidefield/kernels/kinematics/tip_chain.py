@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import Floats, inlined
+from guidefield.kernels.jit.arrays import Floats, Indices, Row, Rows, numba_type
+from guidefield.kernels.jit.decorators import inlined
 from guidefield.kernels.kinematics.batch_forward_kinematics import rotation_of, row_after, row_times, row_turned
 from guidefield.kernels.simd.rotations import (
     cosine_and_sine,
@@ -24,25 +24,15 @@ COLUMN = 6 * LANES
 
 
 class TipChain(NamedTuple):
-    """The parts of a chain, from the world to the tip.
+    """The parts of a chain, from the world to the tip."""
 
-    Attributes:
-        kinds: Of each part, shape (n,).
-        drivers: Which chart coordinate moves it, of a ball the first of three, shape (n,).
-        scales: What the value is by that coordinate: multiplier and offset, shape (n, 2).
-        placements: What is fixed after each part, as rows of rotation and translation, shape (n, 12) [m].
-        first: What is fixed before the first, shape (12,) [m].
-        lower: Of the chart coordinates, shape (nv,).
-        upper: Shape (nv,).
-    """
-
-    kinds: Indices
-    drivers: Indices
-    scales: Rows
-    placements: Rows
-    first: Row
-    lower: Row
-    upper: Row
+    kinds: Indices  # of each part, shape (n,)
+    drivers: Indices  # which chart coordinate moves it, of a ball the first of three, shape (n,)
+    scales: Rows  # what the value is by that coordinate: multiplier and offset, shape (n, 2)
+    placements: Rows  # what is fixed after each part, as rows of rotation and translation, shape (n, 12) [m]
+    first: Row  # what is fixed before the first, shape (12,) [m]
+    lower: Row  # of the chart coordinates, shape (nv,)
+    upper: Row  # shape (nv,)
 
 
 CHAIN = numba_type(TipChain)
@@ -71,15 +61,9 @@ def _store_turn(columns: Floats, at: int, ax: Any, ay: Any, az: Any, x: Any, y: 
 
 @inlined
 def tip_pose(chain: TipChain, zs: Floats, columns_out: Floats) -> Any:
-    """Return where the tip is, and how each part moves it.
+    """Return the tip's rotation and translation, row by row in lanes [m], at chart coordinates (nv * LANES,).
 
-    Args:
-        chain: The chain.
-        zs: Chart coordinates in lanes, shape (nv * LANES,).
-        columns_out: Column by column, three of a ball, shape (columns * COLUMN,).
-
-    Returns:
-        Rotation and translation row by row, 12 values in lanes [m].
+    `columns_out` (columns * COLUMN,) gets how each part moves the tip, three columns of a ball.
     """
     zero = 0.0 * load(zs, 0)
     first = chain.first
@@ -135,15 +119,10 @@ def tip_offset(pose: Any) -> Any:
 
 @inlined
 def offset_rates(chain: TipChain, offset: Any, columns: Floats, rates_out: Floats) -> None:
-    """Return how an offset changes by each chart coordinate, rotation vectors of balls by turns in the moved frame.
+    """Write how an offset of `tip_offset` changes by each chart coordinate, by columns of `tip_pose`; (nv * COLUMN,).
 
-    The rotation vector v changes by J_l(v)^-1 w, J_l^-1 = 1 - [v]/2 + rate [v]^2.
-
-    Args:
-        chain: The chain.
-        offset: As `tip_offset` has it.
-        columns: As `tip_pose` wrote them.
-        rates_out: Translation's three rows, then the rotation's, of each coordinate, shape (nv * COLUMN,).
+    Rows of the translation, then of the rotation vector v, which changes by J_l(v)^-1 w, J_l^-1 = 1 - [v]/2 + rate
+    [v]^2; rotation vectors of balls change by turns in the moved frame.
     """
     x, y, z, rx, ry, rz, square, rate = offset
     zero = 0.0 * x

@@ -6,39 +6,321 @@ after the other; those of different groups aren't coupled in any block, and each
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from guidefield.kernels.jit.fields import IndicesOut, RowOut, RowsOut, numba_type
-from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import BLOCKS, INDICES, MATRIX, SCALAR, VECTOR, Floats, Integers, compiled
-from guidefield.kernels.linalg.banded_cholesky import COUPLED, TILE, factorize, fill, substitute
+from guidefield.kernels.jit.arrays import (
+    Blocks,
+    Floats,
+    Indices,
+    IndicesOut,
+    Integers,
+    Row,
+    RowOut,
+    Rows,
+    RowsOut,
+    numba_type,
+)
+from guidefield.kernels.jit.decorators import counted, kernel, uncounted
+from guidefield.kernels.simd.vector import LANES_64, load, magnitude, store, total
+
+COUPLED = 3  # a block is coupled with as many before it
+TILE = LANES_64  # rows and columns of a tile
+FIRST, PAST = 0, 1  # columns of a strip's rows that aren't zero
+
+
+@uncounted
+def fill(blocks: Floats, first: int, size: int, damping: float, strips_out: Floats) -> None:
+    """Write a group's upper triangle, with whole blocks on its diagonal, which is multiplied by 1 + damping.
+
+    `blocks` (n, m, 4 m) are as in `factorize_bordered`, the group has `size` rows from `first` on;
+    (n, strips, rows `TILE`). The damping is not negative.
+    """
+    n, whole = blocks.shape[0], blocks.shape[1]
+    per_block = strips_out.shape[1] // (COUPLED + 1)
+    for f in range(n):
+        for j in range(COUPLED + 1):
+            for t in range(per_block):
+                strip, columns = strips_out[f, j * per_block + t], max(min(TILE, size - TILE * t), 0)
+                strip[:] = 0.0
+                if f + j < n:
+                    begin = first + TILE * t
+                    source = blocks[f + j, begin : begin + columns, (COUPLED - j) * whole + first :]
+                    for p in range(size):
+                        for c in range(columns):
+                            strip[p * TILE + c] = source[c, p]
+        for p in range(per_block * TILE):
+            diagonal = strips_out[f, p // TILE][p * TILE + p % TILE :]
+            diagonal[0] = diagonal[0] * (1.0 + damping) if p < size else 1.0
+
+
+@uncounted
+def _store_tile(  # type: ignore[no-untyped-def]  # vectors have no type in Python
+    c: Floats, r0, r1, r2, r3, r4, r5, r6, r7
+) -> None:
+    """Write the rows of a tile c."""
+    store(c, 0, r0)
+    store(c, TILE, r1)
+    store(c, 2 * TILE, r2)
+    store(c, 3 * TILE, r3)
+    store(c, 4 * TILE, r4)
+    store(c, 5 * TILE, r5)
+    store(c, 6 * TILE, r6)
+    store(c, 7 * TILE, r7)
+
+
+@uncounted
+def _take_product(a: Floats, b: Floats, rows: int, c: Floats) -> None:
+    """Subtract a^T b from a tile c, of two strips of so many rows."""
+    c0, c1, c2, c3 = load(c, 0), load(c, TILE), load(c, 2 * TILE), load(c, 3 * TILE)
+    c4, c5, c6, c7 = load(c, 4 * TILE), load(c, 5 * TILE), load(c, 6 * TILE), load(c, 7 * TILE)
+    for k in range(rows):
+        at = k * TILE
+        row = load(b, at)
+        c0 -= a[at] * row
+        c1 -= a[at + 1] * row
+        c2 -= a[at + 2] * row
+        c3 -= a[at + 3] * row
+        c4 -= a[at + 4] * row
+        c5 -= a[at + 5] * row
+        c6 -= a[at + 6] * row
+        c7 -= a[at + 7] * row
+    _store_tile(c, c0, c1, c2, c3, c4, c5, c6, c7)
+
+
+@uncounted
+def _take_products(a: Floats, b: Floats, b_: Floats, rows: int, c: Floats, c_: Floats) -> None:
+    """The same for two tiles at once, c of the strips a and b, c_ of a and b_: each number of a is read once."""
+    c0, c1, c2, c3 = load(c, 0), load(c, TILE), load(c, 2 * TILE), load(c, 3 * TILE)
+    c4, c5, c6, c7 = load(c, 4 * TILE), load(c, 5 * TILE), load(c, 6 * TILE), load(c, 7 * TILE)
+    d0, d1, d2, d3 = load(c_, 0), load(c_, TILE), load(c_, 2 * TILE), load(c_, 3 * TILE)
+    d4, d5, d6, d7 = load(c_, 4 * TILE), load(c_, 5 * TILE), load(c_, 6 * TILE), load(c_, 7 * TILE)
+    for k in range(rows):
+        at = k * TILE
+        row, other = load(b, at), load(b_, at)
+        a0, a1, a2, a3, a4, a5, a6, a7 = (
+            a[at], a[at + 1], a[at + 2], a[at + 3], a[at + 4], a[at + 5], a[at + 6], a[at + 7],
+        )  # fmt: skip
+        c0 -= a0 * row
+        d0 -= a0 * other
+        c1 -= a1 * row
+        d1 -= a1 * other
+        c2 -= a2 * row
+        d2 -= a2 * other
+        c3 -= a3 * row
+        d3 -= a3 * other
+        c4 -= a4 * row
+        d4 -= a4 * other
+        c5 -= a5 * row
+        d5 -= a5 * other
+        c6 -= a6 * row
+        d6 -= a6 * other
+        c7 -= a7 * row
+        d7 -= a7 * other
+    _store_tile(c, c0, c1, c2, c3, c4, c5, c6, c7)
+    _store_tile(c_, d0, d1, d2, d3, d4, d5, d6, d7)
+
+
+@uncounted
+def _take_strip(a: Floats, of_a: Integers, b: Floats, of_b: Integers, most: int, c: Floats) -> None:
+    """The same for one tile, of the rows before `most` in which neither strip is zero; where they aren't is given."""
+    first, past = max(of_a[FIRST], of_b[FIRST]), min(of_a[PAST], of_b[PAST], most)
+    if first < past:
+        _take_product(a[first * TILE :], b[first * TILE :], past - first, c)
+
+
+@uncounted
+def _take_strips(
+    a: Floats, of_a: Integers, b: Floats, of_b: Integers, s: int, most: int, into: Floats, into_s: int, at: int
+) -> None:
+    """The same for two tiles side by side: of strips s and s + 1 of b, into strips `into_s` and the next from `at`."""
+    first = max(of_a[FIRST], min(of_b[s, FIRST], of_b[s + 1, FIRST]))
+    past = min(of_a[PAST], max(of_b[s, PAST], of_b[s + 1, PAST]), most)
+    if first < past:
+        begin = first * TILE
+        _take_products(
+            a[begin:], b[s, begin:], b[s + 1, begin:], past - first, into[into_s, at:], into[into_s + 1, at:]
+        )
+
+
+@uncounted
+def _factorize_tile(tile: Floats, inverse_out: Floats) -> bool:
+    """Get U^-T of a tile on the diagonal, U^T U; whether it is positive definite. The tile is overwritten."""
+    nothing = 0.0 * load(tile, 0)
+    for i in range(TILE):
+        row, of_inverse = load(tile, i * TILE), nothing
+        for k in range(i):
+            share = tile[k * TILE + i]
+            row -= share * load(tile, k * TILE)
+            of_inverse -= share * load(inverse_out, k * TILE)
+        store(tile, i * TILE, row)
+        pivot = tile[i * TILE + i]
+        if not pivot > 0.0:
+            return False
+        scale = 1.0 / math.sqrt(pivot)
+        store(tile, i * TILE, scale * row)
+        store(inverse_out, i * TILE, scale * of_inverse)
+        inverse_out[i * TILE + i] = scale
+    return True
+
+
+@uncounted
+def _solve_tile(inverse: Floats, c: Floats) -> bool:
+    """Replace a tile c by U^-T c, with U^-T of a tile on the diagonal; whether anything in it isn't zero."""
+    r0, r1, r2, r3 = load(c, 0), load(c, TILE), load(c, 2 * TILE), load(c, 3 * TILE)
+    r4, r5, r6, r7 = load(c, 4 * TILE), load(c, 5 * TILE), load(c, 6 * TILE), load(c, 7 * TILE)
+    amount = magnitude(r0) + magnitude(r1) + magnitude(r2) + magnitude(r3)
+    amount += magnitude(r4) + magnitude(r5) + magnitude(r6) + magnitude(r7)
+    if total(amount) == 0.0:
+        return False
+    for i in range(TILE):
+        w = inverse[i * TILE :]
+        first = w[0] * r0 + w[1] * r1 + w[2] * r2 + w[3] * r3
+        store(c, i * TILE, first + (w[4] * r4 + w[5] * r5 + w[6] * r6 + w[7] * r7))
+    return True
+
+
+@uncounted
+def _take_blocks_before(f: int, strips: Floats, spans: Integers) -> None:
+    """Subtract from block row f what those before it take away: two strips stay in the fastest memory meanwhile."""
+    count = strips.shape[1]
+    per_block = count // (COUPLED + 1)
+    into = strips[f]
+    for s in range(0, count, 2):
+        for g in range(max(f - COUPLED, 0), f):
+            behind = (f - g) * per_block
+            column, of_g, spans_of_g = behind + s, strips[g], spans[g]
+            if column >= count:
+                continue
+            both = min(s + 1, per_block) if column + 1 < count else 0
+            for t in range(both):
+                _take_strips(
+                    of_g[behind + t], spans_of_g[behind + t], of_g, spans_of_g, column, TILE * per_block, into, s,
+                    t * TILE * TILE,
+                )  # fmt: skip
+            for b in range(2):
+                for t in range(both, min(s + b + 1, per_block)):
+                    if column + b < count:
+                        _take_strip(
+                            of_g[behind + t], spans_of_g[behind + t], of_g[column + b], spans_of_g[column + b],
+                            TILE * per_block, into[s + b, t * TILE * TILE :],
+                        )  # fmt: skip
+
+
+@uncounted
+def factorize(size: int, strips: Floats, spans: Integers, inverses: Floats) -> bool:
+    """Replace a matrix A by its factor U, A = U^T U, if it is positive definite; else the strips mean nothing.
+
+    `size` is the number of rows of its blocks, without those of the identity; strips (n, strips, rows `TILE`) are as
+    `fill` leaves them. Spans (n, strips, 2) get where each strip isn't zero, inverses (n, tiles, `TILE`²) U^-T of each
+    tile on the diagonal, which itself means nothing.
+    """
+    n, count, _ = strips.shape
+    per_block = count // (COUPLED + 1)
+    for f in range(n):
+        _take_blocks_before(f, strips, spans)
+        of_f, spans_of_f = strips[f], spans[f]
+        spans_of_f[:, FIRST], spans_of_f[:, PAST] = size, 0
+        for t in range(per_block):
+            at, inverse = t * TILE * TILE, inverses[f, t]
+            _take_strip(of_f[t], spans_of_f[t], of_f[t], spans_of_f[t], t * TILE, of_f[t, at:])
+            if not _factorize_tile(of_f[t, at:], inverse):
+                return False
+            for s in range(t + 1 + (count - t - 1) % 2, count, 2):
+                _take_strips(of_f[t], spans_of_f[t], of_f, spans_of_f, s, t * TILE, of_f, s, at)
+            if (count - t - 1) % 2:
+                _take_strip(of_f[t], spans_of_f[t], of_f[t + 1], spans_of_f[t + 1], t * TILE, of_f[t + 1, at:])
+            for s in range(t + 1, count):
+                if _solve_tile(inverse, of_f[s, at:]):
+                    spans_of_f[s, FIRST] = min(spans_of_f[s, FIRST], t * TILE)
+                    spans_of_f[s, PAST] = min((t + 1) * TILE, size)
+    return True
+
+
+@uncounted
+def _substitute_tile(inverse: Floats, x: Floats) -> None:
+    """Replace x by U^-T x, with U^-T of a tile on the diagonal."""
+    y = load(x, 0)
+    for i in range(TILE):
+        x[i] = total(load(inverse, i * TILE) * y)
+
+
+@uncounted
+def _substitute_tile_back(inverse: Floats, x: Floats) -> None:
+    """Replace x by U^-1 x, with U^-T of a tile on the diagonal."""
+    first = x[0] * load(inverse, 0) + x[1] * load(inverse, TILE)
+    first += x[2] * load(inverse, 2 * TILE) + x[3] * load(inverse, 3 * TILE)
+    second = x[4] * load(inverse, 4 * TILE) + x[5] * load(inverse, 5 * TILE)
+    second += x[6] * load(inverse, 6 * TILE) + x[7] * load(inverse, 7 * TILE)
+    store(x, 0, first + second)
+
+
+@uncounted
+def substitute(strips: Floats, inverses: Floats, right: Floats) -> None:
+    """Replace b by (U^T U)^{-1} b, with strips (n, strips, rows `TILE`) and inverses of `factorize`.
+
+    b has the rows of the identity, and those of three more blocks, which are zero: ((n + 3) rows,).
+    """
+    n, count, _ = strips.shape
+    per_block = count // (COUPLED + 1)
+    for f in range(n):
+        for t in range(per_block):
+            x = right[(f * per_block + t) * TILE :]
+            _substitute_tile(inverses[f, t], x)
+            for s in range(t + 1, count):
+                tile, at = strips[f, s][t * TILE * TILE :], (s - t) * TILE
+                row = x[0] * load(tile, 0) + x[1] * load(tile, TILE)
+                row += x[2] * load(tile, 2 * TILE) + x[3] * load(tile, 3 * TILE)
+                other = x[4] * load(tile, 4 * TILE) + x[5] * load(tile, 5 * TILE)
+                other += x[6] * load(tile, 6 * TILE) + x[7] * load(tile, 7 * TILE)
+                store(x, at, load(x, at) - row - other)
+    for f in range(n - 1, -1, -1):
+        for t in range(per_block - 1, -1, -1):
+            x = right[(f * per_block + t) * TILE :]
+            _take_later(strips[f], t, x)
+            _substitute_tile_back(inverses[f, t], x)
+
+
+@uncounted
+def _take_later(strips: Floats, t: int, x: Floats) -> None:
+    """Subtract from x, tile t of a block's, what a row of tiles times all that is behind it comes to."""
+    a0 = 0.0 * load(x, 0)
+    a1 = a2 = a3 = a4 = a5 = a6 = a7 = a0
+    for s in range(t + 1, strips.shape[0]):
+        tile, y = strips[s][t * TILE * TILE :], load(x, (s - t) * TILE)
+        a0 += load(tile, 0) * y
+        a1 += load(tile, TILE) * y
+        a2 += load(tile, 2 * TILE) * y
+        a3 += load(tile, 3 * TILE) * y
+        a4 += load(tile, 4 * TILE) * y
+        a5 += load(tile, 5 * TILE) * y
+        a6 += load(tile, 6 * TILE) * y
+        a7 += load(tile, 7 * TILE) * y
+    x[0] -= total(a0)
+    x[1] -= total(a1)
+    x[2] -= total(a2)
+    x[3] -= total(a3)
+    x[4] -= total(a4)
+    x[5] -= total(a5)
+    x[6] -= total(a6)
+    x[7] -= total(a7)
 
 
 class BorderedFactor(NamedTuple):
-    """A system [[A, B], [B^T, C]] in factors, with k = 1 or 2 columns in B; of memory until it is made.
+    """A system [[A, B], [B^T, C]] in factors, with k = 1 or 2 columns in B; of memory until it is made."""
 
-    Attributes:
-        groups: Where each group of a block's rows begins, and where the last ends; behind that it means nothing.
-        strips: U of A = U^T U, group by group as `factorize` leaves it.
-        spans: Where its strips aren't zero.
-        inverses: Of its tiles on the diagonal, transposed.
-        padded: Memory for a group's right side with the rows of the identity, and three more blocks.
-        border: B by its columns, shape (k, n m).
-        across: A^-1 B by its columns, shape (k, n m).
-        pivots: Of S = C - B^T A^-1 B: the first, the one that the first leaves of the second, and the share of the
-            first row that is in the second; shape (3,).
-    """
-
+    # where each group of a block's rows begins, and where the last ends; behind that it means nothing
     groups: IndicesOut
-    strips: RowOut
-    spans: IndicesOut
-    inverses: RowOut
-    padded: RowOut
-    border: RowsOut
-    across: RowsOut
+    strips: RowOut  # U of A = U^T U, group by group as `factorize` leaves it
+    spans: IndicesOut  # where its strips aren't zero
+    inverses: RowOut  # of its tiles on the diagonal, transposed
+    padded: RowOut  # memory for a group's right side with the rows of the identity, and three more blocks
+    border: RowsOut  # B by its columns, shape (k, n m)
+    across: RowsOut  # a^-1 B by its columns, shape (k, n m)
+    # of S = C - B^T A^-1 B: the first, the one that the first leaves of the second, and the share of the first row that
+    # is in the second; shape (3,)
     pivots: RowOut
 
 
@@ -104,23 +386,16 @@ def _solve_band(factor: BorderedFactor, n: int, right_out: Floats) -> None:
         g += 1
 
 
-@compiled(types.boolean(BLOCKS, INDICES, MATRIX, MATRIX, SCALAR, FACTOR))
+@kernel
 def factorize_bordered(
-    blocks: Floats, groups: Integers, border: Floats, corner: Floats, damping: float, factor_out: BorderedFactor
+    blocks: Blocks, groups: Indices, border: Rows, corner: Rows, damping: float, factor_out: BorderedFactor
 ) -> bool:
-    """Factorize [[A, B], [B^T, C]] with its diagonal multiplied by 1 + damping.
+    """Factorize [[A, B], [B^T, C]] with its diagonal times 1 + damping; tell if it is positive definite.
 
-    Args:
-        blocks: A; block row f = blocks[f], its blocks beside one another, shape (n, m, 4 m): the last is on the
-            diagonal, the first couples it with f - 3. What couples rows of different groups is not looked at.
-        groups: Where each group of a block's rows begins, multiples of `TILE` from 0 on, and behind the last m.
-        border: B by its columns, shape (k, n m).
-        corner: C, shape (k, k).
-        damping: Not negative.
-        factor_out: The factors.
-
-    Returns:
-        Whether the system is positive definite; if not, the factors mean nothing.
+    `blocks` (n, m, 4 m) are A, block row by block row, side by side: the last is on the diagonal, the first couples it
+    with f - 3; what couples rows of different groups is not looked at. `groups` has where each group of a block's rows
+    begins, multiples of `TILE` from 0 on, and behind the last m. `border` (k, n m) is B by its columns, `corner` (k, k)
+    is C. If it isn't positive definite, the factors mean nothing.
     """
     n, whole, g = blocks.shape[0], blocks.shape[1], 0
     factor_out.groups[0] = 0
@@ -148,8 +423,8 @@ def factorize_bordered(
     return bool(second > 0.0)
 
 
-@compiled(types.void(FACTOR, types.int64, VECTOR, types.Array(types.float64, 1, "C")))
-def solve_factorized(factor: BorderedFactor, blocks: int, right: Floats, solution_out: Floats) -> None:
+@kernel
+def solve_factorized(factor: BorderedFactor, blocks: int, right: Row, solution_out: RowOut) -> None:
     """Solve a system of n blocks in factors for a right side; both have what is the border's last, shape (n m + k,)."""
     more, rows = factor.border.shape
     x = solution_out[:rows]

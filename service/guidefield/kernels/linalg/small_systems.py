@@ -1,22 +1,16 @@
-"""Small linear algebra: symmetric systems of a few rows, products of vectors, principal axes."""
+"""Small linear algebra: symmetric systems of a few rows, products of vectors, principal axes, and a stable order."""
 
 from __future__ import annotations
 
 import math
 
-from numba import void
-
-from guidefield.kernels.jit.signatures import MATRIX_OUT, VECTOR_OUT, Floats, Vector3, compiled, inlined, lane_part
+from guidefield.kernels.jit.arrays import Floats, Integers, RowOut, RowsOut, Vector3
+from guidefield.kernels.jit.decorators import inlined, kernel, lane_part
 
 
 @inlined
 def invert(matrix: Floats, size: int) -> None:
-    """Replace the leading square of a symmetric, positive definite matrix by its inverse (Gauss and Jordan).
-
-    Args:
-        matrix: Shape (n, n).
-        size: Rows of that square.
-    """
+    """Replace the leading square of a symmetric, positive definite matrix (n, n) by its inverse (Gauss and Jordan)."""
     for p in range(size):
         over = 1.0 / matrix[p, p]
         matrix[p, p] = 1.0
@@ -32,14 +26,7 @@ def invert(matrix: Floats, size: int) -> None:
 
 @inlined
 def solve_three(matrix: Floats, ridge: float, right: Floats, solution_out: Floats) -> None:
-    """Solve (M + ridge 1) x = b for three unknowns, by cofactors.
-
-    Args:
-        matrix: M, symmetric, shape (3, 3).
-        ridge: What keeps it regular.
-        right: b, shape (3,).
-        solution_out: x, shape (3,).
-    """
+    """Solve (M + ridge 1) x = b (3,) for a symmetric M (3, 3), by cofactors."""
     xx, yy, zz = matrix[0, 0] + ridge, matrix[1, 1] + ridge, matrix[2, 2] + ridge
     xy, xz, yz = matrix[0, 1], matrix[0, 2], matrix[1, 2]
     cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
@@ -73,11 +60,8 @@ def unit_in_plane(x: float, y: float) -> tuple[float, float]:
     return x / length, y / length
 
 
-_ORTHOGONAL = 1e-15
-"""Cosine of columns that count as orthogonal."""
-
-_SWEEPS = 30
-"""Most rounds over all pairs; four or five are usual."""
+_ORTHOGONAL = 1e-15  # cosine of columns that count as orthogonal
+_SWEEPS = 30  # most rounds over all pairs; four or five are usual
 
 
 @inlined
@@ -107,14 +91,11 @@ def _sort(spread_out: Floats, axes_out: Floats) -> None:
                 axes_out[p, k], axes_out[p + 1, k] = axes_out[p + 1, k], axes_out[p, k]
 
 
-@compiled(void(MATRIX_OUT, VECTOR_OUT, MATRIX_OUT))
-def principal_axes(points: Floats, spread_out: Floats, axes_out: Floats) -> None:
-    """Find the singular values and right singular vectors of points, the largest first.
+@kernel
+def principal_axes(points: RowsOut, spread_out: RowOut, axes_out: RowsOut) -> None:
+    """Write the singular values (3,) and right singular vectors (3, 3), one a row, of points (n, 3), the largest first.
 
-    Args:
-        points: Shape (n, 3), in any unit; left turned into the axes.
-        spread_out: Gets the singular values, shape (3,), in that unit.
-        axes_out: Gets unit vectors, one in each row, shape (3, 3).
+    The points are left turned into the axes.
     """
     for k in range(9):
         axes_out[k // 3, k % 3] = 1.0 if k % 4 == 0 else 0.0
@@ -139,3 +120,32 @@ def principal_axes(points: Floats, spread_out: Floats, axes_out: Floats) -> None
             square += points[i, p] * points[i, p]
         spread_out[p] = math.sqrt(square)
     _sort(spread_out, axes_out)
+
+
+@inlined
+def _sift(keys: Floats, order: Integers, at: int, end: int) -> None:
+    """Let an entry of a heap, the last one in the order on top, sink to its place."""
+    one = order[at]
+    while 2 * at + 1 < end:
+        child = 2 * at + 1
+        key, other = keys[order[child]], keys[order[child + 1]] if child + 1 < end else keys[order[child]]
+        if other > key or (other == key and child + 1 < end and order[child + 1] > order[child]):
+            child += 1
+        if keys[one] > keys[order[child]] or (keys[one] == keys[order[child]] and one > order[child]):
+            break
+        order[at] = order[child]
+        at = child
+    order[at] = one
+
+
+@inlined
+def write_stable_order(keys: Floats, order_out: Integers) -> None:
+    """Write the order (n,) of numbers (n,), of equal ones that of their places: heap sort by number, then place."""
+    count = keys.shape[0]
+    for i in range(count):
+        order_out[i] = i
+    for at in range(count // 2 - 1, -1, -1):
+        _sift(keys, order_out, at, count)
+    for end in range(count - 1, 0, -1):
+        order_out[0], order_out[end] = order_out[end], order_out[0]
+        _sift(keys, order_out, 0, end)

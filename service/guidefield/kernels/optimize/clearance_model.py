@@ -26,19 +26,22 @@ from guidefield.kernels.barrier.obstacle_barrier import NEAR_BODIES, NearBodies
 from guidefield.kernels.barrier.robot_barrier import robot_barrier
 from guidefield.kernels.barrier.sampled_robot import ROBOT, SampledRobot, workspace
 from guidefield.kernels.distance.distance import TABLES, DistanceTables
-from guidefield.kernels.jit.fields import Blocks, Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import (
+from guidefield.kernels.jit.arrays import (
     BLOCKS_OUT,
     INDICES_OUT,
     MATRIX,
     MATRIX_OUT,
     SCALAR,
     VECTOR_OUT,
+    Blocks,
     Floats,
+    Indices,
     Integers,
-    compiled,
+    Row,
+    Rows,
+    numba_type,
 )
+from guidefield.kernels.jit.decorators import compiled, uncounted
 
 
 class MotionSamples(NamedTuple):

@@ -19,8 +19,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.jit.fields import IndexRows, Indices, Rows, numba_type
-from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats, compiled, inlined
+from guidefield.kernels.jit.arrays import (
+    BLOCKS_OUT,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    Floats,
+    IndexRows,
+    Indices,
+    Rows,
+    numba_type,
+)
+from guidefield.kernels.jit.decorators import compiled, inlined
 from guidefield.kernels.kinematics.tip_chain import LANES
 from guidefield.kernels.optimize.clearance_model import add_gradient, add_hessian
 from guidefield.kernels.tree.path_constraints import KeptFrames, Measured, number, place, room_to_measure, write_row

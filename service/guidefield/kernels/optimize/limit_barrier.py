@@ -21,9 +21,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from guidefield.kernels.jit.fields import Row, numba_type
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import MATRIX, SCALAR, Floats, compiled
+from guidefield.kernels.jit.arrays import MATRIX, SCALAR, Floats, Row, numba_type
+from guidefield.kernels.jit.decorators import compiled, uncounted
 
 
 class MotionLimits(NamedTuple):

@@ -14,9 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.jit.fields import Rows, numba_type
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import (
+from guidefield.kernels.jit.arrays import (
     BLOCKS_OUT,
     INDICES,
     MATRIX,
@@ -25,8 +23,10 @@ from guidefield.kernels.jit.signatures import (
     VECTOR_OUT,
     Floats,
     Integers,
-    compiled,
+    Rows,
+    numba_type,
 )
+from guidefield.kernels.jit.decorators import compiled, uncounted
 from guidefield.kernels.optimize.clearance_model import (
     CLEARANCE,
     ClearanceModel,

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.fields import BlocksOut, IndicesOut, numba_type
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, Floats, Integers, compiled
-from guidefield.kernels.linalg.banded_cholesky import COUPLED, TILE
+from guidefield.kernels.jit.arrays import MATRIX_OUT, SCALAR, BlocksOut, Floats, IndicesOut, Integers, numba_type
+from guidefield.kernels.jit.decorators import compiled, uncounted
 from guidefield.kernels.linalg.bordered_band import (
+    COUPLED,
+    TILE,
     BorderedFactor,
     factorize_bordered,
     inner_product,

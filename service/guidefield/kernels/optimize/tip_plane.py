@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.fields import Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import (
+from guidefield.kernels.jit.arrays import (
     BLOCKS_OUT,
     INDICES_OUT,
     MATRIX,
@@ -16,10 +15,12 @@ from guidefield.kernels.jit.signatures import (
     SCALAR,
     Floats,
     Integers,
-    compiled,
-    inlined,
+    Row,
+    Rows,
+    numba_type,
 )
-from guidefield.kernels.kinematics.group_joints import CarriedPoint, frame_positions, frame_slopes
+from guidefield.kernels.jit.decorators import compiled, inlined
+from guidefield.kernels.kinematics.forward_kinematics import CarriedPoint, frame_positions, frame_slopes
 from guidefield.kernels.optimize.clearance_model import add_gradient
 from guidefield.kernels.timing.hermite import spline_points, spline_slopes
 

@@ -1,31 +1,20 @@
-"""The closest pairs of bodies at many configurations, by bounding spheres, boxes and GJK over trees of convex parts."""
+"""The closest pairs of bodies at many configurations, by spheres, boxes and GJK over trees of convex parts."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import types, void
 
 from guidefield.kernels.collide.near_pairs import is_left_out
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import (
-    INDICES_OUT,
-    MATRIX,
-    MATRIX_OUT,
-    SCALAR,
-    VECTOR,
-    Floats,
-    Integers,
-    compiled,
-)
+from guidefield.kernels.jit.arrays import Floats, IndexBlocksOut, IndicesOut, Integers, Row, Rows, RowsOut
+from guidefield.kernels.jit.decorators import kernel, uncounted
 from guidefield.kernels.kinematics.forward_kinematics import place_joints
 from guidefield.kernels.prove.kept_distance import LOG_ROWS
 from guidefield.kernels.prove.pair_distance import least_distance, pair_distance
 from guidefield.kernels.prove.placement import LOOK, NOW, place_centres
 from guidefield.kernels.prove.samples import Search, new_search
-from guidefield.kernels.prove.tables import MOVING_ROBOT, MovingRobot
+from guidefield.kernels.prove.tables import MovingRobot
 
-CANDIDATES = 12
-"""Maximum number of pairs that are returned for each configuration and kind of pair: all in contact are."""
+CANDIDATES = 12  # maximum number of pairs that are returned for each configuration and kind of pair: all in contact are
 
 
 @uncounted
@@ -42,14 +31,10 @@ def _place_configuration(moving: MovingRobot, q: Floats, time: float, search: Se
 def _find_closest(
     moving: MovingRobot, search: Search, first: int, past: int, within: float, likely: int, pairs_out: Integers
 ) -> float:
-    """Find the pairs in [first, past) within a tolerance of the smallest distance, or in contact.
+    """Find the pairs in [first, past) within a tolerance of the smallest distance, or in contact; return that distance.
 
-    The likely pair, where that isn't -1, is measured first, then the one of the smallest bound.
-
-    Returns:
-        The smallest distance [m], infinite without a pair; how deep bodies are in each other isn't known.
-        `pairs_out`, shape (CANDIDATES,), gets the pairs in ascending order and -1 behind them; where there are more, -2
-        stands first.
+    The likely pair, where that isn't -1, is measured first, then the one of the smallest bound. `pairs_out` gets the
+    pairs in ascending order and -1 behind them; where there are more, -2 stands first.
     """
     least, found, most, closest, own = search.latest, np.inf, np.inf, first, moving.pairs.own.shape[0]
     for pair in range(first, past):
@@ -81,24 +66,19 @@ def _find_closest(
     return found
 
 
-@compiled(void(MOVING_ROBOT, MATRIX, VECTOR, SCALAR, MATRIX_OUT, types.Array(types.int64, 3, "C")))
+@kernel
 def closest_pairs(
     moving: MovingRobot,
-    configurations: Floats,
-    times: Floats,
+    configurations: Rows,
+    times: Row,
     within: float,
-    distances_out: Floats,
-    pairs_out: np.ndarray,
+    distances_out: RowsOut,
+    pairs_out: IndexBlocksOut,
 ) -> None:
-    """Find the closest pairs at configurations; see `_find_closest`.
+    """Find the closest pairs at configurations (n, nq) and times (n,) [s], and all farther by at most `within` [m].
 
-    Args:
-        moving: The robot, all its pairs, and any motion.
-        configurations: Of the robot's model, shape (n, nq).
-        times: The time at each, for obstacles that move, shape (n,) [s].
-        within: Pairs that are farther apart than the closest one by at most this are returned as well [m].
-        distances_out: Distance of the closest own pair and of the closest pair with an obstacle, shape (n, 2) [m].
-        pairs_out: Pairs of each kind, shape (n, 2, CANDIDATES).
+    Writes the distances of the closest own pair and of the closest with an obstacle (n, 2) [m], how deep bodies are in
+    each other isn't known, and the pairs (n, 2, CANDIDATES) as `_find_closest` does.
     """
     search, own = new_search(moving, np.zeros(LOG_ROWS)), moving.pairs.own.shape[0]
     every = own + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]
@@ -110,15 +90,11 @@ def closest_pairs(
             distances_out[i, kind] = _find_closest(moving, search, first, past, within, likely, pairs_out[i, kind])
 
 
-@compiled(void(MOVING_ROBOT, MATRIX, SCALAR, INDICES_OUT))
-def first_contacts(moving: MovingRobot, configurations: Floats, touching: float, pairs_out: Integers) -> None:
-    """Find a pair of bodies in contact at each configuration; the pair that touched before is looked at first.
+@kernel
+def first_contacts(moving: MovingRobot, configurations: Rows, touching: float, pairs_out: IndicesOut) -> None:
+    """Find a pair in contact, within `touching` [m], or -1 at each configuration (n, nq), shape (n,).
 
-    Args:
-        moving: The robot, all its pairs, and any motion.
-        configurations: Of the robot's model, shape (n, nq).
-        touching: Pairs no farther apart than this count as touching [m].
-        pairs_out: The pair, or -1, shape (n,).
+    The pair that touched before is looked at first.
     """
     search, last, own = new_search(moving, np.zeros(LOG_ROWS)), -1, moving.pairs.own.shape[0]
     count = own + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]

@@ -17,22 +17,25 @@ import math
 
 from numba import types
 
-from guidefield.kernels.collide.balls import ball_radius
-from guidefield.kernels.collide.gjk import PLACED, ROUNDS, divides_first, parts_distance, support
-from guidefield.kernels.collide.gjk_scratch import (
+from guidefield.kernels.collide.gjk import (
     LEAF_A,
     LEAF_B,
+    PLACED,
     POSE_A,
     POSE_B,
+    ROUNDS,
     STACK,
     X,
     Y,
     Z,
     axis_in,
     axis_length,
+    divides_first,
     origins_apart,
+    parts_distance,
     place_ball,
     place_part_of,
+    support,
 )
 from guidefield.kernels.collide.parts import (
     LEFT,
@@ -41,13 +44,15 @@ from guidefield.kernels.collide.parts import (
     POINTED_PARTS,
     RIGHT,
     Parts,
+    ball_radius,
     child_of,
     is_leaf,
     kind_of,
     part_of,
 )
 from guidefield.kernels.collide.primitive import HALF_SPACE
-from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
+from guidefield.kernels.jit.arrays import DOUBLE_POINTER, Floats
+from guidefield.kernels.jit.decorators import lane_part, lane_step
 
 FIRST_TWIST, SECOND_TWIST, FIRST_TURNS, SECOND_TURNS, TWISTS = 0, 6, 12, 13, 14
 """Numbers of how two bodies move: the twist of each, how far the world's origin would move with it and how far it
@@ -62,8 +67,7 @@ RATE = 0.02
 apart than asked in the middle is at least this share, for each pair of nodes so far, of what they may lose. With half
 or twice of it a UR5 takes a tenth longer."""
 
-LATER = 1e30
-"""What is told then is that share of this [m]: more than any distance."""
+LATER = 1e30  # what is told then is that share of this [m]: more than any distance
 
 LOG_COUNT, LOG_CAPACITY, LOG_SEGMENT, LOG_PAIR, LOG_PATIENT, LOG_SPHERES, LOG_ROWS = range(7)
 """Numbers of a log: rows written, rows there is room for, the segment and the pair of what is written next, 1 where a
@@ -73,8 +77,7 @@ ROW_SEGMENT, ROW_PAIR, ROW_A, ROW_B, ROW_AXIS, LOG_ROW = 0, 1, 2, 3, 4, 7
 """Columns of a row: segment, pair, a node of each body, and the direction across which they are told apart, 0 where
 their spheres tell it; then their number."""
 
-NODE_A, NODE_B, ENTRY = range(3)
-"""Numbers of an entry of the stack: a node of each body; then how many there are."""
+NODE_A, NODE_B, ENTRY = range(3)  # numbers of an entry of the stack: a node of each body; then how many there are
 
 
 @lane_part
@@ -260,24 +263,14 @@ def bodies_keep(
 ) -> float:
     """Return infinity if two bodies keep a distance as both move by the same share of their twists.
 
-    Args:
-        a: Tables that the first body is in.
-        root_a: Root of its tree of balls.
-        pose_a: Its placement in the middle, rotation and translation row by row, shape (12,) [m].
-        b: Tables that the second is in; only it may be a half-space, and that rests.
-        root_b: Its root.
-        pose_b: Its placement, (12,).
-        twists: How both move, shape (TWISTS,) [m and rad, world].
-        share: The most of these that they move by, there and back.
-        asked: The distance, above 0 [m]; how far points may be from where the twists bring them is added to it.
-        bent: How much of it that is [m].
-        work: Scratch, shape (WORK,); the search begins with the axis and the leaves in it, and leaves its last axis,
-            and the leaves that didn't keep it.
-        log: Gets a row for each two nodes that are told apart, shape (n,).
+    Poses (12,) are those in the middle [m], roots those of trees of balls, `twists` (TWISTS,) [m and rad, world] move
+    them by at most `share`, there and back. `asked` is the distance, above 0 [m], of which `bent` is how far points may
+    be from where the twists bring them. Only the second may be a half-space, and that rests. The search begins with the
+    axis and the leaves in `work` (WORK,), and leaves its last axis, and the leaves that didn't keep the distance; `log`
+    (n,) gets a row for each two nodes that are told apart.
 
-    Returns:
-        Infinity; else the distance in the middle of two of their leaves, which may be larger, or
-        more than any distance, where it is sooner told in halves of the time [m].
+    Else it returns the distance in the middle of two of their leaves, which may be larger than the bodies', or more
+    than any distance, where it is sooner told in halves of the time [m].
     """
     top = STACK + ENTRY
     work[STACK + NODE_A], work[STACK + NODE_B] = root_a, root_b

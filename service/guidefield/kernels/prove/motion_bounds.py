@@ -23,16 +23,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import Floats, Integers
-from guidefield.kernels.prove.bezier import bound_segment, time_at
+from guidefield.kernels.jit.arrays import Floats, Integers
+from guidefield.kernels.jit.decorators import uncounted
 from guidefield.kernels.prove.kept_distance import FIRST_TURNS, FIRST_TWIST, SECOND_TURNS, SECOND_TWIST, TWISTS
-from guidefield.kernels.prove.pairs import first_body, obstacle_of
-from guidefield.kernels.prove.placement import NOW, TWIST, BodyPoses, PoseScratch, step_at
-from guidefield.kernels.prove.tables import MovingObstacles, MovingRobot, RobotBodies
+from guidefield.kernels.prove.placement import NOW, TWIST, BodyPoses, PoseScratch, bound_segment, step_at, time_at
+from guidefield.kernels.prove.tables import MovingObstacles, MovingRobot, RobotBodies, first_body, obstacle_of
 
-BEGINS, ENDS = 0, 1
-"""Numbers of a span of time."""
+BEGINS, ENDS = 0, 1  # numbers of a span of time
 
 BENT, TRAVEL, BOUNDS = TWISTS, TWISTS + 1, TWISTS + 2
 """Numbers of a mover, behind the twists of its bodies along D: bounds of how far points are from where these bring
@@ -40,35 +37,26 @@ them, and of how far they move from where they are in the middle [m]; then how m
 
 
 class MotionBounds(NamedTuple):
-    """How far a motion goes within a segment; see this file.
+    """How far a motion goes within a segment; see this file."""
 
-    Attributes:
-        parts: Scratch, shape (2, MOST_ORDER, nv).
-        farthest, aside: X and E of the group's coordinates, shape (nv,).
-        squares: Scratch, shape (n,).
-        moves, asides: X and E of the model's coordinates, shape (n,), each in the first of those that make one move.
-        sweeps: How far each joint moves a point at a distance of 1 from the middle of the segment on, shape (n,).
-        rho: Scratch, shape (n,).
-        known: Bounds of each body, of each own pair, and of a body and a moving obstacle, shape (r + own + 1, BOUNDS).
-        asked: Number of the segment for which they are known, shape (r + own + 1,).
-        span: Begin and end of the segment, shape (2,) [s].
-    """
-
-    parts: Floats
+    parts: Floats  # scratch, shape (2, MOST_ORDER, nv)
+    # farthest, aside: X and E of the group's coordinates, shape (nv,)
     farthest: Floats
     aside: Floats
-    squares: Floats
+    squares: Floats  # scratch, shape (n,)
+    # moves, asides: X and E of the model's coordinates, shape (n,), each in the first of those that make one move
     moves: Floats
     asides: Floats
-    sweeps: Floats
-    rho: Floats
+    sweeps: Floats  # how far each joint moves a point at a distance of 1 from the middle of the segment on, shape (n,)
+    rho: Floats  # scratch, shape (n,)
+    # bounds of each body, of each own pair, and of a body and a moving obstacle, shape (r + own + 1, BOUNDS)
     known: Floats
-    asked: Floats
-    span: Floats
+    asked: Floats  # number of the segment for which they are known, shape (r + own + 1,)
+    span: Floats  # begin and end of the segment, shape (2,) [s]
 
 
 @uncounted
-def _spread(robot: RobotBodies, sizes: Floats, bounds: MotionBounds, out: Floats) -> None:
+def _write_sizes(robot: RobotBodies, sizes: Floats, bounds: MotionBounds, out: Floats) -> None:
     """Sizes of the joints' moves of those of the group's coordinates, shape (nv,)."""
     n = robot.offset.shape[0]
     for i in range(n):
@@ -108,8 +96,8 @@ def find_moves(
         scratch.changes[i] = 0.0
         for j in range(scratch.z.shape[0]):
             scratch.changes[i] += robot.expand[i, j] * scratch.straight[j]
-    _spread(robot, bounds.farthest, bounds, bounds.moves)
-    _spread(robot, bounds.aside, bounds, bounds.asides)
+    _write_sizes(robot, bounds.farthest, bounds, bounds.moves)
+    _write_sizes(robot, bounds.aside, bounds, bounds.asides)
     for i in range(robot.offset.shape[0]):
         move = bounds.moves[i]
         bounds.sweeps[i] = 2.0 * math.sin(0.5 * min(move, math.pi)) if robot.turns[i] != 0.0 else move
@@ -152,10 +140,10 @@ def _of_body(
     twist: int,
     turns: int,
 ) -> None:
-    """Add the bounds of a body that some coordinates, those before -1 (n,), in order, move; write its twist.
+    """Add the bounds of a body that the coordinates before -1 move, in order; write its twist.
 
-    The first moves all others. A coordinate that doesn't move the body in the world is passed against its direction:
-    whoever sees the body is moved by it instead.
+    A coordinate that doesn't move the body in the world is passed against its direction: whoever sees the body is moved
+    by it instead. The first moves all others.
     """
     count = 0
     while count < by.shape[0] and by[count] >= 0:
@@ -188,16 +176,7 @@ def _of_body(
 def bound_body(
     robot: RobotBodies, body: int, segment: int, share: float, place: BodyPoses, bounds: MotionBounds
 ) -> int:
-    """Bound the motion of a body about a placement, as the world sees it; return its row of `bounds.known`.
-
-    Args:
-        robot: The robot.
-        body: Which of its bodies.
-        segment: Number of the segment, another one for each.
-        share: L of it.
-        place: The robot in its middle.
-        bounds: Bounds of the coordinates in it.
-    """
+    """Bound the motion of a body in a segment about a placement, as the world sees it; return its row of `known`."""
     if bounds.asked[body] != segment:
         known = bounds.known[body]
         for k in range(BOUNDS):

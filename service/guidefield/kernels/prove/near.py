@@ -8,26 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.collide.near_pairs import BoxedObstacles, find_boxes_near, is_left_out
-from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import Floats, Integers
+from guidefield.kernels.jit.arrays import Floats, Integers
+from guidefield.kernels.jit.decorators import counted, uncounted
 from guidefield.kernels.prove.pair_distance import squared_gap
 from guidefield.kernels.prove.placement import BodyPoses
-from guidefield.kernels.prove.questions import AT_REST, IN_MOTION, is_judged
-from guidefield.kernels.prove.tables import MovingRobot
+from guidefield.kernels.prove.tables import AT_REST, IN_MOTION, MovingRobot, is_judged
 
 
 class NearBoxes(NamedTuple):
-    """Scratch to find boxes near a place.
+    """Scratch to find boxes near a place."""
 
-    Attributes:
-        box: Corners of a box, shape (2, 3) [m].
-        stack: Of boxes of the tree, shape (children * levels, 2).
-        met: Obstacles, shape (o,).
-    """
-
-    box: Floats
-    stack: Integers
-    met: Integers
+    box: Floats  # corners of a box, shape (2, 3) [m]
+    stack: Integers  # of boxes of the tree, shape (children * levels, 2)
+    met: Integers  # obstacles, shape (o,)
 
 
 @counted
@@ -73,23 +66,10 @@ def list_near(
     capacity: int,
     count: int,
 ) -> int:
-    """List the obstacles within reach of the centre of a body's bounding sphere.
+    """List the obstacles within reach of the centre of a body's bounding sphere, from `start` on; return the new count.
 
-    Args:
-        moving: The robot and the obstacles.
-        verdict: Kinds of pairs that count, shape (VERDICT,).
-        row: The body, by its row of the moving ones.
-        reach: The distance from the centre [m].
-        mover_reach: How much farther each moving obstacle reaches, shape (v,) [m].
-        place: The placement.
-        near: Scratch.
-        pairs_out: Gets the pairs, shape (n,).
-        start: Begin of the pairs in it.
-        capacity: Maximum number of them.
-        count: Number of pairs that it has.
-
-    Returns:
-        The new count; pairs beyond the capacity are counted only.
+    The body is given by its row of the moving ones, kinds of pairs by a verdict (VERDICT,), `mover_reach` (v,) is how
+    much farther each moving obstacle reaches [m]; pairs beyond the capacity of `pairs_out` (n,) are counted only.
     """
     obstacles, boxes = moving.obstacles, moving.obstacles.boxes
     resting, in_motion = is_judged(verdict, AT_REST), is_judged(verdict, IN_MOTION)
@@ -108,15 +88,7 @@ def list_near(
 
 @uncounted
 def nearest_within(moving: MovingRobot, pairs: Integers, count: int, place: BodyPoses, gaps_out: Floats) -> int:
-    """Write the distance of each of some pairs by spheres and boxes; return the index of the smallest, -1 without one.
-
-    Args:
-        moving: The robot and the obstacles.
-        pairs: Shape (n,).
-        count: How many of them.
-        place: The placement.
-        gaps_out: Shape (n,) [m].
-    """
+    """Write the distances (n,) of pairs by spheres and boxes [m]; return the index of the smallest, -1 without one."""
     nearest = -1
     for index in range(count):
         row = (pairs[index] - moving.pairs.own.shape[0]) // moving.obstacles.roots.shape[0]

@@ -7,15 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.collide.gjk import bodies_distance
-from guidefield.kernels.collide.gjk_scratch import LEAF_A, LEAF_B, WORK, axis_in, write_axis
+from guidefield.kernels.collide.gjk import LEAF_A, LEAF_B, WORK, axis_in, bodies_distance, write_axis
 from guidefield.kernels.collide.near_pairs import squared_gap_to_box
-from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import Floats
+from guidefield.kernels.jit.arrays import Floats
+from guidefield.kernels.jit.decorators import counted, uncounted
 from guidefield.kernels.prove.kept_distance import LOG_COUNT, LOG_PAIR, bodies_keep
-from guidefield.kernels.prove.pairs import first_body, obstacle_of
 from guidefield.kernels.prove.placement import BodyPoses, place_mover, seen_by_mover
-from guidefield.kernels.prove.tables import MovingRobot, RobotBodies
+from guidefield.kernels.prove.tables import MovingRobot, RobotBodies, first_body, obstacle_of
 from guidefield.kernels.simd.packing import pointers
 
 LAST_AXIS, LAST_A, LAST_B, LAST = 0, 3, 4, 5
@@ -26,18 +24,12 @@ FIRST, SECOND, AT_REST, POSES = range(4)
 
 
 class DistanceQuery(NamedTuple):
-    """Scratch of distance queries.
+    """Scratch of distance queries."""
 
-    Attributes:
-        last: The axis and leaves with which the next search of each pair begins, shape (m, LAST).
-        poses: Rotation and translation row by row, shape (POSES, 12) [m].
-        work: Scratch, shape (WORK,).
-        log: Slabs that close pairs, as `kept_distance` writes them; without capacity where none are asked for, (n,).
-    """
-
-    last: Floats
-    poses: Floats
-    work: Floats
+    last: Floats  # the axis and leaves with which the next search of each pair begins, shape (m, LAST)
+    poses: Floats  # rotation and translation row by row, shape (POSES, 12) [m]
+    work: Floats  # scratch, shape (WORK,)
+    # slabs that close pairs, as `kept_distance` writes them; without capacity where none are asked for, (n,)
     log: Floats
 
 
@@ -81,20 +73,12 @@ def least_distance(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
 
 @uncounted
 def pair_distance(moving: MovingRobot, pair: int, place: BodyPoses, most: float, query: DistanceQuery) -> float:
-    """Return the distance of a pair at a placement.
+    """Return the distance of a pair at a placement, as `bodies_distance` does [m].
 
-    Args:
-        moving: The robot and the pairs.
-        pair: Which of them.
-        place: The placement.
-        most: If they are farther apart than this, some lower bound that is no less than it is enough [m].
-        query: Scratch; the search begins with what is remembered in it.
-
-    Returns:
-        See `bodies_distance` [m].
+    Beyond `most` some lower bound of it.
     """
     robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
-    root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begun(moving, pair, place, query)
+    root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begin_query(moving, pair, place, query)
     own, pose_a, pose_b = pointers(robot.parts), pointers(query.poses[FIRST]), pointers(query.poses[SECOND])
     if pair < pairs.own.shape[0]:
         found = bodies_distance(own, root, pose_a, own, robot.roots[pairs.own[pair, 1]], pose_b, most, scratch)
@@ -116,23 +100,13 @@ def pair_keeps(
     bent: float,
     query: DistanceQuery,
 ) -> float:
-    """Return infinity if a pair keeps a distance about a placement while its bodies move straight along their twists.
+    """Return infinity if a pair keeps a distance about a placement while its bodies move straight, as `bodies_keep`.
 
-    Args:
-        moving: The robot and the pairs.
-        pair: Which of them.
-        place: The placement.
-        known: Bounds of the pair's motion; they begin with the twists of its bodies.
-        share: The largest share of these, there and back.
-        asked: The distance, above 0 [m]; how far points may be from where the twists bring them is added to it.
-        bent: How much of it that is [m].
-        query: Scratch; the search begins with what is remembered in it.
-
-    Returns:
-        See `bodies_keep`.
+    `known` begins with the twists of its bodies, of which they move by the largest share `share`, there and back.
+    `asked` is the distance, above 0 [m], of which `bent` is how far points may be from where the twists bring them.
     """
     robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
-    root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begun(moving, pair, place, query)
+    root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begin_query(moving, pair, place, query)
     own, pose_a, pose_b = pointers(robot.parts), pointers(query.poses[FIRST]), pointers(query.poses[SECOND])
     twists, log, begun = pointers(known), pointers(query.log), query.log[LOG_COUNT]
     log[LOG_PAIR] = float(pair)
@@ -149,7 +123,7 @@ def pair_keeps(
 
 
 @uncounted
-def _begun(moving: MovingRobot, pair: int, place: BodyPoses, query: DistanceQuery) -> Floats:
+def _begin_query(moving: MovingRobot, pair: int, place: BodyPoses, query: DistanceQuery) -> Floats:
     """Return the scratch of GJK with what is remembered of a pair, whose bodies are placed."""
     robot, pairs, last = moving.robot, moving.pairs, query.last[pair]
     scratch: Floats = pointers(query.work)

@@ -9,15 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import Floats, Integers
-from guidefield.kernels.prove.bezier import MOST_ORDER
+from guidefield.kernels.jit.arrays import Floats, Integers
+from guidefield.kernels.jit.decorators import counted, uncounted
 from guidefield.kernels.prove.motion_bounds import BOUNDS, MotionBounds
 from guidefield.kernels.prove.near import NearBoxes, list_near, nearest_within, new_near_boxes
 from guidefield.kernels.prove.pair_distance import DistanceQuery, least_distance, new_query, pair_distance
-from guidefield.kernels.prove.pairs import is_own
-from guidefield.kernels.prove.placement import MOMENT, TWIST, BodyPoses, PoseScratch, place_at
-from guidefield.kernels.prove.questions import (
+from guidefield.kernels.prove.placement import MOMENT, MOST_ORDER, TWIST, BodyPoses, PoseScratch, place_at
+from guidefield.kernels.prove.tables import (
     DISTANCE,
     OWN,
     OWN_PAIRS,
@@ -25,54 +23,40 @@ from guidefield.kernels.prove.questions import (
     SINCE,
     TIME,
     UNTIL,
+    BodyPairs,
+    MovingRobot,
+    RobotBodies,
     is_about,
     is_judged,
+    is_own,
     keep,
     refuse,
 )
-from guidefield.kernels.prove.tables import BodyPairs, MovingRobot, RobotBodies
 
-APART, WHEN = range(2)
-"""Columns of what was found of a pair last: a distance that it had [m], and its parameter."""
+APART, WHEN = range(2)  # columns of what was found of a pair last: a distance that it had [m], and its parameter
 
 STEPS = 3
 """Number of times that the surroundings of the smallest sample are searched, each time half as far away. Unrecorded."""
 
-FIRST_REACH = 0.2
-"""Obstacles are first listed within this distance of the robot, then within twice as much [m]."""
-
-FARTHEST = 1e6
-"""No obstacle with an end is farther away than this [m]."""
-
-ALL_AT_ONCE = 128
-"""Of no more obstacles all are listed at once."""
-
-LIST = 20_000
-"""Maximum number of pairs that are listed at a placement or in a segment."""
+FIRST_REACH = 0.2  # obstacles are first listed within this distance of the robot, then within twice as much [m]
+FARTHEST = 1e6  # no obstacle with an end is farther away than this [m]
+ALL_AT_ONCE = 128  # of no more obstacles all are listed at once
+LIST = 20_000  # maximum number of pairs that are listed at a placement or in a segment
 
 
 class Search(NamedTuple):
-    """The state of a search.
+    """The state of a search."""
 
-    Attributes:
-        place, scratch, bounds: The robot at a parameter, scratch, and bounds of its motion about it.
-        query: Scratch of distance queries.
-        latest: The last distance of each pair and its parameter, shape (m, 2) [m].
-        mover_reach: Travel of each moving obstacle in the segment, shape (v,) [m].
-        boxes: Scratch to find boxes.
-        near: Pairs near a placement, shape (LIST,).
-        gaps: Distances of these by spheres and boxes, shape (LIST,) [m].
-    """
-
+    # place, scratch, bounds: The robot at a parameter, scratch, and bounds of its motion about it
     place: BodyPoses
     scratch: PoseScratch
     bounds: MotionBounds
-    query: DistanceQuery
-    latest: Floats
-    mover_reach: Floats
-    boxes: NearBoxes
-    near: Integers
-    gaps: Floats
+    query: DistanceQuery  # scratch of distance queries
+    latest: Floats  # the last distance of each pair and its parameter, shape (m, 2) [m]
+    mover_reach: Floats  # travel of each moving obstacle in the segment, shape (v,) [m]
+    boxes: NearBoxes  # scratch to find boxes
+    near: Integers  # pairs near a placement, shape (LIST,)
+    gaps: Floats  # distances of these by spheres and boxes, shape (LIST,) [m]
 
 
 @counted

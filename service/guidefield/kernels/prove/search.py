@@ -1,17 +1,13 @@
 """One search over a motion: a certificate, the first violation, and the smallest distances, by interval bounds.
 
 Continuous collision detection by bounds on motion and distance (Quinlan 1994; Schwarzer, Saha and Latombe 2005), depth
-first along the motion. Samples give first answers. Then segments are judged, the whole motion first; the robot is
-placed in the middle of each. A pair is done with in a segment
+first along the motion, after samples have given first answers. A segment is judged with the robot placed in its middle;
+a pair is done with if bounding spheres and boxes are farther apart than both bodies can move within half of it, or if
+each two nodes of its bodies' trees are told apart by their spheres or by a slab (`kept_distance`, `motion_bounds`). A
+segment is halved for the pairs that are left.
 
-- if bounding spheres and boxes are farther apart than both bodies can move within half of it, or
-- if each two nodes of its bodies' trees are told apart by their spheres or by a slab, a direction across which their
-  supports keep a distance while both move straight, less what they may be off this (`kept_distance`, `motion_bounds`).
-
-A segment is halved for the pairs that are left. Obstacles at rest, in motion, and the robot itself are treated alike.
-What has to be kept is the larger one of the margin and of the smallest distance found so far less the tolerance. So a
-smaller distance only changes what is asked for, and a violation only the end up to which the motion has to be free:
-as segments are judged in their order, it ends at the first violation, to the resolution.
+What has to be kept is the larger one of the margin and of the smallest distance found so far less the tolerance. As
+segments are judged in their order, the search ends at the first violation, to the resolution.
 """
 
 from __future__ import annotations
@@ -21,15 +17,24 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import SCALAR, VECTOR, VECTOR_OUT, Floats, Integers, compiled
+from guidefield.kernels.jit.arrays import Floats, Integers, Row, RowOut, RowsOut
+from guidefield.kernels.jit.decorators import counted, kernel, uncounted
 from guidefield.kernels.prove.kept_distance import LOG_COUNT, LOG_PATIENT, LOG_SEGMENT
 from guidefield.kernels.prove.motion_bounds import BENT, TRAVEL, bound_body, bound_pair, find_moves, mover_reach
 from guidefield.kernels.prove.near import list_near
 from guidefield.kernels.prove.pair_distance import least_distance, pair_distance, pair_keeps, squared_gap
-from guidefield.kernels.prove.pairs import first_body, is_own, obstacle_of
 from guidefield.kernels.prove.placement import find_twists, place_at
-from guidefield.kernels.prove.questions import (
+from guidefield.kernels.prove.samples import (
+    ALL_AT_ONCE,
+    APART,
+    LIST,
+    WHEN,
+    Search,
+    new_search,
+    sample_about,
+    sample_motion,
+)
+from guidefield.kernels.prove.tables import (
     BOUND,
     CULPRIT,
     END,
@@ -45,30 +50,20 @@ from guidefield.kernels.prove.questions import (
     STAND_OFF,
     UNDECIDED,
     UNTIL,
+    MovingRobot,
+    first_body,
     is_judged,
+    is_own,
     keep,
     largest_answer_above,
     margin_of,
+    obstacle_of,
     refuse,
     required_distance,
 )
-from guidefield.kernels.prove.samples import (
-    ALL_AT_ONCE,
-    APART,
-    LIST,
-    WHEN,
-    Search,
-    new_search,
-    sample_about,
-    sample_motion,
-)
-from guidefield.kernels.prove.tables import MOVING_ROBOT, MovingRobot
 
-DEEPEST = 48
-"""Maximum number of times that a segment is halved: no number is between its ends after that."""
-
-BEGINS, ENDS, INTERVAL = range(3)
-"""Columns of a segment that waits: its begin and end; then their number."""
+DEEPEST = 48  # maximum number of times that a segment is halved: no number is between its ends after that
+BEGINS, ENDS, INTERVAL = range(3)  # columns of a segment that waits: its begin and end; then their number
 
 SINCE_LEVEL, UNTIL_LEVEL, START, COUNT, LEVEL = range(5)
 """Columns of a segment on the stack: begin, end, where its pairs begin and their number, -1 where they are to be
@@ -76,23 +71,15 @@ listed; then the number of columns."""
 
 TO_LIST = -1.0
 
-FINE = 1e-5
-"""No distance of a pair that moves less than this in a segment differs by more from that in its middle [m]."""
-
-LOG_ENDS = 3
-"""Columns of a segment in a log: begin, end, and the parameter of the placement."""
+FINE = 1e-5  # no distance of a pair that moves less than this in a segment differs by more from that in its middle [m]
+LOG_ENDS = 3  # columns of a segment in a log: begin, end, and the parameter of the placement
 
 
 class _Left(NamedTuple):
-    """The segments on the stack, and the pairs that are left in them.
+    """The segments on the stack, and the pairs that are left in them."""
 
-    Attributes:
-        stack: Shape (DEEPEST + 3, LEVEL).
-        pairs: Those of each, one behind the other.
-    """
-
-    stack: Floats
-    pairs: Integers
+    stack: Floats  # shape (DEEPEST + 3, LEVEL)
+    pairs: Integers  # those of each, one behind the other
 
 
 @counted
@@ -113,18 +100,10 @@ def _list_pairs(
     asked: float,
     verdict: Floats,
 ) -> int:
-    """List the pairs that spheres and boxes can't tell apart in a segment; return their number, -1 where too many.
+    """List the pairs that spheres and boxes can't tell apart in a segment from `start` on.
 
-    Args:
-        moving: The robot, all its pairs and its motion.
-        search: With the robot in the segment's middle, and bounds of its motion.
-        left: Gets them, from `start` on.
-        segment: Number of the segment.
-        share: L of it.
-        start: Begin of the pairs.
-        of_own: What own pairs have to keep [m]; minus infinity where nothing.
-        asked: What others have to keep [m].
-        verdict: Shape (VERDICT,).
+    -1 where too many, else the count. The robot is in the segment's middle, `share` is L of it; own pairs have to keep
+    `of_own`, others `asked` [m].
     """
     robot, pairs, movers, bounds = moving.robot, moving.pairs, moving.movers, search.bounds
     count, capacity = 0, min(LIST, left.pairs.shape[0] - start)
@@ -259,7 +238,7 @@ def _judge(
     questions: Floats,
     verdict: Floats,
 ) -> int:
-    """Judge a segment on the stack: its pairs that are left are written behind its own; return their number.
+    """Judge a segment on the stack; write its pairs that are left behind its own and return their number.
 
     It is `TO_LIST` where they weren't listed yet. Where the segment is no longer than `shortest`, what those keep at
     least is written to the answers' bounds.
@@ -302,10 +281,7 @@ def _judge(
 
 @uncounted
 def _halve(left: _Left, level: int, more: int, end: float) -> int:
-    """Replace a segment on the stack by its halves, with the pairs behind its own; return the stack's new height.
-
-    Where the motion has to be free up to a parameter in it, that is where it is cut.
-    """
+    """Replace a segment on the stack by its halves, cut at `end` if that is within; return the stack's new height."""
     row = left.stack[level]
     since, until, start = row[SINCE_LEVEL], row[UNTIL_LEVEL], row[START] + max(row[COUNT], 0.0)
     middle = end if since < end < until else 0.5 * (since + until)
@@ -321,49 +297,33 @@ def _halve(left: _Left, level: int, more: int, end: float) -> int:
 _INDEX, _MATRIX = types.int64, types.Array(types.float64, 2, "C")
 
 
-@compiled(
-    _INDEX(
-        MOVING_ROBOT, SCALAR, VECTOR, _INDEX, _INDEX, SCALAR, SCALAR, _MATRIX, VECTOR_OUT, _MATRIX, _INDEX, VECTOR_OUT,
-        VECTOR_OUT, _MATRIX,
-    )
-)  # fmt: skip
+@kernel
 def prove_along(
     moving: MovingRobot,
     tolerance: float,
-    parameters: Floats,
+    parameters: Row,
     every: int,
     most: int,
     longest: float,
     shortest: float,
-    questions: Floats,
-    verdict: Floats,
-    waiting: Floats,
+    questions: RowsOut,
+    verdict: RowOut,
+    waiting: RowsOut,
     count: int,
-    distances_out: Floats,
-    log: Floats,
-    segments_out: Floats,
+    distances_out: RowOut,
+    log: RowOut,
+    segments_out: RowsOut,
 ) -> int:
-    """Sample a motion, and judge segments of it until none waits: then each answer is one.
+    """Sample a motion, and judge segments of it until none waits: then each answer is one. Return how many wait.
 
-    Args:
-        moving: The robot, all its pairs and its motion.
-        tolerance: Maximum error of a smallest distance, positive [m].
-        parameters: Samples, in order, the motion's ends among them; none, where they were taken before, shape (p,).
-        every: Own pairs are sampled at every so manieth of them, and at the last.
-        most: Number of segments after which the search is left, with the others waiting.
-        longest: In longer segments only spheres and boxes are looked at.
-        shortest: Segments no longer than this aren't halved, and the search goes on until none waits: what is kept at
-            least in them is written to the answers' bounds. 0 as long as there is time.
-        questions: Questions with what is known of their answers, shape (q, ANSWER); written.
-        verdict: Shape (VERDICT,); written.
-        waiting: Segments that wait, shape (w, INTERVAL), with room for `DEEPEST` + 3 more; the last comes first.
-        count: Their number.
-        distances_out: Smallest distance from obstacles at each sample, shape (p,) [m]; infinite without one.
-        log: Gets the slabs that close pairs, as `kept_distance` writes them, shape (n,).
-        segments_out: Gets the segments that were judged, by their number, as far as there is room, (s, LOG_ENDS).
-
-    Returns:
-        The number of segments that wait now.
+    `tolerance`: largest error of a smallest distance, positive [m]. `parameters` (p,): samples in order, the motion's
+    ends among them; none where they were taken before; own pairs are sampled at every `every`-th, and at the last.
+    `most`: segments after which the search is left, with the others waiting. `longest`: in longer segments only spheres
+    and boxes are looked at. `shortest`: segments no longer than this aren't halved, and the search goes on until none
+    waits, with what is kept in them at least in the answers' bounds; 0 as long as there is time. `questions` (q,
+    ANSWER) and `verdict` (VERDICT,) are written. `waiting` (w, INTERVAL) has `count` segments, the last comes first,
+    and room for `DEEPEST` + 3 more. `distances_out` (p,) gets the smallest distance from obstacles at each sample,
+    `log` (n,) the slabs that close pairs, `segments_out` (s, LOG_ENDS) the segments that were judged.
     """
     search, left, last = new_search(moving, log), _new_stack(), parameters.shape[0] - 1
     segment, begun, stack = int(verdict[SEGMENTS]), int(verdict[SEGMENTS]), left.stack

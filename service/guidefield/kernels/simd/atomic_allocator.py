@@ -9,7 +9,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from guidefield.kernels.jit.signatures import lane_part
+from guidefield.kernels.jit.decorators import lane_part
 
 
 @intrinsic
@@ -25,12 +25,9 @@ def _added(typing: Any, numbers: Any, amount: Any) -> Any:
 
 @lane_part
 def claimed(numbers: Any, amount: int, size: int) -> int:
-    """Return where the next numbers are that nobody has; -1 if there aren't so many left.
+    """Return the first of `amount` numbers of (size,) that nobody has; -1 if there aren't so many left.
 
-    Args:
-        numbers: int32, shape (size,); the first says from where on they are free.
-        amount: How many.
-        size: How many there are in all.
+    The first number, int32, says from where on they are free.
     """
     if numbers[0] + amount > size:
         return -1

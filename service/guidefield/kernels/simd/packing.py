@@ -17,7 +17,38 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from guidefield.kernels.jit.signatures import INTEGER_POINTER
+from guidefield.kernels.jit.arrays import INTEGER_POINTER, Floats32, Vector3
+from guidefield.kernels.jit.decorators import lane_part
+from guidefield.kernels.simd.vector import LANES, Vector, load
+
+
+@intrinsic
+def fused(typing: Any, x: Any, y: Any, z: Any) -> Any:
+    """``x y + z``, rounded once."""
+
+    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.fma(*arguments)
+
+    return types.float64(types.float64, types.float64, types.float64), emit
+
+
+BLOCK = 3 * LANES  # floats of sixteen points: x, y, z of all
+
+AROUND = 2 * BLOCK
+"""Floats of the boxes about sixteen things along the world's axes: the least x, y, z of all, then the largest."""
+
+
+@lane_part
+def points_at(numbers: Floats32, at: int) -> tuple[Vector, Vector, Vector]:
+    """The sixteen points of a block that begins there in `numbers`, shape (n,)."""
+    return load(numbers, at), load(numbers, at + LANES), load(numbers, at + 2 * LANES)
+
+
+@lane_part
+def point_at(numbers: Floats32, at: int) -> Vector3:
+    """One point of a block in `numbers`, shape (n,), whose x is there."""
+    return numbers[at], numbers[at + LANES], numbers[at + 2 * LANES]
+
 
 Words = NDArray[np.int64]
 
@@ -54,7 +85,7 @@ def pointers(typing: Any, value: Any) -> Any:
     return pointed(value)(value), generate
 
 
-def packed(value: tuple[Any, ...]) -> Words:
+def pack(value: tuple[Any, ...]) -> Words:
     """Addresses and numbers of a named tuple, in order; tuples in it one after the other.
 
     Raises:

@@ -8,11 +8,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from guidefield.kernels.jit.signatures import lane_part
+from guidefield.kernels.jit.decorators import lane_part
 from guidefield.kernels.simd.vector import is_double, magnitude, rint, root, select
 
-_ROUNDING = 6755399441055744.0
-"""1.5 * 2^52: what is added to it is rounded to a whole number, to even from the middle."""
+_ROUNDING = 6755399441055744.0  # 1.5 * 2^52: what is added to it is rounded to a whole number, to even from the middle
 
 # pi / 2 in three parts, the first two with few enough digits that small multiples are exact (Cody and Waite).
 _QUARTER_HIGH = 1.5707963267341256

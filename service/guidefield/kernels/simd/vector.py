@@ -1,11 +1,10 @@
 """Several numbers at once: a vector type for kernels, in double or single precision.
 
-A kernel written for vectors looks as if written for one number: `+ - * /`, comparisons, `&` and `|` act lane by lane,
-between vectors and between a vector and a number, and `select` chooses lane by lane. The precision of an array or
-pointer decides the lanes that `load` makes of it, the vector type decides the precision of the numbers beside it.
-One source therefore serves both precisions, and compiles to vector instructions by construction, not by the grace of
-an optimiser that may give up. LLVM splits the vectors where the machine's are shorter. The functions work on plain
-numbers too. Inside kernels only: a vector can't be an argument of a Python call.
+In kernels `+ - * /`, comparisons, `&` and `|` act lane by lane, between vectors and between a vector and a number, and
+`select` chooses lane by lane. The precision of an array or pointer decides the lanes that `load` makes of it, the
+vector type the precision of the numbers beside it, so one source serves both and compiles to vector instructions by
+construction. LLVM splits the vectors where the machine's are shorter. The functions work on plain numbers too. Inside
+kernels only: a vector can't be an argument of a Python call.
 
 Run undecorated, the same kernel works on NumPy arrays (`vector_model`): `load` gives a slice, `select` is
 `numpy.where`, and `+=` would change what other names hold. This file tells numba the types of the operations, and LLVM
@@ -23,7 +22,6 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 
-from guidefield.kernels.simd.vector_lanes import below, every, first_lane, lane, largest_lane, smallest_lane, total
 from guidefield.kernels.simd.vector_model import (
     ALL_LANES,
     LANES,
@@ -50,11 +48,18 @@ from guidefield.kernels.simd.vector_rules import (
     FLAGS,
     PAIRS,
     as_vector,
+    below,
     call,
+    every,
+    first_lane,
     is_number,
     joint_type,
+    lane,
+    largest_lane,
     register,
     register_pair,
+    smallest_lane,
+    total,
 )
 
 __all__ = [

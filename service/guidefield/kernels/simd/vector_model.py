@@ -9,14 +9,9 @@ from llvmlite import ir
 from numba import types
 from numba.extending import models, register_model
 
-LANES = 16
-"""Lanes of a vector in single precision."""
-
-LANES_64 = 8
-"""Lanes of a vector in double precision."""
-
-ALL_LANES = (1 << LANES) - 1
-"""The bit mask of all lanes of a vector in single precision."""
+LANES = 16  # lanes of a vector in single precision
+LANES_64 = 8  # lanes of a vector in double precision
+ALL_LANES = (1 << LANES) - 1  # the bit mask of all lanes of a vector in single precision
 
 
 class VectorType(types.Type):  # type: ignore[misc]  # numba is untyped
@@ -35,8 +30,7 @@ class VectorType(types.Type):  # type: ignore[misc]  # numba is untyped
 
 f32x16 = VectorType(types.float32)
 
-Vector = Any
-"""The annotation of a value that is an `f32x16` inside a kernel."""
+Vector = Any  # the annotation of a value that is an `f32x16` inside a kernel
 
 
 class Mask(types.Type):  # type: ignore[misc]

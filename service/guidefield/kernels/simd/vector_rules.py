@@ -1,3 +1,4 @@
+# ruff: noqa: ARG001, ARG005  numba hands the same arguments to every rule
 """Typing rules of operations on vectors for numba, and of a number beside a vector."""
 
 from __future__ import annotations
@@ -11,10 +12,19 @@ from numba.core import cgutils
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin
 
-from guidefield.kernels.simd.vector_model import VectorType
+from guidefield.kernels.simd.vector_model import (
+    Mask,
+    VectorType,
+    below,
+    every,
+    first_lane,
+    lane,
+    largest_lane,
+    smallest_lane,
+    total,
+)
 
-FLAGS = ("contract", "nsz", "arcp")
-"""Sums keep their order, in which the formulas were written with care."""
+FLAGS = ("contract", "nsz", "arcp")  # sums keep their order, in which the formulas were written with care
 
 PAIRS = (
     (VectorType, VectorType), (VectorType, types.Float), (types.Float, VectorType),
@@ -65,10 +75,7 @@ def register(function: Callable[..., Any], typing: Callable[..., Any], kinds: An
 def register_pair(function: Callable[..., Any], result: Callable[[VectorType], Any], emit: Callable[..., Any]) -> None:
     """Have kernels call a function of two vectors, or a vector and a number.
 
-    Args:
-        function: What kernels call.
-        result: The type it returns, from the vector's.
-        emit: Its code, from a builder and two LLVM vectors.
+    `result` gives the type it returns from the vector's, `emit` its code from a builder and two LLVM vectors.
     """
 
     def typing(*kinds: Any) -> Any:
@@ -91,3 +98,64 @@ def call(builder: Any, name: str, x: Any, flags: tuple[str, ...] = FLAGS) -> Any
     kind = ir.FunctionType(x.type, [x.type])
     suffix = (f"v{x.type.count}" if vector else "") + ("f64" if element == ir.DoubleType() else "f32")
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"{name}.{suffix}"), [x], fastmath=flags)
+
+
+__all__ = ["below", "every", "first_lane", "lane", "largest_lane", "smallest_lane", "total"]
+
+
+def _element(kind: Any) -> Any:
+    return kind.element if isinstance(kind, VectorType) else None
+
+
+def _reduction(name: str, start: tuple[float, ...], flags: tuple[str, ...]) -> Callable[..., Any]:
+    """The code of a function of all lanes of a vector that LLVM has, and what it starts from."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        vector = args[0].type
+        element = context.get_value_type(sig.return_type)
+        kind = ir.FunctionType(element, [*[element for _ in start], vector])
+        function = cgutils.get_or_insert_function(
+            builder.module, kind, f"llvm.vector.reduce.{name}.v{vector.count}f{sig.return_type.bitwidth}"
+        )
+        return builder.call(function, [*[ir.Constant(element, x) for x in start], args[0]], fastmath=flags)
+
+    return lower
+
+
+register(total, _element, [(VectorType,)], _reduction("fadd", (-0.0,), ("reassoc", "nsz")))
+register(largest_lane, _element, [(VectorType,)], _reduction("fmax", (), ("nnan",)))
+register(smallest_lane, _element, [(VectorType,)], _reduction("fmin", (), ("nnan",)))
+
+
+def _lane(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return builder.extract_element(args[0], context.cast(builder, args[1], sig.args[1], types.int32))
+
+
+register(lane, lambda kind, at: _element(kind), [(VectorType, types.Integer)], _lane)
+
+
+def _bits(builder: Any, mask: Any) -> Any:
+    """A vector of truth values as a whole number."""
+    return builder.bitcast(mask, ir.IntType(mask.type.count))
+
+
+def _below(builder: Any, a: Any, b: Any) -> Any:
+    return builder.zext(_bits(builder, builder.fcmp_unordered("<", a, b)), ir.IntType(64))
+
+
+register_pair(below, lambda vector: types.int64, _below)
+
+
+def _first_lane(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return builder.cttz(context.cast(builder, args[0], sig.args[0], types.int64), cgutils.true_bit)
+
+
+def _every(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    bits = _bits(builder, args[0])
+    return builder.icmp_unsigned("==", bits, ir.Constant(bits.type, -1))
+
+
+register(
+    first_lane, lambda bits: types.int64 if isinstance(bits, types.Integer) else None, [(types.Integer,)], _first_lane
+)
+register(every, lambda kind: types.boolean if isinstance(kind, Mask) else None, [(Mask,)], _every)

@@ -9,22 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import float64, int64, types
 
-from guidefield.kernels.jit.fields import IndexRows, Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import (
-    INDICES_OUT,
-    MATRIX,
-    MATRIX_OUT,
-    Floats,
-    Integers,
-    compiled,
-    inlined,
-)
-from guidefield.kernels.stream.room import ROOM_ROBOT, RoomRobot, distances
+from guidefield.kernels.jit.arrays import Floats, IndexRows, IndicesOut, Integers, Row, Rows, RowsOut, numba_type
+from guidefield.kernels.jit.decorators import inlined, kernel
+from guidefield.kernels.linalg.small_systems import write_stable_order
+from guidefield.kernels.stream.room import RoomRobot, distances
 
-FADING = 1.0
-"""A prediction this far ahead counts half [s]: what drifts may turn."""
+FADING = 1.0  # a prediction this far ahead counts half [s]: what drifts may turn
 
 ASIDE = 0.05
 """Additional cost of a step beside the path, as a share of it: of paths that are as quick the one nearby is taken."""
@@ -38,41 +29,28 @@ class Tube(NamedTuple):
 
     A state is a place and a column, by number place * columns + column; column 0 is the way itself, then come the
     steps to the first side, and so on.
-
-    Attributes:
-        places: The way's points, a step at full speed apart, then its end some times over, shape (m, nv).
-        sides: What a step to each side changes, shape (d, nv).
-        taken: Not 0 where one can't be, shape (m, 1 + d * levels).
-        speeds: Of the coordinates, at most, shape (nv,) [rad/s or m/s].
-        step: How long a step lasts [s].
-        stays: So many places at the end are the end once more: the robot is to stay there.
     """
 
-    places: Rows
-    sides: Rows
-    taken: IndexRows
-    speeds: Row
-    step: float
-    stays: int
+    places: Rows  # the way's points, a step at full speed apart, then its end some times over, shape (m, nv)
+    sides: Rows  # what a step to each side changes, shape (d, nv)
+    taken: IndexRows  # not 0 where one can't be, shape (m, 1 + d * levels)
+    speeds: Row  # of the coordinates, at most, shape (nv,) [rad/s or m/s]
+    step: float  # how long a step lasts [s]
+    stays: int  # so many places at the end are the end once more: the robot is to stay there
 
 
 TUBE = numba_type(Tube)
 
 
 class Wanted(NamedTuple):
-    """Requirements on a path among moving obstacles.
+    """Requirements on a path among moving obstacles."""
 
-    Attributes:
-        kept: What to keep from each on the move, where the robot waits, and at the way's end at least; shape (3, k)
-            [m].
-        widening: Who comes to an end that is closer to something than the first two is to keep so much more for each
-            second from there [m/s].
-        dear: What a lack of 1 m for 1 s costs [s].
-    """
-
+    # what to keep from each on the move, where the robot waits, and at the way's end at least; shape (3, k) [m]
     kept: Rows
+    # who comes to an end that is closer to something than the first two is to keep so much more for each second from
+    # there [m/s]
     widening: float
-    dear: float
+    dear: float  # what a lack of 1 m for 1 s costs [s]
 
 
 WANTED = numba_type(Wanted)
@@ -85,14 +63,14 @@ def _aside(column: int, levels: int) -> int:
 
 
 @inlined
-def _left(tube: Tube, state: int, columns: int, levels: int) -> float:
+def _time_left(tube: Tube, state: int, columns: int, levels: int) -> float:
     """Return how long it is at least from a state to the end [s]."""
     places = tube.places.shape[0] - 1 - state // columns
     return float(tube.step * max(places, _aside(state % columns, levels)))
 
 
 @inlined
-def _put(tube: Tube, state: int, columns: int, levels: int, z: Floats) -> None:
+def _write_state(tube: Tube, state: int, columns: int, levels: int, z: Floats) -> None:
     """Write the coordinates of a state to z (nv,)."""
     place, column = state // columns, state % columns
     for j in range(z.shape[0]):
@@ -103,15 +81,9 @@ def _put(tube: Tube, state: int, columns: int, levels: int, z: Floats) -> None:
 
 @inlined
 def _column_beside(column: int, which: int, reach: int, levels: int) -> int:
-    """A column that a step may lead to, the first one first; -1: there are no more.
+    """A column that a step may lead to, the first one first, of `reach` columns; -1: there are no more.
 
     From the way that is itself, and the first step to each side; from beside it one step less, itself, one more.
-
-    Args:
-        column: Where the step begins.
-        which: Which of them, from 0 on.
-        reach: So many columns are looked at.
-        levels: Steps to each side.
     """
     if column == 0:
         new = 0 if which == 0 else 1 + (which - 1) * levels
@@ -127,8 +99,8 @@ def _is_a_step(tube: Tube, old: int, new: int, columns: int, levels: int, z: Flo
     """Tell if one step leads to a column beside and the same place or the next; z, y (nv,) are memory."""
     if old % columns == new % columns or old // columns == new // columns:
         return True
-    _put(tube, old, columns, levels, z)
-    _put(tube, new, columns, levels, y)
+    _write_state(tube, old, columns, levels, z)
+    _write_state(tube, new, columns, levels, y)
     longest = 0.0
     for j in range(z.shape[0]):
         longest = max(longest, abs(y[j] - z[j]) / tube.speeds[j])
@@ -165,9 +137,9 @@ def _move(boxes: Floats, drifts: Floats, time: float, moved: Floats) -> None:
 def _kept_at_the_end(
     robot: RoomRobot, boxes: Floats, drifts: Floats, wanted: Wanted, tube: Tube, moved: Floats, ends: Floats
 ) -> None:
-    """Write what is kept of each at the way's end after each step, shape (n, k) [m].
+    """Write what is kept of each at the way's end after each step, shape (n, k) [m]: how far it will be from there.
 
-    That is how far it will be from there. All is kept where that is less than what has to be: nobody goes there then.
+    All is kept where that is less than what has to be: nobody goes there then.
     """
     most = _all_kept(wanted)
     for i in range(ends.shape[0]):
@@ -182,16 +154,9 @@ def _kept_at_the_end(
 def _lacks(
     robot: RoomRobot, moved: Floats, wanted: Wanted, z: Floats, enough: Floats, more: float, least: Floats
 ) -> tuple[float, float]:
-    """Return what lacks at coordinates z (nv,), on the move and where the robot waits [m].
+    """What lacks at coordinates z, on the move and where the robot waits [m].
 
-    Args:
-        robot: The robot.
-        moved: What moves, where it is by then, shape (k, 16).
-        wanted: What is wanted.
-        z: The coordinates.
-        enough: What is kept of each at the way's end when the robot can be there, shape (k,) [m].
-        more: So much more is enough here [m].
-        least: Memory: how far each is, shape (k,).
+    `enough` (k,) is kept of each at the way's end when the robot can be there, `more` more is enough here [m].
     """
     going, waiting = 0.0, 0.0
     distances(robot, moved, z, _all_kept(wanted), least)
@@ -203,24 +168,16 @@ def _lacks(
 
 @inlined
 def _most_promising(tube: Tube, coming: Integers, count: int, width: int, values: Floats, columns: int) -> int:
-    """Put the states that may cost least first, of `count` that come, and forget those after `width`; how many stay.
-
-    Args:
-        tube: The tube.
-        coming: The states, shape (n,).
-        count: How many they are.
-        width: How many may stay.
-        values: What each state costs at least, by its number, going and waiting, shape (n, 2) [s].
-        columns: Columns of the tube.
-    """
+    """Put the states that may cost least first, of `count` that come, and forget those after `width`; how many stay."""
     if count <= width:
         return count
     levels = (columns - 1) // max(1, tube.sides.shape[0])
     promise = np.empty(count)
     for c in range(count):
         state = coming[c]
-        promise[c] = min(values[state, 0], values[state, 1]) + _left(tube, state, columns, levels)
-    ranks = np.argsort(promise, kind="mergesort")
+        promise[c] = min(values[state, 0], values[state, 1]) + _time_left(tube, state, columns, levels)
+    ranks = np.empty(count, np.int64)
+    write_stable_order(promise, ranks)
     before = coming[:count].copy()
     for c in range(count):
         coming[c] = before[ranks[c]]
@@ -230,14 +187,14 @@ def _most_promising(tube: Tube, coming: Integers, count: int, width: int, values
 
 
 @inlined
-def _written(
+def _write_path(
     tube: Tube, before: Integers, end: int, steps: int, columns: int, timed: Floats, reached: Integers
 ) -> None:
     """Write where the robot is at each step, shape (steps + 1, nv), and its states, until the one at the end."""
     levels = (columns - 1) // max(1, tube.sides.shape[0])
     at = end
     for i in range(steps, -1, -1):
-        _put(tube, at, columns, levels, timed[i])
+        _write_state(tube, at, columns, levels, timed[i])
         reached[i] = at
         at = before[i, at]
 
@@ -247,20 +204,10 @@ def _come(
     tube: Tube, active: Integers, size: int, costs: Floats, reach: int, best: float, values: Floats, origins: Integers,
     coming: Integers, z: Floats, y: Floats,
 ) -> int:  # fmt: skip
-    """Write the states that can be reached a step later, and their least costs; return their count.
+    """Write the states that can be reached a step later, and their least costs; how many they are.
 
-    Args:
-        tube: The tube.
-        active: States that one can be at, shape (n,).
-        size: How many they are.
-        costs: What it costs to be there, by state, shape (n,) [s].
-        reach: So many columns are looked at.
-        best: What costs as much all in all is left aside [s].
-        values: Out: what each state costs at least, going there and waiting, shape (n, 2) [s]; infinite before.
-        origins: Out: from which state that is, shape (n, 2).
-        coming: Out: the states, shape (n,).
-        z: Memory, shape (nv,).
-        y: Memory, shape (nv,).
+    `values` (n, 2) gets what each costs at least, going there and waiting, infinite before, `origins` (n, 2) from
+    where; columns behind `reach`, and what costs `best` all in all, are left out.
     """
     count, columns = tube.places.shape[0], tube.taken.shape[1]
     levels = (columns - 1) // max(1, tube.sides.shape[0])
@@ -276,7 +223,7 @@ def _come(
                     break
                 new = to * columns + column
                 value = costs[old] + tube.step * (1.0 + (ASIDE if column > 0 else 0.0))
-                if value + _left(tube, new, columns, levels) >= best or tube.taken[to, column] != 0:
+                if value + _time_left(tube, new, columns, levels) >= best or tube.taken[to, column] != 0:
                     continue
                 if not _is_a_step(tube, old, new, columns, levels, z, y):
                     continue
@@ -289,32 +236,23 @@ def _come(
     return arriving
 
 
-@compiled(types.Tuple((int64, float64))(ROOM_ROBOT, MATRIX, MATRIX, WANTED, TUBE, int64, MATRIX_OUT, INDICES_OUT))
+@kernel
 def dodged(
     robot: RoomRobot,
-    boxes: Floats,
-    drifts: Floats,
+    boxes: Rows,
+    drifts: Rows,
     wanted: Wanted,
     tube: Tube,
     width: int,
-    timed: Floats,
-    reached: Integers,
+    timed: RowsOut,
+    reached: IndicesOut,
 ) -> tuple[int, float]:
-    """Return where to be at each step so that arriving costs least.
+    """Find where to be at each step so that arriving costs least; return the rows of `timed`, and that cost [s].
 
-    Args:
-        robot: The robot.
-        boxes: What moves, now, shape (k, 16) [m, world].
-        drifts: How fast each goes straight on, shape (k, 3) [m/s].
-        wanted: What is wanted of it.
-        tube: Where it may be.
-        width: Beside the way so many states are looked at for each step at most; 0: none.
-        timed: Out: where to be at each step, shape (n, nv); n - 1 steps are foreseen.
-        reached: Out: the state at each step, shape (n,).
-
-    Returns:
-        How many rows of `timed` there are, and time of arrival and what lacks on the way, together [s]. From the last
-        state on the rest of the way costs its time.
+    `boxes` (k, 16) are what moves, now [m, world], `drifts` (k, 3) how fast each goes straight on [m/s]; beside the way
+    at most `width` states are looked at for each step, 0: none. `timed` (n, nv) gets the coordinates, `reached` (n,)
+    the states; n - 1 steps are foreseen, and from the last state on the rest of the way costs its time. The cost is the
+    time of arrival and of what lacks on the way.
     """
     count, columns = tube.places.shape[0], tube.taken.shape[1]
     levels = (columns - 1) // max(1, tube.sides.shape[0])
@@ -340,8 +278,8 @@ def dodged(
             _move(boxes, drifts, i * tube.step, moved)
             for c in range(chosen):
                 state = coming[c]
-                _put(tube, state, columns, levels, z)
-                left = _left(tube, state, columns, levels)
+                _write_state(tube, state, columns, levels, z)
+                left = _time_left(tube, state, columns, levels)
                 to_end = max(0.0, left - tube.stays * tube.step)
                 arrives = min(times - 1, i + round(to_end / tube.step))
                 lacks = _lacks(robot, moved, wanted, z, ends[arrives], wanted.widening * to_end, least)
@@ -357,6 +295,6 @@ def dodged(
                 costs[state], active[size] = value, state
                 size += 1
         if end >= 0:
-            _written(tube, before, end, last, columns, timed, reached)
+            _write_path(tube, before, end, last, columns, timed, reached)
             rows = last + 1
     return rows, best

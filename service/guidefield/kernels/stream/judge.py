@@ -16,149 +16,305 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import float64, int64
+from numba import float64, int64, types
 
-from guidefield.kernels.jit.fields import (
+from guidefield.kernels.collide.gjk_simplex import has_point, nearest_point, reduced_with
+from guidefield.kernels.jit.arrays import (
+    DOUBLE_POINTER,
+    SCALAR,
+    VECTOR,
+    Blocks,
+    Floats,
     IndexRows,
     IndexRowsOut,
     Indices,
     IndicesOut,
+    Integers,
     Row,
     RowOut,
     Rows,
     RowsOut,
+    Vector3,
     numba_type,
 )
-from guidefield.kernels.jit.no_refcount import lane_uncounted
-from guidefield.kernels.jit.signatures import (
-    BLOCKS,
-    INDICES,
-    MATRIX,
-    SCALAR,
-    VECTOR,
-    VECTOR_OUT,
-    Floats,
-    Integers,
-    lane_kernel,
-)
-from guidefield.kernels.kinematics.forward_kinematics import PRISMATIC
-from guidefield.kernels.kinematics.group_joints import (
+from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step, lane_uncounted
+from guidefield.kernels.kinematics.forward_kinematics import (
+    PRISMATIC,
     GroupJoints,
     JointPlaces,
     place_group,
     velocity_by,
     write_twists,
 )
+from guidefield.kernels.kinematics.poses import apply_pose, turned_back
 from guidefield.kernels.simd.packing import pointers
-from guidefield.kernels.stream.curves import keeps_limits, range_of
-from guidefield.kernels.stream.separation import Solids, apart
+
+
+class Solids(NamedTuple):
+    """Convex solids in the frames of what carries them."""
+
+    # first, counts: Which of `points` are whose, shape (n,)
+    first: Indices
+    counts: Indices
+    points: Rows  # shape (p, 3) [m]
+    disc: Row  # radius of the disc that is swept over them, across `axis`, shape (n,) [m]
+    axis: Rows  # unit vectors, shape (n, 3); used where there is a disc
+    rounding: Row  # radius of the ball that is swept over all that, shape (n,) [m]
+    balls: Rows  # centre and radius of a ball about each, shape (n, 4) [m]
+
+
+SOLIDS = numba_type(Solids)
+
+ROUNDS = 24  # directions that are tried
+CONVERGED = 1e-6  # if the bounds from both sides are this close, no direction is much better [m]
+PARALLEL = 2e-15  # a direction whose part across an axis is no larger than this share of it is parallel to the axis
+
+
+@lane_part
+def _unit_across(
+    x: float, y: float, z: float, axis_x: float, axis_y: float, axis_z: float
+) -> tuple[float, float, float]:
+    """The unit vector across a unit axis that is nearest to a direction; 0 if they are parallel up to rounding.
+
+    What one projection leaves of a nearly parallel direction can point along the axis, so the direction is projected
+    twice.
+    """
+    size = max(abs(x), abs(y), abs(z))
+    if not size > 0.0:
+        return 0.0, 0.0, 0.0
+    x, y, z = x / size, y / size, z / size
+    for _ in range(2):
+        along = x * axis_x + y * axis_y + z * axis_z
+        x, y, z = x - along * axis_x, y - along * axis_y, z - along * axis_z
+    across = math.sqrt(x * x + y * y + z * z)
+    if across <= PARALLEL:
+        return 0.0, 0.0, 0.0
+    return x / across, y / across, z / across
+
+
+@lane_part
+def _furthest(solids: Solids, k: int, pose: Floats, x: float, y: float, z: float) -> Vector3:
+    """The point of a solid, in the world and without its rounding, that is furthest in a direction of the world [m]."""
+    dx, dy, dz = turned_back(pose, x, y, z)
+    points, first = solids.points, solids.first[k]
+    best, most = first, -np.inf
+    for i in range(first, first + solids.counts[k]):
+        along = points[i, 0] * dx + points[i, 1] * dy + points[i, 2] * dz
+        if along > most:
+            best, most = i, along
+    px, py, pz = points[best, 0], points[best, 1], points[best, 2]
+    disc = solids.disc[k]
+    if disc > 0.0:
+        ux, uy, uz = _unit_across(dx, dy, dz, solids.axis[k, 0], solids.axis[k, 1], solids.axis[k, 2])
+        px, py, pz = px + disc * ux, py + disc * uy, pz + disc * uz
+    return apply_pose(pose, px, py, pz)
+
+
+@lane_step(types.UniTuple(float64, 2)(SOLIDS, int64, VECTOR, SOLIDS, int64, VECTOR, SCALAR, SCALAR, DOUBLE_POINTER))
+def apart(
+    a: Solids, i: int, here: Floats, b: Solids, j: int, there: Floats, wanted: float, needed: float, simplex: Floats
+) -> tuple[float, float]:
+    """Return bounds of the distance of two solids: no less than the first; no more than the second, up to rounding [m].
+
+    Solid i of a is carried at `here` (12,), j of b at `there` (12,). It ends where the first bound is above `wanted`,
+    or the second not above `needed` [m]; scratch (`SIMPLEX`,).
+    """
+    ca, cb = a.balls[i], b.balls[j]
+    x, y, z = apply_pose(here, ca[0], ca[1], ca[2])
+    u, v, w = apply_pose(there, cb[0], cb[1], cb[2])
+    x, y, z = x - u, y - v, z - w
+    rounding = a.rounding[i] + b.rounding[j]
+    lower, upper, size = -np.inf, np.inf, 0
+    for _ in range(ROUNDS):
+        length = math.sqrt(x * x + y * y + z * z)
+        if size > 0:
+            upper = length - rounding
+        if length < 1e-12:
+            if size > 0:
+                return lower, -rounding
+            x, y, z, length = 1.0, 0.0, 0.0, 1.0
+        x, y, z = x / length, y / length, z / length
+        px, py, pz = _furthest(a, i, here, -x, -y, -z)
+        qx, qy, qz = _furthest(b, j, there, x, y, z)
+        px, py, pz = px - qx, py - qy, pz - qz
+        lower = max(lower, x * px + y * py + z * pz - rounding)
+        if lower > wanted or upper <= needed or upper - lower < CONVERGED or size == 4:
+            return lower, upper
+        if has_point(simplex, size, px, py, pz):
+            return lower, upper
+        size = reduced_with(simplex, size, px, py, pz)
+        x, y, z = nearest_point(simplex)
+    return lower, upper
+
+
+BEGIN, VALUE, VELOCITY, ACCELERATION, JERK = range(5)
+PHASE = 5  # numbers of a phase: its columns
+EXACT = 1e-9  # tolerance for rounding, of a limit or of continuity, as a share of the limit or in [rad or m, s]
+
+
+@lane_part
+def phase_at(phases: Floats, count: int, time: float) -> int:
+    """Return which phase, of rows (k, `PHASE`), is on at a time [s]."""
+    k = 0
+    while k + 1 < count and phases[k + 1, BEGIN] <= time:
+        k += 1
+    return k
+
+
+@lane_part
+def value_at(phases: Floats, count: int, time: float) -> float:
+    """The value [rad or m] of a coordinate, phases in rows (k, `PHASE`), at a time [s]."""
+    row = phases[phase_at(phases, count, time)]
+    s = time - row[BEGIN]
+    return float(row[VALUE] + s * (row[VELOCITY] + s * (0.5 * row[ACCELERATION] + s * row[JERK] / 6.0)))
+
+
+@lane_part
+def range_of(phases: Floats, count: int, begin: float, end: float) -> tuple[float, float]:
+    """Return the least and the largest value of a coordinate, phases in rows (k, `PHASE`), between two times [s]."""
+    least = largest = value_at(phases, count, begin)
+    k = phase_at(phases, count, begin)
+    while True:
+        row = phases[k]
+        until = end if k + 1 == count else min(end, phases[k + 1, BEGIN])
+        since = max(begin, row[BEGIN])
+        v, a, j = row[VELOCITY], row[ACCELERATION], row[JERK]
+        square = a * a - 2.0 * j * v
+        for which in range(3):
+            s = until - row[BEGIN]
+            if which < 2:
+                # roots of v + a s + j s^2 / 2, without cancellation
+                if square < 0.0:
+                    continue
+                sum_ = -(a + math.copysign(math.sqrt(square), a))
+                if which == 0:
+                    if j == 0.0:
+                        continue
+                    s = sum_ / j
+                else:
+                    if sum_ == 0.0:
+                        continue
+                    s = 2.0 * v / sum_
+                if not (since - row[BEGIN] < s < until - row[BEGIN]):
+                    continue
+            value = row[VALUE] + s * (v + s * (0.5 * a + s * j / 6.0))
+            least, largest = min(least, value), max(largest, value)
+        if k + 1 == count or phases[k + 1, BEGIN] >= end:
+            return least, largest
+        k += 1
+
+
+@lane_part
+def keeps_limits(  # noqa: PLR0911 - one for each thing that may be wrong
+    phases: Floats,
+    count: int,
+    since: Floats,
+    until: float,
+    velocity: float,
+    acceleration: float,
+    jerk: float,
+) -> bool:
+    """Tell if a coordinate goes on from a state (3,) without a jump, keeps its limits, and stands still at `until` [s].
+
+    Its `count` phases are rows (k, `PHASE`), with times from 0; the limits are those of velocity, acceleration and
+    jerk.
+    """
+    more = 1.0 + EXACT
+    q, v, a = since[0], since[1], since[2]
+    if count < 1 or phases[0, BEGIN] != 0.0:
+        return False
+    for k in range(count):
+        row = phases[k]
+        scale = EXACT * (1.0 + abs(q))
+        if not (
+            abs(row[VALUE] - q) <= scale
+            and abs(row[VELOCITY] - v) <= EXACT * (1.0 + velocity)
+            and abs(row[ACCELERATION] - a) <= EXACT * (1.0 + acceleration)
+        ):
+            return False
+        j = row[JERK]
+        if not (abs(j) <= jerk * more and abs(row[ACCELERATION]) <= acceleration * more):
+            return False
+        if not abs(row[VELOCITY]) <= velocity * more:
+            return False
+        if k + 1 == count:
+            stands = row[VELOCITY] == 0.0 and row[ACCELERATION] == 0.0 and j == 0.0
+            return bool(stands and row[BEGIN] <= until + EXACT)
+        s = phases[k + 1, BEGIN] - row[BEGIN]
+        if not s >= 0.0:
+            return False
+        if j != 0.0:
+            turn = -row[ACCELERATION] / j
+            if 0.0 < turn < s and not abs(row[VELOCITY] + 0.5 * turn * row[ACCELERATION]) <= velocity * more:
+                return False
+        q = row[VALUE] + s * (row[VELOCITY] + s * (0.5 * row[ACCELERATION] + s * j / 6.0))
+        v = row[VELOCITY] + s * (row[ACCELERATION] + 0.5 * s * j)
+        a = row[ACCELERATION] + s * j
+    return False
 
 
 class JudgedRobot(NamedTuple):
-    """A robot, as the judge knows it.
+    """A robot, as the judge knows it."""
 
-    Attributes:
-        joints: Its joints, each of which turns about one axis or slides along one.
-        carriers: The joint that carries each body, shape (r,).
-        balls: Centre and radius of a ball about each body, in that joint's frame, shape (r, 4) [m].
-        first: Where each body's solids begin, and the number of all, shape (r + 1,): one that holds the body, and
-            behind it, where it isn't the body itself, others that do so together.
-        own: Pairs of bodies that must not touch, shape (p, 2).
-        solids: The solids, in the frames of their carriers.
-    """
-
-    joints: GroupJoints
-    carriers: Indices
-    balls: Rows
+    joints: GroupJoints  # its joints, each of which turns about one axis or slides along one
+    carriers: Indices  # the joint that carries each body, shape (r,)
+    balls: Rows  # centre and radius of a ball about each body, in that joint's frame, shape (r, 4) [m]
+    # where each body's solids begin, and the number of all, shape (r + 1,): one that holds the body, and behind it,
+    # where it isn't the body itself, others that do so together
     first: Indices
-    own: IndexRows
-    solids: Solids
+    own: IndexRows  # pairs of bodies that must not touch, shape (p, 2)
+    solids: Solids  # the solids, in the frames of their carriers
 
 
 class JudgedShapes(NamedTuple):
-    """Shapes of obstacles, each in its own frame: convex solids in trees of balls.
+    """Shapes of obstacles, each in its own frame: convex solids in trees of balls."""
 
-    Attributes:
-        roots: The first node of each obstacle, shape (o,).
-        nodes: Centre and radius of a ball about all below, shape (k, 4) [m].
-        links: First and second node below, -1 where there is none, then, in a leaf, its first solid and the one after
-            its last, shape (k, 4).
-        flat: Whether it is a half-space, shape (o,): everything with n.x <= d.
-        planes: Its n and d in its own frame, shape (o, 4) [m].
-        closed: Where the triangles of a closed surface begin and end among the solids, shape (o, 2); 0 for others.
-        solids: The solids.
-    """
-
-    roots: Indices
-    nodes: Rows
+    roots: Indices  # the first node of each obstacle, shape (o,)
+    nodes: Rows  # centre and radius of a ball about all below, shape (k, 4) [m]
+    # first and second node below, -1 where there is none, then, in a leaf, its first solid and the one after its last,
+    # shape (k, 4)
     links: IndexRows
-    flat: Indices
-    planes: Rows
+    flat: Indices  # whether it is a half-space, shape (o,): everything with n.x <= d
+    planes: Rows  # its n and d in its own frame, shape (o, 4) [m]
+    # where the triangles of a closed surface begin and end among the solids, shape (o, 2); 0 for others
     closed: IndexRows
     solids: Solids
 
 
 class JudgedPlaces(NamedTuple):
-    """Observed placements of obstacles, and what they may have done since.
+    """Observed placements of obstacles, and what they may have done since."""
 
-    Attributes:
-        poses: Rotation by rows and translation, shape (o, 12) [m, world].
-        velocities: As predicted, shape (o, 3) [m/s].
-        rates: How fast any point of it may leave the prediction, shape (o,) [m/s].
-        margins: What else is to be kept, shape (o,) [m].
-        times: When they were observed, shape (o,) [s].
-        met: Bodies and obstacles that must not touch, shape (m, 2).
-    """
-
-    poses: Rows
-    velocities: Rows
-    rates: Row
-    margins: Row
-    times: Row
-    met: IndexRows
+    poses: Rows  # rotation by rows and translation, shape (o, 12) [m, world]
+    velocities: Rows  # as predicted, shape (o, 3) [m/s]
+    rates: Row  # how fast any point of it may leave the prediction, shape (o,) [m/s]
+    margins: Row  # what else is to be kept, shape (o,) [m]
+    times: Row  # when they were observed, shape (o,) [s]
+    met: IndexRows  # bodies and obstacles that must not touch, shape (m, 2)
 
 
 class JudgeMemory(NamedTuple):
-    """Memory of a judgement.
+    """Memory of a judgement."""
 
-    Attributes:
-        places: Placements and twists of the joints.
-        joints: The placements, row by row, in the same memory, shape (n, 12) [m].
-        middle, half: Middles and half widths of the coordinates, shape (nv,); -1 of a half width: not looked at yet.
-        chords: How far a joint moves what is 1 m from its axis, within the half widths, shape (n,) [m].
-        swept: How far bodies can move, shape (r,) [m]; -1: not looked at yet.
-        ways: How far they moved altogether, shape (r,) [m].
-        pairs: For each depth which pairs are left, shape (`DEEPEST` + 2, own + m).
-        counts: How many, shape (`DEEPEST` + 2,).
-        work: A simplex, shape (`SIMPLEX`,).
-        pose: Shape (12,).
-        stack: Shape (64,).
-    """
-
-    places: JointPlaces
-    joints: RowsOut
+    places: JointPlaces  # placements and twists of the joints
+    joints: RowsOut  # the placements, row by row, in the same memory, shape (n, 12) [m]
+    # middle, half: Middles and half widths of the coordinates, shape (nv,); -1 of a half width: not looked at yet
     middle: RowOut
     half: RowOut
-    chords: RowOut
-    swept: RowOut
-    ways: RowOut
-    pairs: IndexRowsOut
-    counts: IndicesOut
-    work: RowOut
-    pose: RowOut
-    stack: IndicesOut
+    chords: RowOut  # how far a joint moves what is 1 m from its axis, within the half widths, shape (n,) [m]
+    swept: RowOut  # how far bodies can move, shape (r,) [m]; -1: not looked at yet
+    ways: RowOut  # how far they moved altogether, shape (r,) [m]
+    pairs: IndexRowsOut  # for each depth which pairs are left, shape (`DEEPEST` + 2, own + m)
+    counts: IndicesOut  # how many, shape (`DEEPEST` + 2,)
+    work: RowOut  # a simplex, shape (`SIMPLEX`,)
+    pose: RowOut  # shape (12,)
+    stack: IndicesOut  # shape (64,)
 
 
 ROBOT, SHAPES, PLACES, MEMORY = map(numba_type, (JudgedRobot, JudgedShapes, JudgedPlaces, JudgeMemory))
 
-DEEPEST = 14
-"""A stretch is halved so often at most."""
-
-MOST_NODES = 128
-"""Nodes of a tree that wait at once at most: a tree is at most as deep as half of that."""
-
-LEAST = 1e-9
-"""Margin by which distances must exceed their bounds, for rounding [m]."""
+DEEPEST = 14  # a stretch is halved so often at most
+MOST_NODES = 128  # nodes of a tree that wait at once at most: a tree is at most as deep as half of that
+LEAST = 1e-9  # margin by which distances must exceed their bounds, for rounding [m]
 
 FREE, LIMITS, OWN, OBSTACLE, UNDECIDED = range(5)
 """Verdicts: free; limits aren't kept; the robot meets itself, or an obstacle; nothing was found that proves either."""
@@ -174,16 +330,9 @@ def _enclose(
     b: float,
     memory: JudgeMemory,
 ) -> None:
-    """Boxes of the coordinates' values within a time, and how far they let each joint move.
+    """Write boxes of the coordinates' values between two times [s], and how far they let each joint move.
 
-    Args:
-        robot: As in `judged`.
-        phases: As there.
-        counts: As there.
-        tolerances: As there.
-        a: From when, from the motion's beginning [s].
-        b: Until when [s].
-        memory: Out: middles, half widths and chords; of bodies it isn't known yet how far they can move.
+    Bodies' sweeps aren't known from then on.
     """
     memory.half[:] = -1.0
     memory.swept[:] = -1.0
@@ -207,7 +356,7 @@ def _place(robot: JudgedRobot, memory: JudgeMemory) -> None:
 
 
 @lane_uncounted
-def _moved(pose: Floats, ball: Floats, k: int) -> float:
+def _at(pose: Floats, ball: Floats, k: int) -> float:
     """Coordinate k, in the world, of the centre of a ball, shape (4,), carried at a pose, shape (12,)."""
     return float(pose[4 * k] * ball[0] + pose[4 * k + 1] * ball[1] + pose[4 * k + 2] * ball[2] + pose[4 * k + 3])
 
@@ -218,7 +367,7 @@ def _reach(robot: JudgedRobot, body: int, joint: int, memory: JudgeMemory) -> fl
     table, ball, pose = robot.joints.table, robot.balls[body], memory.joints[robot.carriers[body]]
     if table.kinds[joint] == PRISMATIC:
         return float(memory.chords[joint])
-    x, y, t = _moved(pose, ball, 0), _moved(pose, ball, 1), _moved(pose, ball, 2)
+    x, y, t = _at(pose, ball, 0), _at(pose, ball, 1), _at(pose, ball, 2)
     vx, vy, vz = velocity_by(memory.places.twists[table.idx_v[joint]], x, y, t)
     return float(memory.chords[joint] * (math.sqrt(vx * vx + vy * vy + vz * vz) + ball[3]))
 
@@ -331,7 +480,7 @@ def _obstacle_apart(
 ) -> tuple[float, float]:
     """Bounds of the distance of a body from an obstacle whose frame is at `memory.pose`, as `apart`."""
     here, there, ball = memory.joints[robot.carriers[body]], memory.pose, robot.balls[body]
-    x, y, z = _moved(here, ball, 0), _moved(here, ball, 1), _moved(here, ball, 2)
+    x, y, z = _at(here, ball, 0), _at(here, ball, 1), _at(here, ball, 2)
     if shapes.flat[obstacle] != 0:
         return _above(robot, body, shapes, obstacle, memory)
     stack, size, least, most = memory.stack, 1, np.inf, np.inf
@@ -340,7 +489,7 @@ def _obstacle_apart(
         size -= 1
         node = stack[size]
         around = shapes.nodes[node]
-        dx, dy, dz = x - _moved(there, around, 0), y - _moved(there, around, 1), z - _moved(there, around, 2)
+        dx, dy, dz = x - _at(there, around, 0), y - _at(there, around, 1), z - _at(there, around, 2)
         lower = math.sqrt(dx * dx + dy * dy + dz * dz) - around[3] - ball[3]
         if lower > wanted:
             least = min(least, lower)
@@ -355,7 +504,7 @@ def _obstacle_apart(
             continue
         for k in range(shapes.links[node, 2], shapes.links[node, 3]):
             around = shapes.solids.balls[k]
-            dx, dy, dz = x - _moved(there, around, 0), y - _moved(there, around, 1), z - _moved(there, around, 2)
+            dx, dy, dz = x - _at(there, around, 0), y - _at(there, around, 1), z - _at(there, around, 2)
             lower = math.sqrt(dx * dx + dy * dy + dz * dz) - around[3] - ball[3]
             if lower > wanted:
                 least = min(least, lower)
@@ -366,7 +515,7 @@ def _obstacle_apart(
                 return min(least, wanted), most
     if shapes.closed[obstacle, 1] > 0 and least > wanted:
         root = shapes.nodes[shapes.roots[obstacle]]
-        dx, dy, dz = x - _moved(there, root, 0), y - _moved(there, root, 1), z - _moved(there, root, 2)
+        dx, dy, dz = x - _at(there, root, 0), y - _at(there, root, 1), z - _at(there, root, 2)
         if dx * dx + dy * dy + dz * dz <= (root[3] + ball[3]) ** 2 and _inside(robot, body, shapes, obstacle, memory):
             return -np.inf, 0.0
     return least, most
@@ -431,17 +580,7 @@ def _decided(
     half: float,
     memory: JudgeMemory,
 ) -> int:
-    """Tell if a pair is `FREE` in a stretch of time, meets at its middle, or is `UNDECIDED`.
-
-    Args:
-        robot: As in `judged`.
-        shapes: As there.
-        places: As there.
-        pair: The robot's own ones first.
-        middle: Of the stretch [s].
-        half: Half of its length [s].
-        memory: The robot stands as in the middle; with how far its joints can move.
-    """
+    """Tell if a pair, own ones first, is `FREE` about the middle of a stretch [s], meets there, or is `UNDECIDED`."""
     count = robot.own.shape[0]
     if pair < count:
         first, second = robot.own[pair, 0], robot.own[pair, 1]
@@ -450,7 +589,7 @@ def _decided(
         a, b = robot.balls[first], robot.balls[second]
         square = 0.0
         for k in range(3):
-            square += (_moved(here, a, k) - _moved(there, b, k)) ** 2
+            square += (_at(here, a, k) - _at(there, b, k)) ** 2
         if math.sqrt(square) - a[3] - b[3] > wanted:
             return FREE
         lower, upper = _own_apart(robot, first, second, wanted, 0.0, memory)
@@ -469,7 +608,7 @@ def _decided(
         here, a, b = memory.joints[robot.carriers[body]], robot.balls[body], shapes.nodes[shapes.roots[obstacle]]
         square = 0.0
         for k in range(3):
-            square += (_moved(here, a, k) - _moved(memory.pose, b, k)) ** 2
+            square += (_at(here, a, k) - _at(memory.pose, b, k)) ** 2
         if math.sqrt(square) - a[3] - b[3] > wanted:
             return FREE
     lower, upper = _obstacle_apart(robot, body, shapes, obstacle, wanted, needed, memory)
@@ -492,20 +631,9 @@ def _looked_at(
     depth: int,
     memory: JudgeMemory,
 ) -> tuple[int, int, int]:
-    """Look at one stretch: how many pairs are left, which go to the next depth; a verdict, and the pair that it is of.
+    """Look at one stretch [s]: how many pairs are left for the next depth, a verdict, and the pair that it is of.
 
-    Args:
-        robot: As in `judged`.
-        shapes: As there.
-        places: As there.
-        phases: As there, shape (nv, k, `PHASE`).
-        begins: As there.
-        a: When the stretch begins, from the motion's beginning [s].
-        b: When it ends [s].
-        counts: As in `judged`.
-        tolerances: As there.
-        depth: How often it was halved.
-        memory: To work in; its pairs of that depth are looked at.
+    The stretch was halved `depth` times, whose pairs in memory are looked at; times from the motion's beginning.
     """
     _enclose(robot, phases, counts, tolerances, a, b, memory)
     _place(robot, memory)
@@ -523,60 +651,30 @@ def _looked_at(
     return left, UNDECIDED if left > 0 else FREE, met
 
 
-@lane_kernel(
-    int64(
-        ROBOT,
-        SHAPES,
-        PLACES,
-        BLOCKS,
-        INDICES,
-        SCALAR,
-        SCALAR,
-        SCALAR,
-        MATRIX,
-        MATRIX,
-        VECTOR,
-        int64,
-        MEMORY,
-        VECTOR_OUT,
-    )
-)
-def judged(
+@lane_kernel
+def judge_motion(
     robot: JudgedRobot,
     shapes: JudgedShapes,
     places: JudgedPlaces,
-    phases: Floats,
-    counts: Integers,
+    phases: Blocks,
+    counts: Indices,
     begins: float,
     since: float,
     until: float,
-    start: Floats,
-    limits: Floats,
-    tolerances: Floats,
+    start: Rows,
+    limits: Rows,
+    tolerances: Row,
     most: int,
     memory: JudgeMemory,
-    found: Floats,
+    found: RowOut,
 ) -> int:
-    """Judge a motion that comes to a stop.
+    """Judge a motion that comes to a stop; return the verdict, such as `FREE`.
 
-    Args:
-        robot: The robot.
-        shapes: The obstacles' shapes.
-        places: Where they are.
-        phases: Of each coordinate, shape (nv, k, `PHASE`), times from the motion's beginning [s].
-        counts: How many each has, shape (nv,).
-        begins: The client's time at the beginning [s].
-        since: From where on it is judged, from its beginning [s].
-        until: When it stands still, from its beginning [s].
-        start: Value, velocity and acceleration with which each coordinate begins, shape (nv, 3).
-        limits: Least and largest value, velocity, acceleration and jerk of each, shape (nv, 5).
-        tolerances: How far the robot may be off, by coordinate, shape (nv,) [rad or m].
-        most: Configurations that are looked at, at most.
-        memory: To work in.
-        found: Out: how many were looked at, the pair, and the client's time where it was refused; shape (3,).
-
-    Returns:
-        The verdict, such as `FREE`.
+    `phases` (nv, k, `PHASE`) and `counts` (nv,) are the motion with times from its beginning, which is at `begins` by
+    the client's clock [s]; it is judged from `since` to `until`, when it stands still [s]. `start` (nv, 3) are value,
+    velocity and acceleration at first, `limits` (nv, 5) least and largest value, velocity, acceleration and jerk,
+    `tolerances` (nv,) how far the robot may be off [rad or m]; at most `most` configurations are looked at. `found`
+    (3,) gets their number, the pair, and the client's time where it was refused.
     """
     nv = counts.shape[0]
     found[0], found[1], found[2] = 0.0, -1.0, begins
@@ -620,28 +718,21 @@ def judged(
         index += 1
 
 
-@lane_kernel(float64(ROBOT, BLOCKS, INDICES, SCALAR, SCALAR, VECTOR, int64, MEMORY))
+@lane_kernel
 def travelled(
     robot: JudgedRobot,
-    phases: Floats,
-    counts: Integers,
+    phases: Blocks,
+    counts: Indices,
     since: float,
     until: float,
-    tolerances: Floats,
+    tolerances: Row,
     parts: int,
     memory: JudgeMemory,
 ) -> float:
-    """A bound of how far any point of the robot comes from where it is at first, by a time [m].
+    """Bound how far any point of the robot comes from where it is at first, between two times [m].
 
-    Args:
-        robot: The robot.
-        phases: Of each coordinate, shape (nv, k, `PHASE`).
-        counts: How many each has, shape (nv,).
-        since: From when, from the motion's beginning [s].
-        until: Until when [s].
-        tolerances: How far the robot may be off, at first and later, by coordinate, shape (nv,) [rad or m].
-        parts: In so many parts it is added up.
-        memory: To work in.
+    `phases` (nv, k, `PHASE`) and `counts` (nv,) are as in `judged`; `tolerances` (nv,) is how far the robot may be off,
+    at first and later [rad or m]. It is added up in `parts` parts.
     """
     ways, exact = memory.ways, np.zeros(counts.shape[0])
     bodies = robot.carriers.shape[0]

@@ -9,21 +9,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float64, types
+from numba import boolean
 
-from guidefield.kernels.jit.fields import Indices, Rows, numba_type
-from guidefield.kernels.jit.signatures import (
-    MATRIX,
-    SCALAR,
-    VECTOR,
-    VECTOR_OUT,
-    Floats,
-    compiled,
-    inlined,
-    lane_step,
-)
-from guidefield.kernels.kinematics.forward_kinematics import PRISMATIC
-from guidefield.kernels.kinematics.group_joints import (
+from guidefield.kernels.jit.arrays import MATRIX, VECTOR, Floats, Indices, Row, RowOut, Rows, numba_type
+from guidefield.kernels.jit.decorators import inlined, kernel, lane_step
+from guidefield.kernels.kinematics.forward_kinematics import (
+    PRISMATIC,
     GroupJoints,
     JointPlaces,
     place_group,
@@ -34,23 +25,14 @@ from guidefield.kernels.kinematics.poses import moved_by
 
 
 class RoomRobot(NamedTuple):
-    """A robot as balls.
+    """A robot as balls."""
 
-    Attributes:
-        joints: Its joints, each of which turns about one axis or slides along one.
-        carriers: The joint that carries each body that moves, shape (r,).
-        bounds: Centre and radius of a ball about each, in its joint's frame, shape (r, 4) [m].
-        first: Where its balls begin, and the number of all, shape (r + 1,).
-        balls: Balls that hold it together, shape (s, 4) [m].
-        places: Memory: placements and twists of the joints.
-    """
-
-    joints: GroupJoints
-    carriers: Indices
-    bounds: Rows
-    first: Indices
-    balls: Rows
-    places: JointPlaces
+    joints: GroupJoints  # its joints, each of which turns about one axis or slides along one
+    carriers: Indices  # the joint that carries each body that moves, shape (r,)
+    bounds: Rows  # centre and radius of a ball about each, in its joint's frame, shape (r, 4) [m]
+    first: Indices  # where its balls begin, and the number of all, shape (r + 1,)
+    balls: Rows  # balls that hold it together, shape (s, 4) [m]
+    places: JointPlaces  # memory: placements and twists of the joints
 
 
 ROOM_ROBOT = numba_type(RoomRobot)
@@ -85,16 +67,11 @@ def _distance(box: Floats, x: float, y: float, z: float) -> tuple[float, float, 
     return d - box[15], nx, ny, nz
 
 
-@compiled(types.void(ROOM_ROBOT, MATRIX, VECTOR, SCALAR, VECTOR_OUT))
-def distances(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, least: Floats) -> None:
-    """Return how far the robot is from each of some boxes, at most by what its balls leave it further than this says.
+@kernel
+def distances(robot: RoomRobot, boxes: Rows, z: Row, cut: float, least: RowOut) -> None:
+    """Write how far the robot is from each of boxes (k, `ROUNDED_BOX`) at coordinates z (nv,), at most `cut`; (k,) [m].
 
-    Args:
-        robot: The robot.
-        boxes: Shape (k, `ROUNDED_BOX`) [m, world].
-        z: Coordinates, shape (nv,).
-        cut: What is further away doesn't matter [m].
-        least: Out: shape (k,) [m]; `cut` where it is at least that.
+    It may be nearer by what its balls reach beyond its links.
     """
     place_group(robot.joints, z, robot.places)
     for k in range(boxes.shape[0]):
@@ -113,20 +90,9 @@ def distances(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, least: Flo
                 least[k] = min(least[k], _distance(box, x, y, t)[0] - ball[3])
 
 
-@compiled(float64(ROOM_ROBOT, MATRIX, VECTOR, SCALAR, VECTOR_OUT))
-def pressure(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, gradient: Floats) -> float:
-    """Measure how close boxes are to a robot: the sum of (cut - d)^2 / 2 over balls and boxes closer than `cut`.
-
-    Args:
-        robot: The robot.
-        boxes: Shape (k, `ROUNDED_BOX`) [m, world].
-        z: Coordinates, shape (nv,).
-        cut: From where on a box matters [m].
-        gradient: Out: shape (nv,).
-
-    Returns:
-        The sum [m^2].
-    """
+@kernel
+def pressure(robot: RoomRobot, boxes: Rows, z: Row, cut: float, gradient: RowOut) -> float:
+    """Sum (cut - d)^2 / 2 over balls and boxes (k, `ROUNDED_BOX`) closer than `cut` [m^2]; gradient (nv,)."""
     place_group(robot.joints, z, robot.places)
     write_twists(robot.joints, robot.places)
     table = robot.joints.table
@@ -161,14 +127,7 @@ def pressure(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, gradient: F
 
 @lane_step(boolean(ROOM_ROBOT, MATRIX, VECTOR, VECTOR))
 def blocked(robot: RoomRobot, boxes: Floats, grown: Floats, z: Floats) -> bool:
-    """Tell if the robot comes closer to any box than it is to keep.
-
-    Args:
-        robot: The robot.
-        boxes: Shape (k, `ROUNDED_BOX`) [m, world].
-        grown: What to keep from each, shape (k,) [m].
-        z: Coordinates, shape (nv,).
-    """
+    """Tell if the robot at z (nv,) comes closer to any of boxes (k, `ROUNDED_BOX`) than `grown` (k,) [m]."""
     place_group(robot.joints, z, robot.places)
     for body in range(robot.carriers.shape[0]):
         pose, ball = robot.places.poses[robot.carriers[body]], robot.bounds[body]
@@ -187,15 +146,9 @@ def blocked(robot: RoomRobot, boxes: Floats, grown: Floats, z: Floats) -> bool:
     return False
 
 
-@compiled(float64(ROOM_ROBOT, VECTOR, SCALAR))
-def swept(robot: RoomRobot, z: Floats, tolerance: float) -> float:
-    """Bound the motion of the robot's points where each coordinate is off by a tolerance [m].
-
-    Args:
-        robot: The robot.
-        z: Coordinates, shape (nv,).
-        tolerance: How far each may be off [rad or m].
-    """
+@kernel
+def swept(robot: RoomRobot, z: Row, tolerance: float) -> float:
+    """Bound the motion of the robot's points at z (nv,) where each coordinate is off by a tolerance [m]."""
     place_group(robot.joints, z, robot.places)
     write_twists(robot.joints, robot.places)
     table, most = robot.joints.table, 0.0

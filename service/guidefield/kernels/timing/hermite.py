@@ -3,36 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import void
 
-from guidefield.kernels.jit.signatures import (
-    MATRIX,
-    MATRIX_OUT,
-    VECTOR,
-    VECTOR_OUT,
-    Floats,
-    compiled,
-    exact_kernel,
-    inlined,
-)
+from guidefield.kernels.jit.arrays import Row, RowOut, Rows, RowsOut
+from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel
 
 
-@compiled(void(VECTOR, MATRIX, MATRIX, MATRIX_OUT, MATRIX_OUT))
-def piece_peaks(
-    times: Floats, positions: Floats, velocities: Floats, speeds_out: Floats, accelerations_out: Floats
-) -> None:
-    """Largest |velocity| and |acceleration| of every coordinate on every piece.
+@kernel
+def piece_peaks(times: Row, positions: Rows, velocities: Rows, speeds_out: RowsOut, accelerations_out: RowsOut) -> None:
+    """Write the largest |velocity| and |acceleration| of every coordinate on every piece, shapes (n - 1, c).
 
     With the mean velocity m over the duration T of a piece, and v, w the velocities at its ends, the acceleration is
     linear between a = (6 m - 4 v - 2 w) / T and b = (2 v + 4 w - 6 m) / T, so largest at an end. The velocity is
-    quadratic: largest at an end or, where the acceleration changes sign, at its zero: v + a² T / (2 (a - b)).
-
-    Args:
-        times: Shape (n,), strictly increasing [s].
-        positions: Shape (n, c) [rad or m].
-        velocities: Shape (n, c) [rad/s or m/s].
-        speeds_out: Shape (n - 1, c) [rad/s or m/s].
-        accelerations_out: Shape (n - 1, c) [rad/s^2 or m/s^2].
+    quadratic: largest at an end or, where the acceleration changes sign, at its zero: v + a² T / (2 (a - b)). Times
+    (n,) increase strictly [s], positions and velocities have the shape (n, c).
     """
     for i in range(times.shape[0] - 1):
         duration = times[i + 1] - times[i]
@@ -48,26 +31,19 @@ def piece_peaks(
             accelerations_out[i, c] = max(abs(a), abs(b))
 
 
-@exact_kernel(void(VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR_OUT))
+@exact_kernel
 def largest_shares(
-    times: Floats,
-    positions: Floats,
-    velocities: Floats,
-    velocity_limits: Floats,
-    acceleration_limits: Floats,
-    jerk_limits: Floats,
-    out: Floats,
+    times: Row,
+    positions: Rows,
+    velocities: Rows,
+    velocity_limits: Row,
+    acceleration_limits: Row,
+    jerk_limits: Row,
+    out: RowOut,
 ) -> None:
-    """The largest velocity, acceleration and jerk of a curve, as shares of their limits: see `piece_peaks`.
+    """Write the largest velocity, acceleration and jerk of a curve, as shares (3,) of their limits: see `piece_peaks`.
 
-    Args:
-        times: Shape (n,), strictly increasing [s].
-        positions: Shape (n, c) [rad or m].
-        velocities: Shape (n, c) [rad/s or m/s].
-        velocity_limits: Shape (c,), positive [rad/s or m/s].
-        acceleration_limits: Shape (c,), positive [rad/s² or m/s²].
-        jerk_limits: Shape (c,), positive or infinite [rad/s³ or m/s³].
-        out: The three shares, shape (3,).
+    Limits have the shape (c,) and are positive; those of jerk may be infinite.
     """
     pieces, coordinates = times.shape[0] - 1, positions.shape[1]
     speeds, accelerations = np.empty((pieces, coordinates)), np.empty((pieces, coordinates))
@@ -91,30 +67,23 @@ def place_and_rate(q: float, v: float, a: float, jerk: float, t: float) -> tuple
     return q + t * (v + t * (a / 2.0 + t * jerk / 6.0)), v + t * (a + t * jerk / 2.0)
 
 
-@compiled(void(VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX_OUT, MATRIX_OUT, MATRIX_OUT))
+@kernel
 def states_at(
-    times: Floats,
-    positions: Floats,
-    velocities: Floats,
-    accelerations: Floats,
-    jerks: Floats,
-    asked: Floats,
-    positions_out: Floats,
-    velocities_out: Floats,
-    accelerations_out: Floats,
+    times: Row,
+    positions: Rows,
+    velocities: Rows,
+    accelerations: Rows,
+    jerks: Rows,
+    asked: Row,
+    positions_out: RowsOut,
+    velocities_out: RowsOut,
+    accelerations_out: RowsOut,
 ) -> None:
-    """Position, velocity and acceleration at some times; before the first knot and after the last one it is at rest.
+    """Write position, velocity and acceleration (k, c) at times (k,) [s].
 
-    Args:
-        times: Of the knots, two at least, shape (n,), strictly increasing [s].
-        positions: At the knots, shape (n, c) [rad or m].
-        velocities: Shape (n, c) [rad/s or m/s].
-        accelerations: Where each piece begins, shape (n, c), the last row isn't read [rad/s^2 or m/s^2].
-        jerks: Of the pieces, shape (n - 1, c) [rad/s^3 or m/s^3].
-        asked: The times, shape (k,) [s]; quickest in order.
-        positions_out: Shape (k, c).
-        velocities_out: Shape (k, c).
-        accelerations_out: Shape (k, c).
+    Before the first knot and after the last it rests. Knots have times (n,), two at least, increasing strictly,
+    positions and velocities (n, c), the accelerations where pieces begin, and pieces' jerks (n - 1, c); quickest where
+    the times asked for are in order.
     """
     last, piece = times.shape[0] - 1, 0
     for row in range(asked.shape[0]):
@@ -138,15 +107,9 @@ def states_at(
             accelerations_out[row, c] = 0.0 if rests else a + t * jerk
 
 
-@compiled(void(MATRIX, VECTOR, MATRIX_OUT))
-def spline_points(points: Floats, places: Floats, points_out: Floats) -> None:
-    """Return where a spline is.
-
-    Args:
-        points: Control points of m pieces, shape (m + 3, nv) [rad or m].
-        places: In pieces from the start, from 0 to m, shape (k,).
-        points_out: Shape (k, nv) [rad or m].
-    """
+@kernel
+def spline_points(points: Rows, places: Row, points_out: RowsOut) -> None:
+    """Write where a spline of control points (m + 3, nv) is at places (k,), in pieces from 0 to m; (k, nv)."""
     last = points.shape[0] - 4
     for k in range(places.shape[0]):
         piece = min(max(int(places[k]), 0), last)
@@ -159,15 +122,9 @@ def spline_points(points: Floats, places: Floats, points_out: Floats) -> None:
             points_out[k, j] = value + c * points[piece + 2, j] + d * points[piece + 3, j]
 
 
-@compiled(void(MATRIX, VECTOR, MATRIX_OUT))
-def spline_slopes(points: Floats, places: Floats, slopes_out: Floats) -> None:
-    """Its derivatives by the place.
-
-    Args:
-        points: Control points, shape (m + 3, nv) [rad or m].
-        places: As in `spline_points`, shape (k,).
-        slopes_out: Shape (k, nv) [rad or m].
-    """
+@kernel
+def spline_slopes(points: Rows, places: Row, slopes_out: RowsOut) -> None:
+    """Write its derivatives by the place, (k, nv); arguments are those of `spline_points`."""
     last = points.shape[0] - 4
     for k in range(places.shape[0]):
         piece = min(max(int(places[k]), 0), last)
@@ -179,9 +136,9 @@ def spline_slopes(points: Floats, places: Floats, slopes_out: Floats) -> None:
             slopes_out[k, j] = value + c * points[piece + 2, j] + d * points[piece + 3, j]
 
 
-@compiled(void(VECTOR, MATRIX, VECTOR_OUT, VECTOR_OUT, MATRIX_OUT))
-def slopes(steps: Floats, values: Floats, pivots_out: Floats, above_out: Floats, slopes_out: Floats) -> None:
-    """First derivatives s at the knots of the C² piecewise cubic through values, "not a knot" at its ends.
+@kernel
+def slopes(steps: Row, values: Rows, pivots_out: RowOut, above_out: RowOut, slopes_out: RowsOut) -> None:
+    """Write first derivatives s (n, c) at knots of the C² piecewise cubic through values (n, c), "not a knot" at ends.
 
     The two first pieces are one cubic, and so are the two last ones. Continuity of the second derivative at inner knot
     i, with chords d_i = (y_{i+1} - y_i) / h_i, is
@@ -193,14 +150,8 @@ def slopes(steps: Floats, values: Floats, pivots_out: Floats, above_out: Floats,
         h_1 s_0 + w s_1 = ((h_0 + 2 w) h_1 d_0 + h_0² d_1) / w
 
     and the last row its mirror image (de Boor, A Practical Guide to Splines, 2001, chapter IV). After the first row is
-    eliminated the system is diagonally dominant but for the last row, whose pivot stays positive: no pivoting.
-
-    Args:
-        steps: Differences h between knots, shape (n - 1,), n >= 4, positive.
-        values: Values y at the knots, shape (n, c).
-        pivots_out: Work space, shape (n,).
-        above_out: Work space, shape (n,).
-        slopes_out: The result s, shape (n, c).
+    eliminated the system is diagonally dominant but for the last row, whose pivot stays positive: no pivoting. Steps h
+    (n - 1,), n >= 4, are positive; work space has the shape (n,).
     """
     last = steps.shape[0]
     h0, h1 = steps[0], steps[1]

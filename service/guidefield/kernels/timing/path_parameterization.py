@@ -13,9 +13,132 @@ to time-optimal path parameterization based on reachability analysis", IEEE Tran
 
 from __future__ import annotations
 
-from numba import void
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
 
-from guidefield.kernels.jit.signatures import MATRIX, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.jit.arrays import (
+    ByteBlocksOut,
+    ByteRows,
+    Floats,
+    IndexRows,
+    IndexRowsOut,
+    Indices,
+    IndicesOut,
+    Integers,
+    Row,
+    RowOut,
+    Rows,
+)
+from guidefield.kernels.jit.decorators import inlined, kernel
+
+FREE = types.Array(types.uint8, 2, "C", readonly=True)
+COSTS = types.Array(types.int64, 2, "C")
+PARENTS = types.Array(types.int8, 3, "C")
+
+UNREACHED = 1 << 40  # cost of a state that can't be reached
+CHANGING = 4  # cost of a step in which the rate changes
+SLOW = 1  # cost of a step on the way at less than the whole rate
+
+
+@inlined
+def _is_free(
+    cells: Integers, free: NDArray[np.uint8], row: int, per_step: int, place: int, rate: int, change: int
+) -> bool:
+    """Tell if a step from a place at a rate that changes meets nothing; `row` is its first row of `free`."""
+    last = cells.shape[0] - 1
+    begin = float(place)
+    for part in range(per_step):
+        share = (part + 1.0) / per_step
+        end = place + 2.0 * rate * share + change * share * share
+        first_cell = cells[min(max(int(begin), 0), last)]
+        last_cell = cells[min(max(int(end) + 1, 0), last)]
+        for cell in range(first_cell, last_cell + 1):
+            if free[row + part, cell] == 0:
+                return False
+        begin = end
+    return True
+
+
+@inlined
+def _may_be_there(lowest: Integers, highest: Integers, place: int, rate: int, change: int) -> bool:
+    """Tell if a step that changes the rate so may end at a place at a rate."""
+    places, rates = lowest.shape
+    if place >= places or rate < 0 or rate >= rates:
+        return False
+    return bool(lowest[place, rate] <= change <= highest[place, rate])
+
+
+@inlined
+def _cost_of_step(place: int, rate: int, change: int, rates: int) -> int:
+    """Return what a step costs: smooth and quick motions are cheap, and so is waiting at the start."""
+    if change != 0:
+        return CHANGING
+    return SLOW if place > 0 and rate < rates - 1 else 0
+
+
+@kernel
+def earliest_schedule(
+    cells: Indices,
+    lowest: IndexRows,
+    highest: IndexRows,
+    free: ByteRows,
+    per_step: int,
+    length: float,
+    earliest: float,
+    first: int,
+    costs: IndexRowsOut,
+    next_costs: IndexRowsOut,
+    parents_out: ByteBlocksOut,
+    arrival_out: IndicesOut,
+) -> None:
+    """Follow all states through some steps, or up to the first in which the end is reached.
+
+    At place 0 the robot rests: it may wait there, and leave at any rate. It may arrive at any rate. A rate doesn't
+    change in the first step of the way, nor in the last. `cells` (n,) is the column of `free` (steps * per_step, cells)
+    of each place, not decreasing; `lowest` and `highest` (n, J + 1) are how much the rate may change at a place at a
+    rate, never above and never below 0. `length` is the place of the end, above n - 1 at least by rounding, at most n;
+    it is not reached before `earliest` steps since the very beginning, `first` of which were followed before. `costs`
+    (n, J + 1) are those of the states before the first step, and after the last one when it ends.
+
+    Writes after each step how much the rate changed in it (steps, n, J + 1), and (4,): in which step the end is
+    reached, from which place and at which rate, -1 if it isn't; the farthest place that was reached so far.
+    """
+    places, rates = costs.shape
+    arrival_out[0] = -1
+    for step in range(parents_out.shape[0]):
+        next_costs[:, :] = UNREACHED
+        best = UNREACHED
+        row = step * per_step
+        for place in range(places):
+            for rate in range(rates):
+                cost = costs[place, rate]
+                if cost >= UNREACHED:
+                    continue
+                arrival_out[3] = max(arrival_out[3], place)
+                if rate > 0 and place + 2 * rate >= length:
+                    share = (length - place) / (2.0 * rate)
+                    in_time = first + step + share >= earliest
+                    if in_time and cost < best and _is_free(cells, free, row, per_step, place, rate, 0):
+                        best = cost
+                        arrival_out[0], arrival_out[1], arrival_out[2] = step, place, rate
+                    continue
+                for change in range(lowest[place, rate], highest[place, rate] + 1):
+                    new_rate = rate + change
+                    new_place = place + rate + new_rate
+                    if not _may_be_there(lowest, highest, new_place, new_rate, change):
+                        continue
+                    new_cost = cost + _cost_of_step(place, rate, change, rates)
+                    if new_cost < next_costs[new_place, new_rate] and _is_free(
+                        cells, free, row, per_step, place, rate, change
+                    ):
+                        next_costs[new_place, new_rate] = new_cost
+                        parents_out[step, new_place, new_rate] = change
+        if best < UNREACHED:
+            return
+        next_costs[0, 1:] = next_costs[0, 0]
+        costs[:, :] = next_costs
+
 
 # A coefficient of u below this is none: dividing by it could overflow. Derivatives of a path are far above, or zero.
 _NONE = 1e-100
@@ -25,12 +148,10 @@ _NONE = 1e-100
 def _bounds_of_u(
     first: Floats, second: Floats, steps: Floats, limits: Floats, i: int, x_next: float, x: float
 ) -> tuple[float, float, float, float]:
-    """The two bounds of u over step i that bind at x, as lines in x.
+    """The bounds of u over step i that bind at x, as lines: (a, b, c, d) with a x - b <= u <= c x + d.
 
-    The step's far end counts as its near one, with x + 2 h u in the place of x, and 0 <= x + 2 h u <= x_next.
-
-    Returns:
-        (a, b, c, d) with a x - b <= u <= c x + d; b and d are never negative.
+    The step's far end counts as its near one, with x + 2 h u in the place of x, and 0 <= x + 2 h u <= x_next; b and d
+    are never negative.
     """
     width = 2.0 * steps[i]
     low_slope, low_reach, high_slope, high_reach = -1.0 / width, 0.0, -1.0 / width, x_next / width
@@ -84,15 +205,15 @@ def _largest_controllable(
     return x
 
 
-@compiled(void(MATRIX, MATRIX, VECTOR, VECTOR, MATRIX, VECTOR_OUT, VECTOR_OUT))
+@kernel
 def fastest_speeds(
-    first: Floats,
-    second: Floats,
-    steps: Floats,
-    caps: Floats,
-    limits: Floats,
-    controllable_out: Floats,
-    squared_speeds_out: Floats,
+    first: Rows,
+    second: Rows,
+    steps: Row,
+    caps: Row,
+    limits: Rows,
+    controllable_out: RowOut,
+    squared_speeds_out: RowOut,
 ) -> None:
     """Largest squared speed x = (ds/dt)² at every grid point of a path that starts and ends at rest.
 

@@ -3,11 +3,214 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from guidefield.kernels.jit.signatures import BLOCKS, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.jit.arrays import Blocks, Floats, Row, RowOut, Rows
+from guidefield.kernels.jit.decorators import inlined, kernel, uncounted
+from guidefield.kernels.kinematics.forward_kinematics import CarriedPoint, JointPlaces, joint_places, place_point
+from guidefield.kernels.timing.hermite import place_and_rate
+
+IN_CHART, OF_FRAME, WAYS = range(3)  # numbers of the two lengths; then how many there are
+STRIDES = 3  # each part is measured by all of its chords, by every second and by every fourth of its points
+
+AGAINST, LOOK = WAYS * STRIDES, WAYS * STRIDES + 1
+"""Numbers of a look at a part, behind the lengths of both ways: how far the motion may go back and forth within its
+chords, as it goes against them at an end; then how many there are."""
+
+
+class _Tables(NamedTuple):
+    """A motion as `hermite.states_at` has it."""
+
+    times: Floats
+    positions: Floats
+    velocities: Floats
+    accelerations: Floats
+    jerks: Floats
+
+
+class _Scratch(NamedTuple):
+    """Points and rates of a part, each of shape (k, nv), and where the frame is, shape (k, 3)."""
+
+    points: Floats
+    rates: Floats
+    places: Floats
+    joints: JointPlaces
+
+
+@uncounted
+def chord_lengths(points: Floats, at: int, look_out: Floats) -> None:
+    """Write the lengths of a polyline (k, d), and through every second and every fourth point, from a number on."""
+    stride = 1
+    for level in range(STRIDES):
+        total = 0.0
+        for k in range(stride, points.shape[0], stride):
+            square = 0.0
+            for d in range(points.shape[1]):
+                square += (points[k, d] - points[k - stride, d]) ** 2
+            total += math.sqrt(square)
+        look_out[at + level] = total
+        stride *= 2
+
+
+@uncounted
+def against_chords(points: Floats, rates: Floats, step: float) -> float:
+    """Return how far a motion may go back and forth within its chords: each that it goes against at an end counts.
+
+    `points` (k, nv) are ends of chords, `rates` (k, nv) velocities there; each takes `step` [s].
+    """
+    total = 0.0
+    for k in range(points.shape[0] - 1):
+        for end in range(2):
+            along, square = 0.0, 0.0
+            for j in range(points.shape[1]):
+                rate = rates[k + end, j]
+                along += rate * (points[k + 1, j] - points[k, j])
+                square += rate * rate
+            total += math.sqrt(square) if along < 0.0 else 0.0
+    return total * step
+
+
+@uncounted
+def _look(
+    tables: _Tables,
+    tip: CarriedPoint,
+    piece: int,
+    begin: float,
+    end: float,
+    goes_on: bool,
+    scratch: _Scratch,
+    look_out: Floats,
+) -> None:
+    """Look at a part of a piece, between two times [s]: shape (LOOK,). `goes_on`: where the last one ended."""
+    points, rates, steps = scratch.points, scratch.rates, scratch.points.shape[0] - 1
+    if goes_on:
+        for j in range(points.shape[1]):
+            points[0, j], rates[0, j] = points[steps, j], rates[steps, j]
+        for d in range(3):
+            scratch.places[0, d] = scratch.places[steps, d]
+    for k in range(1 if goes_on else 0, steps + 1):
+        t = begin + (end - begin) * (k / steps) - tables.times[piece]
+        for j in range(points.shape[1]):
+            points[k, j], rates[k, j] = place_and_rate(
+                tables.positions[piece, j],
+                tables.velocities[piece, j],
+                tables.accelerations[piece, j],
+                tables.jerks[piece, j],
+                t,
+            )
+        scratch.places[k, 0], scratch.places[k, 1], scratch.places[k, 2] = place_point(tip, points[k], scratch.joints)
+    chord_lengths(points, IN_CHART * STRIDES, look_out)
+    chord_lengths(scratch.places, OF_FRAME * STRIDES, look_out)
+    look_out[AGAINST] = against_chords(points, rates, (end - begin) / steps)
+
+
+@uncounted
+def _length(look: Floats, way: int) -> float:
+    """The length of a way by Richardson's extrapolation of all chords and every second point's."""
+    return float((4.0 * look[way * STRIDES] - look[way * STRIDES + 1]) / 3.0)
+
+
+@uncounted
+def _unsure(look: Floats, way: int) -> float:
+    """By how much a length may be off: by how much it is another one by the longer chords, or by going back."""
+    before = (4.0 * look[way * STRIDES + 1] - look[way * STRIDES + 2]) / 3.0
+    return float(max(abs(_length(look, way) - before), look[AGAINST]))
+
+
+@uncounted
+def _asked_length(looks: Floats, asked: Floats, way: int) -> float:
+    """The length of a way of those parts of which it is asked, (k, LOOK) and (k, WAYS)."""
+    total = 0.0
+    for k in range(looks.shape[0]):
+        total += _length(looks[k], way) if asked[k, way] > 0.0 else 0.0
+    return total
+
+
+@uncounted
+def _is_asked(asked: Floats, k: int) -> bool:
+    """Tell if some way of a part is asked, of (k, WAYS)."""
+    return bool(asked[k, IN_CHART] > 0.0 or asked[k, OF_FRAME] > 0.0)
+
+
+@uncounted
+def _leave_unsure(looks: Floats, asked: Floats, most: Floats, done: Floats) -> int:
+    """Ask no more for lengths that are off by no more than some, (WAYS,), and add them up; of how many parts it is.
+
+    Args:
+        looks: At parts, shape (k, LOOK).
+        asked: Whether a way of each is asked, 1 or 0, shape (k, WAYS); changed.
+        most: By how much a length may be off, shape (WAYS,).
+        done: The lengths of what isn't asked any more, shape (WAYS,); changed.
+
+    Returns:
+        Of how many parts some way is still asked.
+    """
+    count = 0
+    for k in range(looks.shape[0]):
+        for way in range(WAYS):
+            if asked[k, way] > 0.0 and not _unsure(looks[k], way) > most[way]:
+                asked[k, way] = 0.0
+                done[way] += _length(looks[k], way)
+        count += 1 if _is_asked(asked, k) else 0
+    return count
+
+
+@kernel
+def way_lengths(
+    times: Row,
+    positions: Rows,
+    velocities: Rows,
+    accelerations: Rows,
+    jerks: Rows,
+    tip: CarriedPoint,
+    steps: int,
+    share: float,
+    levels: int,
+    lengths_out: RowOut,
+) -> None:
+    """Write a motion's lengths (WAYS,) by Richardson's extrapolation of chords; parts are halved where that is off.
+
+    The motion is as in `hermite.states_at`, with knots at times (n,); each part has `steps` chords, a multiple of four.
+    Parts of which all together the lengths are off by at most `share` of the whole aren't halved, and none more than
+    `levels` times.
+    """
+    tables = _Tables(times, positions, velocities, accelerations, jerks)
+    pieces, nv = times.shape[0] - 1, positions.shape[1]
+    points, rates, places = np.empty((steps + 1, nv)), np.empty((steps + 1, nv)), np.empty((steps + 1, 3))
+    scratch = _Scratch(points, rates, places, joint_places(tip.joints))
+    looks, parts, asked = np.empty((pieces, LOOK)), np.empty((pieces, 3)), np.ones((pieces, WAYS))
+    for piece in range(pieces):
+        parts[piece, 0], parts[piece, 1], parts[piece, 2] = piece, times[piece], times[piece + 1]
+        _look(tables, tip, piece, times[piece], times[piece + 1], piece > 0, scratch, looks[piece])
+    done, most = np.zeros(WAYS), np.empty(WAYS)
+    for _ in range(levels):
+        for way in range(WAYS):
+            lengths_out[way] = _asked_length(looks, asked, way)
+            most[way] = share / max(1, pieces) * (done[way] + lengths_out[way])
+        count = _leave_unsure(looks, asked, most, done)
+        halves, looked, wanted = np.empty((2 * count, 3)), np.empty((2 * count, LOOK)), np.empty((2 * count, WAYS))
+        half = 0
+        for way in range(WAYS):
+            lengths_out[way] = done[way]
+        for k in range(looks.shape[0]):
+            if not _is_asked(asked, k):
+                continue
+            piece, begin, end = int(parts[k, 0]), parts[k, 1], parts[k, 2]
+            middle = 0.5 * (begin + end)
+            for way in range(WAYS):
+                lengths_out[way] += _length(looks[k], way) if asked[k, way] > 0.0 else 0.0
+            for side in range(2):
+                since, until = (begin, middle) if side == 0 else (middle, end)
+                halves[half, 0], halves[half, 1], halves[half, 2] = piece, since, until
+                for way in range(WAYS):
+                    wanted[half, way] = asked[k, way]
+                _look(tables, tip, piece, since, until, side == 1, scratch, looked[half])
+                half += 1
+        if count == 0:
+            break
+        looks, parts, asked = looked, halves, wanted
 
 
 @inlined
@@ -53,15 +256,7 @@ def _step_to(
 
 @inlined
 def _add_steps(powers: Floats, shares: Floats, before: float, values: Floats, squares: Floats) -> None:
-    """Add the squared steps of one coordinate to those of places on a curve, the first from where it was before.
-
-    Args:
-        powers: The coordinate's coefficients by powers of the share, shape (order,).
-        shares: Of the places, shape (k,).
-        before: The coordinate at the place before them.
-        values: The coordinate at them is written here, shape (k,).
-        squares: What is added to, shape (k,).
-    """
+    """Add the squared steps of one coordinate to those of places on a curve, the first from where it was before."""
     order, count = powers.shape[0], shares.shape[0]
     for k in range(count):
         values[k] = powers[order - 1]
@@ -73,15 +268,11 @@ def _add_steps(powers: Floats, shares: Floats, before: float, values: Floats, sq
         squares[k] += (values[k] - values[k - 1]) ** 2
 
 
-@compiled(types.void(BLOCKS, VECTOR, VECTOR, VECTOR_OUT))
-def travelled(pieces: Floats, times: Floats, asked: Floats, lengths_out: Floats) -> None:
-    """Lengths of the chords from one to the next of some places of a motion, added up.
+@kernel
+def travelled(pieces: Blocks, times: Row, asked: Row, lengths_out: RowOut) -> None:
+    """Write the chords' lengths added up, (k,), between places of a motion at times (k,) in order [rad or m].
 
-    Args:
-        pieces: Control points of its curves, shape (m, order, nv) [rad or m].
-        times: When they begin and the last one ends, shape (m + 1,) [s].
-        asked: The times of the places, in order, shape (k,) [s].
-        lengths_out: Since the first of them, shape (k,) [rad or m].
+    Curves have control points (m, order, nv) and begin, and end, at times (m + 1,) [s].
     """
     row, powers, before = np.empty(pieces.shape[1]), np.empty(pieces.shape[1:]), np.zeros(pieces.shape[2])
     count, first, piece = asked.shape[0], 0, 0
@@ -107,20 +298,12 @@ def travelled(pieces: Floats, times: Floats, asked: Floats, lengths_out: Floats)
         lengths_out[k] = length
 
 
-@compiled(types.void(BLOCKS, VECTOR, VECTOR, VECTOR, types.int64, VECTOR_OUT))
-def when_travelled(
-    pieces: Floats, times: Floats, known: Floats, lengths: Floats, steps: int, whens_out: Floats
-) -> None:
-    """Return when a motion has travelled some lengths.
+@kernel
+def when_travelled(pieces: Blocks, times: Row, known: Row, lengths: Row, steps: int, whens_out: RowOut) -> None:
+    """Replace lengths (n,) by the times when a motion has travelled them [s].
 
-    Args:
-        pieces: See `travelled`.
-        times: See there.
-        known: Times in order, two at least, shape (k,) [s].
-        lengths: What it has travelled by then, shape (k,) [rad or m].
-        steps: Between two of them it is looked at so many chords.
-        whens_out: Lengths between the first and the last, shape (n,) [rad or m]; when they are is written in their
-            place [s].
+    By the times `known` (k,), two at least, it has travelled `lengths` (k,) [rad or m]; between two of them `steps`
+    chords are looked at. The motion is as in `travelled`.
     """
     row, powers, point = np.empty(pieces.shape[1]), np.empty(pieces.shape[1:]), np.empty(pieces.shape[2])
     for n in range(whens_out.shape[0]):
@@ -140,14 +323,11 @@ def when_travelled(
             passed += step
 
 
-@compiled(types.float64(BLOCKS, VECTOR, VECTOR))
-def squared_turns(pieces: Floats, times: Floats, asked: Floats) -> float:
-    """The squared angles between chords from one to the next of some places of a motion, added up [rad^2].
+@kernel
+def squared_turns(pieces: Blocks, times: Row, asked: Row) -> float:
+    """Sum the squared angles between chords from one to the next of places of a motion, at times (k,) [rad^2].
 
-    Args:
-        pieces: See `travelled`.
-        times: See there.
-        asked: The times of the places, in order, shape (k,) [s].
+    The motion is as in `travelled`.
     """
     nv = pieces.shape[2]
     row, powers, point = np.empty(pieces.shape[1]), np.empty(pieces.shape[1:]), np.zeros(nv)

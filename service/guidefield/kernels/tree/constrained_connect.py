@@ -13,29 +13,26 @@ from typing import NamedTuple
 import numpy as np
 from numba import boolean, int64, types
 
+from guidefield.kernels.collide.batch_collision import forget
 from guidefield.kernels.collide.layout import WORLD, LaneWorld, world_of
-from guidefield.kernels.collide.motion_validation import forget
-from guidefield.kernels.jit.fields import numba_type
-from guidefield.kernels.jit.signatures import (
+from guidefield.kernels.jit.arrays import (
     FLOAT_POINTER,
-    INDICES,
     VECTOR_OUT,
+    AnyRows,
     Floats,
     Floats32,
-    lane_kernel,
-    lane_part,
-    lane_step,
+    Indices,
+    numba_type,
 )
-from guidefield.kernels.simd.packing import Words, pointers
+from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
+from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import LANES
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling, sampling_of
-from guidefield.kernels.tree.nearest import nearest
 from guidefield.kernels.tree.nodes import (
     ITERATION,
     MEETING,
     MOTIONS,
     PLANTED,
-    ROOTS,
     SEARCH,
     SIZE,
     TRIED,
@@ -43,6 +40,7 @@ from guidefield.kernels.tree.nodes import (
     add_reached,
     aim_at,
     join,
+    nearest,
     search_of,
     step_towards,
 )
@@ -51,45 +49,27 @@ from guidefield.kernels.tree.rrt_connect import FULL, GOING_ON, MET, begin, choo
 
 
 class Strides(NamedTuple):
-    """Settings of trees within path constraints.
+    """Settings of trees within path constraints."""
 
-    Attributes:
-        length: Of a stride, by the metric [rad].
-        least_gain: A stride that comes nearer to where it was to go by less than this share of its length ends a walk.
-        farthest: So does one that ends this many lengths from where it began.
-        room: Strides are brought to within this share of each limit.
-        corrections: Newton's steps for that, at most.
-        resolution: Samples of a motion per length in the chart [1/rad or 1/m].
-        clearance: What to keep from obstacles [m].
-    """
-
-    length: float
+    length: float  # of a stride, by the metric [rad]
+    # a stride that comes nearer to where it was to go by less than this share of its length ends a walk
     least_gain: float
-    farthest: float
-    room: float
-    corrections: int
-    resolution: float
-    clearance: float
+    farthest: float  # so does one that ends this many lengths from where it began
+    room: float  # strides are brought to within this share of each limit
+    corrections: int  # Newton's steps for that, at most
+    resolution: float  # samples of a motion per length in the chart [1/rad or 1/m]
+    clearance: float  # what to keep from obstacles [m]
 
 
 class Walk(NamedTuple):
-    """Tables and memory that a step of a tree needs.
+    """Tables and memory that a step of a tree needs."""
 
-    Attributes:
-        world: Robot and obstacles.
-        sampling: Where samples come from.
-        search: The trees.
-        frames: The constraints.
-        strides: How the trees walk.
-        z: Scratch, shape (nv,).
-    """
-
-    world: LaneWorld
-    sampling: Sampling
+    world: LaneWorld  # robot and obstacles
+    sampling: Sampling  # where samples come from
     search: TreeSearch
     frames: KeptFrames
-    strides: Strides
-    z: Floats
+    strides: Strides  # how the trees walk
+    z: Floats  # scratch, shape (nv,)
 
 
 STRIDES = numba_type(Strides)
@@ -124,7 +104,7 @@ def _corrected(walk: Walk, left: float) -> bool:
 
 
 @lane_step(boolean(WALK))
-def _kept(walk: Walk) -> bool:
+def _is_kept(walk: Walk) -> bool:
     """Tell if the constraints hold where a stride ends, and in its middle."""
     search, z = walk.search, walk.z
     for share in (1.0, 0.5):
@@ -139,8 +119,7 @@ def _kept(walk: Walk) -> bool:
 def _walk(walk: Walk, tree: int, node: int) -> tuple[int, int]:
     """Walk from a node to the target, a stride at a time, as far as each leads there and is free.
 
-    Returns:
-        The last node, and whether a free stride from there ends at the target, which is what is reached then.
+    Returns the last node, and whether a free stride from there ends at the target, which is what is reached then.
     """
     search, strides, counters = walk.search, walk.strides, walk.search.counters
     while counters[SIZE + tree] < search.capacity:
@@ -148,7 +127,7 @@ def _walk(walk: Walk, tree: int, node: int) -> tuple[int, int]:
         there = left <= strides.length
         if not there and not _corrected(walk, left):
             break
-        if not _kept(walk):
+        if not _is_kept(walk):
             break
         counters[MOTIONS] += 1
         if not is_free(walk.world, walk.sampling, search, strides.clearance, strides.resolution):
@@ -160,7 +139,7 @@ def _walk(walk: Walk, tree: int, node: int) -> tuple[int, int]:
 
 
 @lane_part
-def _met(walk: Walk, tree: int, node: int) -> bool:
+def _walk_other(walk: Walk, tree: int, node: int) -> bool:
     """Walk from the other tree to a node of a tree; whether it gets there."""
     search, other = walk.search, 1 - tree
     aim_at(search, tree, node)
@@ -171,7 +150,7 @@ def _met(walk: Walk, tree: int, node: int) -> bool:
 
 
 @lane_step(int64(WALK, int64))
-def _grown(walk: Walk, iterations: int) -> int:
+def _grow(walk: Walk, iterations: int) -> int:
     """`grow_within` on pointers, once the roots are planted."""
     search, counters = walk.search, walk.search.counters
     last = counters[ITERATION] + iterations
@@ -188,43 +167,24 @@ def _grown(walk: Walk, iterations: int) -> int:
             reached = add_reached(search, tree, reached)
         if reached == node:
             search.failed[tree * search.capacity + node] += 1
-        elif _met(walk, tree, reached):
+        elif _walk_other(walk, tree, reached):
             return MET
     return GOING_ON
 
 
-@lane_kernel(int64(INDICES, INDICES, INDICES, FRAMES, STRIDES, ROOTS, ROOTS, int64, boolean))
+@lane_kernel
 def grow_within(
-    world: Words,
-    sampling: Words,
-    search: Words,
+    world: Indices,
+    sampling: Indices,
+    search: Indices,
     frames: KeptFrames,
     strides: Strides,
-    starts: np.ndarray,
-    goals: np.ndarray,
+    starts: AnyRows,
+    goals: AnyRows,
     iterations: int,
     begins: bool,
 ) -> int:
-    """Grow two trees towards each other within path constraints.
-
-    Args:
-        world: Robot and obstacles, a packed `LaneWorld`.
-        sampling: Where samples come from, a packed `Sampling`.
-        search: The trees, a packed `TreeSearch`; changed. Its places say where the sequence of samples begins.
-        frames: The constraints; all roots keep them.
-        strides: How the trees walk.
-        starts: Roots of the first tree, chart points in units of the sampling, shape (k, nv).
-        goals: Roots of the second, shape (m, nv).
-        iterations: How many more.
-        begins: Whether to leave only the roots of the trees before, to forget what the world was asked, and to walk
-            straight to each goal first.
-
-    Returns:
-        MET (the path is written), FULL (give it more room) or GOING_ON.
-
-    Raises:
-        ValueError: if roots, trees, constraints and robot aren't of as many coordinates.
-    """
+    """Grow two trees towards each other within path constraints; roots (k, nv) and (m, nv), the rest as for `grow`."""
     among, sources, trees = world_of(pointers(world)), sampling_of(pointers(sampling)), search_of(pointers(search))
     nv = trees.nv
     if not starts.shape[1] == goals.shape[1] == among.nv == frames.chain.lower.shape[0] == nv:
@@ -234,10 +194,10 @@ def grow_within(
         begin(trees, starts, goals)
         forget(among)
         for goal in range(trees.counters[PLANTED + 1]):
-            if outcome != MET and _met(walk, 1, goal):
+            if outcome != MET and _walk_other(walk, 1, goal):
                 outcome = MET
     if outcome != MET:
-        outcome = _grown(walk, iterations)
+        outcome = _grow(walk, iterations)
     if outcome == MET:
         join(sources, trees, starts, goals)
     return outcome

@@ -12,14 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types
 
-from guidefield.kernels.jit.fields import Indices, Row, Singles, numba_type
-from guidefield.kernels.jit.signatures import (
-    FLOAT_POINTER,
-    Floats,
-    Floats32,
-    lane_part,
-    lane_step,
-)
+from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats, Floats32, Indices, Row, Singles, numba_type
+from guidefield.kernels.jit.decorators import lane_part, lane_step
 from guidefield.kernels.simd.packing import pointed, pointers, unpacked
 from guidefield.kernels.simd.rotations import cosine_and_sine
 from guidefield.kernels.simd.vector import (
@@ -37,78 +31,53 @@ from guidefield.kernels.simd.vector import (
     store,
 )
 
-_AHEAD = np.arange(1, LANES + 1, dtype=np.float32)
-"""Of sixteen samples, the how manieth each is."""
-
-NEAR = 0.75
-"""The share of samples that are drawn near a way; the others fill the box."""
-
-WHOLE = 0.9999
-"""From so much of a turn on a coordinate's limits are a whole turn."""
+_AHEAD = np.arange(1, LANES + 1, dtype=np.float32)  # of sixteen samples, the how manieth each is
+NEAR = 0.75  # the share of samples that are drawn near a way; the others fill the box
+WHOLE = 0.9999  # from so much of a turn on a coordinate's limits are a whole turn
 
 
 class Way(NamedTuple):
-    """The straight way between two chart points that most samples are near.
+    """The straight way between two chart points that most samples are near."""
 
-    Attributes:
-        nodes: Chart points, coordinate by coordinate.
-        start, goal: Where the first coordinates of the two points are in these.
-        stride: How far on each next coordinate is.
-        reach: In each coordinate samples are at most so far from a point of the way [rad or m].
-    """
-
-    nodes: Floats32
+    nodes: Floats32  # chart points, coordinate by coordinate
+    # start, goal: Where the first coordinates of the two points are in these
     start: int
     goal: int
-    stride: int
-    reach: float
+    stride: int  # how far on each next coordinate is
+    reach: float  # in each coordinate samples are at most so far from a point of the way [rad or m]
 
 
 class Sampling(NamedTuple):
-    """Sources of samples.
+    """Sources of samples."""
 
-    Attributes:
-        steps: (nv + 1,) by which each coordinate's place in the box goes on from sample to sample, modulo 1; by the
-            last of these places it is chosen which samples are near the way, and how far along.
-        lower, width: (nv,) the box that samples fill.
-        period: (nv,) 2 pi for coordinates that wrap, else 0; float32.
-        frequency: (nv,) 1 / (2 pi) for those, else 0; float32.
-        units: (nv,) what counts as one radian, a power of two, so that nothing is rounded; 1 for angles; float32. All
-            else here, and nodes and samples of a search, are chart points divided by them.
-        n_rotations: How many joints turn about a point.
-        rotations: (n_rotations,) where their rotation vectors begin: these are of rotations drawn evenly.
-    """
-
+    # (nv + 1,) by which each coordinate's place in the box goes on from sample to sample, modulo 1; by the last of
+    # these places it is chosen which samples are near the way, and how far along
     steps: Row
+    # lower, width: (nv,) the box that samples fill
     lower: Row
     width: Row
-    period: Singles
-    frequency: Singles
+    period: Singles  # (nv,) 2 pi for coordinates that wrap, else 0; float32
+    frequency: Singles  # (nv,) 1 / (2 pi) for those, else 0; float32
+    # (nv,) what counts as one radian, a power of two, so that nothing is rounded; 1 for angles; float32. All else here,
+    # and nodes and samples of a search, are chart points divided by them.
     units: Singles
-    n_rotations: int
-    rotations: Indices
+    n_rotations: int  # how many joints turn about a point
+    rotations: Indices  # (n_rotations,) where their rotation vectors begin: these are of rotations drawn evenly
 
 
 _SAMPLING = numba_type(Sampling)
 SAMPLING = pointed(_SAMPLING)
 
-sampling_of = unpacked(_SAMPLING)
-"""Makes a sampling of its words."""
+sampling_of = unpacked(_SAMPLING)  # makes a sampling of its words
 
 
 @lane_step(types.void(f32x16, f32x16, f32x16, FLOAT_POINTER, int64))
 def turn_evenly(first: Vector, second: Vector, third: Vector, samples_out: Floats32, at: int) -> None:
-    """The rotation vectors, at most pi long, of the rotations at sixteen places in the unit cube (Shoemake 1992).
+    """Write rotation vectors, at most pi long, of rotations at sixteen places in the unit cube (Shoemake 1992) [rad].
 
-    Places that fill the cube evenly are rotations that fill all of them evenly. With w the cosine of half of the angle,
-    vector and sine are as arccos w / root(1 - w^2), here a polynomial that is off by 6e-5.
-
-    Args:
-        first: Shares of the cube's first side.
-        second: Of its second.
-        third: Of its third.
-        samples_out: Gets the vectors from an index on, coordinate by coordinate, shape (n,) [rad].
-        at: That index.
+    Places that fill the cube evenly are rotations that fill all of them evenly; (n,) gets them from an index on,
+    coordinate by coordinate. With w the cosine of half of the angle, vector and sine are as arccos w / root(1 - w^2),
+    here a polynomial that is off by 6e-5.
     """
     inner, outer = root(splat(1.0) - first), root(first)
     c, s = cosine_and_sine(second * (2.0 * math.pi))
@@ -132,17 +101,12 @@ def _shares(sampling: Sampling, places: Floats, j: int) -> Vector:
 
 @lane_part
 def next_samples(sampling: Sampling, nv: int, places: Floats, way: Way, samples_out: Floats32) -> None:
-    """The next sixteen points of the sequence; `pass_samples` goes on by those that are used.
+    """Write the next sixteen points of the sequence (nv * 16,).
 
-    Each fills a box of its own: all of the limits, or the part within reach of a point of the way. A coordinate that
-    turns without end has no limits but a turn's length, and goes the short way. Rotations are drawn evenly.
-
-    Args:
-        sampling: The limits.
-        nv: Coordinates of a point.
-        places: (nv + 1,) where in its box the last one was, as shares of its sides, and which box that was.
-        way: What most of them are near.
-        samples_out: (nv * 16,) the points, coordinate by coordinate [rad or m].
+    `pass_samples` goes on by those that are used [rad or m]. Each fills a box of its own: all of the limits, or the
+    part within reach of a point of `way`. A coordinate that turns without end has no limits but a turn's length, and
+    goes the short way. Rotations are drawn evenly. `places` (nv + 1,) is where in its box the last one was, as shares
+    of its sides, and which box that was.
     """
     along = _shares(sampling, places, nv)
     reach = select(along < NEAR, splat(way.reach), np.inf)

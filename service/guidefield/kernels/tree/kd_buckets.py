@@ -12,14 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types, void
 
-from guidefield.kernels.jit.fields import IndicesOut, SinglesOut, numba_type
-from guidefield.kernels.jit.signatures import (
-    FLOAT_POINTER,
-    Floats32,
-    Integers,
-    lane_part,
-    lane_step,
-)
+from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32, IndicesOut, Integers, SinglesOut, numba_type
+from guidefield.kernels.jit.decorators import lane_part, lane_step
 from guidefield.kernels.simd.packing import pointed
 from guidefield.kernels.simd.vector import (
     LANES,
@@ -37,8 +31,7 @@ from guidefield.kernels.simd.vector import (
 )
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
 
-BUCKET = 2 * LANES
-"""Nodes of a bucket that is full."""
+BUCKET = 2 * LANES  # nodes of a bucket that is full
 
 KNOWN, COUNT, ENTRIES, STATE = 0, 1, 2, 3
 """Places in a tree's state: nodes in buckets, buckets, entries of the tree of splits; and how many places."""
@@ -46,36 +39,25 @@ KNOWN, COUNT, ENTRIES, STATE = 0, 1, 2, 3
 _SPLIT, _LOWER, _UPPER, _ENTRY = 0, 1, 2, 3
 """Places in an entry: the coordinate that is split, or -1 of a bucket; what is below, or the bucket; what is above."""
 
-_CERTAIN = 0.9999
-"""A box is passed by if even this share of its distance squared in float32 is too far."""
+_CERTAIN = 0.9999  # a box is passed by if even this share of its distance squared in float32 is too far
 
 
 class Buckets(NamedTuple):
-    """Of two trees the nodes that are in buckets; each array holds both trees, one after the other.
+    """Of two trees the nodes that are in buckets; each array holds both trees, one after the other."""
 
-    Attributes:
-        n: Buckets that each tree has room for, a multiple of 16.
-        inside: (2 * n * nv * BUCKET,) chart points, bucket by bucket, coordinate by coordinate; one that isn't full
-            repeats its first.
-        members: (2 * n * BUCKET,) their nodes.
-        filled: (2 * n,) how many a bucket has.
-        middles, halves: (2 * nv * n,) the boxes about them, coordinate by coordinate.
-        splits: (2 * 2 * n * 3,) entries of the trees of splits, the first is the root.
-        cuts: (2 * 2 * n,) at which value an entry splits.
-        state: (2 * STATE,).
-        point: (nv,) memory.
-    """
-
-    n: int
+    n: int  # buckets that each tree has room for, a multiple of 16
+    # (2 * n * nv * BUCKET,) chart points, bucket by bucket, coordinate by coordinate; one that isn't full repeats its
+    # first
     inside: SinglesOut
-    members: IndicesOut
-    filled: IndicesOut
+    members: IndicesOut  # (2 * n * BUCKET,) their nodes
+    filled: IndicesOut  # (2 * n,) how many a bucket has
+    # middles, halves: (2 * nv * n,) the boxes about them, coordinate by coordinate
     middles: SinglesOut
     halves: SinglesOut
-    splits: IndicesOut
-    cuts: SinglesOut
-    state: IndicesOut
-    point: SinglesOut
+    splits: IndicesOut  # (2 * 2 * n * 3,) entries of the trees of splits, the first is the root
+    cuts: SinglesOut  # (2 * 2 * n,) at which value an entry splits
+    state: IndicesOut  # (2 * STATE,)
+    point: SinglesOut  # (nv,) memory
 
 
 BUCKETS_TYPE = numba_type(Buckets)
@@ -181,17 +163,7 @@ def _entry_of(buckets: Buckets, tree: int, point: Floats32) -> int:
 def put_in_bucket(
     buckets: Buckets, nv: int, tree: int, node: int, nodes: Floats32, stride: int, sampling: Sampling
 ) -> None:
-    """Put a node of a tree in its bucket.
-
-    Args:
-        buckets: The buckets; changed.
-        nv: Coordinates of a chart point.
-        tree: Which tree.
-        node: Which of its nodes.
-        nodes: The trees' chart points, coordinate by coordinate, shape (2 * nv * stride,).
-        stride: From coordinate to coordinate.
-        sampling: Which of them wrap.
-    """
+    """Put a node of a tree in its bucket; `nodes` (2 * nv * stride,) are the trees' chart points by coordinate."""
     point, splits, state = buckets.point, buckets.splits, tree * STATE
     for j in range(nv):
         value = nodes[(tree * nv + j) * stride + node]
@@ -245,9 +217,9 @@ def _nearest_in(
 def nearest_in_buckets(
     buckets: Buckets, nv: int, tree: int, target: Floats32, sampling: Sampling, winner: int, best: float
 ) -> tuple[int, float]:
-    """The node in buckets that is nearest to a target, shape (nv,), and its distance squared.
+    """Return the node in buckets nearest to a target (nv,), and its distance squared, if below `best`.
 
-    `winner` and `best` are what was found elsewhere: they stay if no node is nearer.
+    Else those given.
     """
     point, n = buckets.point, buckets.n
     for j in range(nv):

@@ -8,23 +8,28 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types, void
 
-from guidefield.kernels.jit.fields import IndicesOut, RowOut, SinglesOut, numba_type
-from guidefield.kernels.jit.signatures import (
-    FLOAT_POINTER,
-    Floats32,
-    lane_part,
-    lane_step,
+from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32, IndicesOut, RowOut, SinglesOut, numba_type
+from guidefield.kernels.jit.decorators import lane_part, lane_step
+from guidefield.kernels.simd.packing import pointed, pointers, unpacked
+from guidefield.kernels.simd.vector import (
+    ALL_LANES,
+    LANES,
+    below,
+    first_lane,
+    lane,
+    load,
+    root,
+    select,
+    smallest_lane,
+    smallest_of,
+    splat,
+    store,
 )
-from guidefield.kernels.simd.packing import pointed, unpacked
-from guidefield.kernels.simd.vector import LANES, lane, load, root, splat, store
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
-from guidefield.kernels.tree.kd_buckets import STATE, Buckets, short_way
+from guidefield.kernels.tree.kd_buckets import KNOWN, STATE, Buckets, nearest_in_buckets, put_in_bucket, short_way
 
-RANGE = 1.0
-"""Longest extension of a tree, by the metric [rad]."""
-
-LATE = 1024
-"""So many nodes of a tree are looked at one by one before they go into buckets, which pay for more."""
+RANGE = 1.0  # longest extension of a tree, by the metric [rad]
+LATE = 1024  # so many nodes of a tree are looked at one by one before they go into buckets, which pay for more
 
 SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROWS, REFUSED, TRIED, PLANTED = 0, 2, 3, 4, 6, 7, 8, 9, 11
 """Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions,
@@ -34,68 +39,48 @@ COUNTERS = 13
 
 
 class TreeSearch(NamedTuple):
-    """Two trees and what belongs to their search; each array holds both trees, one after the other.
+    """Two trees and what belongs to their search; each array holds both trees, one after the other."""
 
-    Attributes:
-        nv: Coordinates of a chart point.
-        capacity: Nodes that each tree has room for.
-        nodes: (2 * nv * capacity,) chart points in units of `Sampling`, coordinate by coordinate: samples too, and all
-            else but what is called a chart point. Distances between these are distances by the group's metric.
-        parents: (2 * capacity,) -1 for roots.
-        domains: (2 * capacity,) radius of each node's domain; infinite until an extension fails.
-        failed: (2 * capacity,) how many of each node's extensions were not free.
-        places: (nv + 1,) where in its box the last sample was, as shares of its sides, and which box that was.
-        counters: (COUNTERS,).
-        sample, target, origin, reached: (nv,) memory.
-        first, last: (nv,) chart points: the ends of the motion that is judged.
-        samples: (nv * 16,) samples, coordinate by coordinate.
-        squares: (16,) how far each is from the node nearest to it, squared.
-        nearest: (16,) those nodes.
-        grown_trees, grown_nodes: (16,) of a batch of extensions the trees and the nodes that they are of.
-        longest: (16,) how long they may be; then which share of the ways to their samples they are.
-        origins, ends: (nv * 16,) where they begin and end, coordinate by coordinate.
-        judged: (nv * 16,) chart points: where they end.
-        hits: (3 * SIEVE,) what the sieve of a batch tries first.
-        path: (2 * nv * capacity,) the path once the trees have met, chart point by chart point.
-        buckets: Where the older nodes of large trees are.
-    """
-
-    nv: int
-    capacity: int
+    nv: int  # coordinates of a chart point
+    capacity: int  # nodes that each tree has room for
+    # (2 * nv * capacity,) chart points in units of `Sampling`, coordinate by coordinate: samples too, and all else but
+    # what is called a chart point. Distances between these are distances by the group's metric.
     nodes: SinglesOut
-    parents: IndicesOut
-    domains: SinglesOut
-    failed: IndicesOut
-    places: RowOut
-    counters: IndicesOut
+    parents: IndicesOut  # (2 * capacity,) -1 for roots
+    domains: SinglesOut  # (2 * capacity,) radius of each node's domain; infinite until an extension fails
+    failed: IndicesOut  # (2 * capacity,) how many of each node's extensions were not free
+    places: RowOut  # (nv + 1,) where in its box the last sample was, as shares of its sides, and which box that was
+    counters: IndicesOut  # (COUNTERS,)
+    # sample, target, origin, reached: (nv,) memory
     sample: SinglesOut
     target: SinglesOut
     origin: SinglesOut
     reached: SinglesOut
+    # first, last: (nv,) chart points: the ends of the motion that is judged
     first: SinglesOut
     last: SinglesOut
-    samples: SinglesOut
-    squares: SinglesOut
-    nearest: SinglesOut
+    samples: SinglesOut  # (nv * 16,) samples, coordinate by coordinate
+    squares: SinglesOut  # (16,) how far each is from the node nearest to it, squared
+    nearest: SinglesOut  # (16,) those nodes
+    # grown_trees, grown_nodes: (16,) of a batch of extensions the trees and the nodes that they are of
     grown_trees: IndicesOut
     grown_nodes: IndicesOut
-    longest: SinglesOut
+    longest: SinglesOut  # (16,) how long they may be; then which share of the ways to their samples they are
+    # origins, ends: (nv * 16,) where they begin and end, coordinate by coordinate
     origins: SinglesOut
     ends: SinglesOut
-    judged: SinglesOut
-    hits: IndicesOut
-    path: RowOut
-    buckets: Buckets
+    judged: SinglesOut  # (nv * 16,) chart points: where they end
+    hits: IndicesOut  # (3 * SIEVE,) what the sieve of a batch tries first
+    path: RowOut  # (2 * nv * capacity,) the path once the trees have met, chart point by chart point
+    buckets: Buckets  # where the older nodes of large trees are
 
 
 _SEARCH = numba_type(TreeSearch)
 SEARCH = pointed(_SEARCH)
 
-search_of = unpacked(_SEARCH)
-"""Makes a search of its words."""
+search_of = unpacked(_SEARCH)  # makes a search of its words
 
-ROOTS = types.Array(types.float64, 2, "A", readonly=True)
-"""Roots of a tree, shape (n, nv), in any order in memory."""
+ROOTS = types.Array(types.float64, 2, "A", readonly=True)  # roots of a tree, shape (n, nv), in any order in memory
 
 
 @lane_part
@@ -191,13 +176,7 @@ def join(sampling: Sampling, search: TreeSearch, starts: np.ndarray, goals: np.n
 
     The trees met where a step of the one towards the other's last point would end. Whole turns are added to the second
     branch, so that no coordinate that wraps goes more than half a turn from point to point. Nodes are float32, so the
-    ends are the roots as they were given.
-
-    Args:
-        sampling: Which coordinates wrap.
-        search: The trees; gets the path, and how many rows it has.
-        starts: Roots of the first tree, shape (k, nv).
-        goals: Roots of the second, shape (m, nv).
+    ends are the roots (k, nv) and (m, nv) as they were given.
     """
     nv, capacity, counters, parents = search.nv, search.capacity, search.counters, search.parents
     nodes, path, row, node = search.nodes, search.path, 0, counters[MEETING]
@@ -221,3 +200,104 @@ def join(sampling: Sampling, search: TreeSearch, starts: np.ndarray, goals: np.n
             path[row * nv + j] = _turned_near(place, path[(row - 1) * nv + j], sampling.period[j])
         row, node = row + 1, above
     counters[ROWS] = row
+
+
+_PLACES = np.arange(LANES, dtype=np.float32)
+
+
+@lane_step(int64(SEARCH, int64, SAMPLING))
+def _put_in_buckets(search: TreeSearch, tree: int, sampling: Sampling) -> int:
+    """Put the nodes of a tree in buckets that are not yet; how many there are."""
+    size = search.counters[SIZE + tree]
+    for node in range(search.buckets.state[tree * STATE + KNOWN], size):
+        put_in_bucket(search.buckets, search.nv, tree, node, search.nodes, search.capacity, sampling)
+    search.buckets.state[tree * STATE + KNOWN] = size
+    return int(size)
+
+
+@lane_part
+def _look_up(search: TreeSearch, tree: int, sampling: Sampling) -> int:
+    """Return how many nodes of a tree are in buckets; fewer than `LATE` are left."""
+    known = search.buckets.state[tree * STATE + KNOWN]
+    if search.counters[SIZE + tree] - known >= LATE:
+        known = _put_in_buckets(search, tree, sampling)
+    return int(known)
+
+
+@lane_step(int64(SEARCH, int64, FLOAT_POINTER, SAMPLING))
+def nearest(search: TreeSearch, tree: int, target: Floats32, sampling: Sampling) -> int:
+    """The node nearest to a target, shape (nv,); angles that wrap go the short way.
+
+    The nodes that came last are looked at sixteen at a time, each lane keeping its nearest; the others are in buckets.
+    """
+    nodes, capacity, nv, period, frequency = (
+        search.nodes,
+        search.capacity,
+        search.nv,
+        sampling.period,
+        sampling.frequency,
+    )
+    start, size, known = tree * nv * capacity, search.counters[SIZE + tree], _look_up(search, tree, sampling)
+    least, which = splat(np.inf), splat(0.0)
+    for i in range(known, size, LANES):
+        total = splat(0.0)
+        for j in range(nv):
+            apart = short_way(load(nodes, start + j * capacity + i) - target[j], period[j], frequency[j])
+            total = total + apart * apart
+        if size - i < LANES:
+            total = select(load(pointers(_PLACES), 0) < size - i - 0.5, total, np.inf)
+        which = select(total < least, splat(np.float32(i)), which)
+        least = smallest_of(total, least)
+    best = smallest_lane(least)
+    k = first_lane(ALL_LANES & ~below(splat(best), least))
+    winner = int(lane(which, k)) + k
+    if known:
+        winner, _ = nearest_in_buckets(search.buckets, nv, tree, target, sampling, winner, best)
+    return int(winner)
+
+
+@lane_step(void(SEARCH, int64, SAMPLING, int64))
+def _nearer_in_buckets(search: TreeSearch, tree: int, sampling: Sampling, k: int) -> None:
+    """Write of one of the sixteen samples the nearest node if that is in a bucket."""
+    sample = search.sample
+    for j in range(search.nv):
+        sample[j] = search.samples[j * LANES + k]
+    winner, square = int(search.nearest[k]), search.squares[k]
+    winner, square = nearest_in_buckets(search.buckets, search.nv, tree, sample, sampling, winner, square)
+    search.squares[k], search.nearest[k] = square, winner
+
+
+@lane_part
+def nearest_to_each(search: TreeSearch, tree: int, sampling: Sampling) -> None:
+    """Write of each of the sixteen samples the node nearest to it and how far it is from it, squared.
+
+    The samples are in lanes, four nodes at a time go by; none is looked at beyond the last, but that one again.
+    """
+    nodes, samples, capacity, nv = search.nodes, search.samples, search.capacity, search.nv
+    start, last, known = tree * nv * capacity, search.counters[SIZE + tree] - 1, _look_up(search, tree, sampling)
+    least, which = splat(np.inf), splat(0.0)
+    for a in range(known, last + 1, 4):
+        b, c, d = min(a + 1, last), min(a + 2, last), min(a + 3, last)
+        s, t, u, v = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
+        for j in range(nv):
+            period, frequency = sampling.period[j], sampling.frequency[j]
+            sample, row = load(samples, j * LANES), start + j * capacity
+            x, y = sample - nodes[row + a], sample - nodes[row + b]
+            z, w = sample - nodes[row + c], sample - nodes[row + d]
+            if period != 0.0:
+                x, y = short_way(x, period, frequency), short_way(y, period, frequency)
+                z, w = short_way(z, period, frequency), short_way(w, period, frequency)
+            s, t, u, v = s + x * x, t + y * y, u + z * z, v + w * w
+        which = select(s < least, splat(np.float32(a)), which)
+        least = smallest_of(s, least)
+        which = select(t < least, splat(np.float32(b)), which)
+        least = smallest_of(t, least)
+        which = select(u < least, splat(np.float32(c)), which)
+        least = smallest_of(u, least)
+        which = select(v < least, splat(np.float32(d)), which)
+        least = smallest_of(v, least)
+    store(search.squares, 0, least)
+    store(search.nearest, 0, which)
+    if known:
+        for k in range(LANES):
+            _nearer_in_buckets(search, tree, sampling, k)

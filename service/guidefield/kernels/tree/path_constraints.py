@@ -10,10 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, int64
 
-from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import SCALAR, VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
+from guidefield.kernels.jit.arrays import Floats, Indices, Row, RowOut, Rows, Vector3, numba_type
+from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.kinematics.tip_chain import COLUMN, LANES, TipChain, tip_pose
 from guidefield.kernels.linalg.small_systems import cross, dot, invert
 from guidefield.kernels.simd.vector import store
@@ -31,47 +30,30 @@ there are."""
 _RIDGE = 1e-12
 """Added to the diagonal of the system of a step [1, for numbers in rad and m]: constraints may depend on each other."""
 
-_REACHED = 1e-6
-"""A number that is beyond what is aimed at by less than this share of it has got there."""
+_REACHED = 1e-6  # a number that is beyond what is aimed at by less than this share of it has got there
 
 
 class KeptFrames(NamedTuple):
-    """Path constraints, k of them, on a group of nv coordinates.
+    """Path constraints, k of them, on a group of nv coordinates."""
 
-    Attributes:
-        kinds: CONE, NEAR or EVEN_TURN, shape (k,).
-        vectors: Shape (k, VECTORS).
-        limits: Shape (k,) [rad or m].
-        begins: Where the parts of each one's chain begin in `chain`, shape (k + 1,).
-        firsts: What is fixed before the first part of each, shape (k, 12) [m].
-        sames: The first constraint about the same frame as each, shape (k,).
-        chain: The parts of all chains, one chain after the other; its own first placement says nothing.
-    """
-
-    kinds: Indices
-    vectors: Rows
-    limits: Row
-    begins: Indices
-    firsts: Rows
-    sames: Indices
-    chain: TipChain
+    kinds: Indices  # CONE, NEAR or EVEN_TURN, shape (k,)
+    vectors: Rows  # shape (k, VECTORS)
+    limits: Row  # shape (k,) [rad or m]
+    begins: Indices  # where the parts of each one's chain begin in `chain`, shape (k + 1,)
+    firsts: Rows  # what is fixed before the first part of each, shape (k, 12) [m]
+    sames: Indices  # the first constraint about the same frame as each, shape (k,)
+    chain: TipChain  # the parts of all chains, one chain after the other; its own first placement says nothing
 
 
 FRAMES = numba_type(KeptFrames)
 
 
 class Measured(NamedTuple):
-    """Memory in which constraints are measured.
+    """Memory in which constraints are measured."""
 
-    Attributes:
-        zs: (nv * LANES,) chart points in lanes.
-        columns: What `tip_pose` writes, for the parts of all chains.
-        poses: (k, 12 * LANES) the frames' placements in lanes, in the row of the first constraint about each.
-    """
-
-    zs: Floats
-    columns: Floats
-    poses: Floats
+    zs: Floats  # (nv * LANES,) chart points in lanes
+    columns: Floats  # what `tip_pose` writes, for the parts of all chains
+    poses: Floats  # (k, 12 * LANES) the frames' placements in lanes, in the row of the first constraint about each
 
 
 @inlined
@@ -106,8 +88,8 @@ def _origin(pose: Floats, lane: int) -> Vector3:
 def _even_turn(vectors: Floats, pose: Floats, lane: int) -> tuple[float, Vector3, Vector3]:
     """By how much a frame is turned away from an even turn, and its derivatives, as in `_number`.
 
-    The rotation away is E = R B^T W^T, with B the rotation at first and W that of the turn so far; W^T is its
-    cosine's, sine's and axis' (Rodrigues).
+    The rotation away is E = R B^T W^T, with B the rotation at first and W that of the turn so far; W^T is its cosine's,
+    sine's and axis' (Rodrigues).
     """
     point, along, whole = _triple(vectors, POINT), _triple(vectors, SHARE), _triple(vectors, TURN)
     origin = _origin(pose, lane)
@@ -228,8 +210,8 @@ def write_row(frames: KeptFrames, c: int, measured: Measured, lane: int, row_out
         row_out[chain.drivers[k]] += chain.scales[k, 0] * (dot(moves, slide) + dot(turns, turn))
 
 
-@compiled(SCALAR(FRAMES, VECTOR))
-def largest_share(frames: KeptFrames, z: Floats) -> float:
+@kernel
+def largest_share(frames: KeptFrames, z: Row) -> float:
     """The largest share of its limit that a constraint's number is, at a chart point, shape (nv,)."""
     measured, largest = room_to_measure(frames), 0.0
     place_one(frames, z, measured)
@@ -238,18 +220,12 @@ def largest_share(frames: KeptFrames, z: Floats) -> float:
     return largest
 
 
-@compiled(boolean(FRAMES, SCALAR, int64, VECTOR_OUT))
-def bring_back(frames: KeptFrames, room: float, most: int, z: Floats) -> bool:
-    """Move a chart point onto path constraints by Newton's steps of least length on the numbers that are too large.
+@kernel
+def bring_back(frames: KeptFrames, room: float, most: int, z: RowOut) -> bool:
+    """Move a chart point (nv,) onto path constraints by Newton's steps of least length on numbers that are too large.
 
-    Args:
-        frames: The constraints.
-        room: The share of each limit that is aimed at.
-        most: Steps at most.
-        z: The point, shape (nv,); changed, and within limits after a step.
-
-    Returns:
-        Whether it got there.
+    `room` is the share of each limit that is aimed at; at most `most` steps, each within limits. Tells whether it got
+    there.
     """
     measured, k, nv = room_to_measure(frames), frames.kinds.shape[0], z.shape[0]
     gram, excess, weights = np.empty((k, k)), np.empty(k), np.empty(k)

@@ -1,10 +1,9 @@
-"""RRT-Connect (Kuffner and LaValle 2000) on lanes: two trees, an even sequence, the dynamic domain of Yershova (2005).
+"""RRT-Connect (Kuffner and LaValle 2000) in SIMD batches: two trees, an even sequence of samples, dynamic domains.
 
-Of many extensions nearly all fail where a tree has to find out of somewhere narrow. So after a while sixteen are
-chosen at a time, and where they would end is judged at once by what is quick to see; the others are judged as ever.
-
-The kernel runs a bounded number of iterations and can be called again to go on, so a deadline or a cancellation is
-kept without a clock in the kernel, and the same seed gives the same path whatever the load.
+Dynamic domains are those of Yershova (2005). Of many extensions nearly all fail where a tree has to find out of
+somewhere narrow: after a while sixteen are chosen at a time, and their ends are judged at once by what is quick to see.
+The kernel runs a bounded number of iterations and can be called again to go on, so a deadline or a cancellation is kept
+without a clock in the kernel, and the same seed gives the same path whatever the load.
 """
 
 from __future__ import annotations
@@ -14,13 +13,16 @@ import math
 import numpy as np
 from numba import boolean, int64, types
 
-from guidefield.kernels.collide.layout import WORLD, LaneWorld, world_of
-from guidefield.kernels.collide.motion_validation import forget, motion_free
-from guidefield.kernels.jit.signatures import INDICES, lane_kernel, lane_part, lane_step
-from guidefield.kernels.simd.packing import Words, pointers
-from guidefield.kernels.simd.vector import LANES, first_lane, lane, load, store
+from guidefield.kernels.collide.batch_collision import forget, motion_free
+from guidefield.kernels.collide.broadphase import boxes_near, carrier_centre, near_obstacle, place_carriers
+from guidefield.kernels.collide.layout import BALL, BAND, BODY, HIT, OBSTACLE, WORLD, LaneWorld, world_of
+from guidefield.kernels.collide.parts import ball_centre, ball_radius
+from guidefield.kernels.jit.arrays import FLOAT_POINTER, INTEGER_POINTER, AnyRows, Floats32, Indices, Integers
+from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
+from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements
+from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.simd.vector import ALL_LANES, LANES, first_lane, lane, load, store
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling, Way, next_samples, pass_samples, sampling_of
-from guidefield.kernels.tree.nearest import nearest, nearest_to_each
 from guidefield.kernels.tree.nodes import (
     ACTIVE,
     COUNTERS,
@@ -30,7 +32,6 @@ from guidefield.kernels.tree.nodes import (
     PLANTED,
     RANGE,
     REFUSED,
-    ROOTS,
     SEARCH,
     SIZE,
     TRIED,
@@ -38,12 +39,102 @@ from guidefield.kernels.tree.nodes import (
     add_reached,
     aim_at,
     join,
+    nearest,
+    nearest_to_each,
     plant,
     search_of,
     step_each,
     step_towards,
 )
-from guidefield.kernels.tree.sphere_rejection import SIEVE, certain_hits
+
+SIEVE = 32  # number of inner balls that met an obstacle and are tried before any other
+FEW = 4  # if they leave at most this many configurations open, all else costs more than it tells
+
+
+@lane_step(int64(WORLD, types.float64, INTEGER_POINTER))
+def _hit_again(world: LaneWorld, clearance: float, hits: Integers) -> int:
+    """The lanes where one of the balls that met an obstacle lately does so again; such a ball moves on by a place."""
+    bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
+    poses, inner, mask = scratch.poses, bodies.inner, 0
+    for k in range(SIEVE):
+        body, o, ball = hits[HIT * k + BODY], hits[HIT * k + OBSTACLE], hits[HIT * k + BALL]
+        if body < 0:
+            break
+        x, y, z = ball_centre(poses, bodies.joints[body], inner, ball)
+        reach, left = ball_radius(inner, ball) + clearance - BAND, ALL_LANES & ~mask
+        new = left & near_obstacle(obstacles, o, x, y, z, reach, left)
+        if new == 0:
+            continue
+        mask |= new
+        if mask == ALL_LANES:
+            break
+        if k > 0:
+            for i in range(HIT * k, HIT * k + HIT):
+                hits[i - HIT], hits[i] = hits[i], hits[i - HIT]
+    return int(mask)
+
+
+@lane_step(int64(WORLD, int64, int64, int64, types.float64, INTEGER_POINTER))
+def _hits_of(world: LaneWorld, body: int, o: int, near: int, clearance: float, hits: Integers) -> int:
+    """The lanes of some where a ball inside a body meets an obstacle; such balls are remembered."""
+    bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
+    mask = 0
+    for ball in range(bodies.inners[body], bodies.inners[body + 1]):
+        x, y, z = ball_centre(scratch.poses, bodies.joints[body], bodies.inner, ball)
+        left = near & ~mask
+        new = left & near_obstacle(obstacles, o, x, y, z, ball_radius(bodies.inner, ball) + clearance - BAND, left)
+        if new:
+            mask |= new
+            for i in range(HIT * SIEVE - 1, HIT - 1, -1):
+                hits[i] = hits[i - HIT]
+            hits[BODY], hits[OBSTACLE], hits[BALL] = body, o, ball
+    return int(mask)
+
+
+@lane_part
+def _few(lanes: int) -> bool:
+    """Tell if a mask has at most `FEW` lanes."""
+    for _ in range(FEW):
+        lanes &= lanes - 1
+    return bool(lanes == 0)
+
+
+@lane_step(int64(WORLD, types.float64, FLOAT_POINTER, INTEGER_POINTER))
+def certain_hits(world: LaneWorld, clearance: float, coordinates: Floats32, hits: Integers) -> int:
+    """Return the lanes where a ball inside a body meets an obstacle; some where one does may be missing.
+
+    `coordinates` (nv * 16) are sixteen values of each chart coordinate, `clearance` is kept from obstacles [m], >= 0;
+    `hits` (HIT * SIEVE,) are balls that met an obstacle lately: body, obstacle, ball; -1 where there is none; changed.
+    """
+    joints, bodies, obstacles, scratch = world.joints, world.bodies, world.obstacles, world.scratch
+    lane_placements(joints, coordinates, scratch.poses)
+    mask = _hit_again(world, clearance, hits)
+    if _few(ALL_LANES & ~mask):
+        return mask
+    place_carriers(bodies, scratch)
+    poses, centres, members, n = scratch.poses, scratch.centres, bodies.members, obstacles.size
+    for c in range(bodies.moving):
+        x, y, z = carrier_centre(centres, c)
+        reach, several = ball_radius(bodies.around, c) + clearance, members[c + 1] - members[c] > 1
+        for block in range((n + LANES - 1) // LANES):
+            candidates = boxes_near(obstacles.boxes, block, x, y, z, reach)
+            while candidates:
+                o = block * LANES + first_lane(candidates)
+                candidates &= candidates - 1
+                about = near_obstacle(obstacles, o, x, y, z, reach, ALL_LANES & ~mask)
+                if obstacles.whole[o] == 0 or about & ~mask == 0:
+                    continue
+                for k in range(members[c], members[c + 1]):
+                    body, near = bodies.order[k], about & ~mask
+                    if near and several:
+                        u, v, w = ball_centre(poses, bodies.joints[body], bodies.bounds, body)
+                        near &= near_obstacle(obstacles, o, u, v, w, ball_radius(bodies.bounds, body) + clearance, near)
+                    if near and not obstacles.may_touch[body * n + o]:
+                        mask |= _hits_of(world, body, o, near, clearance, hits)
+                if mask == ALL_LANES:
+                    return mask
+    return int(mask)
+
 
 DOMAIN = 1.1
 """A node whose extension failed is only extended towards samples within so much of it [rad or m], times sqrt(nv): so
@@ -60,8 +151,7 @@ fails."""
 PATIENCE = 16
 """After so many samples in a row outside of the domains one is extended to all the same: else a search may dry up."""
 
-BALANCE = 1.0
-"""A tree that is so many times smaller than the other grows again; else they take turns."""
+BALANCE = 1.0  # a tree that is so many times smaller than the other grows again; else they take turns
 
 STUBBORN, SHORTEST = 2000, 4
 """After every so many extensions of a node that failed the next ones are half as long, up to so many times: what holds
@@ -70,8 +160,7 @@ nearly everything of a length back lets something shorter pass. Sooner, or more 
 ALONE = 64
 """So many motions are judged one by one before sixteen extensions are chosen at a time: easy searches end before."""
 
-MET, FULL, GOING_ON = range(3)
-"""Ends of a call: the trees met; a tree is full; its iterations were done."""
+MET, FULL, GOING_ON = range(3)  # ends of a call: the trees met; a tree is full; its iterations were done
 
 
 @lane_part
@@ -108,7 +197,7 @@ def _connected(
 
 
 @lane_part
-def _taken(search: TreeSearch, tree: int) -> int:
+def _choose_lanes(search: TreeSearch, tree: int) -> int:
     """Mask of the sixteen samples that are extended to: those in the domains of their nodes, and some others."""
     domains, first, taken, refused = search.domains, tree * search.capacity, 0, search.counters[REFUSED]
     for k in range(LANES):
@@ -145,7 +234,7 @@ def choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
             tree = 1 - tree
         next_samples(sampling, nv, search.places, way_of(search, drawn), search.samples)
         nearest_to_each(search, tree, sampling)
-        taken, used = _taken(search, tree), LANES
+        taken, used = _choose_lanes(search, tree), LANES
         while taken:
             k = first_lane(taken)
             taken &= taken - 1
@@ -190,7 +279,7 @@ def begin(search: TreeSearch, starts: np.ndarray, goals: np.ndarray) -> None:
 
 
 @lane_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64, int64))
-def _gone_on(
+def _go_on(
     world: LaneWorld,
     sampling: Sampling,
     search: TreeSearch,
@@ -216,7 +305,7 @@ def _gone_on(
 
 
 @lane_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64))
-def _grown(
+def _grow(
     world: LaneWorld,
     sampling: Sampling,
     search: TreeSearch,
@@ -251,7 +340,7 @@ def _grown(
             if domains[at] != np.inf:
                 domains[at] *= 1.0 + DOMAIN_STEP
             met = add_reached(search, tree, node)
-            met = _gone_on(world, sampling, search, clearance, resolution, slot, met)
+            met = _go_on(world, sampling, search, clearance, resolution, slot, met)
             aim_at(search, tree, met)
             if _connected(world, sampling, search, clearance, resolution, 1 - tree):
                 counters[MEETING + tree] = met
@@ -259,36 +348,26 @@ def _grown(
     return GOING_ON
 
 
-@lane_kernel(int64(INDICES, INDICES, INDICES, ROOTS, ROOTS, types.float64, types.float64, int64, boolean))
+@lane_kernel
 def grow(
-    world: Words,
-    sampling: Words,
-    search: Words,
-    starts: np.ndarray,
-    goals: np.ndarray,
+    world: Indices,
+    sampling: Indices,
+    search: Indices,
+    starts: AnyRows,
+    goals: AnyRows,
     clearance: float,
     resolution: float,
     iterations: int,
     begins: bool,
 ) -> int:
-    """Grow two trees towards each other.
+    """Grow two trees towards each other: MET (the path is written), FULL (give it more room) or GOING_ON.
 
-    Args:
-        world: Robot and obstacles, a packed `LaneWorld`.
-        sampling: Where samples come from, a packed `Sampling`.
-        search: The trees, a packed `TreeSearch`; changed. Its places say where the sequence of samples begins.
-        starts: Roots of the first tree, chart points in units of the sampling, shape (k, nv).
-        goals: Roots of the second, shape (m, nv).
-        clearance: What to keep from obstacles [m].
-        resolution: Samples per length in the chart [1/rad or 1/m].
-        iterations: How many more; a batch that is begun is ended.
-        begins: Whether to leave only the roots of the trees before, and to forget what the world was asked.
+    `world`, `sampling` and `search` are packed; the places of the search say where the sequence of samples begins.
+    `starts` (k, nv) and `goals` (m, nv) are roots, chart points in units of the sampling; `clearance` is kept from
+    obstacles [m], `resolution` is samples per length in the chart [1/rad or 1/m]. A batch that is begun is ended after
+    `iterations`; `begins` leaves only the roots of the trees before, and forgets what the world was asked.
 
-    Returns:
-        MET (the path is written), FULL (give it more room) or GOING_ON.
-
-    Raises:
-        ValueError: if roots, trees and robot aren't of as many coordinates.
+    Raises ValueError if roots, trees and robot aren't of as many coordinates.
     """
     among, sources, trees = world_of(pointers(world)), sampling_of(pointers(sampling)), search_of(pointers(search))
     if starts.shape[1] != trees.nv or goals.shape[1] != trees.nv or among.nv != trees.nv:
@@ -296,7 +375,7 @@ def grow(
     if begins:
         begin(trees, starts, goals)
         forget(among)
-    outcome = _grown(among, sources, trees, clearance, resolution, iterations)
+    outcome = _grow(among, sources, trees, clearance, resolution, iterations)
     if outcome == MET:
         join(sources, trees, starts, goals)
     return outcome

@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import int64, types
+from numba import types
 
+from guidefield.kernels.collide.batch_collision import motion_free
 from guidefield.kernels.collide.layout import LaneWorld, world_of
-from guidefield.kernels.collide.motion_validation import motion_free
-from guidefield.kernels.jit.signatures import INDICES, MATRIX, MATRIX_OUT, lane_kernel, lane_part
-from guidefield.kernels.simd.packing import Words, pointers
+from guidefield.kernels.jit.arrays import Indices, Rows, RowsOut, SingleRows
+from guidefield.kernels.jit.decorators import lane_kernel, lane_part
+from guidefield.kernels.simd.packing import pointers
 
 _PATH = types.Array(types.float32, 2, "C")
 
@@ -40,7 +41,7 @@ def _total(path: np.ndarray, count: int) -> float:
 
 
 @lane_part
-def _moved(path: np.ndarray, first: int, count: int, by: int) -> None:
+def _move(path: np.ndarray, first: int, count: int, by: int) -> None:
     """Move the points from `first` on by some places, towards the end where that is positive."""
     for k in range(count - first):
         i = count - 1 - k if by > 0 else first + k
@@ -68,7 +69,7 @@ def _without_detours(world: LaneWorld, path: np.ndarray, count: int, clearance: 
     while i < count - 2:
         for j in range(count - 1, i + 1, -1):
             if motion_free(world, clearance, pointers(path[i]), pointers(path[j]), resolution):
-                _moved(path, j, count, i + 1 - j)
+                _move(path, j, count, i + 1 - j)
                 count -= j - i - 1
                 break
         i += 1
@@ -79,7 +80,7 @@ def _without_detours(world: LaneWorld, path: np.ndarray, count: int, clearance: 
 def _with_shortcuts(
     world: LaneWorld, path: np.ndarray, count: int, clearance: float, resolution: float, tries: int
 ) -> int:
-    """Take straight ways between places on a path of so many points, where they are free; how many points it has then.
+    """Take straight ways between places on a path, where they are free; how many points it has then.
 
     Each try may need one row more; the last two are for looking ahead.
     """
@@ -92,7 +93,7 @@ def _with_shortcuts(
         end = _place(path, count, max(x, y) * total, high)
         if start < end and motion_free(world, clearance, pointers(path[low]), pointers(path[high]), resolution):
             more = 2 + start - end
-            _moved(path, end + 1, count, more)
+            _move(path, end + 1, count, more)
             count += more
             for j in range(path.shape[1]):
                 path[start + 1, j], path[start + 2, j] = path[low, j], path[high, j]
@@ -100,29 +101,21 @@ def _with_shortcuts(
     return count
 
 
-@lane_kernel(int64(INDICES, MATRIX, types.float64, types.float64, int64, _PATH, MATRIX_OUT))
+@lane_kernel
 def shorten(
-    words: Words,
-    path: np.ndarray,
+    words: Indices,
+    path: Rows,
     clearance: float,
     resolution: float,
     tries: int,
-    rows: np.ndarray,
-    short_out: np.ndarray,
+    rows: SingleRows,
+    short_out: RowsOut,
 ) -> int:
-    """Leave out detours of a path, take straight ways between places on it, and leave out detours again.
+    """Leave out detours of a path (n, nv), take straight ways between places on it, and leave out detours again.
 
-    Args:
-        words: Robot and obstacles, a packed `LaneWorld`.
-        path: Chart points, shape (n, nv) [rad or m].
-        clearance: What to keep from obstacles [m].
-        resolution: Samples per length in the chart [1/rad or 1/m].
-        tries: How many pairs of places.
-        rows: Memory, shape (n + tries + 2, nv), float32.
-        short_out: Gets the path, whose ends are as they were given; shape (n + tries + 2, nv).
-
-    Returns:
-        How many points it has.
+    `words` are a packed `LaneWorld`, `clearance` is kept from obstacles [m], `resolution` is samples per length in the
+    chart [1/rad or 1/m], `tries` the number of pairs of places; scratch of shape (n + tries + 2, nv), float32, and so
+    is `short_out`, whose ends are as they were given. Returns the count of points.
     """
     world, count, nv = world_of(pointers(words)), len(path), path.shape[1]
     for i in range(count):

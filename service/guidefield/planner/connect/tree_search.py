@@ -13,14 +13,14 @@ import numpy as np
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.deadline import Deadline
 from guidefield.kernels.collide.primitives_layout import LINE
-from guidefield.kernels.simd.packing import Words, packed
+from guidefield.kernels.simd.packing import Words, pack
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.kernels.tree import nodes as lane_nodes, rrt_connect as kernel
 from guidefield.kernels.tree.constrained_connect import Strides, grow_within
 from guidefield.kernels.tree.informed_samples import Sampling
 from guidefield.kernels.tree.kd_buckets import buckets_for
 from guidefield.kernels.tree.path_constraints import KeptFrames
-from guidefield.kernels.tree.sphere_rejection import SIEVE
+from guidefield.kernels.tree.rrt_connect import SIEVE
 from guidefield.memo import memoized
 from guidefield.planner.connect.settings import CONSTRAINED, ESCAPE, TREE
 from guidefield.read_only import ReadOnly, read_only
@@ -44,7 +44,7 @@ class Sources(ReadOnly):
     def of(cls, sampling: Sampling, roams: np.ndarray, around: np.ndarray) -> Sources:
         """Sources that fill a box; `roams` and `around` as the attributes, shape (k,)."""
         read_only(*sampling)
-        return cls(sampling, packed(sampling), roams, around)
+        return cls(sampling, pack(sampling), roams, around)
 
     def about(self, roots: ChartPoints) -> Sources:
         """Where coordinates roam, a box with `around` beside all of some roots, such points, shape (n, nv)."""
@@ -298,7 +298,7 @@ class _Room:
 
     @classmethod
     def of(cls, search: lane_nodes.TreeSearch) -> _Room:
-        return cls(search, packed(search), cast(ChartPoints, search.path.reshape(-1, search.nv)))
+        return cls(search, pack(search), cast(ChartPoints, search.path.reshape(-1, search.nv)))
 
     def roomier(self) -> _Room:
         larger = _Room.build(self.search.nv, 2 * self.search.capacity).search

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.deadline import Deadline
-from guidefield.kernels.timing import earliest_schedule as kernel
+from guidefield.kernels.timing import path_parameterization as kernel
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.schedule.slices import SCHEDULE, Slices
 from guidefield.planner.task.problem import Problem

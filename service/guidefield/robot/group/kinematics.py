@@ -10,8 +10,13 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.kernels.field.field_tables import frozen
-from guidefield.kernels.kinematics.forward_kinematics import JointTable
-from guidefield.kernels.kinematics.group_joints import CarriedPoint, GroupJoints, frame_positions, frame_slopes
+from guidefield.kernels.kinematics.forward_kinematics import (
+    CarriedPoint,
+    GroupJoints,
+    JointTable,
+    frame_positions,
+    frame_slopes,
+)
 from guidefield.kernels.kinematics.integrate import Mover
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import memoized_for_alike
