@@ -22,7 +22,7 @@ from guidefield.scene.scene import Scene, build
 MOMENTS = 13
 """Configurations at which forces are shown, of those at which the robot is shown."""
 LONGEST_ARROW = 0.25
-"""Length of the arrow of the largest force of a recording [m]."""
+"""Length of the arrow of the largest force of a recording, at size 1 [m]."""
 FORCE_DECADES = 2.0
 """Powers of ten of force that the colours of points and the lengths of arrows tell apart."""
 RESOLUTION = 80
@@ -66,7 +66,7 @@ def charges(
     on_links = np.array([of_links.evaluate(q).wrenches[:, :3] for q in configurations])[:, moved]
     on_links += np.stack([forces[:, joints == joint].sum(axis=1) for joint in moved], axis=1)
     origins = np.stack([points[:, joints == joint].mean(axis=1) for joint in moved], axis=1)
-    yield _arrows(on_links, origins, column)
+    yield _arrows(on_links, origins, column, group.size)
 
 
 @memoized_for_alike
@@ -74,7 +74,7 @@ def _points_of_joints(group: PlanningGroup) -> list[Chunk]:
     """The charged points of each joint that has some, in its frame."""
     charged, chunks = moving_charges(group), []
     for joint in np.unique(charged.joints).tolist():
-        points = rr.Points3D(charged.points[charged.joints == joint], radii=[POINT_RADIUS])
+        points = rr.Points3D(charged.points[charged.joints == joint], radii=[POINT_RADIUS * group.size])
         path = entity("field", "charges", group.model.names[joint])
         chunks.append(still(path, rr.CoordinateFrame(moved_frame(group, joint)), points))
     return chunks
@@ -121,14 +121,14 @@ def _colors(share: np.ndarray) -> np.ndarray:
     return packed
 
 
-def _arrows(forces: np.ndarray, origins: np.ndarray, column: rr.TimeColumn) -> Chunk:
+def _arrows(forces: np.ndarray, origins: np.ndarray, column: rr.TimeColumn, robot_size: float) -> Chunk:
     """Forces (n, k, 3) as arrows from their origins (n, k, 3) [m, world], at n times."""
     sizes = np.linalg.norm(forces, axis=2, keepdims=True)
-    vectors = LONGEST_ARROW * _share(sizes) * forces / np.maximum(sizes, 1e-30)
+    vectors = robot_size * LONGEST_ARROW * _share(sizes) * forces / np.maximum(sizes, 1e-30)
     columns = rr.Arrows3D.columns(
         origins=origins.reshape(-1, 3),
         vectors=vectors.reshape(-1, 3),
         colors=np.full(sizes.size, rgba32(ARROW_COLOR)),
-        radii=np.full(sizes.size, 0.004),
+        radii=np.full(sizes.size, 0.004 * robot_size),
     )
     return timed("/field/forces", [column], columns.partition([forces.shape[1]] * len(forces)))

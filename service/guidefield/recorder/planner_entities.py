@@ -43,7 +43,7 @@ STEP_COLORS = {
 RELAX_COLOR = (190, 160, 250, 255)
 """Of a step of the optimisation (RGBA)."""
 POINT_RADIUS = 0.006
-"""Radius of the point that stands for a step [m]."""
+"""Radius of the point that stands for a step, at size 1 [m]."""
 OTHER_COLOR = (200, 200, 200, 255)
 
 
@@ -65,13 +65,13 @@ def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
     yield timed("/planner/log", times, rr.TextLog.columns(level=levels, text=texts, color=colors))
 
 
-def step_points(log: EventLog, tip: np.ndarray) -> Iterator[Chunk]:
+def step_points(log: EventLog, tip: np.ndarray, size: float) -> Iterator[Chunk]:
     """The tip (n, 3) [m, world] after each step, coloured by kind of step."""
     steps = log.steps()
     colors = [STEP_COLORS.get(step.kind, OTHER_COLOR) for _, step in steps]
     if colors:
         times = [rr.TimeColumn(STEP, sequence=[number for number, _ in steps])]
-        radii = np.full(len(tip), POINT_RADIUS)
+        radii = np.full(len(tip), POINT_RADIUS * size)
         yield timed("/planner/tip", times, rr.Points3D.columns(positions=tip, colors=colors, radii=radii))
 
 
@@ -122,7 +122,7 @@ def trees(group: PlanningGroup, grown: Sequence[tuple[int, LoggedTrees]]) -> Ite
             strips += batch
     if strips:
         columns = rr.LineStrips3D.columns(
-            strips=strips, colors=[TREE_COLOR] * len(strips), radii=np.full(len(strips), 0.001)
+            strips=strips, colors=[TREE_COLOR] * len(strips), radii=np.full(len(strips), 0.001 * group.size)
         )
         yield timed("/planner/connect/tree", [rr.TimeColumn(STEP, sequence=steps)], columns.partition(counts))
 
@@ -145,7 +145,7 @@ def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> I
         strips.append(_tips(group, path[evenly(len(path), MOST_WAYPOINTS)]))
     times = rr.TimeColumn(STEP, sequence=[paths[index][0] for index in chosen])
     columns = rr.LineStrips3D.columns(
-        strips=strips, colors=[RELAXED_COLOR] * len(strips), radii=np.full(len(strips), 0.003)
+        strips=strips, colors=[RELAXED_COLOR] * len(strips), radii=np.full(len(strips), 0.003 * group.size)
     )
     yield timed("/planner/relaxed", [times], columns)
 

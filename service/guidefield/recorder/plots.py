@@ -44,7 +44,7 @@ def clearance(profile: ClearanceProfile, required: float) -> Iterator[Chunk]:
     yield from _curves("/plots/potential", path_times(moments), values, ["U, along the motion"], [POTENTIAL_COLOR])
 
 
-def closest_pair(profile: ClearanceProfile) -> Chunk:
+def closest_pair(profile: ClearanceProfile, size: float) -> Chunk:
     """The segment between the robot and the obstacle closest to it, over the motion: red where it is short."""
     there = np.array([pair is not None for pair in profile.obstacle_pair])
     there &= np.isfinite(profile.witness).all(axis=(1, 2)) & np.isfinite(profile.obstacle_distance)
@@ -57,7 +57,7 @@ def closest_pair(profile: ClearanceProfile) -> Chunk:
         strips=profile.witness[there],
         colors=[_warmth(distance) for distance in profile.obstacle_distance[there]],
         labels=labels,
-        radii=np.full(int(there.sum()), 0.003),
+        radii=np.full(int(there.sum()), 0.003 * size),
     )
     return timed("/path/closest_pair", [path_times(profile.times)], columns.partition(there.astype(int)))
 

@@ -60,10 +60,10 @@ def record_plan(place: Place, run: PlanRun, log: EventLog) -> None:
     view = _MotionView.of(place, run, motion, landmarks)
     chunks = [*view.robot(), *view.curves(reply.trajectory), *view.bodies(colliding)]
     if reply.path and full:
-        chunks += robot_entities.planned_path(poses(group, configurations_of(group, reply.path)).tip)
-    chunks += [*scene_entities.guide_planes(reply.guide_planes), *scene_entities.goals(request)]
+        chunks += robot_entities.planned_path(poses(group, configurations_of(group, reply.path)).tip, group.size)
+    chunks += [*scene_entities.guide_planes(reply.guide_planes, group.size), *scene_entities.goals(request, group.size)]
     if reply.status.code != Status.SUCCESS:
-        chunks.append(scene_entities.failure(reply, view.at.tip[-1]))
+        chunks.append(scene_entities.failure(reply, view.at.tip[-1], group.size))
     remarks = [*view.drawn.faults, *([] if motion.timed or len(motion.times) < 2 else [NO_TRAJECTORY])]
     chunks += document_plan(run, remarks)
     if full:
@@ -94,7 +94,7 @@ def record_judgement(place: Place, run: JudgedRun, given: GivenMotion) -> None:
     chunks = [*view.robot(), *view.curves(_knots(group, given)), *view.bodies(at_fault)]
     if certificate.place is not None and reply.status.code != Status.SUCCESS:
         row = [certificate.place.configuration[name] for name in group.position_names]
-        chunks.append(scene_entities.failure(reply, poses(group, configurations_of(group, [row])).tip[0]))
+        chunks.append(scene_entities.failure(reply, poses(group, configurations_of(group, [row])).tip[0], group.size))
     remarks = [*view.drawn.faults, *([] if motion.timed or len(motion.times) < 2 else [EVEN_PACE])]
     chunks += document_judgement(run, remarks)
     if run.request.recording == "full":
@@ -127,7 +127,7 @@ class _MotionView:
         drawn = bodies.prepared(run.group.robot, place.bodies)
         ends = robot_entities.extent(run.group, drawn, motion.configurations[[0, -1]])
         robot = np.concatenate([at.placements[:, :, :3].reshape(-1, 3), ends])
-        return cls(run, motion, at, drawn, choose_eye(at.tip, robot, landmarks, run.scene.obstacles))
+        return cls(run, motion, at, drawn, choose_eye(at.tip, robot, landmarks, run.scene.obstacles, run.group.size))
 
     def bodies(self, at_fault: Collection[str]) -> Iterator[Chunk]:
         """The bodies at fault, highlighted, and the robot's ghosts."""
@@ -142,7 +142,7 @@ class _MotionView:
         rows = evenly(len(times), frames_of(times))
         frames = Poses(at.joints, at.placements[rows], at.tip[rows])
         yield robot_entities.link_motion(self.run.group, self.drawn.links, frames, times[rows], PATH_TIME)
-        yield robot_entities.tip_trace(at.tip)
+        yield robot_entities.tip_trace(at.tip, self.run.group.size)
         if self.motion.timed:
             yield from scene_entities.moving(self.run.scene.obstacles, times)
 
@@ -151,7 +151,7 @@ class _MotionView:
         yield from plots.joints(self.run.group, self.motion, trajectory)
         profile = self.run.measured
         if profile is not None and len(profile.times):
-            yield plots.closest_pair(profile)
+            yield plots.closest_pair(profile, self.run.group.size)
             yield from plots.clearance(profile, self.run.request.min_clearance)
 
     def field(self) -> Iterator[Chunk]:
@@ -197,7 +197,7 @@ def _planning(
     yield robot_entities.link_motion(group, links, poses(group, qs), np.array(times), STEP)
     yield plots.step_positions(group, np.array(qs), np.array(times))
     if steps:
-        yield from planner_entities.step_points(log, poses(group, [step.q for _, step in steps]).tip)
+        yield from planner_entities.step_points(log, poses(group, [step.q for _, step in steps]).tip, group.size)
 
 
 def _knots(group: PlanningGroup, given: GivenMotion) -> Trajectory | None:

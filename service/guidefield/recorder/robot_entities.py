@@ -23,21 +23,21 @@ from guidefield.robot.model.spaces import Configurations
 GHOSTS = 6
 """Configurations shown along the motion, both ends included."""
 GHOST_STEP = 0.02
-"""Distance that some point of a part has to move before the part is drawn again [m]."""
+"""Distance that some point of a part has to move before the part is drawn again, at size 1 [m]."""
 AXES = 0.08
-"""Length of the axes of the tip's frame [m]."""
+"""Length of the axes of the tip's frame, at size 1 [m]."""
 TRACE_COLOR = (255, 196, 61, 255)
 WAYPOINT_COLOR = (120, 220, 160, 255)
 
 
 def tip_axes(group: PlanningGroup) -> Chunk:
     """The axes of the tip's frame."""
-    return _axes_of(group.tip)
+    return _axes_of(group.tip, AXES * group.size)
 
 
 @memoized_by_value(64)
-def _axes_of(link: str) -> Chunk:
-    return still("/robot/tip", rr.CoordinateFrame(link_frame(link)), rr.TransformAxes3D(AXES))
+def _axes_of(link: str, length: float) -> Chunk:
+    return still("/robot/tip", rr.CoordinateFrame(link_frame(link)), rr.TransformAxes3D(length))
 
 
 def link_motion(group: PlanningGroup, links: Sequence[str], at: Poses, times: np.ndarray, timeline: str) -> Chunk:
@@ -72,15 +72,15 @@ def _fixed_frames(group: PlanningGroup, links: tuple[str, ...]) -> tuple[list[st
     return [link_frame(link) for link in links], [moved_frame(group, frame.parentJoint) for frame in frames], fixed
 
 
-def tip_trace(tip: np.ndarray) -> Chunk:
-    """The tip's whole way (n, 3) [m, world] as a line."""
-    return still("/path/tip", rr.LineStrips3D([tip], colors=[TRACE_COLOR], radii=[0.004]))
+def tip_trace(tip: np.ndarray, size: float) -> Chunk:
+    """The tip's whole way (n, 3) [m, world] as a line, of a robot of a size."""
+    return still("/path/tip", rr.LineStrips3D([tip], colors=[TRACE_COLOR], radii=[0.004 * size]))
 
 
-def planned_path(waypoints: np.ndarray) -> Iterator[Chunk]:
+def planned_path(waypoints: np.ndarray, size: float) -> Iterator[Chunk]:
     """The path that the planner found, before it became a trajectory: the tip at its waypoints (n, 3) [m, world]."""
-    line = rr.LineStrips3D([waypoints], colors=[WAYPOINT_COLOR], radii=[0.0015])
-    yield still("/path/planned", line, rr.Points3D(waypoints, colors=[WAYPOINT_COLOR], radii=[0.005]))
+    line = rr.LineStrips3D([waypoints], colors=[WAYPOINT_COLOR], radii=[0.0015 * size])
+    yield still("/path/planned", line, rr.Points3D(waypoints, colors=[WAYPOINT_COLOR], radii=[0.005 * size]))
 
 
 def ghosts(group: PlanningGroup, drawn: Drawn, motion: Motion) -> Chunk | None:
@@ -98,7 +98,7 @@ def ghosts(group: PlanningGroup, drawn: Drawn, motion: Motion) -> Chunk | None:
         vertices = sketch.vertices @ there[:, :, :3].swapaxes(1, 2) + there[:, None, :, 3]
         shown = [0]
         for number in range(1, len(chosen)):
-            if np.abs(vertices[number] - vertices[shown[-1]]).max() > GHOST_STEP:
+            if np.abs(vertices[number] - vertices[shown[-1]]).max() > GHOST_STEP * group.size:
                 shown.append(number)
         for number in shown:
             colors = np.full((len(sketch.vertices), 4), greys[number])

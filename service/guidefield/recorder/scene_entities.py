@@ -109,7 +109,7 @@ def obstacle_color(obstacle: Obstacle, number: int) -> Color:
     return rgba((0.08 + GOLDEN_ANGLE * number) % 1.0, lightness, saturation, 255)
 
 
-def guide_planes(planes: Sequence[messages.GuidePlane]) -> Iterator[Chunk]:
+def guide_planes(planes: Sequence[messages.GuidePlane], size: float) -> Iterator[Chunk]:
     """Guide planes as translucent panes with outlines and names, all of them one entity."""
     if not planes:
         return
@@ -128,7 +128,7 @@ def guide_planes(planes: Sequence[messages.GuidePlane]) -> Iterator[Chunk]:
         albedo_factor=(255, 255, 255, PANE_ALPHA),
     )
     outlines = [np.vstack([one, one[:1]]) for one in corners]
-    edges = rr.LineStrips3D(outlines, colors=[rgba(hue, 0.6, 0.95, 255) for hue in hues], radii=[0.0025])
+    edges = rr.LineStrips3D(outlines, colors=[rgba(hue, 0.6, 0.95, 255) for hue in hues], radii=[0.0025 * size])
     # not always the same corner: planes often stand close behind one another
     named = [one[number % len(one)] for number, one in enumerate(corners)]
     labels = rr.Points3D(
@@ -140,27 +140,27 @@ def guide_planes(planes: Sequence[messages.GuidePlane]) -> Iterator[Chunk]:
     yield still("/guide_planes", pane, edges, labels)
 
 
-def goals(request: PlanRequest) -> Iterator[Chunk]:
+def goals(request: PlanRequest, size: float) -> Iterator[Chunk]:
     """The poses that the tip is to reach, if goals are poses: their axes and their names."""
     named = [("goal", request.goal), *((f"steps[{index}]", step.goal) for index, step in enumerate(request.steps))]
     for name, asked in named:
         if isinstance(asked, PoseGoal):
-            yield _goal(name, asked)
+            yield _goal(name, asked, size)
 
 
-def _goal(called: str, asked: PoseGoal) -> Chunk:
+def _goal(called: str, asked: PoseGoal, size: float) -> Chunk:
     at = rr.Transform3D(translation=asked.position, quaternion=rr.Quaternion(xyzw=asked.quaternion_xyzw))
-    name = rr.Points3D([[0.0, 0.0, 0.0]], labels=[called], colors=[GOAL_COLOR], radii=[0.008], show_labels=True)
+    name = rr.Points3D([[0.0, 0.0, 0.0]], labels=[called], colors=[GOAL_COLOR], radii=[0.008 * size], show_labels=True)
     path = "/path/goal" if called == "goal" else entity("path", "goals", called)
-    return still(path, at, rr.TransformAxes3D(0.1), name)
+    return still(path, at, rr.TransformAxes3D(0.1 * size), name)
 
 
-def failure(reply: MotionReply, tip: np.ndarray) -> Chunk:
+def failure(reply: MotionReply, tip: np.ndarray, size: float) -> Chunk:
     """The place of a failure: a mark at the tip (3,) [m, world], and in a few words what happened."""
     pair = reply.status.details.get("pair")
     between = f": {pair[0]} - {pair[1]}" if isinstance(pair, list | tuple) and len(pair) == 2 else ""
     words = f"{reply.status.name.replace('_', ' ').lower()}{between}"
-    mark = rr.Points3D([tip], labels=[words], colors=[FAILURE_COLOR], radii=[0.015], show_labels=True)
+    mark = rr.Points3D([tip], labels=[words], colors=[FAILURE_COLOR], radii=[0.015 * size], show_labels=True)
     return still("/path/failure", mark)
 
 

@@ -82,7 +82,7 @@ def stream_recording(name: str, group: PlanningGroup, scene: Scene, motion: Stre
     drawn = bodies.prepared(group.robot, bodies.cache_folder())
     at = poses(group, configurations_of(group, motion.rows.tolist()))
     robot = at.placements[:, :, :3].reshape(-1, 3)
-    eye = choose_eye(at.tip, robot, np.empty((0, 3)), scene.obstacles)
+    eye = choose_eye(at.tip, robot, np.empty((0, 3)), scene.obstacles, group.size)
     chunks = [
         robot_entities.tip_axes(group),
         robot_entities.link_motion(group, drawn.links, at, motion.times, PATH_TIME),
@@ -102,9 +102,9 @@ def _stops(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
     times = [path_times(motion.times)]
     lines = np.stack([now, stops], axis=1)
     count = len(motion.times)
-    points = rr.Points3D.columns(positions=stops, colors=[STOP_COLOR] * count, radii=[0.012] * count)
+    points = rr.Points3D.columns(positions=stops, colors=[STOP_COLOR] * count, radii=[0.012 * group.size] * count)
     yield timed("/path/stop", times, points)
-    strips = rr.LineStrips3D.columns(strips=lines, colors=[STOP_COLOR] * count, radii=[0.003] * count)
+    strips = rr.LineStrips3D.columns(strips=lines, colors=[STOP_COLOR] * count, radii=[0.003 * group.size] * count)
     yield timed("/path/to_stop", times, strips)
 
 

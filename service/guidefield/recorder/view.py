@@ -169,7 +169,7 @@ PREFERENCE = 1.2
 DISTANCE = 1.9
 """Distance of the eye, as a multiple of the radius of its target."""
 SMALLEST_RADIUS = 0.35
-"""Radius that is looked at even if less moves [m]."""
+"""Radius that is looked at even if less moves, at size 1 [m]."""
 SAMPLES = 8
 """Points of the tip's way that are looked for."""
 MOST_TRIANGLES = 1500
@@ -178,7 +178,9 @@ HIDING_SHARE = 0.1
 """Share of the tip's way that an obstacle hides before it is drawn translucent."""
 
 
-def choose_eye(tip: np.ndarray, robot: np.ndarray, landmarks: np.ndarray, obstacles: Sequence[Obstacle]) -> Eye:
+def choose_eye(
+    tip: np.ndarray, robot: np.ndarray, landmarks: np.ndarray, obstacles: Sequence[Obstacle], size: float = 1.0
+) -> Eye:
     """Choose from where to look at a motion.
 
     Args:
@@ -186,11 +188,12 @@ def choose_eye(tip: np.ndarray, robot: np.ndarray, landmarks: np.ndarray, obstac
         robot: Points of the robot on the way, shape (m, 3) [m, world]; they are to be in the picture too.
         landmarks: Other points that are, shape (k, 3) [m, world], k may be 0: where the motion was to lead.
         obstacles: What may hide the motion.
+        size: Of the robot.
     """
     seen = np.vstack([tip, robot, landmarks])
     lowest, highest = seen.min(axis=0), seen.max(axis=0)
     target = 0.5 * (lowest + highest)
-    distance = DISTANCE * max(0.5 * float(np.linalg.norm(highest - lowest)) + 0.15, SMALLEST_RADIUS)
+    distance = DISTANCE * max(0.5 * float(np.linalg.norm(highest - lowest)) + 0.15 * size, SMALLEST_RADIUS * size)
     points = tip[np.unique(np.linspace(0, len(tip) - 1, SAMPLES).astype(int))]
     corners, owners = _occluders(obstacles)
     forward = np.vstack([tip, landmarks]).mean(axis=0) - robot.mean(axis=0)
