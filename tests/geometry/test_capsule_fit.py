@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.charges import Capsule, _enclosing_circle, fit_capsule
+from guidefield.geometry.charges import Capsule, fit_capsule
+from guidefield.kernels.cover.enclosing_circle import enclosing_circle
 from tests.kernels.evaluation import vectors
 from tests.oracles import distance_to_segment
 
@@ -92,7 +93,9 @@ def test_what_has_no_capsule_is_refused(points: np.ndarray) -> None:
 @laws
 @given(st.lists(vectors(10.0).map(lambda v: v[:2]), min_size=1, max_size=12).map(np.array))
 def test_enclosing_circle_is_the_smallest(points: np.ndarray) -> None:
-    centre, radius = _enclosing_circle(points)
+    circle = np.empty(3)
+    enclosing_circle(np.ascontiguousarray(points), circle)
+    centre, radius = circle[:2], circle[2]
     assert (np.linalg.norm(points - centre, axis=1) <= radius * (1.0 + 1e-12)).all()
     # The farthest points hold it: no step of the centre gets nearer to all of them.
     for angle in np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False):

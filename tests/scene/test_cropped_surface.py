@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.surface_rows import box_tree
+from guidefield.geometry.curve_order import along_curve
+from guidefield.geometry.surface_rows import box_nodes
 from guidefield.kernels.cover.crop_to_ball import distance_to_triangles
 from guidefield.kernels.distance.ray_winding import BALL, PLACE, REACH, ROOM, TURNS, surely_outside_seen
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
@@ -38,9 +39,10 @@ def seen_in(mesh: solids.Mesh, centre: np.ndarray, radius: float) -> SurfaceTabl
     near = [solids.distance(centre[None], (mesh[0], one[None]))[0] <= radius for one in mesh[1]]
     near = np.array(near) | (np.random.default_rng(0).random(len(near)) < 0.05)
     a, b, c = np.moveaxis(mesh[0][mesh[1][near]], 1, 0)
-    tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
-    corners = np.ascontiguousarray(np.hstack([a, b - a, c - a])[tree.order])
-    tables = SurfaceTables(tree.nodes, corners, np.zeros((len(corners), 21)))
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    order = along_curve(0.5 * (low + high)).order
+    corners = np.ascontiguousarray(np.hstack([a, b - a, c - a])[order])
+    tables = SurfaceTables(box_nodes(np.hstack([low, high])[order]), corners, np.zeros((len(corners), 21)))
     read_only(*tables)
     return tables
 

@@ -132,7 +132,6 @@ def _key(kind: str, inputs: Arrays, make: Callable[..., object]) -> str:
 
 
 def _bytes_of(array: np.ndarray) -> memoryview:
-    """An array's bytes one after the other, not copied where they are so already."""
     return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
 
 
@@ -159,7 +158,6 @@ def _imports(module: str) -> set[str]:
 
 @functools.cache
 def _named_in(path: Path) -> set[str]:
-    """`_named` of a file."""
     return _named(path.read_bytes().decode())
 
 
@@ -174,7 +172,6 @@ def _named(source: str) -> set[str]:
 
 
 def _source(module: str) -> Path | None:
-    """File of a module of this package; None of anything else."""
     return _file(_PACKAGE, module) if module.startswith(f"{_PACKAGE.name}.") else None
 
 

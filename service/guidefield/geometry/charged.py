@@ -315,7 +315,6 @@ def _faces(
     four_charge: Floats,
     opening: Opening,
 ) -> dict[str, np.ndarray]:
-    """What `FieldTables` holds of triangles and quads."""
     one, other = fours[:, [0, 1, 2]], fours[:, [0, 2, 3]]
     whole = (_areas(one) > 0.0) & (_areas(other) > 0.0)
     # A quad with a flat half is a triangle.
@@ -425,7 +424,6 @@ def _halves(corners: Floats) -> tuple[Floats, Floats, Floats, np.ndarray]:
 
 
 def _longest_edge_first(v: np.ndarray) -> np.ndarray:
-    """The same triangles, their corners turned so that the longest edge leads from the first to the second."""
     edges = np.stack([_squares(v[:, (i + 1) % 3] - v[:, i]) for i in range(3)], axis=1)
     order = (edges.argmax(axis=1)[:, None] + np.arange(3)) % 3
     return np.take_along_axis(v, order[:, :, None], axis=1)
@@ -459,7 +457,6 @@ def _charges(kind: str, given: Floats | None, count: int) -> Floats:
 
 
 def _checked(name: str, values: Floats | None, shape: tuple[int, ...]) -> Floats:
-    """The array as float64; of shape (0, *shape) if there is none."""
     array = np.zeros((0, *shape)) if values is None else np.asarray(values, dtype=np.float64)
     if array.shape[1:] != shape or array.ndim != len(shape) + 1:
         raise ValueError(f"`{name}` must have shape {('n', *shape)}, got {array.shape}")

@@ -87,7 +87,9 @@ def _along(cloud: Floats, direction: Floats) -> Capsule:
     """The capsule of least volume with its axis along a unit direction, through the middle of the enclosing circle."""
     frame = np.vstack([across(direction), direction])
     local = cloud @ frame.T
-    centre, radius = _enclosing_circle(local[:, :2])
+    circle = np.empty(3)
+    enclosing_circle(np.ascontiguousarray(local[:, :2]), circle)
+    centre, radius = circle[:2], float(circle[2])
     radii = radius * _RADII
     # A point is inside if the axis comes to within `reach` of its height.
     squares = ((local[:, :2] - centre) ** 2).sum(axis=1)
@@ -99,13 +101,6 @@ def _along(cloud: Floats, direction: Floats) -> Capsule:
     ends.setflags(write=False)
     farthest = float(Capsule(ends[0], ends[1], 0.0).distance(cloud).max())
     return Capsule(ends[0], ends[1], farthest * SLACK + _ROUNDING * float(np.abs(cloud).max()))
-
-
-def _enclosing_circle(points: Floats) -> tuple[Floats, float]:
-    """The smallest circle around points in the plane, shape (n, 2): centre (2,) and radius."""
-    circle = np.empty(3)
-    enclosing_circle(np.ascontiguousarray(points), circle)
-    return circle[:2], float(circle[2])
 
 
 _CANDIDATES_PER_POINT = 64
@@ -164,22 +159,15 @@ def _uniform(corners: Floats, areas: Floats, count: int) -> tuple[Floats, Intege
 
 
 def _farthest_first(candidates: Floats, spacing: float) -> tuple[Integers, Integers]:
-    """Indices of the chosen candidates, and how many candidates are nearest to each."""
-    order = _along_a_curve(candidates)
+    # neighbours stand together along Morton's curve, through a grid of 1024 cells a side
+    extent = max(float(np.ptp(candidates, axis=0).max()), 1e-300)
+    cells = np.minimum((candidates - candidates.min(axis=0)) * (1024.0 / extent), 1023.0).astype(np.int64)
+    bits = range(10)
+    code = sum(((cells[:, axis] >> bit) & 1) << (3 * bit + axis) for bit in bits for axis in range(3))
+    order = np.argsort(code, kind="stable")
     sorted_candidates = np.ascontiguousarray(candidates[order])
     offsets = sorted_candidates - candidates.mean(axis=0)
     start = int((offsets * offsets).sum(axis=1).argmax())
     chosen, owner = np.empty(len(order), np.int64), np.empty(len(order), np.int64)
     count = farthest_first(sorted_candidates, start, spacing, chosen, owner)
     return order[chosen[:count]], np.bincount(owner, minlength=count)
-
-
-def _along_a_curve(points: Floats) -> Integers:
-    """An order in which neighbours are near each other: Morton's curve, through a grid of 1024 cells a side."""
-    extent = float(np.ptp(points, axis=0).max())
-    cells = np.minimum((points - points.min(axis=0)) * (1024.0 / max(extent, 1e-300)), 1023.0).astype(np.int64)
-    code = np.zeros(len(points), np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return np.argsort(code, kind="stable")

@@ -146,7 +146,6 @@ def _hull(rounded: Floats) -> Any:
 
 
 def _vector(points: Floats) -> coal.StdVec_Vec3s:
-    """Points (n, 3) as Coal takes them."""
     vector = coal.StdVec_Vec3s()
     for point in points:
         vector.append(point)

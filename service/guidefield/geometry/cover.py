@@ -55,19 +55,11 @@ def medial_balls(body: Solid, elements: Elements, most: int, resolution: float, 
     order = np.argsort(-depths, kind="stable")
     order = order[depths[order] > 0.0]
     cells = np.floor(centres[order] / resolution).astype(np.int64)
-    _, first = np.unique(_numbered(cells), return_index=True)
+    cells -= cells.min(axis=0) if len(cells) else 0  # each cell gets a number of its own
+    counts = cells.max(axis=0, initial=0) + 1
+    _, first = np.unique((cells[:, 0] * counts[1] + cells[:, 1]) * counts[2] + cells[:, 2], return_index=True)
     kept = order[np.sort(first)]
     return np.column_stack([centres[kept], depths[kept]])
-
-
-def _numbered(cells: Integers) -> Integers:
-    """One number for each cell (n, 3) of a grid, shape (n,)."""
-    if not len(cells):
-        return np.empty(0, np.int64)
-    offsets = cells - cells.min(axis=0)
-    counts = offsets.max(axis=0) + 1
-    numbers: Integers = (offsets[:, 0] * counts[1] + offsets[:, 1]) * counts[2] + offsets[:, 2]
-    return numbers
 
 
 MARGIN = 0.02
@@ -191,7 +183,9 @@ def _choose_balls(body: Solid, delta: float, margin: float) -> tuple[Floats, Ele
             looked_at = elements.some(now)
             candidates = _candidates(body, looked_at, offer, delta)
             chosen = _few(candidates[candidates[:, 3] > margin], looked_at, margin)
-            inside = _unite(_bits(chosen, elements, margin), len(elements.bounds))
+            united_bits = np.bitwise_or.reduce(_bits(chosen, elements, margin), axis=0, initial=np.uint64(0))
+            count = len(elements.bounds)
+            inside = np.unpackbits(united_bits.view(np.uint8), bitorder="little", count=count).astype(bool)
             balls.append(chosen)
             covered.append(elements.some(inside))
             left_out.append(elements.some(now & ~inside).pieces)
@@ -203,7 +197,6 @@ def _choose_balls(body: Solid, delta: float, margin: float) -> tuple[Floats, Ele
 
 
 def _candidates(body: Solid, elements: Elements, offer: Offer, delta: float) -> Floats:
-    """Balls to choose from, shape (n, 4) [m]: what is offered, as large as it may be."""
     most = int(np.clip(elements.pieces.area / (CANDIDATE * delta) ** 2, LEAST_CANDIDATES, MOST_CANDIDATES))
     balls = offer(body, elements, most, RESOLUTION * delta)
     return np.column_stack([balls[:, :3], balls[:, 3] + delta])
@@ -217,7 +210,6 @@ def _about_elements(body: Solid, elements: Elements, most: int, resolution: floa
 
 
 def _few(balls: Floats, elements: Elements, margin: float) -> Floats:
-    """Few of the balls, that contain by a margin all elements that any ball so contains."""
     bits = _bits(balls, elements, margin)
     chosen = np.empty(len(bits), np.int64)
     count = greedy_choice(bits, chosen)
@@ -230,12 +222,6 @@ def _bits(balls: Floats, elements: Elements, margin: float) -> np.ndarray:
     reduced = np.column_stack([balls[:, :3], balls[:, 3] - margin])
     contained(reduced, elements.points, elements.first_point, elements.bounds, blocks(elements), bits)
     return bits
-
-
-def _unite(bits: np.ndarray, count: int) -> np.ndarray:
-    """Which of `count` elements are in any ball."""
-    together = np.bitwise_or.reduce(bits, axis=0, initial=np.uint64(0))
-    return np.unpackbits(together.view(np.uint8), bitorder="little", count=count).astype(bool)
 
 
 MOVES = (1.0, 0.5, 0.25)

@@ -84,7 +84,6 @@ def _swept(low: Floats, high: Floats) -> tuple[Integers, Integers]:
 
 
 def _cross(vertices: Floats, triangles: Integers, pairs: Integers, tolerance: float) -> np.ndarray:
-    """Which pairs cross, shape (n,)."""
     first, second = triangles[pairs[:, 0]], triangles[pairs[:, 1]]
     one, other = vertices[first], vertices[second]
     shared = first[:, :, None] == second[:, None, :]

@@ -205,7 +205,6 @@ def _small_hull(points: Floats) -> Surface | None:
 
 
 def _part(body: Solid, cell: _Cell) -> Part:
-    """A part that contains all that a cell holds of a body."""
     hull = _hull_about(cell)
     if body.reach > 0.0:
         hull = convex_hull((hull.vertices[:, None] + body.reach * _CUBE).reshape(-1, 3))
@@ -236,7 +235,6 @@ def _halves(body: Solid, cell: _Cell) -> tuple[_Cell, _Cell] | None:
 
 
 def _half(body: Solid, cell: _Cell, beyond: Floats) -> _Cell | None:
-    """What a cell has below a plane; None if there is no hull."""
     below = heights_along(cell.pieces.corners, beyond[:3]) <= beyond[3]
     whole, across = below.all(axis=1), below.any(axis=1) & ~below.all(axis=1)
     cut = clipped(cell.pieces.some(across), beyond)

@@ -229,26 +229,6 @@ def body_tables(bodies: BodyRows, owners: Sequence[int] | Integers, nodes: Float
     return tables
 
 
-def _box(shape: Any) -> Body:
-    x, y, z = (float(half) for half in shape.halfSide)
-    return _about_origin(BOX, (x, y, z), (x, y, z))
-
-
-def _cylinder(shape: Any) -> Body:
-    radius, half = float(shape.radius), float(shape.halfLength)
-    return _about_origin(CYLINDER, (radius, half, 0.0), (radius, radius, half))
-
-
-def _capsule(shape: Any) -> Body:
-    radius, half = float(shape.radius), float(shape.halfLength)
-    return _about_origin(CAPSULE, (radius, half, 0.0), (radius, radius, half + radius))
-
-
-def _sphere(shape: Any) -> Body:
-    radius = float(shape.radius)
-    return _about_origin(CAPSULE, (radius, 0.0, 0.0), (radius, radius, radius))
-
-
 def _half_space(shape: Any) -> Body:
     normal = np.array(shape.n, float)
     bounds = np.array([-np.inf, -np.inf, -np.inf, np.inf, np.inf, 0.0])
@@ -257,16 +237,19 @@ def _half_space(shape: Any) -> Body:
 
 
 _PRIMITIVES: dict[type, Callable[[Any], Body]] = {
-    coal.Box: _box,
-    coal.Sphere: _sphere,
-    coal.Cylinder: _cylinder,
-    coal.Capsule: _capsule,
+    coal.Box: lambda s: _about_origin(BOX, s.halfSide, s.halfSide),
+    coal.Sphere: lambda s: _about_origin(CAPSULE, (s.radius, 0.0, 0.0), [s.radius] * 3),
+    coal.Cylinder: lambda s: _about_origin(CYLINDER, (s.radius, s.halfLength, 0.0), (s.radius, s.radius, s.halfLength)),
+    coal.Capsule: lambda s: _about_origin(
+        CAPSULE, (s.radius, s.halfLength, 0.0), (s.radius, s.radius, s.halfLength + s.radius)
+    ),
     coal.Halfspace: _half_space,
 }
 
 
-def _about_origin(kind: int, size: tuple[float, float, float], half: tuple[float, float, float]) -> Body:
-    return Body(kind, size, np.array([-half[0], -half[1], -half[2], *half]), _IDENTITY)
+def _about_origin(kind: int, size: Sequence[float], half: Sequence[float]) -> Body:
+    x, y, z = map(float, size)
+    return Body(kind, (x, y, z), np.array([*(-float(one) for one in half), *map(float, half)]), _IDENTITY)
 
 
 def _surface_tables(surfaces: dict[int, SurfaceTables], count: int) -> tuple[SurfaceTables, Integers]:

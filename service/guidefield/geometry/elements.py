@@ -113,7 +113,6 @@ def blocks(elements: Elements) -> Floats:
 
 
 def _balls(points: Floats, first: Integers) -> Floats:
-    """A ball about each run of points: centre and radius, shape (m, 4) [m]."""
     balls = np.empty((len(first) - 1, 4))
     balls_about(points, first, balls)
     return balls
@@ -131,5 +130,4 @@ def united(parts: list[Elements]) -> Elements:
 
 
 def _starts(counts: Integers) -> Integers:
-    """Where runs of so many begin, and how many there are in all."""
     return np.concatenate([[0], np.cumsum(counts)])

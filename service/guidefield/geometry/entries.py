@@ -134,7 +134,6 @@ class Draft:
 
 
 def _dtype(layout: Layout) -> np.dtype:
-    """Return the type of a record of a checksum and arrays."""
     names, formats, offsets, size = [_SUM], [np.dtype("(16,)u1")], [0], _ALIGNED
     for name, (kind, shape) in layout.items():
         names.append(name)
@@ -152,7 +151,6 @@ def _sum(record: np.ndarray) -> bytes:
 
 
 def _header(dtype: np.dtype) -> bytes:
-    """Return what NumPy writes before a record."""
     header = io.BytesIO()
     told = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (1,)}
     np.lib.format.write_array_header_1_0(header, told)
@@ -160,7 +158,6 @@ def _header(dtype: np.dtype) -> bytes:
 
 
 def _rest(file: BinaryIO) -> np.ndarray:
-    """Return the bytes of a file from here on, of a large one where the system has them."""
     begin = file.tell()
     if os.fstat(file.fileno()).st_size <= MAPPED:
         return np.frombuffer(bytearray(file.read()), np.uint8)
@@ -168,5 +165,4 @@ def _rest(file: BinaryIO) -> np.ndarray:
 
 
 def _arrays_in(record: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the arrays of a record, in the same memory."""
     return {name: record[name][0] for name in record.dtype.names or () if name != _SUM}

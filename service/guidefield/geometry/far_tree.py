@@ -93,9 +93,10 @@ def with_far_trees(tables: FieldTables) -> FieldTables:
         form = int(tables.links[index, FORM])
         name, charged = forms.get(form, ("", None))
         if charged is None or tables.links[index, PAST_ROW] < LEAST:
-            parts.append(
-                (tables.nodes[index : index + 1], _one_leaf(tables.links[index]), tables.reach[index : index + 1])
-            )
+            leaf = slice(index, index + 1)
+            links = tables.links[leaf].copy()
+            links[0, AFTER] = 1
+            parts.append((tables.nodes[leaf], links, tables.reach[leaf]))
             continue
         rows = getattr(tables, name)
         things = charged(rows)
@@ -111,12 +112,6 @@ def with_far_trees(tables: FieldTables) -> FieldTables:
         links[:, AFTER] += first
     nodes, links, reach = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return tables._replace(nodes=frozen(nodes), links=frozen(links), reach=frozen(reach), **changed)
-
-
-def _one_leaf(link: Integers) -> Integers:
-    made = link[None].copy()
-    made[0, AFTER] = 1
-    return made
 
 
 def _over_faces(tables: FieldTables, count: int) -> tuple[Floats, Integers, Floats]:
@@ -205,16 +200,11 @@ def _together(things: _Charged, begins: Integers, ends: Integers) -> _Charged:
 
 
 def _rows(things: _Charged) -> Floats:
-    """Rows of nodes that stand for things."""
     rows = np.zeros((len(things.charges), NODE_COLUMNS))
     rows[:, :CHARGE], rows[:, CHARGE] = things.centres, things.charges
     rows[:, MOMENTS:AREA] = things.moments[:, _UPPER[0], _UPPER[1]]
     rows[:, AREA:CHARGE_PER_AREA] = things.areas
     return rows
-
-
-def _make_charged(centres: Floats, charges: Floats, moments: Floats, radii: Floats) -> _Charged:
-    return _Charged(centres, charges, moments, np.zeros_like(centres), radii)
 
 
 def _boxes(rows: Floats) -> _Charged:
@@ -226,7 +216,7 @@ def _boxes(rows: Floats) -> _Charged:
     axes = rows[:, AXES:HALVES].reshape(-1, 3, 3)
     moments = np.einsum("n,nki,nk,nkj->nij", density, axes, along, axes)
     radii = 0.5 * np.sqrt(squares.sum(axis=1))
-    return _make_charged(rows[:, :3], 2.0 * density * faces.sum(axis=1), moments, radii)
+    return _Charged(rows[:, :3], 2.0 * density * faces.sum(axis=1), moments, np.zeros((len(rows), 3)), radii)
 
 
 def _capsules(rows: Floats) -> _Charged:
@@ -239,13 +229,11 @@ def _capsules(rows: Floats) -> _Charged:
     across = 0.5 * side * radii**2 + caps * radii**2 / 3.0
     moments = across[:, None, None] * np.eye(3)
     moments += (along - across)[:, None, None] * units[:, :, None] * units[:, None]
-    return _make_charged(
-        0.5 * (first + second), density * (side + caps), density[:, None, None] * moments, half + radii
-    )
+    moments *= density[:, None, None]
+    return _Charged(0.5 * (first + second), density * (side + caps), moments, np.zeros_like(axes), half + radii)
 
 
 def _surfaces(tables: FieldTables, links: Integers, roots: Integers) -> _Charged:
-    """All faces below each root."""
     corners, density, owners = [], [], []
     root_of = np.repeat(np.arange(len(roots)), links[roots, AFTER] - roots)
     for first, past, table, halves in (

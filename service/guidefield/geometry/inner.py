@@ -107,7 +107,6 @@ _WAYS = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)
 
 
 def _grid(low: Floats, high: Floats) -> Floats:
-    """About `SAMPLES` points of a cubic grid in a box, in the middles of its cells."""
     extents = np.maximum(high - low, 1e-9)
     step = float(np.cbrt(np.prod(extents) / SAMPLES))
     counts = np.clip(np.ceil(extents / step), 1, _MOST_ALONG).astype(int)

@@ -129,14 +129,11 @@ def crossing_warnings(mesh: Joined) -> tuple[str, ...]:
 def has_area(vertices: np.ndarray, triangles: np.ndarray) -> bool:
     """Check that one of the triangles (t, 3) of vertices (v, 3) has an area."""
     least = 1e-12 * extents(vertices).max() ** 2 if len(triangles) else 0.0
-    some = (triangles[start : start + _SOME] for start in range(0, len(triangles), _SOME))
-    return any(_areas(vertices, few).max() > least for few in some)
-
-
-def _areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    a, b, c = (vertices[column] for column in triangles.T)
-    areas: np.ndarray = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return areas
+    for start in range(0, len(triangles), _SOME):
+        a, b, c = (vertices[column] for column in triangles[start : start + _SOME].T)
+        if 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).max() > least:
+            return True
+    return False
 
 
 def _edges(triangles: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -67,29 +68,27 @@ def triangle_tree(triangles: np.ndarray) -> MeshTree:
 
 def cluster_counts(triangles: int) -> list[int]:
     """How many of the nodes of a `triangle_tree` over so many triangles are of each of `CLUSTERS`."""
-    counts, level = [0] * len(CLUSTERS), {(triangles, triangles + CLUSTERS[-1]): 1}
-    while level:
-        below: dict[tuple[int, int], int] = {}
-        for (size, above), many in level.items():
-            for k, most in enumerate(CLUSTERS):
-                counts[k] += many * (1 < size <= most < above)
-            for half in (size // 2, size - size // 2) if size > 1 else ():
-                below[half, size] = below.get((half, size), 0) + many
-        level = below
-    return counts
+    sizes = _node_sizes(triangles)
+    return [sum(many for (size, above), many in sizes.items() if 1 < size <= most < above) for most in CLUSTERS]
 
 
 def boxed_count(triangles: int) -> int:
     """How many of the nodes of a `triangle_tree` over so many triangles may get a box, see `BOXED`."""
-    count, level = 0, {triangles: 1}
+    return sum(many for (size, _), many in _node_sizes(triangles).items() if CLUSTERS[-1] < size <= BOXED)
+
+
+def _node_sizes(triangles: int) -> Counter[tuple[int, int]]:
+    """Count the nodes of a tree by the triangles below each, and below the node above; the root has none above."""
+    found = Counter[tuple[int, int]]()
+    level = Counter({(triangles, triangles + CLUSTERS[-1]): 1})
     while level:
-        below: dict[int, int] = {}
-        for size, many in level.items():
-            count += many * (CLUSTERS[-1] < size <= BOXED)
+        found += level
+        below = Counter[tuple[int, int]]()
+        for (size, _), many in level.items():
             for half in (size // 2, size - size // 2) if size > 1 else ():
-                below[half] = below.get(half, 0) + many
+                below[half, size] += many
         level = below
-    return count
+    return found
 
 
 def tree_written(

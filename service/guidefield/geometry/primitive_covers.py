@@ -129,7 +129,6 @@ def _indirect(balls: Floats, depths: Floats, bound: float) -> Cover:
 
 
 def _in_row(count: float) -> int:
-    """So many balls, rounded up."""
     if not count < MOST_BALLS:
         raise ValueError(f"{count:.3g} balls in a row are too many: a larger overhang takes fewer")
     return int(np.ceil(count))
@@ -162,7 +161,6 @@ def _fewest_cells(half: Floats, delta: float) -> Integers | None:
 
 
 def _depth_in_cylinder(points: Floats, radius: float, half: float) -> Floats:
-    """Depths (n,) of points in a cylinder along z [m]; negative outside."""
     side = radius - np.linalg.norm(points[:, :2], axis=1)
     end = half - np.abs(points[:, 2])
     outside = np.hypot(np.minimum(side, 0.0), np.minimum(end, 0.0))

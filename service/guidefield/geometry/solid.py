@@ -148,20 +148,16 @@ class _Around:
         winding = np.empty(1, np.int64)
         for solid in self._solids[boxed].tolist():
             if solid not in self._tables:
-                self._tables[solid] = self._make_tables(solid)
+                own = self._pieces[solid]
+                wide = are_wide(self._vertices, own).any()
+                owners = np.zeros(len(own), np.int64)
+                self._tables[solid] = surface_tables(self._vertices, own, owners) if wide else None
             tables = self._tables[solid]
             if tables is not None:
                 windings_at(point, tables[0], tuple(tables[1][0].tolist()), winding)
                 if winding[0] > 0:
                     return int(solid)
         return None
-
-    def _make_tables(self, solid: int) -> tuple[SurfaceTables, Integers] | None:
-        """The tables of a solid; None if it has no triangle with an area."""
-        own = self._pieces[solid]
-        if not are_wide(self._vertices, own).any():
-            return None
-        return surface_tables(self._vertices, own, np.zeros(len(own), np.int64))
 
 
 def surface_tables(vertices: Floats, triangles: Integers, owners: Integers) -> tuple[SurfaceTables, Integers]:

@@ -43,8 +43,6 @@ def nested(vertices: Floats, triangles: Integers) -> Nested:
 
 
 class _Within:
-    """Whether a piece lies within another one."""
-
     def __init__(self, vertices: Floats, pieces: list[Integers]) -> None:
         self._vertices, self._pieces = vertices, pieces
         corners = [vertices[piece].reshape(-1, 3) for piece in pieces]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,66 +17,23 @@ from guidefield.kernels.distance.bvh import boxes_of_pairs
 from guidefield.kernels.distance.triangle_distance import LEAF, SurfaceTables
 from guidefield.kernels.distance.triangle_rows import corners_and_edges, summed_normals, triangle_boxes, wide_triangles
 
-
-def pseudonormals(vertices: Floats, triangles: Integers) -> Floats:
-    """Unit pseudonormals of the parts of every triangle, as kernels/distance/triangle_distance.py reads them.
-
-    That of an edge is the sum of the normals of its faces; that of a corner the sum of those of its faces, each
-    weighted by its angle there. Where they cancel it is zero.
-
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3), counter-clockwise from outside, each with an area.
-
-    Returns:
-        Shape (t, 21): face; edges ab, bc, ca; corners a, b, c.
-    """
-    normals = np.empty((len(triangles), 21))
-    write_pseudonormals(vertices, triangles, np.arange(len(triangles)), normals)
-    return normals
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 
 def write_pseudonormals(vertices: Floats, triangles: Integers, order: Integers, normals_out: Floats) -> None:
-    """Write them of some of the triangles, indices of shape (n,), in that order; shape (n, 21)."""
+    """Write unit pseudonormals of face, edges ab, bc, ca, and corners a, b, c of some triangles (n,), shape (n, 21).
+
+    That of an edge is the sum of the normals of its faces; that of a corner the sum of those of its faces, each
+    weighted by its angle there. Where they cancel it is zero. Triangles (t, 3) run counter-clockwise from outside.
+    """
     edges, count = numbered_edges(triangles)
     vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
     summed_normals(vertices, triangles, edges, count, order, normals_out)
 
 
-@dataclass(frozen=True, eq=False)
-class BoxTree:
-    """A complete binary tree as an array: node i has the children 2 i + 1 and 2 i + 2; a leaf holds `LEAF` boxes.
-
-    Attributes:
-        nodes: Lower and upper corners, shape (2 leaves - 1, 6) [m]; from plus to minus infinity where empty.
-        leaves: Number of leaves, a power of two.
-        order: The order in which the leaves hold the boxes, shape (n,).
-    """
-
-    nodes: Floats
-    leaves: int
-    order: Integers
-
-
-def box_tree(low: Floats, high: Floats) -> BoxTree:
-    """Build a tree over boxes, neighbours in space together (sorted along a Morton curve through their centres).
-
-    Args:
-        low: Lower corners, shape (n, 3) [m], n >= 1, finite.
-        high: Upper corners, shape (n, 3) [m].
-    """
-    return tree_over(np.hstack([low, high]))
-
-
-def tree_over(boxes: Floats) -> BoxTree:
-    """The same over boxes as lower, then upper corners, shape (n, 6) [m]."""
-    order = along_curve(0.5 * (boxes[:, :3] + boxes[:, 3:])).order
-    nodes = box_nodes(np.take(boxes, order, axis=0))
-    return BoxTree(nodes, (len(nodes) + 1) // 2, order)
-
-
 def node_count(boxes: int) -> int:
-    """How many nodes a tree over so many boxes has, at least one."""
+    """Count the nodes of a complete binary tree: node i has children 2 i + 1 and 2 i + 2, a leaf `LEAF` boxes."""
     leaves = 1
     while leaves * LEAF < boxes:
         leaves *= 2
@@ -85,14 +41,11 @@ def node_count(boxes: int) -> int:
 
 
 def box_nodes(boxes: Floats) -> Floats:
-    """The nodes of a tree over boxes, shape (n, 6), n >= 1, in the order in which its leaves hold them."""
+    """Build the nodes of a tree over ordered boxes (n, 6), n >= 1; empty ones are from plus to minus infinity."""
     nodes = np.empty((node_count(len(boxes)), 6))
     boxes_of_pairs(np.ascontiguousarray(boxes), LEAF, nodes)
     return nodes
 
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 Triangulated = tuple[Floats, Integers, Integers]
 """Vertices (v, 3) [m]; triangles (t, 3) that count; others (n, 3), of which these are the neighbours."""
@@ -204,7 +157,6 @@ def are_wide(vertices: Floats, triangles: Integers) -> np.ndarray:
 
 
 def _wide(part: Triangulated) -> Triangulated:
-    """Those triangles of a surface, and of what is beside it, that have an area."""
     vertices, triangles, neighbours = part
     vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
     wide = are_wide(vertices, triangles)
@@ -213,13 +165,12 @@ def _wide(part: Triangulated) -> Triangulated:
 
 
 def _write(part: Triangulated, rows: SurfaceRows) -> None:
-    """Write the rows of a surface all of whose triangles have an area."""
     vertices, triangles, neighbours = part
     boxes = np.empty((len(triangles), 6))
     triangle_boxes(vertices, triangles, boxes)
-    tree = tree_over(boxes)
+    order = along_curve(0.5 * (boxes[:, :3] + boxes[:, 3:])).order
     rows.bounds[:3], rows.bounds[3:] = box_about(boxes[:, :3])[0], box_about(boxes[:, 3:])[1]
-    rows.tables.nodes[:] = tree.nodes
-    corners_and_edges(vertices, triangles, tree.order, rows.tables.corners)
+    rows.tables.nodes[:] = box_nodes(np.take(boxes, order, axis=0))
+    corners_and_edges(vertices, triangles, order, rows.tables.corners)
     all_of_it = np.concatenate([triangles, neighbours]) if len(neighbours) else triangles
-    write_pseudonormals(vertices, all_of_it, tree.order, rows.tables.normals)
+    write_pseudonormals(vertices, all_of_it, order, rows.tables.normals)

@@ -148,7 +148,6 @@ def _icosahedron(vertices: Floats) -> Integers:
 
 
 def _quartered(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
-    """Every triangle split at the middles of its edges, which neighbours share."""
     edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     unique, index = np.unique(edges, axis=0, return_inverse=True)
     middles = len(vertices) + index.reshape(3, -1)

@@ -181,7 +181,6 @@ def _body(shape: object) -> Body:
 
 
 def _closes(vertices: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether every edge is run through once in each direction, around a positive volume."""
     up, down = edge_counts(triangles)
     if not ((up == 1) & (down == 1)).all():
         return False

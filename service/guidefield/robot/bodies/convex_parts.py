@@ -57,7 +57,6 @@ def _question(shape: Any, most: int, unit: float) -> Question | None:
 
 
 def _find_parts(vertices: np.ndarray, triangles: np.ndarray, most: int) -> tuple[Part, ...]:
-    """The hull and the parts; nothing of what is flat."""
     try:
         found = decompose(filled_solid_of_mesh(vertices, triangles, WIDEST_GAP), TIGHT, most)
     except ValueError:
@@ -69,7 +68,6 @@ _FIELDS = ("vertices", "faces")
 
 
 def _stored(parts: tuple[Part, ...]) -> Arrays:
-    """The parts' arrays one after the other, and how many rows of each are whose."""
     rows = [(part.hull.vertices, part.hull.triangles) for part in parts]
     empty = (np.empty((0, 3)), np.empty((0, 3), np.int64))
     columns = zip(empty, *rows, strict=True)

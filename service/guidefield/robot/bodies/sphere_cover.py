@@ -104,7 +104,6 @@ def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logge
 
 @memoized
 def _coverage(robot: RobotModel, delta: float) -> Coverage:
-    """Of a robot whose covers are known."""
     return Coverage(cast("tuple[ShapeCoverage, ...]", known_coverage(robot, delta)), delta)
 
 

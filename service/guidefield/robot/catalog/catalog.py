@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
 import hashlib
-import logging
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -14,21 +12,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pinocchio as pin
 from lxml import etree
 
 from guidefield.bounded_map import ROBOT_LINES, ROBOTS, BoundedMap
 from guidefield.errors import RobotInvalid
-from guidefield.geometry.cache import folder
+from guidefield.geometry.cache import remembered
+from guidefield.geometry.entries import Arrays
 from guidefield.messages.faults import find_nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
 from guidefield.robot.catalog.library import Entry, SentRobot, entries
-from guidefield.robot.catalog.mjcf_robots import load_mjcf_file, load_mjcf_text
+from guidefield.robot.catalog.mjcf_robots import load_mjcf
 from guidefield.robot.catalog.robot_descriptions import find_description, is_description
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import companions
-from guidefield.robot.mjcf.compilation import compile_text, is_mjcf
+from guidefield.robot.mjcf.compilation import compile_file, compile_text, is_mjcf
 from guidefield.robot.mjcf.conversion import convert, root_is_fixed
 from guidefield.robot.model import card as cards
 from guidefield.robot.model.card import RobotCard
@@ -44,7 +44,6 @@ from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.urdf_validation import check_urdf
 from guidefield.robot.urdf.xacro_files import ArgumentValue, Expanded, expand, is_xacro
 from guidefield.robot.urdf.xml import read_xml
-from guidefield.whole_file import write_whole
 
 MOVABLE = ("revolute", "continuous", "prismatic", "planar", "floating")
 ROOT_KINDS = {"planar": "planar", "free": "floating"}
@@ -170,8 +169,6 @@ _Stamp = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class _Loaded:
-    """A robot, and what its files were when it was loaded."""
-
     robot: RobotModel
     stamps: dict[str, _Stamp | None]
 
@@ -200,7 +197,6 @@ class Catalog:
 
     @functools.cached_property
     def _own_lines(self) -> list[RobotSummary]:
-        """Lines about the robots that come with the package."""
         return lines_of(entries().values())
 
     def line(self, sent: SentRobot) -> RobotSummary:
@@ -243,13 +239,13 @@ class Catalog:
             return self._from_catalog(reference)
         if isinstance(reference, SentRobot):
             if is_mjcf(reference.urdf):
-                return load_mjcf_text(reference.name, reference.urdf, reference.srdf, reference.root_joint)
+                return load_mjcf(reference.name, compile_text(reference.urdf), reference.srdf, reference.root_joint)
             source = RobotSource(reference.urdf, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs, reference.meshes)
             return crosschecked(load(reference.name, source, reference.srdf, cards.EMPTY, resolver))
         if isinstance(reference, UrdfText):
             if is_mjcf(reference.text):
-                return load_mjcf_text("mjcf", reference.text, reference.srdf, reference.root_joint)
+                return load_mjcf("mjcf", compile_text(reference.text), reference.srdf, reference.root_joint)
             source = RobotSource(reference.text, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs)
             return crosschecked(load("urdf", source, reference.srdf, cards.EMPTY, resolver))
@@ -280,7 +276,8 @@ def _from_file(reference: UrdfFile) -> RobotModel:
     path = _file(reference.path, "URDF")
     srdf_path = _file(reference.srdf_path, "SRDF") if reference.srdf_path else None
     if is_mjcf(path.read_text(errors="replace")):
-        return load_mjcf_file(path, None if srdf_path is None else read_xml(srdf_path), reference.root_joint)
+        semantics = None if srdf_path is None else read_xml(srdf_path)
+        return load_mjcf(path.stem, compile_file(path), semantics, reference.root_joint)
     resolver = MeshResolver.for_file(path, map(absolute, reference.package_dirs))
     described = read_description(path, srdf_path, reference.xacro_args, resolver)
     source = RobotSource(described.urdf, path, reference.root_joint, described.files)
@@ -320,7 +317,6 @@ def _key(reference: RobotReference | SentRobot) -> str:
 
 
 def _files(reference: RobotReference | SentRobot, robot: RobotModel) -> list[str]:
-    """Files whose change makes another robot: those of one that is named by its file, with its meshes."""
     if not isinstance(reference, UrdfFile):
         return []
     meshes = [mesh.get("filename") for mesh in etree.fromstring(robot.source.urdf_text.encode()).iter("mesh")]
@@ -343,7 +339,6 @@ def _companions(mesh: Path) -> list[str]:
 
 
 def _stamp(file: str) -> _Stamp | None:
-    """What changes with a file, or with a link that leads to it; None where there is none."""
     try:
         found = os.stat(file)  # noqa: PTH116  # of each file, for each request: a Path takes half as long again
     except OSError:
@@ -351,40 +346,26 @@ def _stamp(file: str) -> _Stamp | None:
     return found.st_mtime_ns, found.st_size, found.st_ino, found.st_dev
 
 
-_log = logging.getLogger(__name__)
 _SOURCES = Path(__file__).parent.parent
 
 
 def lines_of(entries: Iterable[Entry]) -> list[RobotSummary]:
     """A line about each robot, in their order; from disk if they were found before, from the same files."""
     known = list(entries)
-    path = folder() / f"robots-{_line_key(known)}"
-    with contextlib.suppress(OSError, msgspec.MsgspecError):
-        return msgspec.json.decode(path.read_bytes(), type=list[RobotSummary])
-    lines = [summarize(entry) for entry in known]
-    try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_whole(path, msgspec.json.encode(lines), durable=False)
-    except OSError as error:
-        _log.warning("cannot keep %s: %s", path, error)
-    return lines
+    state = f"{_sources()} {pin.__version__}"
+    for entry in known:
+        files = [entry.folder / name for name in (entry.card.urdf, entry.card.srdf) if name is not None]
+        state += f"\0{entry} {[(file.stat().st_mtime_ns, file.stat().st_size) for file in files]}"
 
+    def summarize_all() -> Arrays:
+        return {"lines": np.frombuffer(msgspec.json.encode([summarize(entry) for entry in known]), np.uint8)}
 
-def _line_key(entries: Iterable[Entry]) -> str:
-    """Changes with each robot's files and card, and with what reads them."""
-    digest = hashlib.sha256(f"{_sources()} {pin.__version__}".encode())
-    for entry in entries:
-        digest.update(f"\0{entry}".encode())
-        for name in (entry.card.urdf, entry.card.srdf):
-            if name is not None:
-                status = (entry.folder / name).stat()
-                digest.update(f"\0{status.st_mtime_ns} {status.st_size}".encode())
-    return digest.hexdigest()
+    found = remembered("robots", {"state": np.frombuffer(state.encode(), np.uint8)}, summarize_all)
+    return msgspec.json.decode(found["lines"].tobytes(), type=list[RobotSummary])
 
 
 @functools.cache
 def _sources() -> str:
-    """Changes with every file of the robot room."""
     digest = hashlib.sha256()
     for source in sorted(_SOURCES.rglob("*.py")):
         digest.update(source.read_bytes())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -14,12 +13,12 @@ import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.values import RootJoint
-from guidefield.robot.mjcf.compilation import CompiledModel, body_names, compile_file, compile_text, import_mujoco
+from guidefield.robot.mjcf.compilation import CompiledModel, body_names, import_mujoco
 from guidefield.robot.mjcf.conversion import convert, root_is_fixed
 from guidefield.robot.model import card as cards
-from guidefield.robot.model.followers import follow
 from guidefield.robot.model.loading import load
 from guidefield.robot.model.model import RobotModel, RobotSource
+from guidefield.robot.model.pairs import random_configuration
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf import srdf
 from guidefield.robot.urdf.meshes import MeshResolver
@@ -28,21 +27,12 @@ _LINE = re.compile(r"^line \d+: ")
 """Where a sentence about the URDF that an MJCF became begins with a line that nobody has written."""
 
 
-def load_mjcf_file(path: Path, srdf_text: str | None, root_joint: RootJoint) -> RobotModel:
-    """Load an MJCF file; states and pairs of an SRDF come before those of the MJCF.
+def load_mjcf(name: str, compiled: CompiledModel, srdf_text: str | None, root_joint: RootJoint) -> RobotModel:
+    """Load a compiled MJCF; states and pairs of an SRDF come before those of the MJCF.
 
     Raises:
         RobotInvalid: if it can't be used, with the element at fault.
     """
-    return _load(path.stem, compile_file(path), srdf_text, root_joint)
-
-
-def load_mjcf_text(name: str, text: str, srdf_text: str | None, root_joint: RootJoint) -> RobotModel:
-    """Load an MJCF that was sent; it must name no file."""
-    return _load(name, compile_text(text), srdf_text, root_joint)
-
-
-def _load(name: str, compiled: CompiledModel, srdf_text: str | None, root_joint: RootJoint) -> RobotModel:
     converted = convert(compiled, name, root_joint)
     semantics = converted.semantics
     if srdf_text:
@@ -65,8 +55,6 @@ SAME = 1e-9
 """Placements that differ by more than this [m, or 1], for each metre from the world's origin, are not the same."""
 TRIALS = 3
 """Random configurations at which placements are compared, beside the one at rest."""
-FAR = 1.0
-"""Joints without limits are drawn within this of their zero [rad or m]."""
 
 
 def check_placements(
@@ -89,7 +77,8 @@ def check_placements(
     named = {name: index for index, name in enumerate(body_names(model))}
     frames = {name: robot.model.getFrameId(name, pin.FrameType.BODY) for name in named}
     behind = {f"{link}_{number}": geom for link, some in geoms.items() for number, geom in enumerate(some)}
-    for q in (robot.rest, *(_draw_configuration(robot, rng) for _ in range(TRIALS))):
+    drawn = (random_configuration(robot.model, robot.joints, rng, robot.size) for _ in range(TRIALS))
+    for q in (robot.rest, *drawn):
         data.qpos[:] = mujoco_configuration(robot, model, joints, q)
         mujoco.mj_kinematics(model, data)
         pin.framesForwardKinematics(robot.model, placed, q)
@@ -121,14 +110,3 @@ def _compare(what: str, ours: Any, position: np.ndarray, rotation: np.ndarray) -
     apart = max(np.abs(ours.translation - position).max(), np.abs(ours.rotation.ravel() - rotation).max())
     if not apart <= SAME * max(1.0, float(np.abs(position).max())):
         raise RobotInvalid(f"MJCF: {what} stands elsewhere than MuJoCo has it, by {apart:.3g}; please report this file")
-
-
-def _draw_configuration(robot: RobotModel, rng: np.random.Generator) -> RobotConfiguration:
-    """A configuration within the limits, shape (nq,); joints that follow others where they belong."""
-    q: RobotConfiguration = pin.integrate(robot.model, robot.rest, rng.uniform(-FAR, FAR, robot.model.nv))
-    for joint in robot.joints:
-        if joint.nq == 1:
-            lower, upper = max(float(joint.lower[0]), -FAR), min(float(joint.upper[0]), FAR)
-            q[joint.idx_q] = rng.uniform(lower, max(lower, upper))
-    follow(robot.joints, q)
-    return q

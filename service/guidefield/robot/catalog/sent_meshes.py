@@ -80,7 +80,6 @@ class _Naming:
         return self.names[uri]
 
     def _referred(self, uri: str, depth: int, reference: str) -> str:
-        """What a file that another names is called here."""
         beside = _beside(uri, reference)
         if beside not in self.meshes:
             raise _fault(uri, f"names {reference[:200]!r}, which was not sent", names=reference[:200])
@@ -90,7 +89,6 @@ class _Naming:
 
 
 def _beside(uri: str, reference: str) -> str:
-    """The URI of a file that another names relative to itself."""
     scheme, separator, path = uri.rpartition("://")
     named = reference.replace("\\", "/")
     return scheme + separator + posixpath.normpath(posixpath.join(posixpath.dirname(path), named))
@@ -124,7 +122,6 @@ def _rewritten_lines(names: re.Pattern[bytes], word: bytes, content: bytes, uri:
 
 
 def _rewritten_gltf(content: bytes, uri: str, referred: _Referred) -> bytes:
-    """A glTF document with every URI in it replaced; those that hold their data stay."""
     try:
         document = json.loads(content)
         parts = [document]
@@ -140,8 +137,6 @@ def _rewritten_gltf(content: bytes, uri: str, referred: _Referred) -> bytes:
 
 
 def _checked_glb(content: bytes, uri: str, _referred: _Referred) -> bytes:
-    """A binary glTF, which must have all its data in itself."""
-
     def refuse(reference: str) -> str:
         raise _fault(uri, f"names {reference[:200]!r}; a .glb must hold all that it needs", names=reference[:200])
 

@@ -146,22 +146,22 @@ class PlanningGroup:
     @cached_property
     def units(self) -> np.ndarray:
         """What counts as one radian in each coordinate of the chart, shape (nv,) [rad or m]: the group's metric."""
-        return _units(self)
+        return _scales(self)[0]
 
     @cached_property
     def sizes(self) -> np.ndarray:
         """How many times as far as at size 1 each coordinate of the chart goes, shape (nv,): 1 for angles."""
-        return _sizes(self)
+        return _scales(self)[1]
 
     @cached_property
     def periods(self) -> np.ndarray:
         """By how much an angle that wraps comes back to where it was, 0 for other coordinates, shape (nv,) [rad]."""
-        return _periods(self)
+        return _scales(self)[2]
 
     @cached_property
     def winds(self) -> np.ndarray:
         """Which coordinates of the chart are angles without limits whose whole turns count, shape (nv,), bool."""
-        return _winds(self)
+        return _scales(self)[3]
 
     def part_of(self, q_whole: RobotConfiguration) -> Configuration:
         """The planned joints' part, shape (nq,), of a configuration of the whole robot, shape (robot.model.nq,)."""
@@ -323,7 +323,6 @@ class PlanningGroup:
         return [self.wire_positions(z) for z in zs]
 
     def _turned(self, zs: np.ndarray) -> np.ndarray:
-        """Chart points (..., nv) with the start's whole turns added."""
         return zs if self.whole_turns is None else zs + self.whole_turns
 
     def wire_path(self, zs: ChartPoints) -> list[WireRow]:
@@ -415,7 +414,6 @@ def with_bound_rates(joints: Sequence[Joint], stated: Sequence[Joint]) -> tuple[
 
 
 def _with_rates(joint: Joint, velocity: Mapping[str, float], acceleration: Mapping[str, float]) -> Joint:
-    """A joint with the limits that a request states for it."""
     if joint.name in velocity:
         limit = np.full(joint.nv, velocity[joint.name])
         joint = dataclasses.replace(joint, velocity=limit, velocity_source=LimitSource.REQUEST)
@@ -426,35 +424,18 @@ def _with_rates(joint: Joint, velocity: Mapping[str, float], acceleration: Mappi
 
 
 @memoized_for_alike
-def _units(group: PlanningGroup) -> np.ndarray:
+def _scales(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Units, sizes, periods and winds of a group."""
     units = units_of(group.joints, group.size)
-    read_only(units)
-    return units
-
-
-@memoized_for_alike
-def _sizes(group: PlanningGroup) -> np.ndarray:
-    sizes = np.where(units_of(group.joints, 1.0) == 1.0, 1.0, group.units / LENGTH_OF_A_RADIAN)
-    read_only(sizes)
-    return sizes
-
-
-@memoized_for_alike
-def _periods(group: PlanningGroup) -> np.ndarray:
+    sizes = np.where(units_of(group.joints, 1.0) == 1.0, 1.0, units / LENGTH_OF_A_RADIAN)
     periods = np.zeros(group.nv)
     for joint in group.joints:
         if joint.kind in chart.ANGLE:
             periods[joint.idx_v + chart.ANGLE[joint.kind]] = 2.0 * np.pi
-    read_only(periods)
-    return periods
-
-
-@memoized_for_alike
-def _winds(group: PlanningGroup) -> np.ndarray:
     turns = np.concatenate([np.full(joint.nv, joint.kind is JointKind.REVOLUTE) for joint in group.joints])
     winds: np.ndarray = turns & ~np.isfinite(group.upper - group.lower)
-    read_only(winds)
-    return winds
+    read_only(units, sizes, periods, winds)
+    return units, sizes, periods, winds
 
 
 def _at_q(joint: Any) -> slice:

@@ -39,19 +39,13 @@ def lent_data(group: PlanningGroup, borrower: object) -> Any:
         data = unused.pop()
     except IndexError:
         data = group.model.createData()
-    weakref.finalize(borrower, _taken_back, unused, data).atexit = False
+    weakref.finalize(borrower, lambda: unused.append(data) if len(unused) < MOST else None).atexit = False
     return data
 
 
 @memoized_for_alike
 def _unused(group: PlanningGroup) -> list[Any]:  # noqa: ARG001 - they are its model's
-    """Data that nobody has."""
     return []
-
-
-def _taken_back(unused: list[Any], data: Any) -> None:
-    if len(unused) < MOST:
-        unused.append(data)
 
 
 @memoized_for_alike

@@ -151,7 +151,6 @@ def _last_link(group: PlanningGroup, carrier: int, leads: bool) -> np.ndarray:
 def _check(
     group: PlanningGroup, links: np.ndarray, axes: np.ndarray, between: np.ndarray, kinds: list[int], leads: bool
 ) -> None:
-    """Links have a length, and universal joints point them everywhere."""
     short = np.flatnonzero(np.linalg.norm(links, axis=1) < 1e-6)
     if len(short):
         raise _unfit(group, f"its link {short[0] + 1} has no length")

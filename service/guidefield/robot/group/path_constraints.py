@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -23,43 +23,6 @@ from guidefield.robot.group.kinematics import lent_data
 from guidefield.robot.group.tip_chain import chain_to
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.spaces import ChartPoint
-
-
-class PathConstraint(Protocol):
-    """A number about a frame that must not exceed a limit."""
-
-    @property
-    def frame(self) -> str:
-        """Name of the frame."""
-        ...
-
-    @property
-    def limit(self) -> float:
-        """What the number must not exceed [rad or m]."""
-        ...
-
-    def value(self, placement: Any) -> float:
-        """The number where the frame is placed in the world (pinocchio.SE3), at least 0 [rad or m]."""
-        ...
-
-    def row(self, placement: Any) -> np.ndarray:
-        """Its derivative by the frame's velocity at its origin in the world's axes, linear then angular, shape (6,)."""
-        ...
-
-    def change(self, shift: float, turn: float) -> float:
-        """The most that it changes while the origin moves by `shift` [m] and the frame turns by `turn` [rad]."""
-        ...
-
-    def project_velocity(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return the parts of linear and angular velocity that change it: rows (k, 3) of an orthogonal projection.
-
-        Those of the linear velocity are the same everywhere, those of the angular velocity turn with the frame.
-        """
-        ...
-
-    def describe(self, value: float) -> str:
-        """A value of the number beyond the limit, in words [rad or mm]."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,10 +160,20 @@ class EvenTurn:
         return f"{self.frame!r} is turned by {value:.4g} rad from its even turn, {self.limit:.4g} rad are allowed"
 
     def _away(self, placement: Any) -> np.ndarray:
-        """Rotation vector from the even turn to the frame, shape (3,) [rad]."""
         share = float(self.by_place @ (placement.translation - self.begin.translation))
         away: np.ndarray = pin.log3(placement.rotation @ (pin.exp3(share * self.turn) @ self.begin.rotation).T)
         return away
+
+
+PathConstraint = Cone | Near | EvenTurn
+"""A number about a frame that must not exceed a limit.
+
+Each has its value where the frame is placed (pinocchio.SE3), at least 0 [rad or m], and its derivative, a row of shape
+(6,), by the frame's velocity at its origin in the world's axes, linear first; the most that it changes while the origin
+moves by `shift` [m] and the frame turns by `turn` [rad]; and the parts of linear and angular velocity that change it,
+as rows (k, 3) of orthogonal projections. Those of the linear velocity are the same everywhere, those of the angular
+velocity turn with the frame.
+"""
 
 
 class ConstrainedFrames:
@@ -287,7 +260,6 @@ def kept_frames(frames: ConstrainedFrames) -> KeptFrames:
 
 
 def _vectors(constraint: PathConstraint) -> np.ndarray:
-    """The columns of vectors of a constraint, shape (VECTORS,)."""
     row = np.zeros(VECTORS)
     match constraint:
         case Cone(axis=axis, target=target):
@@ -296,6 +268,4 @@ def _vectors(constraint: PathConstraint) -> np.ndarray:
             row[: 3 + across.size] = *point, *across.ravel()
         case EvenTurn(begin=begin, turn=turn):
             row[:] = *begin.translation, *constraint.by_place, *turn, *begin.rotation.ravel()
-        case _:
-            raise TypeError(f"{type(constraint).__name__} is no path constraint")
     return row

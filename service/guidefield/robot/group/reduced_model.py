@@ -107,7 +107,6 @@ def _reduce(
 
 
 def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: str) -> tuple[str, ...]:
-    """Names of the planned joints, in Pinocchio's order."""
     if isinstance(group, str):
         if group not in robot.groups:
             available = sorted(robot.groups)
@@ -182,7 +181,6 @@ def _can_move(joint: Joint) -> bool:
 
 
 def _place_models(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
-    """Copies of the robot's models with its root at a placement in the world."""
     model, geometry = robot.model.copy(), robot.geometry.copy()
     for index in range(1, model.njoints):
         if model.parents[index] == 0:
@@ -197,7 +195,6 @@ def _place_models(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
 
 
 def _regrouped(robot: RobotModel, space: Any) -> tuple[Joint, ...]:
-    """The robot's joints with the indices that they have in the space of planned joints."""
     regrouped = []
     for index in range(1, space.njoints):
         joint, whole = space.joints[index], robot.joint(space.names[index])

@@ -77,7 +77,6 @@ def _rotation_columns(group: PlanningGroup) -> np.ndarray:
 
 
 def _slides(joint: Joint) -> slice:
-    """Which chart coordinates are the translations of a joint that turns, too."""
     return slice(joint.idx_v, joint.idx_v + (2 if joint.kind is JointKind.PLANAR else 3))
 
 
@@ -90,7 +89,6 @@ def _seen_from(group: PlanningGroup, joint: Joint, zs: ChartPoints, rows: np.nda
 
 
 def _turned_back(angles: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Rows of the plane (n, 2) seen from frames turned by angles (n,)."""
     c, s = np.cos(angles), np.sin(angles)
     return np.column_stack([c * rows[:, 0] + s * rows[:, 1], c * rows[:, 1] - s * rows[:, 0]])
 

@@ -58,11 +58,6 @@ def chain_to_tip(group: PlanningGroup) -> ChainToTip:
     return _find_chain(group) if turns_freely else _found_once(group)
 
 
-@memoized_for_alike
-def _found_once(group: PlanningGroup) -> ChainToTip:
-    return _find_chain(group)
-
-
 def _find_chain(group: PlanningGroup) -> ChainToTip:
     table = chain_to(group, group.tip_id)
     moved_by = np.count_nonzero(group.expand_velocity, axis=0)
@@ -81,6 +76,9 @@ def _find_chain(group: PlanningGroup) -> ChainToTip:
     turning = np.flatnonzero((periods > 0.0) & (group.upper - group.lower >= periods))
     read_only(*measure, moving, turning)
     return ChainToTip(table, moving, measure, turning, _reach(table))
+
+
+_found_once = memoized_for_alike(_find_chain)
 
 
 def chain_to(group: PlanningGroup, frame: int) -> TipChain:
@@ -165,7 +163,6 @@ def unlimited(chain: ChainToTip) -> ChainToTip:
 
 
 def _rows(placement: Any) -> np.ndarray:
-    """Rotation and translation (3, 4) row by row, shape (12,)."""
     rows = np.column_stack([placement.rotation, placement.translation]).ravel()
     read_only(rows)
     return rows

@@ -152,7 +152,6 @@ class _Found:
 
 
 def _enough(found: _Found, count: int, drawn: int, most: int) -> bool:
-    """Whether to stop drawing starts."""
     accepted, rejected = len(found.accepted), len(found.rejected)
     if not accepted and not rejected:
         return drawn >= SEARCH.most_unreached

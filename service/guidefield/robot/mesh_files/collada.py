@@ -27,8 +27,6 @@ from guidefield.robot.mesh_files.numbers import (
 Element = Any
 """An element of lxml, for which there are no types."""
 
-WITHOUT_FACES = ("lines", "linestrips")
-"""Primitives that have no area."""
 _STRICT = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": True, "remove_comments": True}
 
 
@@ -85,8 +83,6 @@ def _root(content: bytes) -> Element:
 
 
 class _Document:
-    """A COLLADA document and the meshes that were read of it."""
-
     def __init__(self, root: Element) -> None:
         self.root = root
         self._named = {element.get("id"): element for element in root.iter(etree.Element) if element.get("id")}
@@ -184,7 +180,6 @@ class _Document:
         return None, lambda _: np.empty(0, np.int64)
 
     def _source(self, source: Element) -> np.ndarray:
-        """The points (n, 3) of a `<source>`."""
         if source in self._sources:
             return self._sources[source]
         technique = _child(source, "technique_common")
@@ -209,7 +204,6 @@ class _Document:
         return points
 
     def _target(self, element: Element, *tags: str, attribute: str = "url") -> Element:
-        """The element that another refers to."""
         reference = element.get(attribute, "").strip()
         found = self._named.get(reference.removeprefix("#"))
         if not reference.startswith("#") or found is None or _tag(found) not in tags:
@@ -310,22 +304,14 @@ def _translate(element: Element) -> np.ndarray:
 
 
 def _rotate(element: Element) -> np.ndarray:
-    *axis, degrees = _values(element, 4).tolist()
-    return _turned(np.array(axis), math.radians(degrees))
-
-
-def _turned(axis: np.ndarray, angle: float) -> np.ndarray:
     """Rodrigues' formula."""
-    placement, length = np.eye(4), float(np.linalg.norm(axis))
+    *axis, degrees = _values(element, 4).tolist()
+    angle, placement, length = math.radians(degrees), np.eye(4), float(np.linalg.norm(axis))
     if length > 0.0:
-        x, y, z = axis / length
+        x, y, z = np.array(axis) / length
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         placement[:3, :3] += math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
     return placement
-
-
-def _scale(element: Element) -> np.ndarray:
-    return np.diag([*_values(element, 3), 1.0])
 
 
 def _look_at(element: Element) -> np.ndarray:
@@ -355,7 +341,7 @@ TRANSFORMS: dict[str, Callable[[Element], np.ndarray]] = {
     "lookat": _look_at,
     "matrix": _matrix,
     "rotate": _rotate,
-    "scale": _scale,
+    "scale": lambda element: np.diag([*_values(element, 3), 1.0]),
     "skew": _skew,
     "translate": _translate,
 }

@@ -44,7 +44,6 @@ def buffer_files(content: bytes) -> list[str]:
 
 
 def _document(content: bytes) -> tuple[Mapping[str, Any], bytes]:
-    """The JSON, and the binary chunk."""
     binary = b""
     if content.startswith(b"glTF"):
         stated = int.from_bytes(content[8:12], "little")
@@ -68,8 +67,6 @@ def _document(content: bytes) -> tuple[Mapping[str, Any], bytes]:
 
 
 class _Gltf:
-    """A glTF document and its buffers."""
-
     def __init__(self, document: Mapping[str, Any], binary: bytes, folder: Path | None) -> None:
         self._document, self._binary, self._folder = document, binary, folder
         self._buffers: dict[int, bytes] = {}
@@ -133,7 +130,6 @@ class _Gltf:
         return vertices, rows
 
     def _values(self, number: int, kind: str) -> np.ndarray:
-        """The values of an accessor, shape (n, width)."""
         accessor = _entry(self._document.get("accessors", []), number, "accessor")
         if accessor["type"] != kind:
             raise MeshFault(f"has an accessor of {accessor['type']} where {kind} belongs")
@@ -203,7 +199,6 @@ def _entry(rows: Sequence[Any], number: Any, what: str) -> Mapping[str, Any]:
 
 
 def _placement(node: Mapping[str, Any]) -> np.ndarray:
-    """The affine map of a node, shape (4, 4)."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     placement = np.eye(4)

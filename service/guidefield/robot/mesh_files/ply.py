@@ -103,8 +103,6 @@ def _header(content: bytes) -> tuple[str, list[_Element], bytes]:
 
 
 class _Words:
-    """The rows of a file of text."""
-
     def __init__(self, body: bytes) -> None:
         self._words, self._at = body.split(), 0
 
@@ -141,8 +139,6 @@ def _whole(word: bytes) -> int:
 
 
 class _Bytes:
-    """The rows of a binary file."""
-
     def __init__(self, body: bytes, order: str) -> None:
         self._body, self._order, self._at = body, order, 0
 

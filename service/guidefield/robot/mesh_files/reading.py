@@ -121,7 +121,6 @@ def plain_file(path: Path) -> tuple[str, bytes]:
 
 
 def _kind_and_content(path: Path) -> tuple[str, bytes]:
-    """Return the kind of a mesh file and its bytes, without a byte order mark."""
     content = content_of(path)
     if not _is_binary_stl(content):
         content = content.removeprefix(_BYTE_ORDER_MARK)
@@ -203,7 +202,6 @@ def _merged(vertices: np.ndarray, triangles: np.ndarray) -> FileMesh:
 
 
 def _lines(content: bytes) -> bytes:
-    """Text with its lines' ends as one byte."""
     return content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 
@@ -336,7 +334,6 @@ def read_stl(content: bytes) -> Objects:
 
 
 def _is_binary_stl(content: bytes) -> bool:
-    """Whether content has the length that it states as a binary STL file."""
     return len(content) == HEADER + FACET.itemsize * int.from_bytes(content[80:HEADER], "little")
 
 

@@ -67,8 +67,6 @@ def stated_unit(content: bytes) -> str:
 
 
 class _Package:
-    """An archive and the models in it."""
-
     def __init__(self, content: bytes) -> None:
         try:
             self._archive = zipfile.ZipFile(io.BytesIO(content))

@@ -117,7 +117,6 @@ def _tag(element: Element) -> str:
 
 
 def _product(element: Element, attribute: str) -> float:
-    """The product of an attribute's numbers, each at least 1."""
     return math.prod(max(1.0, value) for value in _numbers(element, attribute))
 
 

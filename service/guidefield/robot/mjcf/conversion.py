@@ -97,7 +97,6 @@ class GeomWriter:
             etree.SubElement(etree.SubElement(element, "material", name=color), "color", rgba=color)
 
     def _shape(self, geom: int) -> tuple[str, dict[str, str]]:
-        """URDF's word for a geom's shape, and its attributes."""
         kinds, kind = self._kinds, int(self._model.geom_type[geom])
         a, b, c = self._model.geom_size[geom].tolist()
         if kind == kinds.mjGEOM_SPHERE:
@@ -232,7 +231,6 @@ def _are_parent_and_child(model: Any, first: int, second: int) -> bool:
 
 
 def _masks_meet(model: Any, first: Sequence[int], second: Sequence[int]) -> bool:
-    """Return True if some geom of one link may touch some of another, by contype and conaffinity."""
     types, affinities = np.asarray(model.geom_contype), np.asarray(model.geom_conaffinity)
     one, other = np.array(first), np.array(second)
     meet = (types[one][:, None] & affinities[other]) | (types[other] & affinities[one][:, None])
@@ -364,7 +362,6 @@ def _free_joints(model: Any) -> list[int]:
 
 
 def _held_bodies(model: Any, moving: Collection[int]) -> list[str]:
-    """A sentence about bodies whose free joints don't move, if there are such."""
     names = body_names(model)
     held = [names[model.jnt_bodyid[joint]] for joint in _free_joints(model) if joint not in moving]
     if not held:

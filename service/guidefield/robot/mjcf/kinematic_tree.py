@@ -65,7 +65,6 @@ def joint_laws(model: Any, warnings: list[str]) -> JointLaws:
 
 
 def _follows(laws: JointLaws, joint: int, source: int) -> bool:
-    """Return True if a joint is another one, or follows it."""
     while joint != source and joint in laws.mimics:
         joint = laws.mimics[joint][0]
     return joint == source

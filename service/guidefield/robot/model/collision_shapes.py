@@ -111,9 +111,8 @@ def settle(
         if one.wall:
             warnings.append(f"link {link!r}: mesh {uri!r}: {one.wall}")
         if one.filled > 0.0:
-            warnings.append(
-                f"link {link!r}: mesh {uri!r} is judged by its hull, which fills {_told_volume(one.filled)} of hollows"
-            )
+            hollows = f"{1e6 * one.filled:.3g} cm^3" if one.filled < 1e-3 else f"{1e3 * one.filled:.3g} l"
+            warnings.append(f"link {link!r}: mesh {uri!r} is judged by its hull, which fills {hollows} of hollows")
     return tuple(choices)
 
 
@@ -161,26 +160,19 @@ def _settle_mesh(mesh: FileMesh, found: Arrays, unit: float) -> _Settled:
 
 
 def _unit_hint(path: Path) -> str:
-    """A question about the unit of a large mesh."""
     if path.suffix.lower() == ".dae":
         return f"its file states a unit of {unit_of(path):g} m; is that right?"
     return 'are its numbers millimetres? Then its <mesh> needs scale="0.001 0.001 0.001"'
 
 
-def _told_volume(volume: float) -> str:
-    return f"{1e6 * volume:.3g} cm^3" if volume < 1e-3 else f"{1e3 * volume:.3g} l"
-
-
 def _has_area(mesh: FileMesh) -> bool:
     """Check that some triangle has an area, but for rounding; most meshes show it by their first triangles."""
-    return any(_is_area(mesh.vertices[mesh.triangles[k : k + 1024]]) for k in range(0, len(mesh.triangles), 1024))
-
-
-def _is_area(corners: np.ndarray) -> bool:
-    a, b, c = np.moveaxis(corners, 1, 0)
-    edges = np.maximum(((b - a) ** 2).sum(axis=1), ((c - a) ** 2).sum(axis=1))
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return bool((areas > SLIVER * edges).any())
+    for first in range(0, len(mesh.triangles), 1024):
+        a, b, c = np.moveaxis(mesh.vertices[mesh.triangles[first : first + 1024]], 1, 0)
+        edges = np.maximum(((b - a) ** 2).sum(axis=1), ((c - a) ** 2).sum(axis=1))
+        if (np.linalg.norm(np.cross(b - a, c - a), axis=1) > SLIVER * edges).any():
+            return True
+    return False
 
 
 def _thin_box(points: np.ndarray) -> tuple[Any, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from guidefield.robot.model.frames import moving_joint
 from guidefield.robot.model.model import Joint
-from guidefield.robot.urdf.srdf import Srdf, SrdfChain, SrdfGroup
+from guidefield.robot.urdf.srdf import Srdf, SrdfGroup
 
 
 def resolve_groups(
@@ -28,7 +28,6 @@ def resolve_groups(
 
 
 def _reason(group: SrdfGroup, members: set[str], joints: Sequence[Joint]) -> str:
-    """Why none of a group's joints can be planned for."""
     kinds = {joint.name: "mimic" if joint.mimic is not None else "passive" for joint in joints}
     if moving := sorted(members & kinds.keys()):
         return f"its joints don't move by themselves ({', '.join(f'{name} is {kinds[name]}' for name in moving)})"
@@ -50,11 +49,7 @@ def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -
         if joint := moving_joint(model, link):
             members.add(model.names[joint])
     for chain in group.chains:
-        members |= _chain_joints(model, chain)
+        members |= {*joints_to(model, chain.tip)} - {*joints_to(model, chain.base)}
     for inner in group.groups:
         members |= _members(model, described, inner, visiting | {name})
     return members
-
-
-def _chain_joints(model: Any, chain: SrdfChain) -> set[str]:
-    return set(joints_to(model, chain.tip)) - set(joints_to(model, chain.base))

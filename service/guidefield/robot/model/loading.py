@@ -84,7 +84,9 @@ def load(
     warnings = list(facts.warnings)
     model, geometry, meshes = _parse(name, source, facts, warnings)
     check_geometry_complete(facts, geometry, model)
-    set_planar_axes(model, geometry, _planar_axes(facts, model))
+    indices = joint_indices(model)
+    axes = {indices[name]: np.array(joint.axis) for name, joint in facts.joints.items() if joint.axis is not None}
+    set_planar_axes(model, geometry, axes)
     model = followers.with_unwrapped(with_ball_joints(name, model, card.ball_joints), facts)
     known_joints = [*facts.joints, ROOT_JOINT, *described.virtual]
     warnings += [*described.warnings, *srdf.unknown_names(described, facts.links, known_joints)]
@@ -160,12 +162,6 @@ def _check_root_joint(name: str, facts: UrdfFacts, root_joint: str) -> None:
             element="joint",
             joint=ROOT_JOINT,
         )
-
-
-def _planar_axes(facts: UrdfFacts, model: Any) -> dict[int, np.ndarray]:
-    """Axis, shape (3,), of each planar joint of a URDF, by Pinocchio's index."""
-    indices = joint_indices(model)
-    return {indices[name]: np.array(joint.axis) for name, joint in facts.joints.items() if joint.axis is not None}
 
 
 def _check_columns(name: str, joints: Sequence[Joint]) -> None:

@@ -92,7 +92,6 @@ def _read_only(limit: float) -> np.ndarray:
 
 
 def _range(follower: Joint, law: Mimic) -> tuple[float, float]:
-    """Values of the joint followed at which the follower is within its limits."""
     if law.multiplier == 0.0 or follower.kind not in LIMITED:
         return -np.inf, np.inf
     ends = [(float(limit) - law.offset) / law.multiplier for limit in (follower.lower[0], follower.upper[0])]

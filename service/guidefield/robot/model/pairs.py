@@ -86,20 +86,14 @@ def settle(
     geometry.setCollisionPairs(tested & ~left_out, True)
     present = {frozenset((links[first], links[second])) for first, second in np.argwhere(left_out).tolist()}
     gone = sorted((pair for pair in reasons if pair in present), key=sorted)
-    return Settled(tuple(PairLeftOut(_named(pair), reasons[pair]) for pair in gone), tuple(warnings))
+    return Settled(tuple(PairLeftOut((min(pair), max(pair)), reasons[pair]) for pair in gone), tuple(warnings))
 
 
 def _percent(share: float) -> str:
     return f"{100 * share:.0f} % of random configurations"
 
 
-def _named(pair: frozenset[str]) -> tuple[str, str]:
-    first, *others = sorted(pair)
-    return first, others[0] if others else first
-
-
 def _adjacent(model: Any, joints_of: np.ndarray, links: Sequence[str]) -> set[frozenset[str]]:
-    """Pairs of links whose joints are parent and child; `joints_of` is the joint of each shape, shape (n,)."""
     parents = np.array(model.parents)[joints_of]
     neighbours = (parents[:, None] == joints_of) & (joints_of > 0)[:, None]
     return {frozenset((links[first], links[second])) for first, second in np.argwhere(neighbours).tolist()}
@@ -136,7 +130,7 @@ def _shares_touching(
     rng = np.random.default_rng(0)
     pairs, counts = collision_pairs(geometry), Counter[frozenset[str]]()
     most, touch = (1.0 - ALWAYS) * (SAMPLES + 1), TOUCH * size
-    for done, q in enumerate([rest, *(_random_configuration(model, joints, rng, size) for _ in range(SAMPLES))]):
+    for done, q in enumerate([rest, *(random_configuration(model, joints, rng, size) for _ in range(SAMPLES))]):
         contacts.place(q)
         found: set[frozenset[str]] = set()
         for k in contacts.find_near(touch):
@@ -148,10 +142,10 @@ def _shares_touching(
     return {pair: count / (SAMPLES + 1) for pair, count in counts.items()}
 
 
-def _random_configuration(
+def random_configuration(
     model: Any, joints: Sequence[Joint], rng: np.random.Generator, size: float
 ) -> RobotConfiguration:
-    """Draw a configuration within the limits, lengths within `ROAM`, angles within one turn.
+    """Draw a configuration, shape (nq,), within the limits, lengths within `ROAM`, angles within one turn.
 
     Angles that others follow count whole turns: they are drawn from all their limits, or within `WIND`.
     """

@@ -70,7 +70,6 @@ def _rebuilt(
 
 
 def _copy_limits(source: Any, target: Any, kept: Sequence[tuple[Any, Any]]) -> None:
-    """Copy limits of joints of one model to those of another, in the other's order."""
     for name, none in (("lowerPositionLimit", -math.inf), ("upperPositionLimit", math.inf)):
         limits = getattr(source, name)
         parts = [

@@ -81,7 +81,6 @@ def _state(
 
 
 def _beyond(values: Positions, joints: Sequence[Joint]) -> list[str]:
-    """What a state says beyond the limits of its joints."""
     return [
         f"joint {joint.name!r} at {value:g}, its limits are {joint.limits[0]:g} and {joint.limits[1]:g}"
         for joint in joints
@@ -150,8 +149,6 @@ def settle(
 
 
 class _Search:
-    """Looks for configurations without contact."""
-
     def __init__(self, model: Any, geometry: Any, joints: Sequence[Joint], margin: float) -> None:
         self._model, self._joints, self._margin = model, joints, margin
         self._contacts = SelfContacts(model, geometry)

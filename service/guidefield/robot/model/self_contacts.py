@@ -46,7 +46,6 @@ def scratch_space(geometry: Any) -> Any:
 
 
 def _alike(requests: Any, one: Any, count: int) -> Any:
-    """So many copies of one request in Coal's list."""
     for _ in range(count):
         requests.append(one)
     return requests
@@ -116,7 +115,6 @@ class SelfContacts:
         return bool(distance > margin + SLACK)
 
     def _hull_of(self, index: int, shape: Any) -> Any:
-        """The shape, or the hull about it if it is a mesh; None for a mesh without one."""
         if index not in self._hulls:
             self._hulls[index] = hull(shape) if isinstance(shape, coal.BVHModelBase) else shape
         return self._hulls[index]

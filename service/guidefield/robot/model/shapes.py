@@ -67,7 +67,6 @@ def _faces(shape: Any) -> tuple[np.ndarray, Callable[[int], Any], int]:
 
 
 def _identify(shape: Any) -> tuple[Any, ...]:
-    """What a Coal mesh or hull is told from others by."""
     vertices, face, count = _faces(shape)
     some = tuple(face(i)[k] for i in (0, count // 2, count - 1) if count for k in range(3))
     return type(shape), content_key(vertices), count, some

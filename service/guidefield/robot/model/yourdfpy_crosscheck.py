@@ -64,7 +64,6 @@ def _capsules(robot: RobotModel, root: Any) -> list[str]:
 
 
 def _placed_otherwise(robot: RobotModel, root: Any) -> list[str]:
-    """A sentence for each joint or link that yourdfpy reads otherwise."""
     if not _known_to_both(robot, root):
         return []
     try:

@@ -153,7 +153,6 @@ def name_of_end(joint: Element, tag: str) -> str:
 
 
 def _find_end(joint: Element, tag: str, links: Collection[str]) -> str:
-    """Return the link that a joint names as its parent or child."""
     link, ends = name_of_end(joint, tag), joint.findall(tag)
     if link not in links:
         raise fault(ends[0], f"{tag} link {link!r} does not exist; there are {', '.join(links)}", link=link)
@@ -182,7 +181,6 @@ def _is_any_angle(kind: str, figures: tuple[float, float, float, float]) -> bool
 
 
 def _check_limit(limit: Element, kind: str, warnings: list[str]) -> tuple[float, float, float, float]:
-    """Lower, upper, velocity, effort."""
     lower, upper = number(limit, "lower", 0.0), number(limit, "upper", 0.0)
     velocity, effort = number(limit, "velocity", math.nan), number(limit, "effort", math.nan)
     if kind in _RANGED and lower > upper:

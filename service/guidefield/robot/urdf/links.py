@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 from lxml import etree
@@ -49,8 +47,6 @@ REPEATED = (NEVER_JUDGED, NOT_DRAWN, THIN)
 
 CAPSULE_SINCE = (1, 1)
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-
-_Complaint = Callable[[Element, str], None]
 
 
 def check_link(
@@ -107,7 +103,7 @@ def _check_collision(
     collision: Element, version: tuple[int, int], resolver: MeshResolver, warnings: list[str]
 ) -> CollisionFacts:
     check_origins(collision, version)
-    shape = _check_geometry(collision, version, _refuse)
+    shape = _check_geometry(collision, version, None)
     _thicken(shape, warnings)
     mesh = _settle_collision_mesh(shape, resolver) if shape.tag == "mesh" else None
     return CollisionFacts(link=name_of(collision.getparent()), shape=shape.tag, mesh=mesh, line=collision.sourceline)
@@ -115,7 +111,7 @@ def _check_collision(
 
 def _check_visual(visual: Element, version: tuple[int, int], resolver: MeshResolver, warnings: list[str]) -> None:
     check_origins(visual, version)
-    shape = _check_geometry(visual, version, partial(_warn, warnings))
+    shape = _check_geometry(visual, version, warnings)
     for material in visual.findall("material"):
         if material.get("name") is None:
             raise fault(material, "<material> must have a name")
@@ -126,8 +122,14 @@ def _check_visual(visual: Element, version: tuple[int, int], resolver: MeshResol
             raise fault(shape, f"mesh {shape.get('filename')!r} can't be read") from None
 
 
-def _check_geometry(owner: Element, version: tuple[int, int], complain: _Complaint) -> Element:
-    """The one shape of a `<visual>` or `<collision>`; `complain` is told of faults that only matter for collisions."""
+def _check_geometry(owner: Element, version: tuple[int, int], warnings: list[str] | None) -> Element:
+    """Return the one shape of a `<visual>` or `<collision>`; faults that collisions alone mind may be warnings."""
+
+    def complain(element: Element, message: str) -> None:
+        if warnings is None:
+            raise fault(element, message)
+        warnings.append(warning(element, f"{message}; {NEVER_JUDGED}"))
+
     shapes = [shape for geometry in owner.findall("geometry") for shape in geometry]
     if not shapes:
         raise fault(owner, f"<{owner.tag}> must have a <geometry> with a shape ({_shape_names(version)})")
@@ -195,7 +197,6 @@ def _can_be_had(uri: str, resolver: MeshResolver) -> bool:
 
 
 def _settle_mesh(mesh: Element, resolver: MeshResolver) -> Path:
-    """Put the real path into a `<mesh>`."""
     try:
         path = resolver.resolve(mesh.get("filename").strip())
     except RobotInvalid as error:
@@ -216,11 +217,3 @@ def _check_inertial(inertial: Element, version: tuple[int, int]) -> None:
 
 def _shape_names(version: tuple[int, int]) -> str:
     return ", ".join(shape for shape in SHAPES if shape != "capsule" or version >= CAPSULE_SINCE)
-
-
-def _refuse(element: Element, message: str) -> None:
-    raise fault(element, message)
-
-
-def _warn(warnings: list[str], element: Element, message: str) -> None:
-    warnings.append(warning(element, f"{message}; {NEVER_JUDGED}"))

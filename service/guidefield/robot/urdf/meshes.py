@@ -177,7 +177,6 @@ class MeshResolver:
         return named[0] if named else None
 
     def _confined(self, uri: str, path: Path) -> Path:
-        """Return where a file really is, which must be allowed too."""
         real = path.resolve()
         if not _is_within(real, (folder.resolve() for folder in self.folders)):
             raise self._make_refusal(uri, "is a link that leads outside what is allowed")
@@ -287,7 +286,6 @@ def _enclosing_package(folder: Path) -> dict[str, Path]:
 
 
 def _package_dirs_of_environment() -> list[Path]:
-    """Return the folders of packages and models that an environment of ROS or Gazebo names."""
     roots = os.pathsep.join(os.environ.get(name, "") for name in FOLDERS_OF_ENVIRONMENT).split(os.pathsep)
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return [*(Path(root) for root in roots if root), *(Path(prefix) / "share" for prefix in prefixes if prefix)]
@@ -303,7 +301,6 @@ def _printable(path: Path) -> str:
 
 
 def _has_one(folder: Path, paths: Iterable[str]) -> bool:
-    """Tell whether a folder has one of some paths in it."""
     return any(path.is_relative_to(folder) and exists(path) for path in (_folded(folder / path) for path in paths))
 
 

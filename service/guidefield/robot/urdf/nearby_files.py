@@ -215,15 +215,11 @@ def _longest(names: Sequence[str], files: Sequence[Path]) -> Match:
 
 def _common(names: Sequence[str], parts: Sequence[str], *, exact: bool) -> int:
     pairs = zip(reversed(names), reversed(parts), strict=False)
-    return sum(1 for _ in takewhile(lambda pair: _same(*pair, exact=exact), pairs))
-
-
-def _same(name: str, other: str, *, exact: bool) -> bool:
-    return name == other if exact else name.lower() == other.lower()
+    same = takewhile(lambda pair: pair[0] == pair[1] or (not exact and pair[0].lower() == pair[1].lower()), pairs)
+    return sum(1 for _ in same)
 
 
 def _different(files: Sequence[Path]) -> tuple[Path, ...]:
-    """Keep one of the files of equal bytes."""
     kept: list[Path] = []
     for file in files:
         if not any(same_bytes(file, other) for other in kept):

@@ -168,7 +168,6 @@ def unknown_names(described: Srdf, links: Collection[str], joints: Collection[st
 
 
 def _named(kind: str, names: Collection[str]) -> str:
-    """All of some names, those of one kind."""
     plural = "" if len(names) == 1 else "s"
     has = "SRDF" if kind == "group" else "robot"
     return f"{kind}{plural} {', '.join(map(repr, sorted(names)))}, which the {has} doesn't have"

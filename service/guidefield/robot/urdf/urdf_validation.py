@@ -100,7 +100,6 @@ def _folded(warnings: Collection[str]) -> list[str]:
 
 
 def _version(root: Element) -> tuple[int, int]:
-    """The URDF's version, 1.0 where it says none."""
     written = root.get("version", "1.0").strip()
     match = re.fullmatch(r"([0-9]{1,4})\.([0-9]{1,4})", written)
     version = (int(match.group(1)), int(match.group(2))) if match else (0, 0)
@@ -110,7 +109,6 @@ def _version(root: Element) -> tuple[int, int]:
 
 
 def _by_name(root: Element, tag: str) -> dict[str, Element]:
-    """Children of one kind by name; they must have one, and different ones."""
     named: dict[str, Element] = {}
     for element in root.findall(tag):
         name = name_of(element)

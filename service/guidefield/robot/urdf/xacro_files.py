@@ -80,7 +80,7 @@ def expand(
         xacro.init_stacks(str(path))
         try:
             document = xacro.parse(None, str(path))
-            given = {name: _as_text(value) for name, value in arguments.items()}
+            given = {name: str(arg).lower() if isinstance(arg, bool) else str(arg) for name, arg in arguments.items()}
             xacro.process_doc(document, mappings=given, verbosity=0)
             text = document.toprettyxml(indent="  ")
         except Exception as error:  # an expression in the file may raise anything
@@ -133,7 +133,6 @@ def _fault(path: Path, xacro: Any, error: Exception) -> RobotInvalid:
 
 
 def _check_arguments(path: Path, files: tuple[Path, ...], arguments: Mapping[str, ArgumentValue]) -> None:
-    """Refuse arguments that no file has: xacro would ignore them."""
     if not arguments:
         return
     known: set[str] = set()
@@ -145,10 +144,6 @@ def _check_arguments(path: Path, files: tuple[Path, ...], arguments: Mapping[str
         if name not in known:
             listed = f"it has {', '.join(sorted(known))}" if known else "it has none"
             raise RobotInvalid(f"{path.name} has no xacro argument {name!r}; {listed}", path=str(path), argument=name)
-
-
-def _as_text(value: ArgumentValue) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _read(file: Path) -> str:

@@ -282,7 +282,7 @@ def drop_xacro(root: Element, warnings: list[str]) -> None:
         if any(map(_is_xacro, element.iterancestors())):
             continue  # it goes with what it is in
         if tag in defined or tag in _XACRO_CONTENT or (len(element) and tag not in _XACRO_DEFINITIONS):
-            raise fault(element, f"this is a xacro file ({_tag_of(element)}); {EXPAND_IT}")
+            raise fault(element, f"this is a xacro file (<xacro:{tag}>); {EXPAND_IT}")
         calls.setdefault(tag, []).append(element.sourceline)
     for tag, (line, *others) in calls.items():
         more = f" (and {len(others)} more)" if others else ""
@@ -293,10 +293,6 @@ def drop_xacro(root: Element, warnings: list[str]) -> None:
 
 def _is_xacro(element: Element) -> bool:
     return isinstance(element.tag, str) and "xacro" in element.tag.partition("}")[0] and element.tag[0] == "{"
-
-
-def _tag_of(element: Element) -> str:
-    return f"<xacro:{etree.QName(element).localname}>"
 
 
 def _drop(element: Element) -> None:
