@@ -99,70 +99,48 @@ class ByShape(Generic[Found]):
         return self.search(robot, asked).found()
 
     def search(self, robot: RobotModel, asked: Hashable) -> Search[Found]:
-        """What is known, and what has to be found."""
+        """Return the results that are known, and tasks for the others, the largest shape first."""
         known, unit = self._known.of(robot, asked), power_of_two(robot.size)
-
-        def restored(arrays: Arrays) -> Found | None:
-            return self._restored(arrays, unit)
-
         if known is not MISSING:
-            return Search(known, (), restored, lambda found: found)
-        return Search(
-            None, self._asked_of(robot, asked, unit), restored, lambda found: self._known.keep(robot, asked, found)
-        )
+            return Search([], lambda: known, lambda: known)
+        names: list[str | None] = []
+        answers: dict[str, Found | None] = {}
+        tasks: dict[str, ShapeTask] = {}
 
-    def _asked_of(
-        self, robot: RobotModel, asked: Hashable, unit: float
-    ) -> list[tuple[Question | None, Callable[..., ShapeTask]]]:
-        """What is found for each shape, in the geometry's order, and what makes a task of it."""
-        return [
-            (self._question(shape.geometry, asked, unit), functools.partial(ShapeTask.of, self._doing, robot, index))
-            for index, shape in enumerate(robot.geometry.geometryObjects)
-        ]
+        def find(name: str, question: Question) -> None:
+            answers[name] = self._restored(remembered(*question), unit)
 
+        def found() -> tuple[Found | None, ...]:
+            return tuple(None if name is None else answers.get(name) for name in names)
 
-class Search(Generic[Found]):
-    """The results about a robot's shapes that are known, and the tasks for the others, the largest shape first."""
-
-    def __init__(
-        self,
-        known: tuple[Found | None, ...] | None,
-        questions: Sequence[tuple[Question | None, Callable[..., ShapeTask]]],
-        restored: Callable[[Arrays], Found | None],
-        keep: Callable[[tuple[Found | None, ...]], tuple[Found | None, ...]],
-    ) -> None:
-        self._known, self._restored, self._keep = known, restored, keep
-        self._names: list[str | None] = []
-        self._answers: dict[str, Found | None] = {}
-        unfound: dict[str, ShapeTask] = {}
-        for question, task_of in questions:
-            name = None if question is None else name_of(*question)
-            self._names.append(name)
-            if question is None or name is None or name in self._answers or name in unfound:
+        for index, shape in enumerate(robot.geometry.geometryObjects):
+            question = self._question(shape.geometry, asked, unit)
+            names.append(None if question is None else name_of(*question))
+            name = names[-1]
+            if question is None or name is None or name in answers or name in tasks:
                 continue
-            arrays = recalled(*question)
-            if arrays is None:
-                unfound[name] = task_of(_extent(question[1]), functools.partial(self._find, name, question))
-            else:
-                self._answers[name] = restored(arrays)
-        self.tasks = sorted(unfound.values(), key=lambda task: -task.extent)
-
-    def found(self) -> tuple[Found | None, ...]:
-        """What is known by now for each shape, in the geometry's order; None elsewhere."""
-        if self._known is not None:
-            return self._known
-        return tuple(None if name is None else self._answers.get(name) for name in self._names)
-
-    def keep(self) -> tuple[Found | None, ...]:
-        """The same once all is found; it is kept with the robot."""
-        return self._keep(self.found())
-
-    def _find(self, name: str, question: Question) -> None:
-        self._answers[name] = self._restored(remembered(*question))
+            arrays, inputs = recalled(*question), question[1]
+            if arrays is not None:
+                answers[name] = self._restored(arrays, unit)
+                continue
+            extent = max(float(np.max(array)) for array in inputs.values())
+            if "vertices" in inputs:
+                extent = float(np.linalg.norm(np.ptp(inputs["vertices"], axis=0)))
+            work = functools.partial(find, name, question)
+            tasks[name] = ShapeTask.of(self._doing, robot, index, extent, work)
+        largest_first = sorted(tasks.values(), key=lambda task: -task.extent)
+        return Search(largest_first, found, lambda: self._known.keep(robot, asked, found()))
 
 
-def _extent(inputs: Arrays) -> float:
-    """How large a shape is [m]: that of its vertices, or its largest number."""
-    if "vertices" in inputs:
-        return float(np.linalg.norm(np.ptp(inputs["vertices"], axis=0)))
-    return max(float(np.max(array)) for array in inputs.values())
+class Search(NamedTuple, Generic[Found]):
+    """Results about a robot's shapes, in the geometry's order.
+
+    Attributes:
+        tasks: Work that finds those that aren't known.
+        found: Returns those that are known by now, None elsewhere.
+        keep: Returns them once all are found, and keeps them with the robot.
+    """
+
+    tasks: list[ShapeTask]
+    found: Callable[[], tuple[Found | None, ...]]
+    keep: Callable[[], tuple[Found | None, ...]]

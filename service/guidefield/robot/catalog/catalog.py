@@ -108,20 +108,10 @@ def _summary(
     )
 
 
-@dataclass(frozen=True)
-class Description:
-    """A robot's URDF and SRDF, further files that these were made from, and xacro's warnings."""
-
-    urdf: str
-    srdf: str | None
-    files: tuple[Path, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-
 def read_description(
     urdf: Path, srdf: Path | None, xacro_args: Mapping[str, ArgumentValue], resolver: MeshResolver
-) -> Description:
-    """Read a robot's URDF and SRDF, or the xacro files of these; the SRDF's gets the arguments that it has.
+) -> tuple[Expanded, str | None]:
+    """Read a robot's URDF, with the files and warnings of both, and SRDF; xacro files get the arguments that they have.
 
     Raises:
         RobotInvalid: if a file can't be expanded, or there are arguments and none is a xacro file.
@@ -132,9 +122,9 @@ def read_description(
         )
     text = _expanded(urdf, xacro_args, resolver, strict=True)
     semantic = None if srdf is None else _expanded(srdf, xacro_args, resolver, strict=False)
-    files = (*text.files, *(semantic.files if semantic else ()))
-    warnings = (*text.warnings, *(semantic.warnings if semantic else ()))
-    return Description(text.text, None if semantic is None else semantic.text, files, warnings)
+    if semantic is None:
+        return text, None
+    return Expanded(text.text, (*text.files, *semantic.files), (*text.warnings, *semantic.warnings)), semantic.text
 
 
 def absolute(path: str) -> Path:
@@ -279,10 +269,10 @@ def _from_file(reference: UrdfFile) -> RobotModel:
         semantics = None if srdf_path is None else read_xml(srdf_path)
         return load_mjcf(path.stem, compile_file(path), semantics, reference.root_joint)
     resolver = MeshResolver.for_file(path, map(absolute, reference.package_dirs))
-    described = read_description(path, srdf_path, reference.xacro_args, resolver)
-    source = RobotSource(described.urdf, path, reference.root_joint, described.files)
+    described, semantics = read_description(path, srdf_path, reference.xacro_args, resolver)
+    source = RobotSource(described.text, path, reference.root_joint, described.files)
     try:
-        robot = crosschecked(load(robot_name(path), source, described.srdf, cards.EMPTY, resolver))
+        robot = crosschecked(load(robot_name(path), source, semantics, cards.EMPTY, resolver))
     except RobotInvalid as error:
         if not is_xacro(path):
             raise

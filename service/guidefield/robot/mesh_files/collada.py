@@ -7,27 +7,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 from lxml import etree
 
 from guidefield.robot.mesh_files.numbers import (
+    STRICT_XML,
     Collected,
+    Element,
     MeshFault,
     Objects,
     Triangles,
     check_indices,
+    child_of,
+    children,
     floats,
     integers,
+    local_name,
     triangulate,
+    triangulate_strip,
     triangulate_with_holes,
 )
-
-Element = Any
-"""An element of lxml, for which there are no types."""
-
-_STRICT = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": True, "remove_comments": True}
 
 
 def read_collada(content: bytes) -> Objects:
@@ -45,8 +45,8 @@ def read_collada(content: bytes) -> Objects:
 
 def read_up_axis(content: bytes) -> str:
     """Return the axis that a COLLADA file says to be up, `x`, `y` or `z`, else y; MeshFault if it is another."""
-    asset = _child(_root(content), "asset")
-    stated = None if asset is None else _child(asset, "up_axis")
+    asset = child_of(_root(content), "asset")
+    stated = None if asset is None else child_of(asset, "up_axis")
     axis = "Y_UP" if stated is None else (stated.text or "").strip()
     if axis not in ("X_UP", "Y_UP", "Z_UP"):
         raise MeshFault(f"has <up_axis>{axis}</up_axis>, which must be X_UP, Y_UP or Z_UP")
@@ -60,8 +60,8 @@ def read_unit(content: bytes) -> float:
 
 def collada_unit(root: Element) -> float:
     """Return the length of a document's unit [m], 1 where it states none; MeshFault if it isn't a positive number."""
-    asset = _child(root, "asset")
-    unit = None if asset is None else _child(asset, "unit")
+    asset = child_of(root, "asset")
+    unit = None if asset is None else child_of(asset, "unit")
     stated = "1" if unit is None else unit.get("meter", "1")
     try:
         length = float(stated)
@@ -74,11 +74,11 @@ def collada_unit(root: Element) -> float:
 
 def _root(content: bytes) -> Element:
     try:
-        root = etree.fromstring(content, etree.XMLParser(**_STRICT))
+        root = etree.fromstring(content, etree.XMLParser(**STRICT_XML))
     except (etree.XMLSyntaxError, ValueError) as error:
         raise MeshFault(f"is not XML: {error}") from None
-    if _tag(root) != "COLLADA":
-        raise MeshFault(f"is no COLLADA file: its root element is <{_tag(root)}>")
+    if local_name(root) != "COLLADA":
+        raise MeshFault(f"is no COLLADA file: its root element is <{local_name(root)}>")
     return root
 
 
@@ -91,13 +91,13 @@ class _Document:
 
     def instances(self, visit: Callable[[int, str], None]) -> Iterator[tuple[Element, np.ndarray]]:
         """Yield each `<geometry>` and its placement, shape (4, 4); `visit` gets a node's depth and name."""
-        pending = [(node, np.eye(4), 0) for node in reversed(_children(self._visual_scene(), "node"))]
+        pending = [(node, np.eye(4), 0) for node in reversed(children(self._visual_scene(), "node"))]
         while pending:
             node, above, depth = pending.pop()
             visit(depth, node.get("name") or node.get("id", ""))
             placement, below = above @ _placement(node), []
             for child in node:
-                match _tag(child):
+                match local_name(child):
                     case "instance_geometry":
                         yield self._target(child, "geometry"), placement
                     case "instance_controller":
@@ -111,13 +111,15 @@ class _Document:
     def mesh(self, geometry: Element) -> Triangles:
         """Return the triangles of a `<geometry>`, all its primitives."""
         if geometry not in self._meshes:
-            mesh = _child(geometry, "mesh")
+            mesh = child_of(geometry, "mesh")
             if mesh is None:
-                kinds = ", ".join(f"<{_tag(child)}>" for child in geometry if _tag(child) not in ("asset", "extra"))
+                kinds = ", ".join(
+                    f"<{local_name(child)}>" for child in geometry if local_name(child) not in ("asset", "extra")
+                )
                 raise MeshFault(f"has the geometry {geometry.get('id')!r} of {kinds or 'nothing'}, which is no mesh")
             collected = Collected()
             for primitive in mesh:
-                if read := PRIMITIVES.get(_tag(primitive)):
+                if read := PRIMITIVES.get(local_name(primitive)):
                     vertices, outlines = self._positions(primitive)
                     if vertices is not None:
                         triangles = read(primitive, vertices, outlines)
@@ -127,14 +129,12 @@ class _Document:
         return self._meshes[geometry]
 
     def _visual_scene(self) -> Element:
-        scene = _child(self.root, "scene")
-        instance = None if scene is None else _child(scene, "instance_visual_scene")
+        scene = child_of(self.root, "scene")
+        instance = None if scene is None else child_of(scene, "instance_visual_scene")
         if instance is not None:
             return self._target(instance, "visual_scene")
         scenes = [
-            one
-            for library in _children(self.root, "library_visual_scenes")
-            for one in _children(library, "visual_scene")
+            one for library in children(self.root, "library_visual_scenes") for one in children(library, "visual_scene")
         ]
         if len(scenes) != 1:
             raise MeshFault(f"has no <scene>, and {len(scenes)} visual scenes to choose from")
@@ -143,26 +143,26 @@ class _Document:
     def _skinned(self, controller: Element, placement: np.ndarray) -> tuple[Element, np.ndarray]:
         """The geometry that a controller deforms, as it was bound."""
         seen = set()
-        while _tag(controller) == "controller" and controller not in seen:
+        while local_name(controller) == "controller" and controller not in seen:
             seen.add(controller)
-            deformer = next((child for child in controller if _tag(child) in ("skin", "morph")), None)
+            deformer = next((child for child in controller if local_name(child) in ("skin", "morph")), None)
             if deformer is None:
                 raise MeshFault(f"has the controller {controller.get('id')!r} without <skin> or <morph>")
-            bound = _child(deformer, "bind_shape_matrix")
+            bound = child_of(deformer, "bind_shape_matrix")
             placement = placement if bound is None else placement @ _matrix(bound)
             controller = self._target(deformer, "geometry", "controller", attribute="source")
         return controller, placement
 
     def _positions(self, primitive: Element) -> tuple[np.ndarray | None, Callable[[Element], np.ndarray]]:
         """The vertices (v, 3) of a primitive, and how the indices of a `<p>` are those of vertices."""
-        inputs = _children(primitive, "input")
+        inputs = children(primitive, "input")
         stride = max((int(one.get("offset", "0")) for one in inputs), default=0) + 1
         for one in inputs:
             source, offset = one, int(one.get("offset", "0"))
             if one.get("semantic") == "VERTEX":
                 vertices = self._target(one, "vertices", attribute="source")
                 source = next(
-                    (some for some in _children(vertices, "input") if some.get("semantic") == "POSITION"), None
+                    (some for some in children(vertices, "input") if some.get("semantic") == "POSITION"), None
                 )
             if source is not None and source.get("semantic") == "POSITION":
 
@@ -176,15 +176,15 @@ class _Document:
 
                 return self._source(self._target(source, "source", attribute="source")), outline
         if any((p.text or "").strip() for p in primitive.iter("{*}p")):
-            raise MeshFault(f"has <{_tag(primitive)}> without the positions of its vertices")
+            raise MeshFault(f"has <{local_name(primitive)}> without the positions of its vertices")
         return None, lambda _: np.empty(0, np.int64)
 
     def _source(self, source: Element) -> np.ndarray:
         if source in self._sources:
             return self._sources[source]
-        technique = _child(source, "technique_common")
-        accessor = None if technique is None else _child(technique, "accessor")
-        array = _child(source, "float_array")
+        technique = child_of(source, "technique_common")
+        accessor = None if technique is None else child_of(technique, "accessor")
+        array = child_of(source, "float_array")
         if accessor is not None and accessor.get("source"):
             array = self._target(accessor, "float_array", attribute="source")
         if array is None:
@@ -192,7 +192,7 @@ class _Document:
         values = floats((array.text or "").encode(), "positions")
         stride = 3 if accessor is None else int(accessor.get("stride", "1"))
         offset = 0 if accessor is None else int(accessor.get("offset", "0"))
-        named = [] if accessor is None else [param.get("name", "").upper() for param in _children(accessor, "param")]
+        named = [] if accessor is None else [param.get("name", "").upper() for param in children(accessor, "param")]
         columns = [named.index(axis) for axis in "XYZ"] if {"X", "Y", "Z"} <= set(named) else [0, 1, 2]
         if stride <= max(columns) or offset < 0:
             raise MeshFault(f"has the source {source.get('id')!r} whose stride is {stride}, of points in space")
@@ -206,7 +206,7 @@ class _Document:
     def _target(self, element: Element, *tags: str, attribute: str = "url") -> Element:
         reference = element.get(attribute, "").strip()
         found = self._named.get(reference.removeprefix("#"))
-        if not reference.startswith("#") or found is None or _tag(found) not in tags:
+        if not reference.startswith("#") or found is None or local_name(found) not in tags:
             raise MeshFault(f"refers to {reference!r}, which is no <{tags[0]}> of it")
         return found
 
@@ -215,7 +215,7 @@ Outline = Callable[[Element], np.ndarray]
 
 
 def _triangles(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
-    corners = [outline(p) for p in _children(primitive, "p")]
+    corners = [outline(p) for p in children(primitive, "p")]
     joined = np.concatenate(corners) if corners else np.empty(0, np.int64)
     if len(joined) % 3:
         raise MeshFault(f"has <triangles> of {len(joined)} corners")
@@ -223,7 +223,7 @@ def _triangles(primitive: Element, _vertices: np.ndarray, outline: Outline) -> n
 
 
 def _polylist(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.ndarray:
-    counts, p = _child(primitive, "vcount"), _child(primitive, "p")
+    counts, p = child_of(primitive, "vcount"), child_of(primitive, "p")
     sizes = integers(b"" if counts is None else (counts.text or "").encode(), "counts")
     corners = np.empty(0, np.int64) if p is None else outline(p)
     if len(corners) != sizes.sum():
@@ -235,10 +235,10 @@ def _polylist(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.
 def _polygons(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.ndarray:
     found = [np.empty((0, 3), np.int64)]
     for child in primitive:
-        if _tag(child) == "p":
+        if local_name(child) == "p":
             rings = [outline(child)]
-        elif _tag(child) == "ph":
-            rings = [outline(ring) for ring in child if _tag(ring) in ("p", "h")]
+        elif local_name(child) == "ph":
+            rings = [outline(ring) for ring in child if local_name(ring) in ("p", "h")]
         else:
             continue
         check_indices(np.concatenate(rings), len(vertices))
@@ -251,7 +251,7 @@ def _polygons(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.
 
 def _fans(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
     found = [np.empty((0, 3), np.int64)]
-    for p in _children(primitive, "p"):
+    for p in children(primitive, "p"):
         fan = outline(p)
         found.append(np.column_stack([np.full(max(len(fan) - 2, 0), fan[0] if len(fan) else 0), fan[1:-1], fan[2:]]))
     return np.concatenate(found)
@@ -259,11 +259,8 @@ def _fans(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.nda
 
 def _strips(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
     found = [np.empty((0, 3), np.int64)]
-    for p in _children(primitive, "p"):
-        strip = outline(p)
-        rows = np.column_stack([strip[:-2], strip[1:-1], strip[2:]])
-        rows[1::2] = rows[1::2, ::-1]
-        found.append(rows)
+    for p in children(primitive, "p"):
+        found.append(triangulate_strip(outline(p)))
     return np.concatenate(found)
 
 
@@ -281,15 +278,15 @@ def _placement(node: Element) -> np.ndarray:
     """The affine map of a node's transformations, in their order, shape (4, 4)."""
     placement = np.eye(4)
     for child in node:
-        if transform := TRANSFORMS.get(_tag(child)):
+        if transform := TRANSFORMS.get(local_name(child)):
             placement = placement @ transform(child)
     return placement
 
 
 def _values(element: Element, count: int) -> np.ndarray:
-    values = floats((element.text or "").encode(), f"<{_tag(element)}>")
+    values = floats((element.text or "").encode(), f"<{local_name(element)}>")
     if len(values) != count or not np.isfinite(values).all():
-        raise MeshFault(f"has a <{_tag(element)}> that is not {count} finite numbers")
+        raise MeshFault(f"has a <{local_name(element)}> that is not {count} finite numbers")
     return values
 
 
@@ -346,15 +343,3 @@ TRANSFORMS: dict[str, Callable[[Element], np.ndarray]] = {
     "translate": _translate,
 }
 """Affine map (4, 4) by kind of transformation."""
-
-
-def _tag(element: Element) -> str:
-    return str(element.tag).rpartition("}")[2]
-
-
-def _children(element: Element, tag: str) -> list[Element]:
-    return [child for child in element if _tag(child) == tag]
-
-
-def _child(element: Element, tag: str) -> Element | None:
-    return next(iter(_children(element, tag)), None)

@@ -14,6 +14,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from guidefield.geometry.placements import frames
 from guidefield.robot.mesh_files.numbers import Collected, MeshFault, Objects, Triangles, check_indices
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -201,15 +202,9 @@ def _entry(rows: Sequence[Any], number: Any, what: str) -> Mapping[str, Any]:
 def _placement(node: Mapping[str, Any]) -> np.ndarray:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
+    kept = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
+    shift, quaternion, scale = (np.array(node.get(name, none), np.float64) for name, none in kept.items())
     placement = np.eye(4)
-    x, y, z, w = np.array(node.get("rotation", (0.0, 0.0, 0.0, 1.0)), np.float64) / np.linalg.norm(
-        node.get("rotation", (0.0, 0.0, 0.0, 1.0))
-    )
-    placement[:3, :3] = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    placement[:3, :3] *= np.array(node.get("scale", (1.0, 1.0, 1.0)), np.float64)
-    placement[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
+    placement[:3] = frames(shift[None], quaternion[None]).reshape(3, 4)
+    placement[:3, :3] *= scale
     return placement

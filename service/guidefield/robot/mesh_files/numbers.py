@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mapbox_earcut
 import numpy as np
@@ -119,6 +119,41 @@ class Objects(NamedTuple):
     vertices: np.ndarray
     triangles: np.ndarray
     firsts: tuple[tuple[str, int], ...] = ()
+
+
+Element = Any
+"""An element of lxml, for which there are no types."""
+
+STRICT_XML = {
+    "resolve_entities": False,
+    "no_network": True,
+    "load_dtd": False,
+    "huge_tree": True,
+    "remove_comments": True,
+}
+"""Options of a parser of XML that opens nothing else."""
+
+
+def local_name(named: Element | str) -> str:
+    """Return the name of an element or attribute without its namespace."""
+    return str(named if isinstance(named, str) else named.tag).rpartition("}")[2]
+
+
+def children(element: Element, tag: str) -> list[Element]:
+    """Return the children of a local name."""
+    return [child for child in element if local_name(child) == tag]
+
+
+def child_of(element: Element, tag: str) -> Element | None:
+    """Return the first child of a local name."""
+    return next(iter(children(element, tag)), None)
+
+
+def triangulate_strip(corners: np.ndarray) -> np.ndarray:
+    """Return the triangles (t, 3) of a strip of corners (n,), every second one turned round."""
+    rows = np.column_stack([corners[:-2], corners[1:-1], corners[2:]])
+    rows[1::2] = rows[1::2, ::-1]
+    return rows
 
 
 def floats(text: bytes, what: str) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from guidefield.robot.mesh_files.numbers import MeshFault, Triangles, check_indices, triangulate
+from guidefield.robot.mesh_files.numbers import MeshFault, Triangles, check_indices, triangulate, triangulate_strip
 
 TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -68,9 +68,7 @@ def _strips(corners: np.ndarray, count: int) -> np.ndarray:
         strip = part[part != -1]
         check_indices(strip, count)
         if len(strip) > 2:
-            rows = np.column_stack([strip[:-2], strip[1:-1], strip[2:]])
-            rows[1::2] = rows[1::2, ::-1]
-            found.append(rows)
+            found.append(triangulate_strip(strip))
     return np.concatenate(found) if found else np.empty((0, 3), np.int64)
 
 
@@ -116,7 +114,10 @@ class _Words:
             columns = [table[k::width] for k in range(width)]
         for _ in range(element.count if listed else 0):
             for k, (_, _, counted) in enumerate(element.properties):
-                size = _whole(self._next(1)[0]) if counted else 1
+                word = self._next(1)[0] if counted else b"1"
+                if not word.isdigit():
+                    raise MeshFault(f"has a list of {word[:20].decode(errors='replace')!r} values")
+                size = int(word)
                 counts[k].append(size)
                 columns[k] += self._next(size)
         try:
@@ -130,12 +131,6 @@ class _Words:
         if len(words) < count:
             raise MeshFault("is cut short: it holds fewer rows than its header states")
         return words
-
-
-def _whole(word: bytes) -> int:
-    if not word.isdigit():
-        raise MeshFault(f"has a list of {word[:20].decode(errors='replace')!r} values")
-    return int(word)
 
 
 class _Bytes:

@@ -9,50 +9,50 @@ from __future__ import annotations
 import io
 import posixpath
 import zipfile
-from typing import Any
 
 import numpy as np
 from lxml import etree
 
 from guidefield.robot.mesh_files.numbers import (
+    STRICT_XML,
     Collected,
+    Element,
     MeshFault,
     Objects,
     Triangles,
     check_indices,
+    child_of,
+    children,
     floats,
     integers,
+    local_name,
 )
-
-Element = Any
-"""An element of lxml, for which there are no types."""
 
 MAX_BYTES = 2**30
 """An unpacked part of more bytes is refused."""
 START = "3D/3dmodel.model"
 START_KIND = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
-_STRICT = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": True, "remove_comments": True}
 
 
 def read_three_mf(content: bytes) -> Objects:
     """Read a 3MF file, by its objects; MeshFault if it is no archive, is malformed, or names what isn't in it."""
     package = _Package(content)
     collected = Collected()
-    build = _child(package.model(package.start), "build")
-    items = [] if build is None else _children(build, "item")
+    build = child_of(package.model(package.start), "build")
+    items = [] if build is None else children(build, "item")
     pending = [(package.start, item, np.eye(4), 0) for item in reversed(items)]
     while pending:
         part, reference, above, depth = pending.pop()
-        named = next((value for key, value in reference.attrib.items() if _local(key) == "path"), None)
+        named = next((value for key, value in reference.attrib.items() if local_name(key) == "path"), None)
         part = part if named is None else named.lstrip("/")
         found = package.object(part, reference.get("objectid", ""))
         collected.visit(depth, found.get("name", ""))
         placement = above @ _placement(reference)
-        if (mesh := _child(found, "mesh")) is not None:
+        if (mesh := child_of(found, "mesh")) is not None:
             collected.add(_mesh(mesh), placement)
-        components = _child(found, "components")
-        below = [] if components is None else _children(components, "component")
+        components = child_of(found, "components")
+        below = [] if components is None else children(components, "component")
         pending += [(part, component, placement, depth + 1) for component in reversed(below)]
     return collected.objects()
 
@@ -79,7 +79,7 @@ class _Package:
     def _start(self) -> str:
         if "_rels/.rels" not in self._archive.namelist():
             return START
-        for one in _children(self._xml("_rels/.rels"), "Relationship"):
+        for one in children(self._xml("_rels/.rels"), "Relationship"):
             if one.get("Type") == START_KIND:
                 return posixpath.normpath(str(one.get("Target", START)).lstrip("/"))
         return START
@@ -88,8 +88,8 @@ class _Package:
         """Return the root element of a part."""
         if part not in self._models:
             self._models[part] = self._xml(part)
-            resources = _child(self._models[part], "resources")
-            objects = [] if resources is None else _children(resources, "object")
+            resources = child_of(self._models[part], "resources")
+            objects = [] if resources is None else children(resources, "object")
             self._objects[part] = {one.get("id", ""): one for one in objects}
         return self._models[part]
 
@@ -104,7 +104,7 @@ class _Package:
         try:
             if self._archive.getinfo(part).file_size > MAX_BYTES:
                 raise MeshFault(f"unpacks to more than {MAX_BYTES} bytes")
-            return etree.fromstring(self._archive.read(part), etree.XMLParser(**_STRICT))
+            return etree.fromstring(self._archive.read(part), etree.XMLParser(**STRICT_XML))
         except KeyError:
             raise MeshFault(f"is no 3MF file: it has no part {part!r}") from None
         except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError) as error:
@@ -114,8 +114,8 @@ class _Package:
 
 
 def _mesh(mesh: Element) -> Triangles:
-    rows = [one for group in _children(mesh, "vertices") for one in _children(group, "vertex")]
-    faces = [one for group in _children(mesh, "triangles") for one in _children(group, "triangle")]
+    rows = [one for group in children(mesh, "vertices") for one in children(group, "vertex")]
+    faces = [one for group in children(mesh, "triangles") for one in children(group, "triangle")]
     vertices = floats(_write_elements(rows, ("x", "y", "z")), "vertices").reshape(-1, 3)
     triangles = integers(_write_elements(faces, ("v1", "v2", "v3")), "triangles").reshape(-1, 3)
     check_indices(triangles.reshape(-1), len(vertices))
@@ -125,7 +125,7 @@ def _mesh(mesh: Element) -> Triangles:
 def _write_elements(elements: list[Element], attributes: tuple[str, ...]) -> bytes:
     words = [one.get(attribute, "") for one in elements for attribute in attributes]
     if not all(word.strip() for word in words):
-        raise MeshFault(f"has a <{_local(elements[0].tag)}> without {', '.join(attributes)}")
+        raise MeshFault(f"has a <{local_name(elements[0])}> without {', '.join(attributes)}")
     return " ".join(words).encode()
 
 
@@ -138,15 +138,3 @@ def _placement(reference: Element) -> np.ndarray:
             raise MeshFault(f"has a transform of {len(values)} numbers, not 12")
         placement[:3] = values.reshape(4, 3).T
     return placement
-
-
-def _local(name: str) -> str:
-    return name.rpartition("}")[2]
-
-
-def _children(element: Element, tag: str) -> list[Element]:
-    return [child for child in element if _local(str(child.tag)) == tag]
-
-
-def _child(element: Element, tag: str) -> Element | None:
-    return next(iter(_children(element, tag)), None)

@@ -55,22 +55,14 @@ def bind_rates(joints: Sequence[Joint]) -> tuple[Joint, ...]:
         law = follower.mimic
         if law is None or law.multiplier == 0.0 or follower.velocity_source is follower.acceleration_source is _NOBODY:
             continue
-        source, share = by_name[law.driver], 1.0 / abs(law.multiplier)
-        velocity, acceleration = float(follower.velocity[0]) * share, float(follower.acceleration[0]) * share
-        if follower.velocity_source is not _NOBODY and velocity < source.velocity[0]:
-            source = dataclasses.replace(
-                source,
-                velocity=_read_only(velocity),
-                velocity_source=follower.velocity_source,
-                velocity_owner=follower.name,
-            )
-        if acceleration < source.acceleration[0]:
-            source = dataclasses.replace(
-                source,
-                acceleration=_read_only(acceleration),
-                acceleration_source=follower.acceleration_source,
-                acceleration_owner=follower.name,
-            )
+        source = by_name[law.driver]
+        for rate in ("velocity", "acceleration"):
+            said_by = getattr(follower, f"{rate}_source")
+            limit = float(getattr(follower, rate)[0]) * (1.0 / abs(law.multiplier))
+            stated = said_by is not _NOBODY or rate == "acceleration"
+            if stated and limit < getattr(source, rate)[0]:
+                bound = {rate: _read_only(limit), f"{rate}_source": said_by, f"{rate}_owner": follower.name}
+                source = dataclasses.replace(source, **bound)
         by_name[source.name] = source
     return tuple(by_name[joint.name] for joint in joints)
 
