@@ -14,7 +14,7 @@ from guidefield.geometry.convex import bvh
 from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages import scene as messages
-from guidefield.robot.group.alike import Alike
+from guidefield.robot.group.group import Alike
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, group, grouped, rest
 from tests.scene.solids import box_mesh, l_prism, mesh_message, room

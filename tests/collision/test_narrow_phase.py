@@ -10,7 +10,7 @@ import pytest
 from guidefield.collision.clearance import clearance_at
 from guidefield.geometry.convex import bvh
 from guidefield.messages import scene as messages
-from guidefield.robot.group.alike import Alike
+from guidefield.robot.group.group import Alike
 from tests.collision.scenery import box, panda_in, world_of
 from tests.robots import box_arm, group, grouped, random_configuration, rest
 

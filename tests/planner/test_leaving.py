@@ -12,7 +12,7 @@ from guidefield.messages import scene as messages
 from guidefield.planner.plan import plan
 from guidefield.planner.task.problem import Problem
 from guidefield.prove.certificate import certify
-from guidefield.robot.group.alike import Alike
+from guidefield.robot.group.group import Alike
 from tests.planner.limit_attack import extremes
 from tests.planner.problems import problem, scene_of, to_configuration
 from tests.robots import group, rest

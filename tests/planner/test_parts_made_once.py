@@ -13,7 +13,7 @@ from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Box, Scene
-from guidefield.robot.group.alike import Alike
+from guidefield.robot.group.group import Alike
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene as BuiltScene

@@ -13,8 +13,7 @@ from guidefield.collision.pairs import PairNames
 from guidefield.collision.solids import Solid, is_around, solids_of_group
 from guidefield.errors import UnknownObject
 from guidefield.memo import memoized
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.scene.scene import Scene
 
 

@@ -13,8 +13,7 @@ from numpy.lib.stride_tricks import as_strided
 
 from guidefield.kernels.collide.near_pairs import BodyBalls
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import TRANSLATION
 
 PARTS = 8

@@ -43,8 +43,7 @@ from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import size_of
 from guidefield.parallel import run_queue
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.shapes import hull_vertices, triangulation
 from guidefield.system import usable_processors
 

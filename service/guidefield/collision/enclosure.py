@@ -10,8 +10,7 @@ from guidefield.collision.pairs import PairNames
 from guidefield.collision.solids import Solid, is_around, solid_of_obstacle, solids_of_group
 from guidefield.collision.world import World
 from guidefield.memo import MISSING, Answers
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.spaces import ModelConfiguration
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from guidefield.collision.bodies import bodies as bodies_of
 from guidefield.read_only import ReadOnly
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import ROTATION, TRANSLATION
 
 

@@ -7,8 +7,7 @@ import pinocchio as pin
 
 from guidefield.collision.bodies import bodies
 from guidefield.collision.world import World
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.model import JointKind
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.crop import Ball

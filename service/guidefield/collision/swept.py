@@ -16,8 +16,7 @@ from guidefield.kernels.sweep.swept_bounds import SweptRobot, motion_apart
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.bodies.charges import robot_charges
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.spaces import ChartPoint, Configuration
 from guidefield.scene.distance_tables import distance_tables

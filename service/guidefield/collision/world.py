@@ -22,8 +22,7 @@ from guidefield.collision.penetration_depth import ClosestPoints
 from guidefield.collision.solids import link_hulls, obstacle_hull
 from guidefield.errors import SceneInvalid
 from guidefield.kernels.collide.near_pairs import find_near_pairs
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import lent_data
 from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.scene import Scene

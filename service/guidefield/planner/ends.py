@@ -23,9 +23,8 @@ from guidefield.planner.connect.constrained import PoseKeeper
 from guidefield.planner.leaving import SLIGHT_DEPTH
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed
-from guidefield.robot.ik.inverse_kinematics import IkResult, solve
+from guidefield.robot.ik.inverse_kinematics import Cause, IkResult, solve
 from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseTarget
-from guidefield.robot.ik.unreachable import Cause
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
 SURE = 1e-3  # only what is deeper than this is taken for a proof: Coal's depths are found by steps [m], at size 1

@@ -21,8 +21,7 @@ from guidefield.memo import memoized
 from guidefield.messages import scene as messages
 from guidefield.prove.curve import Curve
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.scene.content import points_in
 from guidefield.scene.movers import motion_of, movers

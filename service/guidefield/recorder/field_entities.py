@@ -12,8 +12,7 @@ from guidefield.messages import scene as messages
 from guidefield.potential import RobotField, moving_charges, origin_of
 from guidefield.recorder.chunks import PICTURE, PICTURE_AT_START, entity, rgba32, still, timed
 from guidefield.recorder.robot_entities import moved_frame
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.spaces import Configurations
 from guidefield.scene.field_in_time import Origin, field_in_time
 from guidefield.scene.field_slice import field_slice, planes_along

@@ -17,8 +17,7 @@ from guidefield.messages.requests import JointSetGoal, JointsGoal, PlanRequest
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.configuration import LENGTHS, values_from_wire
 from guidefield.robot.model.frames import frame_index

@@ -15,8 +15,7 @@ from guidefield.recorder.bodies import Drawn
 from guidefield.recorder.chunks import GHOST_ENTITY, PATH_TIME, WORLD, joint_frame, link_frame, path_times, still, timed
 from guidefield.recorder.motion import Motion, Poses, link_placements
 from guidefield.recorder.surface import Surface
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.spaces import Configurations
 

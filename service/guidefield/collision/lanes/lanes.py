@@ -24,8 +24,7 @@ from guidefield.kernels.collide.self_narrowphase import STACK, never_touching
 from guidefield.kernels.simd.packing import Words, pack
 from guidefield.kernels.tree.shortcut import shorten
 from guidefield.memo import memoized
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.spaces import ChartPoints
 
 MOST_JUDGED_CELLS = 2000

@@ -42,8 +42,7 @@ from guidefield.memo import SharedAnswer, memoized_by_value
 from guidefield.read_only import read_only
 from guidefield.robot.bodies.convex_parts import convex_parts
 from guidefield.robot.bodies.sphere_cover import coverage
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.frames import joint_table
 from guidefield.robot.model.shapes import hull_vertices, triangulation

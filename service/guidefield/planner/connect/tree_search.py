@@ -24,8 +24,7 @@ from guidefield.kernels.tree.rrt_connect import SIEVE
 from guidefield.memo import memoized
 from guidefield.planner.connect.settings import CONSTRAINED, ESCAPE, TREE
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import ROAM, ROTATION, TRANSLATION, WIND
 from guidefield.robot.model.spaces import ChartPoints
 

@@ -17,8 +17,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.bodies.charges import link_bodies, surface_samples
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, group_joints
 from guidefield.robot.model.spaces import ChartPoints
 

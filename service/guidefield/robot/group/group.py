@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 import numpy as np
 import pinocchio as pin
 
+from guidefield.memo import memoized_by
 from guidefield.messages.requests import Positions
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import Alike, memoized_for_alike
 from guidefield.robot.model import chart
 from guidefield.robot.model.chart import ROAM, TRANSLATION, WIND
 from guidefield.robot.model.mimic_limits import bind_rates
@@ -31,6 +31,25 @@ from guidefield.robot.model.spaces import (
     Tangent,
     WireRow,
 )
+
+Rest = ParamSpec("Rest")
+Found = TypeVar("Found")
+
+
+class Alike:
+    """Stands for groups of a robot that differ in where they start and in the limits of their rates, and in no more."""
+
+
+def memoized_for_alike(
+    find: Callable[Concatenate[PlanningGroup, Rest], Found],
+) -> Callable[Concatenate[PlanningGroup, Rest], Found]:
+    """Call a function once for groups that are alike and the same further arguments; see `memoized`.
+
+    It depends on nothing in which such groups differ: q_reference, q_origin, limits of velocities and accelerations.
+    Its result must not hold the group.
+    """
+    return memoized_by(lambda group: group.alike, find)
+
 
 LENGTH_OF_A_RADIAN = 0.5
 """How far a joint slides for what counts as one radian [m], at size 1; a power of two, which divides without rounding.

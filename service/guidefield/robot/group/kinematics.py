@@ -19,8 +19,7 @@ from guidefield.kernels.kinematics.forward_kinematics import (
 )
 from guidefield.kernels.kinematics.integrate import Mover
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import TRANSLATION
 from guidefield.robot.model.frames import joint_indices, joint_table
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration

@@ -11,11 +11,9 @@ import numpy as np
 from guidefield.errors import InvalidGroup, at_path
 from guidefield.memo import MISSING, Answers
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import Alike
-from guidefield.robot.group.group import PlanningGroup, reference_of, with_bound_rates
+from guidefield.robot.group.group import Alike, PlanningGroup, reference_of, with_bound_rates
 from guidefield.robot.model.followers import expansion
-from guidefield.robot.model.frames import joint_indices
-from guidefield.robot.model.groups import joints_to
+from guidefield.robot.model.frames import joint_indices, joints_to
 from guidefield.robot.model.model import Joint, RobotModel
 from guidefield.robot.model.replaced_joints import lock_joints
 from guidefield.robot.model.spaces import RobotConfiguration

@@ -14,8 +14,7 @@ from guidefield.kernels.kinematics.inverse_kinematics import Measure
 from guidefield.kernels.kinematics.tip_chain import BALL, SLIDE, TURN, TipChain
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.chart import ROTATION
 from guidefield.robot.model.model import JointKind

@@ -76,3 +76,8 @@ def moving_joint(model: Any, name: str) -> int:
     """Index of the joint that moves a frame; 0 if it stands still or there is none of that name."""
     index = frame_index(model, name)
     return 0 if index is None else int(model.frames[index].parentJoint)
+
+
+def joints_to(model: Any, frame: str) -> list[str]:
+    """Names of the joints between the root and a frame, from the root on."""
+    return [model.names[index] for index in model.supports[moving_joint(model, frame)] if index]

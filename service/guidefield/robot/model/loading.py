@@ -13,8 +13,7 @@ from guidefield.errors import RobotInvalid
 from guidefield.robot.model import chart, followers, pairs, rest
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.collision_shapes import Meshes, read_meshes, settle
-from guidefield.robot.model.frames import frame_index, joint_indices
-from guidefield.robot.model.groups import resolve_groups
+from guidefield.robot.model.frames import frame_index, joint_indices, joints_to, moving_joint
 from guidefield.robot.model.mimic_limits import bind_ranges, describe_bound_rates
 from guidefield.robot.model.model import (
     NO_GEOMETRY,
@@ -32,7 +31,49 @@ from guidefield.robot.model.size import find_size
 from guidefield.robot.urdf import srdf
 from guidefield.robot.urdf.facts import UrdfFacts
 from guidefield.robot.urdf.meshes import MeshResolver
+from guidefield.robot.urdf.srdf import Srdf, SrdfGroup
 from guidefield.robot.urdf.urdf_validation import check_geometry_complete, check_urdf
+
+
+def resolve_groups(
+    model: Any, described: Srdf, joints: Sequence[Joint], warnings: list[str]
+) -> dict[str, tuple[str, ...]]:
+    """Return the joints of SRDF groups that can be planned for, in Pinocchio's order; warn of groups without any."""
+    plannable = [joint.name for joint in joints if joint.is_driven]
+    resolved = {}
+    for name in described.groups:
+        members = _members(model, described, name, frozenset())
+        if ordered := tuple(joint for joint in plannable if joint in members):
+            resolved[name] = ordered
+        else:
+            warnings.append(
+                f"the SRDF's group {name!r} is left out: {_reason(described.groups[name], members, joints)}"
+            )
+    return resolved
+
+
+def _reason(group: SrdfGroup, members: set[str], joints: Sequence[Joint]) -> str:
+    kinds = {joint.name: "mimic" if joint.mimic is not None else "passive" for joint in joints}
+    if moving := sorted(members & kinds.keys()):
+        return f"its joints don't move by themselves ({', '.join(f'{name} is {kinds[name]}' for name in moving)})"
+    return "it is empty" if group == SrdfGroup() else "no joint that moves is among what it names"
+
+
+def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -> set[str]:
+    """Joint names in a group; a group that contains itself adds nothing."""
+    if name in visiting or name not in described.groups:
+        return set()
+    group = described.groups[name]
+    members = set(group.joints)
+    for link in group.links:
+        if joint := moving_joint(model, link):
+            members.add(model.names[joint])
+    for chain in group.chains:
+        members |= {*joints_to(model, chain.tip)} - {*joints_to(model, chain.base)}
+    for inner in group.groups:
+        members |= _members(model, described, inner, visiting | {name})
+    return members
+
 
 DEFAULT_ROTATION_SPEED = 1.0
 """Velocity limit of a rotation for which nobody names one [rad/s]."""
