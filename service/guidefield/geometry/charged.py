@@ -1,4 +1,4 @@
-"""Charged surfaces as the tables that the kernels read: what depends on a surface alone is computed here, once."""
+"""Charged surfaces as the tables that the kernels read, and trees over faces whose nodes stand for all below."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points spread evenly over a surface, each standing for a share of its area."""
+"""Points spread evenly over a surface, each standing for a share of its area, and a small capsule about it."""
 
 from __future__ import annotations
 

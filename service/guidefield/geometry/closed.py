@@ -1,4 +1,4 @@
-"""Closed surfaces of triangles: vertices merged, gaps found and closed, pieces told apart."""
+"""Closed surfaces of triangles: vertices merged, edges numbered, gaps and cracks closed, pieces told apart."""
 
 from __future__ import annotations
 

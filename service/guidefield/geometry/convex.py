@@ -1,4 +1,7 @@
-"""The convex hull of points: made by Coal, which does not survive points that are thin or doubled."""
+"""Shapes of Coal's: convex hulls of points, trees of triangles, and balls as they are to meet these.
+
+Coal does not survive points that are thin or doubled.
+"""
 
 from __future__ import annotations
 

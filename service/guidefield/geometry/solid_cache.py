@@ -1,4 +1,4 @@
-"""A cache of the solids of meshes: the hull, the cover and the convex parts of a mesh are found from the same one."""
+"""A cache of the solids of meshes, whole, coarse or without what lies within: all is found from the same ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Triangulated surfaces of shapes, each in its own frame; triangles counter-clockwise from outside."""
+"""Triangulated surfaces of shapes in their own frames, counter-clockwise from outside, and boxes about points."""
 
 from __future__ import annotations
 

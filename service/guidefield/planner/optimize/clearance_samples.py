@@ -21,8 +21,7 @@ from guidefield.planner.optimize.sampled_robot import sampled_robot
 from guidefield.planner.optimize.settings import SAMPLED_ROBOT, OptimizationSettings
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.group.alike import memoized_for_alike
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.path_constraints import ConstrainedFrames, kept_frames
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables, moving_tables

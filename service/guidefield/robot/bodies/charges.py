@@ -1,4 +1,4 @@
-"""The charged points of a robot's links, and the capsules by which links repel each other."""
+"""Surfaces of a robot's links: charged points with capsules, points and bodies that distances are taken of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Name to robot: the cards in `robots/`, every URDF of example-robot-data, any URDF file or text."""
+"""Name to robot: the cards in `robots/`, every URDF of example-robot-data, any URDF file or text; a line about each."""
 
 from __future__ import annotations
 

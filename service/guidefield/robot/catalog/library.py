@@ -1,4 +1,4 @@
-"""The robots that come with guidefield, by name: every URDF of example-robot-data, and our own `robots/`."""
+"""The robots that come with guidefield, by name: every URDF of example-robot-data, and our own `robots/`; sent ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forward kinematics of a planning group: placements and Jacobians of its frames."""
+"""Forward kinematics of a planning group: placements, Jacobians, and tables of its joints for kernels."""
 
 from __future__ import annotations
 

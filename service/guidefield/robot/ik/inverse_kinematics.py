@@ -1,4 +1,4 @@
-"""Inverse kinematics: distinct configurations of a planning group that bring its tip to a pose, far from each other."""
+"""Inverse kinematics: configurations that bring a tip to a pose, far from each other, or why there are none."""
 
 from __future__ import annotations
 

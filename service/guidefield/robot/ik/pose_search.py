@@ -1,4 +1,4 @@
-"""Descents of a group to a pose of its tip, from starts that are given or drawn."""
+"""Descents of a group to a target pose of its tip, from starts that are given or drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers of text files as arrays, checked."""
+"""Parts of mesh files of any kind: checked numbers, XML, polygons cut into triangles, instances at their places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""MuJoCo compiles an MJCF: defaults, includes, angles, orientations, frames and meshes are settled by it alone."""
+"""MuJoCo compiles an MJCF: defaults, includes, angles, orientations, frames and meshes are settled by it alone.
+
+Names that it leaves out are made up, and no two of one kind are the same.
+"""
 
 from __future__ import annotations
 

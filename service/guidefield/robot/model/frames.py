@@ -1,4 +1,7 @@
-"""Frames by name: links and joints may share one, and then the link is meant."""
+"""Frames and joints of a Pinocchio model by name, and its joints as tables for the kernels.
+
+Links and joints may share a name, and then the link's frame is meant.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a URDF's text to a `RobotModel`: check, let Pinocchio parse, settle shapes, pairs, limits, tip and rest."""
+"""From URDF text to a `RobotModel`: check, let Pinocchio parse, settle shapes, groups, pairs, limits, tip and rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pinocchio models with joints replaced or locked; joints and frames are found by their indices alone."""
+"""Pinocchio models with joints replaced or locked, by their indices alone; ball joints that a card marks."""
 
 from __future__ import annotations
 
