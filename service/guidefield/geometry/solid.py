@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class Solid:
     spans: Integers
     reach: float = 0.0
 
-    @property
+    @cached_property
     def area(self) -> float:
         """Area of the surface [m^2]."""
         return self.surface.area
