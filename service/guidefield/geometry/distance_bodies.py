@@ -140,15 +140,14 @@ class BodyRows(NamedTuple):
         """The rows in another order, indices of shape (n,)."""
         places = {row: place for place, row in enumerate(order.tolist())} if self.surfaces else {}
         return BodyRows(
-            kinds=self.kinds[order],
-            sizes=np.take(self.sizes, order, axis=0),
-            bounds=np.take(self.bounds, order, axis=0),
-            placements=np.take(self.placements, order, axis=0),
             surfaces={places[row]: surface for row, surface in self.surfaces.items() if row in places},
             anchors={places[row]: anchor for row, anchor in self.anchors.items() if row in places},
-            clouds=self.clouds[order],
-            boxes=np.take(self.boxes, order, axis=0),
+            **{name: np.take(getattr(self, name), order, axis=0) for name in _COLUMNS},
         )
+
+
+_COLUMNS = ("kinds", "sizes", "bounds", "placements", "clouds", "boxes")
+"""Fields of `BodyRows` that are arrays, row by row."""
 
 
 def body_rows(bodies: Sequence[Body]) -> BodyRows:
@@ -180,14 +179,9 @@ def joined_rows(first: BodyRows, second: BodyRows) -> BodyRows:
     """Rows of bodies, and others behind them."""
     count = len(first.kinds)
     return BodyRows(
-        kinds=np.concatenate([first.kinds, second.kinds]),
-        sizes=np.concatenate([first.sizes, second.sizes]),
-        bounds=np.concatenate([first.bounds, second.bounds]),
-        placements=np.concatenate([first.placements, second.placements]),
         surfaces=first.surfaces | {count + row: surface for row, surface in second.surfaces.items()},
         anchors=first.anchors | {count + row: anchor for row, anchor in second.anchors.items()},
-        clouds=np.concatenate([first.clouds, second.clouds]),
-        boxes=np.concatenate([first.boxes, second.boxes]),
+        **{name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in _COLUMNS},
     )
 
 

@@ -11,7 +11,7 @@ from guidefield.geometry.decomposition import Decomposition, Part, decompose
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.solid_cache import filled_solid_of_mesh
 from guidefield.geometry.surfaces import Surface
-from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged
+from guidefield.robot.bodies.by_shape import ByShape, Question, logged
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
 from guidefield.robot.model.size import scale
@@ -23,17 +23,12 @@ MOST = 4
 """Most parts of a mesh for a plan, which asks its triangles next. With 8, connections of a UR5 take as long."""
 
 
-def convex_parts(robot: RobotModel, most: int = MOST, progress: Progress = logged) -> tuple[Decomposition | None, ...]:
+def convex_parts(robot: RobotModel, most: int = MOST) -> tuple[Decomposition | None, ...]:
     """Return for each shape, in the geometry's order, its hull and convex parts that together contain it; kept on disk.
 
-    None for a primitive or hull, which is convex itself, and for a mesh that is flat.
-
-    Args:
-        robot: The robot.
-        most: Most parts of a mesh.
-        progress: Called before each mesh that isn't known yet; what it raises comes through.
+    A mesh has at most `most` parts. None for a primitive or hull, which is convex itself, and for a mesh that is flat.
     """
-    return PARTS.all(robot, most, progress)
+    return PARTS.all(robot, most, logged)
 
 
 def known_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
