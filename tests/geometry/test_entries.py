@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guidefield.geometry import cache, entries
-from guidefield.geometry.entries import MAPPED, Draft, in_memory, read, write
+from guidefield.geometry import cache
+from guidefield.geometry.cache import MAPPED, Draft, in_memory, read_arrays, write_arrays
 
 MANY = 3 * MAPPED // 8
 LAYOUT = {"numbers": ("<f8", (MANY,)), "kinds": ("<i4", (3, 5)), "none": ("<f4", (0, 2)), "some": ("|u1", (7,))}
@@ -42,23 +42,23 @@ def test_what_is_made_in_place_is_read_again(tmp_path: Path) -> None:
     made = draft.room(LAYOUT)
     assert not any(array.any() for array in made.values())
     filled(made)
-    assert read(path) is None, "it isn't whole yet"
+    assert read_arrays(path) is None, "it isn't whole yet"
     kept, size = draft.keep()
     draft.drop()
     assert size == path.stat().st_size > MAPPED
     check(kept, wanted)
-    check(read(path), wanted)
+    check(read_arrays(path), wanted)
     assert list(path.parent.iterdir()) == [path]
     in_place = path.read_bytes()
-    write(path, wanted)
+    write_arrays(path, wanted)
     assert path.read_bytes() == in_place, "it is the same file, whoever writes it"
 
 
 def test_what_goes_stays_where_it_was_read(tmp_path: Path) -> None:
     path, wanted = tmp_path / "entry", filled(in_memory(LAYOUT))
-    write(path, wanted)
-    found = read(path)
-    write(path, {name: array[:0] for name, array in wanted.items()})
+    write_arrays(path, wanted)
+    found = read_arrays(path)
+    write_arrays(path, {name: array[:0] for name, array in wanted.items()})
     path.unlink()
     check(found, wanted)
 
@@ -69,21 +69,21 @@ def test_one_bit_that_is_another_is_found(
     share: float, bit: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "entry"
-    write(path, filled(in_memory(LAYOUT)))
+    write_arrays(path, filled(in_memory(LAYOUT)))
     content = bytearray(path.read_bytes())
     content[int(share * len(content))] ^= 1 << bit
     path.write_bytes(content)
     with caplog.at_level(logging.WARNING):
-        assert read(path) is None
+        assert read_arrays(path) is None
     assert "damaged" in caplog.text
 
 
 @pytest.mark.parametrize("damage", [lambda c: c[:-64], lambda c: c + bytes(64), lambda c: c[:4096] + c[8192:]])
 def test_another_length_is_found(damage: Any, tmp_path: Path) -> None:
     path = tmp_path / "entry"
-    write(path, in_memory(LAYOUT))
+    write_arrays(path, in_memory(LAYOUT))
     path.write_bytes(damage(path.read_bytes()))
-    assert read(path) is None
+    assert read_arrays(path) is None
 
 
 def test_without_room_it_is_in_memory(
@@ -92,7 +92,7 @@ def test_without_room_it_is_in_memory(
     def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, "no space left")
 
-    monkeypatch.setattr(entries.os, "posix_fallocate", full)
+    monkeypatch.setattr(cache.os, "posix_fallocate", full)
     draft = Draft(tmp_path / "entry")
     filled(draft.room(LAYOUT))
     kept, size = draft.keep()
@@ -103,7 +103,7 @@ def test_without_room_it_is_in_memory(
 
 
 def test_what_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(room: entries.Room) -> None:
+    def fail(room: cache.Room) -> None:
         room(LAYOUT)
         raise RuntimeError("no")
 

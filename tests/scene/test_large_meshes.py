@@ -17,7 +17,7 @@ import pytest
 
 from guidefield.collision.lanes import scene_tables
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
-from guidefield.geometry import cache, entries
+from guidefield.geometry import cache
 from guidefield.handlers.preparation import prepare_plan
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.scene import Mesh, PointCloud, Scene as Message
@@ -101,7 +101,7 @@ def kinds() -> set[str]:
 
 
 def nothing_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    for owner, name in ((entries, "write"), (entries.Draft, "room")):
+    for owner, name in ((cache, "write_arrays"), (cache.Draft, "room")):
         monkeypatch.setattr(owner, name, lambda *_: pytest.fail("it is there"))
 
 
@@ -137,9 +137,9 @@ def test_patches_are_read_as_they_were_found(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_what_is_seen_is_read_alone_and_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     found, (whole, read) = everything(met(new_scene())), (everything(new_scene()), list[str]())
-    reading = entries.read
+    reading = cache.read_arrays
     nothing_is_written(monkeypatch)
-    monkeypatch.setattr(entries, "read", lambda path: (read.append(path.name.partition("-")[0]), reading(path))[1])
+    monkeypatch.setattr(cache, "read_arrays", lambda path: (read.append(path.name.partition("-")[0]), reading(path))[1])
     part = met(new_scene())
     assert everything(part) == found
     assert {"mesh", "seen"} <= set(read)
@@ -171,8 +171,8 @@ def test_a_full_disk_costs_time_alone(monkeypatch: pytest.MonkeyPatch, caplog: p
     def full(*_: Any, **__: Any) -> None:
         raise OSError(errno.ENOSPC, "no space left")
 
-    monkeypatch.setattr(entries, "write_whole", full)
-    monkeypatch.setattr(entries.os, "posix_fallocate", full)
+    monkeypatch.setattr(cache, "write_whole", full)
+    monkeypatch.setattr(cache.os, "posix_fallocate", full)
     for _ in range(2):
         scene = new_scene()
         assert (everything(met(scene)), everything(scene)) == found

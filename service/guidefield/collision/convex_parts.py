@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap, content_key
-from guidefield.geometry.entries import Arrays, Layout, in_memory
+from guidefield.geometry.cache import Arrays, Layout, in_memory
 from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about
 from guidefield.geometry.placements import transform_points
 from guidefield.kernels.collide.parts import (

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from guidefield.geometry.cache import in_memory
 from guidefield.geometry.closed import (
     WIDEST_CRACK,
     closing_lids,
@@ -17,7 +18,6 @@ from guidefield.geometry.closed import (
     volume,
     volumes,
 )
-from guidefield.geometry.entries import in_memory
 from guidefield.geometry.surface_rows import NO_TRIANGLES, are_wide, surfaces_in, write_surfaces
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 from guidefield.kernels.cover.inscribed import depths_at, distances_at, largest_distance

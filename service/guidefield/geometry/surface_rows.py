@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from guidefield.geometry.cache import Arrays, Room, in_memory
 from guidefield.geometry.closed import numbered_edges
 from guidefield.geometry.curve_order import along_curve
-from guidefield.geometry.entries import Arrays, Room, in_memory
 from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.cover.small_surfaces import flat_frames, small_surfaces
 from guidefield.kernels.distance.bvh import boxes_of_pairs

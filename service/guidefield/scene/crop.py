@@ -19,8 +19,7 @@ import numpy as np
 
 from guidefield.bounded_map import content_key
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.geometry.cache import is_large, remembered
-from guidefield.geometry.entries import Arrays
+from guidefield.geometry.cache import Arrays, is_large, remembered
 from guidefield.kernels.collide.primitive import gaps_from_ball
 from guidefield.memo import memoized_by
 from guidefield.scene.cloud import Cloud, cloud_specks

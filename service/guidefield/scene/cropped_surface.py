@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from guidefield.bounded_map import content_key
-from guidefield.geometry.cache import is_large, remembered
+from guidefield.geometry.cache import Arrays, is_large, remembered
 from guidefield.geometry.closed import used_alone
-from guidefield.geometry.entries import Arrays
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.cover.crop_to_ball import crop_to_ball, distance_to_triangles

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.cache import is_large, made_in_place
+from guidefield.geometry.cache import Room, is_large, made_in_place
 from guidefield.geometry.curve_order import Along, along_curve, changed_along
 from guidefield.geometry.distance_bodies import (
     FEW,
@@ -27,7 +27,6 @@ from guidefield.geometry.distance_bodies import (
     sheets,
     triangulated,
 )
-from guidefield.geometry.entries import Room
 from guidefield.geometry.surface_rows import box_nodes, surfaces_in, write_surfaces
 from guidefield.kernels.barrier.moving_barrier import MovingBodies
 from guidefield.kernels.collide.primitive import HALF_SPACE as HALF_SPACE_PLACED, primitive_bodies

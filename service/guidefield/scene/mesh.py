@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.geometry.cache import is_large, remembered
+from guidefield.geometry.cache import Arrays, is_large, remembered
 from guidefield.geometry.charged import field_tables
 from guidefield.geometry.closed import connected_pieces, numbered_edges, volumes
 from guidefield.geometry.convex import convex_hull
-from guidefield.geometry.entries import Arrays
 from guidefield.geometry.mesh_surface import (
     MeshSurface,
     crossing_warnings,

@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.cache import made_in_place
+from guidefield.geometry.cache import Arrays, Room, in_memory, made_in_place
 from guidefield.geometry.convex import bvh
 from guidefield.geometry.curve_order import curve_order
-from guidefield.geometry.entries import Arrays, Room, in_memory
 from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.distance.triangle_rows import corner_sums, runs_of_triangles
 from guidefield.memo import memoized

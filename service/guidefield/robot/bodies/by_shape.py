@@ -9,8 +9,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from guidefield.geometry.cache import name_of, recalled, remembered
-from guidefield.geometry.entries import Arrays
+from guidefield.geometry.cache import Arrays, name_of, recalled, remembered
 from guidefield.kernels.jit.compilers import load_imported
 from guidefield.memo import MISSING, Answers
 from guidefield.parallel import run_queue

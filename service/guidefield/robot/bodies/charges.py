@@ -11,11 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.cache import remembered
+from guidefield.geometry.cache import Arrays, remembered
 from guidefield.geometry.charges import Capsule, SurfacePoints, fit_capsule, surface_points
 from guidefield.geometry.closed import edge_counts
 from guidefield.geometry.distance_bodies import Body, body_rows, body_tables, primitive, triangulated
-from guidefield.geometry.entries import Arrays
 from guidefield.kernels.distance.distance import SHEET, SOLID, DistanceTables
 from guidefield.memo import memoized
 from guidefield.robot.model.model import RobotModel

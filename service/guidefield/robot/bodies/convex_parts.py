@@ -7,8 +7,8 @@ from typing import Any
 import coal
 import numpy as np
 
+from guidefield.geometry.cache import Arrays
 from guidefield.geometry.decomposition import Decomposition, Part, decompose
-from guidefield.geometry.entries import Arrays
 from guidefield.geometry.solid_cache import filled_solid_of_mesh
 from guidefield.geometry.surfaces import Surface
 from guidefield.robot.bodies.by_shape import ByShape, Question, logged

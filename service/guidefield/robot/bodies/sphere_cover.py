@@ -9,8 +9,8 @@ from typing import Any, cast
 import coal
 import numpy as np
 
+from guidefield.geometry.cache import Arrays
 from guidefield.geometry.cover import LEAST_REACHES, Cover, cover
-from guidefield.geometry.entries import Arrays
 from guidefield.geometry.inner import inner_balls
 from guidefield.geometry.primitive_covers import (
     cover_box,

@@ -18,8 +18,7 @@ from lxml import etree
 
 from guidefield.bounded_map import ROBOT_LINES, ROBOTS, BoundedMap
 from guidefield.errors import RobotInvalid
-from guidefield.geometry.cache import remembered
-from guidefield.geometry.entries import Arrays
+from guidefield.geometry.cache import Arrays, remembered
 from guidefield.messages.faults import find_nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText

@@ -13,9 +13,8 @@ import pinocchio as pin
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
-from guidefield.geometry.cache import recalled, remembered
+from guidefield.geometry.cache import Arrays, recalled, remembered
 from guidefield.geometry.convex import bvh, convex
-from guidefield.geometry.entries import Arrays
 from guidefield.kernels.jit.compilers import load_imported
 from guidefield.parallel import run_queue
 from guidefield.robot.mesh_files.numbers import MeshFault

@@ -9,10 +9,9 @@ import coal
 import numpy as np
 
 from guidefield.bounded_map import TRIANGULATIONS, BoundedMap, content_key
-from guidefield.geometry.cache import remembered
+from guidefield.geometry.cache import Arrays, remembered
 from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
-from guidefield.geometry.entries import Arrays
 from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.geometry.solid import Solid, stand_off
 from guidefield.geometry.solid_cache import near_solid_of_mesh, nested, solid_of_mesh

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.geometry.entries import Arrays
+from guidefield.geometry.cache import Arrays
 
 USUAL_REACH = 1.15
 """Reach of a robot of size 1 [m]."""
