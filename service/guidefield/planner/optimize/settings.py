@@ -218,8 +218,8 @@ def lengthened(settings: OptimizationSettings, length: float) -> OptimizationSet
     """The same in few pieces for a motion of a length [rad or m], which may be a drive through many rooms.
 
     Its pieces are as long as usual, though there are many; and what a change there brings is a small share of the whole
-    objective. Without it eight of nine drives of a Fetch through doors of 1 m, 30 to 96 m long, were not certified; with
-    shares divided by the length itself two to four are not, and the others take 3 % longer.
+    objective. Without it eight of nine drives of a Fetch through doors of 1 m, 30 to 96 m long, were not certified;
+    with shares divided by the length itself two to four are not, and the others take 3 % longer.
     """
     longer = length / (settings.piece * settings.most_pieces)
     if longer <= LONG:
