@@ -126,7 +126,7 @@ def test_what_comes_close_while_the_robot_waits_is_seen(at: float) -> None:
     measured = clearance(waiting(), made)
     assert 0.003 - 1e-6 <= measured.obstacle.distance <= 0.003 + TOLERANCE
     assert measured.obstacle.time == pytest.approx(at, abs=0.05 / 10.0)
-    profile = clearance_profile(measured, made, made.scene)
+    profile = clearance_profile((measured, made, made.scene))
     assert profile.obstacle_distance.min() == pytest.approx(measured.obstacle.distance, abs=1e-5)
     assert (np.diff(profile.times) < 0.11).all()
     np.testing.assert_allclose(profile.lengths[profile.times <= 3.0], 0.0, atol=1e-3)
@@ -195,7 +195,7 @@ def test_a_panda_that_rests_has_the_distances_of_its_place() -> None:
     assert measured.own.distance == pytest.approx(there.self_distance, abs=1e-5)
     assert measured.mean == measured.ends == measured.obstacle.distance
     assert measured.inner is None
-    profile = clearance_profile(measured, made, made.scene)
+    profile = clearance_profile((measured, made, made.scene))
     assert profile.obstacle_pair[0] == there.obstacle_pair
     np.testing.assert_allclose(profile.witness[0], there.witness)
 
@@ -214,7 +214,7 @@ def test_a_profile_has_the_distances_of_each_sample_among_what_rests_and_what_mo
     begin = planned.chart(rest(planned))
     points = np.array([begin, begin + 0.4])
     measured = clearance(Trajectory(np.array([0.0, 2.0]), points, np.zeros_like(points)), made)
-    profile = clearance_profile(measured, made, scene)
+    profile = clearance_profile((measured, made, scene))
     assert {pair[1] for pair in profile.obstacle_pair if pair} == {"crate", "ball"}
     for row in range(0, len(profile.times), 5):
         time_there, q = float(profile.times[row]), profile.configurations[row]

@@ -12,7 +12,7 @@ from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.potential import RobotField
-from guidefield.recorder.field_entities import LONGEST_ARROW, RESOLUTION, charges, picture_of_plane
+from guidefield.recorder.robot_entities import LONGEST_ARROW, RESOLUTION, charges, picture_of_plane
 from guidefield.scene.scene import Scene, build
 from tests.recorder.runs import placed_group
 

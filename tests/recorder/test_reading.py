@@ -11,7 +11,7 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.recorder.chunks import still
-from guidefield.recorder.packing import packed, unpacked
+from guidefield.recorder.documents import packed, unpacked
 from guidefield.recorder.reading import read_recording
 from guidefield.recorder.rrd_file import write_recording
 from tests.recorder.runs import made_up

@@ -17,8 +17,8 @@ from guidefield.messages import replies
 from guidefield.messages.requests import PlanRequest, PoseGoal
 from guidefield.planner.task import trace
 from guidefield.planner.task.trace import Step
+from guidefield.recorder.documents import unpacked
 from guidefield.recorder.motion import SHOWN_STEP
-from guidefield.recorder.packing import unpacked
 from tests.journeys.service import await_that
 from tests.recorder.runs import MIN_CLEARANCE, PLACEMENT, MadeUp, Recording, made_up
 

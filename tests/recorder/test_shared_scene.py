@@ -11,9 +11,8 @@ import msgspec
 import pytest
 
 from guidefield.messages import scene as messages
-from guidefield.recorder.reading import read_recording
+from guidefield.recorder.reading import LEFT_OUT, LINK, read_recording, self_contained
 from guidefield.recorder.stored import FOLDER, Place, shared_scene
-from guidefield.recorder.whole import LEFT_OUT, LINK, self_contained
 from guidefield.scene.scene import build
 from guidefield.stores.recordings import SCENE_LINK
 from tests.recorder.runs import MadeUp, Recording, every_kind, made_up

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from guidefield.recorder import bodies
+from guidefield.recorder.reading import LEFT_OUT, self_contained
 from guidefield.recorder.rrd_file import read_meshes
 from guidefield.recorder.stored import Place
-from guidefield.recorder.whole import LEFT_OUT, self_contained
 from guidefield.robot.bodies.sphere_cover import coverage
 from tests.recorder.runs import MadeUp, Recording, made_up
 
@@ -135,6 +135,6 @@ def test_so_many_robots_are_kept_and_the_one_used_longest_ago_is_dropped(run, tm
 
 def test_what_a_service_needs_to_hand_recordings_out_is_there_quickly() -> None:
     heavy = "{'numba', 'pinocchio', 'coal', 'trimesh', 'scipy'}"
-    code = f"import sys, guidefield.recorder.whole; print({heavy} & set(sys.modules))"
+    code = f"import sys, guidefield.recorder.reading; print({heavy} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "set()"

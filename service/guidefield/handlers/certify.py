@@ -114,7 +114,7 @@ def _recorded(scene: Scene, problem: GivenProblem, measured: Clearance | None) -
     """A motion as a recording shows it; distances that weren't measured in time are measured for it."""
 
     def measure() -> ClearanceProfile:
-        return clearance_profile(measured or clearance(_motion(problem), problem), problem, scene)
+        return clearance_profile((measured or clearance(_motion(problem), problem), problem, scene))
 
     def packed() -> PackedMotion:
         return PackedMotion(found=None if measured is None else PackedClearance.of(measured))

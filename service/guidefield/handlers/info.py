@@ -13,7 +13,6 @@ from pathlib import Path
 import msgspec
 
 from guidefield.messages import codec
-from guidefield.messages.codes import CODES
 from guidefield.messages.replies import (
     DeliveryRule,
     Disk,
@@ -24,7 +23,7 @@ from guidefield.messages.replies import (
     LimitInfo,
     UserFigures,
 )
-from guidefield.messages.served import KEYS
+from guidefield.messages.served import CODES, KEYS
 from guidefield.system import resident
 
 PACKAGES = ("pin", "coal", "numba", "numpy", "eclipse-zenoh", "rerun-sdk", "example-robot-data", "msgspec")

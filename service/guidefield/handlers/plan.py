@@ -130,7 +130,7 @@ def _recorded(scene: Scene, problem: Problem, trajectory: Trajectory | None, fou
         knots = None if trajectory is None else PackedKnots.of(trajectory)
         return PackedMotion(knots, None if found is None else PackedClearance.of(found))
 
-    measure = lambda: None if found is None else clearance_profile(found, problem, scene)  # noqa: E731
+    measure = lambda: None if found is None else clearance_profile((found, problem, scene))  # noqa: E731
     return PlainMotion(problem.group, scene, measure, packed)
 
 

@@ -10,8 +10,16 @@ from typing import Protocol
 from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.errors import RobotInvalid
-from guidefield.messages.replies import GeometryInfo, JointInfo, PairLeftOut, RobotReply, RobotsReply, RobotSummary
-from guidefield.messages.robot_replies import CoverInfo, PartsInfo
+from guidefield.messages.replies import (
+    CoverInfo,
+    GeometryInfo,
+    JointInfo,
+    PairLeftOut,
+    PartsInfo,
+    RobotReply,
+    RobotsReply,
+    RobotSummary,
+)
 from guidefield.robot.bodies.convex_parts import known_parts
 from guidefield.robot.bodies.sphere_cover import ShapeCoverage, known_coverage
 from guidefield.robot.catalog.catalog import Catalog

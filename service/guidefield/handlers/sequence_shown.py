@@ -76,11 +76,14 @@ class SequenceMotion:
             q = _configuration(packed.failed_at)
             failed_at = course.after(len(standings) - 1, at, q) if standings else at
         trajectory = None if packed.knots is None else packed.knots.trajectory()
-        measured, conditions = [], dict[int, Conditions]()
+        measured, conditions, last = [], dict[int, Conditions](), None
         for one in packed.stretches:
             assert trajectory is not None, "its parts were measured"
             if one.index not in conditions:
-                conditions[one.index] = course.conditions(one.index, standings[one.index])
+                now = course.conditions(one.index, standings[one.index])
+                if last is not None and last.group.alike is now.group.alike and last.scene is now.scene:
+                    now = dataclasses.replace(now, world=last.world)  # its tables are made already
+                conditions[one.index] = last = now
             stretch = _stretch(one, conditions[one.index], trajectory)
             measured.append((stretch, one.found.clearance(stretch.motion, stretch)))
         spans = [(leg.begin, leg.end) for leg in packed.legs]
@@ -95,7 +98,10 @@ class SequenceMotion:
 
     def profile(self) -> ClearanceProfile | None:
         """Distances along all steps."""
-        return profile_of(self.measured)
+        if not self.measured:
+            return None
+        every = math.ceil(sum(len(one.times) for _, one in self.measured) / MAX_SAMPLES)
+        return clearance_profile(*((one, stretch, stretch.scene) for stretch, one in self.measured), every=every)
 
     def pack(self) -> PackedMotion:
         """As in `RecordedMotion`."""
@@ -154,45 +160,6 @@ def _with_carried(start: Standing, ways: dict[str, list[tuple[float, Placement]]
     ]
     moving = [_moving(one, ways[one.name]) if one.name in ways else one for one in at_first]
     return scenes.build(msgspec.structs.replace(start.scene.message, obstacles=moving))
-
-
-def profile_of(measured: Sequence[tuple[Stretch, Clearance]]) -> ClearanceProfile | None:
-    """Distances along all steps, one stretch after the other."""
-    if not measured:
-        return None
-    every = math.ceil(sum(len(one.times) for _, one in measured) / MAX_SAMPLES)
-    parts = [clearance_profile(one, stretch, stretch.scene, every) for stretch, one in measured]
-    starts = [0, *([1] * (len(parts) - 1))]
-    travelled = np.cumsum([0.0, *(float(one.lengths[-1]) for one in parts)])
-
-    def joined(name: str) -> np.ndarray:
-        return np.concatenate([getattr(one, name)[first:] for one, first in zip(parts, starts, strict=True)])
-
-    def listed(name: str) -> tuple[tuple[str, str] | None, ...]:
-        return tuple(pair for one, first in zip(parts, starts, strict=True) for pair in getattr(one, name)[first:])
-
-    return ClearanceProfile(
-        times=joined("times"),
-        configurations=joined("configurations"),
-        lengths=np.concatenate(
-            [(before + one.lengths)[first:] for before, one, first in zip(travelled, parts, starts, strict=False)]
-        ),
-        obstacle_distance=joined("obstacle_distance"),
-        obstacle_pair=listed("obstacle_pair"),
-        witness=joined("witness"),
-        self_distance=joined("self_distance"),
-        self_pair=listed("self_pair"),
-        potentials=lambda: _joined_potentials(parts, starts),
-    )
-
-
-def _joined_potentials(parts: Sequence[ClearanceProfile], starts: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and values [m] of all parts, each from one of its samples on."""
-    rows = [
-        (times[first:], values[first:])
-        for (times, values), first in zip((p.potential for p in parts), starts, strict=True)
-    ]
-    return np.concatenate([times for times, _ in rows]), np.concatenate([values for _, values in rows])
 
 
 def _is_shown(one: messages.Obstacle) -> bool:

@@ -140,11 +140,13 @@ class Steps:
 
     def _moving_joints(self) -> list[str]:
         """Return the names of all joints that any step moves."""
-        names: set[str] = set()
+        names, known = set[str](), list[tuple[str | list[str] | None, str]]()
         for index, step in enumerate(self._request.steps):
-            if step.goal is not None:
+            asked = self._joints(step), self._tip(step)
+            if step.goal is not None and asked not in known:
+                known.append(asked)
                 with _in_step(index):
-                    part = select(self.start.robot, self._joints(step), self._tip(step), self.start.q, self.start.root)
+                    part = select(self.start.robot, *asked, self.start.q, self.start.root)
                     names |= {joint.name for joint in part.joints}
         if not names:
             raise MalformedRequest("no step has a `goal`: nothing moves", path="$.steps")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import weakref
 from collections.abc import Callable, Sequence
@@ -11,6 +12,7 @@ from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
+from guidefield.collision.clearance import ClearanceAt
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline, DeadlineExpired
@@ -34,7 +36,7 @@ from guidefield.prove.search import Found, Goal
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.model.spaces import ChartCurves, Configurations
+from guidefield.robot.model.spaces import ChartCurves, Configurations, ModelConfigurations
 from guidefield.scene.scene import Scene
 
 LENGTH_STEPS = 100  # chords by which the length of a path is measured, at least. Unrecorded
@@ -243,33 +245,64 @@ _SEARCHED = Answers[tuple[_AskedAlong, Found, "weakref.ref[World]"]](1)
 """What a certificate's search was asked and found along a motion, and in which world."""
 
 
-def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, every: int = 1) -> ClearanceProfile:
-    """Return distances and potential at the samples of a measured trajectory, for its recording.
+def clearance_profile(*parts: tuple[Clearance, Conditions, Scene], every: int = 1) -> ClearanceProfile:
+    """Return distances and potential at the samples of a measured motion, for its recording.
 
     Args:
-        charged: The scene whose field is felt: all of it, where the problem has what is in reach alone.
-        every: Of the samples one in so many is taken, the first and the last of them always.
+        parts: The motion's parts, one after the other: what was measured, its conditions, and the scene whose field is
+            felt: all of it, where the conditions have what is in reach alone.
+        every: Of the samples one in so many is taken, the first and the last of each part always.
     """
     from guidefield.potential import potentials_in_time  # its kernels are loaded where a recording needs them
 
-    group, curve = problem.group, measured.curve
-    smallest_at = [one.time for one in (measured.obstacle, measured.inner, measured.own) if one and one.pair]
-    times = np.unique(np.concatenate([measured.times[::every], measured.times[-1:], smallest_at]))
-    zs = curve.at(times)
-    configurations = np.array([group.from_chart(z) for z in zs])
-    half = np.unique(np.r_[0 : len(times) : 1 + (len(times) > FEW_SAMPLES), len(times) - 1])
-    found = list(ClosestPairs(problem.world).clearances(group.expand_each(zs), times))
+    samples = list[_Samples]()
+    for measured, problem, _ in parts:
+        smallest_at = [one.time for one in (measured.obstacle, measured.inner, measured.own) if one and one.pair]
+        times = np.unique(np.concatenate([measured.times[::every], measured.times[-1:], smallest_at]))
+        lengths = np.interp(times, measured.times, measured.lengths)
+        evaluated = np.zeros(len(times), bool)
+        evaluated[:: 1 + (len(times) > FEW_SAMPLES)] = evaluated[-1] = True
+        if samples:  # it begins where the one before ends
+            times, lengths, evaluated = times[1:], samples[-1].lengths[-1] + lengths[1:], evaluated[1:]
+        zs, group = measured.curve.at(times), problem.group
+        configurations = np.array([group.from_chart(z) for z in zs])
+        samples.append(_Samples(times, lengths, evaluated, configurations, group.expand_each(zs)))
+    found = list[ClearanceAt]()
+    runs = [[*run] for _, run in itertools.groupby(range(len(parts)), lambda number: id(parts[number][1].world))]
+    for run in runs:
+        # without contact all along, and nothing enclosed at the start, nothing ever is
+        is_open = min(min(parts[k][0].obstacle.bound, parts[k][0].own.bound) for k in run) > 0.0
+        expanded = cast(ModelConfigurations, np.concatenate([samples[k].expanded for k in run]))
+        times = np.concatenate([samples[k].times for k in run])
+        found += ClosestPairs(parts[run[0]][1].world).clearances(expanded, times, is_open=is_open)
+
+    def potentials() -> tuple[np.ndarray, np.ndarray]:
+        times = [one.times[one.evaluated] for one in samples]
+        at = [one.configurations[one.evaluated] for one in samples]
+        values = [potentials_in_time(p.group, s, t, qs) for (_, p, s), t, qs in zip(parts, times, at, strict=True)]
+        return np.concatenate(times), np.concatenate(values)
+
     return ClearanceProfile(
-        times=times,
-        configurations=configurations,
-        lengths=np.interp(times, measured.times, measured.lengths),
+        times=np.concatenate([one.times for one in samples]),
+        configurations=np.concatenate([one.configurations for one in samples]),
+        lengths=np.concatenate([one.lengths for one in samples]),
         obstacle_distance=np.array([one.obstacle_distance for one in found]),
         obstacle_pair=tuple(one.obstacle_pair for one in found),
         witness=np.array([np.full((2, 3), np.nan) if one.witness is None else one.witness for one in found]),
         self_distance=np.array([one.self_distance for one in found]),
         self_pair=tuple(one.self_pair for one in found),
-        potentials=lambda: (times[half], potentials_in_time(group, charged, times[half], configurations[half])),
+        potentials=potentials,
     )
+
+
+class _Samples(NamedTuple):
+    """Samples of a part of a motion: times (n,) [s], lengths so far (n,), those whose potential is evaluated (n,)."""
+
+    times: np.ndarray
+    lengths: np.ndarray
+    evaluated: np.ndarray
+    configurations: Configurations
+    expanded: ModelConfigurations
 
 
 def _with_enclosure(found: Closest, inside: list[int], time: float, world: World) -> Closest:

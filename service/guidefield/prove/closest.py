@@ -56,8 +56,13 @@ class ClosestPairs:
     def __init__(self, world: World) -> None:
         self.world = world
 
-    def clearances(self, configurations: ModelConfigurations, times: np.ndarray | None = None) -> Iterator[ClearanceAt]:
-        """Yield the clearance at each configuration (n, model.nq), as `clearance_at` has it, and its time (n,) [s]."""
+    def clearances(
+        self, configurations: ModelConfigurations, times: np.ndarray | None = None, *, is_open: bool = False
+    ) -> Iterator[ClearanceAt]:
+        """Yield the clearance at each configuration (n, model.nq), as `clearance_at` has it, and its time (n,) [s].
+
+        Enclosures aren't looked for where it is known that no body is inside another: `is_open`.
+        """
         in_time = times is not None and self.world.scene.moves
         clock = times if times is not None and in_time else np.zeros(len(configurations))
         moving = self._tables(in_time=in_time)
@@ -73,7 +78,9 @@ class ClosestPairs:
         )
         apart: np.ndarray = np.any(distances > 0.0, axis=1)  # where own bodies touch, obstacles' distance is told too
         alone: np.ndarray = np.any(pairs[:, :, 0] < -1, axis=1)
-        if in_time:
+        if is_open:
+            enclosed = [False] * int(apart.sum())
+        elif in_time:
             touched = zip(configurations[apart], clock[apart].tolist(), strict=True)
             enclosed = [bool(enclosed_pairs_at(self.world, q, time)) for q, time in touched]
         else:

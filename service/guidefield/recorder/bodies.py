@@ -1,8 +1,4 @@
-"""A robot's bodies as they are drawn: its visual and its collision geometry, bounding spheres, a sketch for ghosts.
-
-A robot's meshes are read and turned into chunks once, not once per process: they are kept in a file that is named by
-what it was made from, with the sketch.
-"""
+"""A robot's bodies as they are drawn, turned into chunks once: a file named by what it was made from keeps them."""
 
 from __future__ import annotations
 
@@ -59,8 +55,7 @@ class Drawn:
     """A robot ready to be drawn, but for its meshes.
 
     Attributes:
-        file: Where the meshes are: `/robot/visual/<body>`, `/robot/collision/<body>` and `/robot/spheres/<link>`, each
-            in its link's frame.
+        file: Its meshes: `/robot/visual/<body>`, `/robot/collision/<body>`, `/robot/spheres/<link>`, in links' frames.
         links: Links that carry something.
         sketch: Per link the thinned-out hulls of its collision geometry, in the link's frame.
         faults: What can't be drawn, or kept.
@@ -73,10 +68,7 @@ class Drawn:
 
 
 def prepare(robot: RobotModel, file: Path) -> tuple[Drawn, list[Chunk]]:
-    """Read a robot's meshes and turn them into chunks, for a file; that may take seconds, and `prepared` keeps them.
-
-    A robot without visual geometry, or none that can be read, is drawn as its collision geometry.
-    """
+    """Read a robot's meshes into chunks for a file, in seconds; without visual geometry draw its collision geometry."""
     seen, faults = visual_bodies(robot.source)
     judged = _collision_bodies(robot)
     chunks = [_chunk("visual", body) for body in seen or judged]
@@ -142,15 +134,7 @@ def mesh(drawn: Surface, color: tuple[int, int, int, int] | None = None) -> rr.M
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Something rigid to draw.
-
-    Attributes:
-        name: `<link>_<number>`.
-        link: The link that carries it.
-        surface: Its surface in the link's frame, or a GLB file's content.
-        placement: ``T_link_body`` of a GLB; a surface has it applied already.
-        color: RGBA, where the surface has no colours of its own.
-    """
+    """A rigid body `<link>_<number>`: its surface in the link's frame, or a GLB file's content with ``T_link_body``."""
 
     name: str
     link: str
@@ -160,14 +144,7 @@ class Body:
 
 
 def visual_bodies(source: RobotSource) -> tuple[tuple[Body, ...], tuple[str, ...]]:
-    """Read the visual bodies of a robot.
-
-    Args:
-        source: The robot's text as it was checked: meshes are absolute paths, within folders that are allowed.
-
-    Returns:
-        Bodies in the URDF's order, and one sentence for each element that can't be drawn.
-    """
+    """Read the visual bodies of a checked robot in the URDF's order, and a sentence for each that can't be drawn."""
     parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
     root = etree.fromstring(source.urdf_text.encode(), parser)
     materials = {material.get("name"): material for material in root.findall("material")}
@@ -263,12 +240,7 @@ def cache_folder() -> Path:
 
 
 def prepared(robot: RobotModel, folder: Path) -> Drawn:
-    """A robot ready to be drawn, from its file; that is made if it isn't there, and a disk that refuses is a fault.
-
-    Args:
-        robot: The robot.
-        folder: Where such files are; made if it isn't there.
-    """
+    """A robot ready to be drawn, from its file in a folder, made if it isn't there; a disk that refuses is a fault."""
     drawn = _PREPARED.of(robot, folder)
     if drawn is MISSING or not (drawn.faults or drawn.file.exists()):  # somebody may have cleared the folder away
         _PREPARED.forget(robot, folder)
@@ -332,7 +304,6 @@ def _fingerprint(robot: RobotModel) -> str:
 
 
 def _sketch_chunks(drawn: Drawn) -> list[Chunk]:
-    """The sketch, and the names that go with it."""
     sketched = [still(entity("sketch", f"{number}"), mesh(one)) for number, (_, one) in enumerate(drawn.sketch)]
     names = {"links": list(drawn.links), "sketched": [link for link, _ in drawn.sketch], "faults": list(drawn.faults)}
     told = still(NAMES, rr.AnyValues(**{name: [one or "" for one in values] or [""] for name, values in names.items()}))
@@ -340,11 +311,6 @@ def _sketch_chunks(drawn: Drawn) -> list[Chunk]:
 
 
 def _read(file: Path) -> Drawn:
-    """Read the file that `_prepared` wrote.
-
-    Raises:
-        OSError, ValueError, KeyError, RuntimeError: if there is no such file, or it isn't whole.
-    """
     chunks = {chunk.entity_path: chunk for chunk in read_chunks(file)}
     told = chunks[NAMES].to_record_batch()
     links, sketched, faults = (

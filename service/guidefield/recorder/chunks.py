@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+import functools
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -42,37 +43,40 @@ def joint_frame(joint: str) -> str:
     return f"joint {joint}"
 
 
-def still(path: str, *archetypes: Any) -> Chunk:
-    """A chunk that holds at all times.
+def make_columns(
+    archetype: Any, lengths: Sequence[int] | np.ndarray | None = None, **components: Any
+) -> list[rr.ComponentColumn]:
+    """Make columns of an archetype, sooner than its own `columns()`; rows have `lengths` (n,), by default 1."""
+    columns = []
+    for name, values in components.items():
+        descriptor, batch = _component(archetype, name)
+        column = batch(values)
+        ends = np.arange(1, 1 + len(column)) if lengths is None else np.cumsum(lengths)
+        columns.append(rr.ComponentColumn(descriptor, column, offsets=np.append(0, ends).astype(np.int32)))
+    return columns
 
-    Args:
-        path: Entity path.
-        archetypes: Rerun archetypes.
-    """
-    return Chunk.from_columns(path, [], [column for archetype in archetypes for column in _single_row(archetype)])
+
+@functools.cache
+def _component(archetype: Any, name: str) -> tuple[rr.ComponentDescriptor, type[Any]]:
+    """The descriptor of a component, and the batch that makes Arrow's array of its values."""
+    batch = getattr(archetype.__attrs_attrs__, name).converter.__self__
+    short, full = archetype.archetype_short_name(), archetype.archetype()
+    return rr.ComponentDescriptor(f"{short}:{name}", archetype=full, component_type=batch._COMPONENT_TYPE), batch
+
+
+def still(path: str, *archetypes: Any) -> Chunk:
+    """A chunk of an entity that holds at all times, from Rerun's archetypes."""
+    return Chunk.from_columns(path, [], _single_row(archetypes))
 
 
 def begun(path: str, time: float, *archetypes: Any) -> Chunk:
-    """A chunk that holds from a time of `PATH_TIME` on [s].
-
-    Args:
-        path: Entity path.
-        time: From when on [s].
-        archetypes: Rerun archetypes.
-    """
-    columns = [column for archetype in archetypes for column in _single_row(archetype)]
-    return Chunk.from_columns(path, [path_times(np.array([time]))], columns)
+    """The same from a time of `PATH_TIME` on [s]."""
+    return Chunk.from_columns(path, [path_times(np.array([time]))], _single_row(archetypes))
 
 
-def timed(path: str, times: Iterable[rr.TimeColumn], *columns: Iterable[Any]) -> Chunk:
-    """A chunk with one row per time.
-
-    Args:
-        path: Entity path.
-        times: Columns of n times each.
-        columns: What an archetype's ``columns()`` gives, n rows each.
-    """
-    return Chunk.from_columns(path, list(times), [column for group in columns for column in group])
+def timed(path: str, times: Iterable[rr.TimeColumn], columns: Iterable[rr.ComponentColumn]) -> Chunk:
+    """A chunk of an entity with one row for each of n times."""
+    return Chunk.from_columns(path, times, columns)
 
 
 Color = tuple[int, int, int, int]
@@ -104,8 +108,10 @@ def shown(chunks: Iterable[Chunk]) -> frozenset[str]:
     return frozenset(path for path, rows in points.items() if rows > 1 or not path.startswith(PLOTS))
 
 
-def _single_row(archetype: Any) -> list[Any]:
+def _single_row(archetypes: Iterable[Any]) -> list[rr.ComponentColumn]:
+    batches = [batch for archetype in archetypes for batch in archetype.as_component_batches()]
+    ends = [np.array([0, len(batch.as_arrow_array())], np.int32) for batch in batches]
     return [
-        rr.ComponentColumn(batch.component_descriptor(), batch, lengths=[len(batch.as_arrow_array())])
-        for batch in archetype.as_component_batches()
+        rr.ComponentColumn(one.component_descriptor(), one, offsets=offsets)
+        for one, offsets in zip(batches, ends, strict=True)
     ]

@@ -1,16 +1,18 @@
-"""The words of a recording: a summary to read first, the request and the reply, and what identifies the run."""
+"""The words of a recording: a summary, the request and the reply, to read and packed, and what identifies the run."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import textwrap
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import msgspec
+import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
@@ -19,14 +21,56 @@ from guidefield.messages import codec
 from guidefield.messages.certify_reply import describe_certificate, describe_place
 from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, StepFigures, to_plain_data
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
+from guidefield.messages.scene import Scene as SceneMessage
 from guidefield.recorder.chunks import WORLD, still
-from guidefield.recorder.packing import MESSAGE_COMPONENT, large_scene, packed
 
 if TYPE_CHECKING:
     from guidefield.planner.quality import ClearanceProfile
     from guidefield.robot.group.group import PlanningGroup
     from guidefield.scene.anchor import Anchor
     from guidefield.scene.scene import Scene
+
+
+MESSAGE_COMPONENT = "message"
+"""The component of a document's entity that holds the message itself."""
+LEVEL = 1
+"""Of compression: harder ones take three times as long and save nothing on numbers."""
+LARGEST_MESSAGE = 1 << 28
+"""Bytes of a message, unpacked, that are read from a recording at most."""
+
+_M = TypeVar("_M", bound=msgspec.Struct)
+
+
+SCENE = "/documents/scene"
+"""The entity that holds the message of a large scene; the request's own is without it then."""
+LARGE_BYTES = 32 * 1024
+"""From this size on [bytes of MessagePack] a scene has an entity, and in stores a file, of its own."""
+
+
+def encoded(message: msgspec.Struct) -> bytes:
+    """Return a message as MessagePack."""
+    return codec.encode(message, codec.Encoding.MSGPACK)
+
+
+def packed(message: msgspec.Struct) -> np.ndarray:
+    """A message as bytes, shape (n,), uint8."""
+    return np.frombuffer(zlib.compress(encoded(message), LEVEL), np.uint8)
+
+
+def large_scene(request: MotionRequest) -> SceneMessage | None:
+    """Return the scene that a request holds, if it is large."""
+    scene = request.scene
+    return scene if isinstance(scene, SceneMessage) and len(encoded(scene)) >= LARGE_BYTES else None
+
+
+def unpacked(content: bytes, kind: type[_M]) -> _M:
+    """Unpack a message; raises ValueError if it is none of that kind."""
+    inflate = zlib.decompressobj()
+    try:
+        return msgspec.msgpack.decode(inflate.decompress(content, LARGEST_MESSAGE), type=kind)
+    except (zlib.error, msgspec.DecodeError) as error:
+        raise ValueError(f"what should be a {kind.__name__} is none: {error}") from error
+
 
 REQUEST, REPLY, SUMMARY = "/documents/request", "/documents/reply", "/documents/summary"
 PROPERTIES, MADE_WITH = "/__properties/plan", "made_with"
@@ -50,13 +94,11 @@ _Reply_co = TypeVar("_Reply_co", bound=MotionReply, covariant=True)
 
 @dataclass(frozen=True, eq=False)
 class RecordedRun(Generic[_Request_co, _Reply_co]):
-    """A run of any kind as its recording shows it.
+    """A run as its recording shows it.
 
     Attributes:
         group: The joints that move, with the limits that hold for this request.
         scene: The scene that they move in; of a sequence, with what is carried as it is carried.
-        request: As it came.
-        reply: The answer to it.
         measured: The clearance along the motion, if there is one.
         made_with: The packages that it was made with, as `versions.made_with`.
         anchor: From which group, scene and measures are seen, and all is drawn; None: the world's origin.
@@ -132,7 +174,7 @@ def distances(reply: MotionReply) -> list[tuple[str, str]]:
 
 
 def _message_document(path: str, kept: msgspec.Struct, shown: msgspec.Struct, **flags: list[bool]) -> Chunk:
-    """A message to read, and beside it, in the component `message`, to the last bit for programs (packing.py)."""
+    """A message to read, and beside it, in the component `message`, to the last bit for programs."""
     text = f"{SHORTENED}\n\n```json\n{readable(shown)}\n```"
     values = rr.AnyValues(**{MESSAGE_COMPONENT: packed(kept)}, **flags)
     return still(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), values)
@@ -153,6 +195,10 @@ def readable(value: Any, indent: int = 0) -> str:
     """A message or plain data as JSON for a person: six digits, short lists on one line, long ones cut and counted."""
     if isinstance(value, float):
         return f"{value:.6g}"
+    if isinstance(value, str):
+        if len(value) > LONGEST_TEXT:
+            return f"{json.dumps(value[:LONGEST_TEXT])} … {len(value) - LONGEST_TEXT} more characters"
+        return _to_json(value)
     inner = " " * (indent + 2)
     if isinstance(value, msgspec.Struct):  # field by field: of a long list only what is shown becomes plain
         value = _fields(value)
@@ -163,20 +209,20 @@ def readable(value: Any, indent: int = 0) -> str:
         return "{\n" + ",\n".join(rows) + "\n" + " " * indent + "}"
     if isinstance(value, list | tuple) and value:
         return _readable_list(list(value), indent)
-    if isinstance(value, str) and len(value) > LONGEST_TEXT:
-        return f"{json.dumps(value[:LONGEST_TEXT])} … {len(value) - LONGEST_TEXT} more characters"
     return _to_json(msgspec.to_builtins(value))
 
 
 def _fields(message: msgspec.Struct) -> dict[str, Any]:
-    """The fields of a message, tagged as on the wire."""
     config, fields = message.__struct_config__, msgspec.structs.asdict(message)
     return fields if config.tag is None else {config.tag_field or "type": config.tag, **fields}
 
 
+NESTED = (dict, list, tuple, msgspec.Struct)
+
+
 def _readable_list(values: list[Any], indent: int) -> str:
     inner = " " * (indent + 2)
-    if len(values) <= 2 or not any(isinstance(one, dict | list | tuple | msgspec.Struct) for one in values):
+    if len(values) <= 2 or not any(isinstance(one, NESTED) for one in values):
         line = "[" + ", ".join(readable(one, indent + 2) for one in values) + "]"
         if len(line) <= WIDTH and "\n" not in line:
             return line
@@ -190,7 +236,6 @@ def _readable_list(values: list[Any], indent: int) -> str:
 
 
 def _headline(reply: MotionReply) -> list[str]:
-    """The end of a run in a sentence, and of a failure the values that it speaks about."""
     lines = [f"## {reply.status.name}", "", reply.status.message, ""]
     if reply.status.code != Status.SUCCESS and reply.status.details:
         lines += ["```json", readable(reply.status.details), "```", ""]
@@ -284,7 +329,6 @@ def _steps(reply: PlanReply) -> list[str]:
 
 
 def _handled(step: StepFigures) -> list[str]:
-    """The objects held in a step, and those put down and picked up at its end."""
     words = {"holds": ", ".join(step.held), "puts down": step.detached, "picks up": step.attached}
     return [f"{verb} {names}" for verb, names in words.items() if names]
 
@@ -322,7 +366,6 @@ def _plane(index: int | None, reply: PlanReply) -> str:
 
 
 def _unit(group: PlanningGroup) -> str:
-    """Of the joints' coordinates together."""
     kinds = {joint.kind.value for joint in group.joints}
     if kinds == {"prismatic"}:
         return "m"

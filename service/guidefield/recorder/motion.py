@@ -47,13 +47,7 @@ AT_ORIGIN = np.eye(4)[:3].copy()
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Configurations of the planning group over time.
-
-    Attributes:
-        times: Shape (n,) [s], from 0.
-        configurations: Shape (n, nq).
-        timed: Whether the times are the plan's; else a path without times is shown at `SHOWN_SPEED`.
-    """
+    """Configurations (n, nq) at times (n,) [s] from 0; untimed, they are those of a path shown at `SHOWN_SPEED`."""
 
     times: np.ndarray
     configurations: Configurations
@@ -63,13 +57,9 @@ class Motion:
 def shown_motion(
     group: PlanningGroup, reply: PlanReply, profile: ClearanceProfile | None, start: Configuration | None
 ) -> Motion:
-    """The motion to show for a reply.
+    """The motion to show for a reply: the samples of its trajectory if it was measured, else that, else its path.
 
-    Args:
-        group: The joints that were planned for.
-        reply: The reply; its trajectory is shown, else its path.
-        profile: Samples of the trajectory, if it was measured; they are shown before its knots.
-        start: Configuration (nq,) to show if the reply has neither; None for that of the request.
+    Without any of these it is a start (nq,), by default that of the request.
     """
     if profile is not None and len(profile.times):
         return Motion(profile.times, profile.configurations, timed=True)
@@ -113,10 +103,9 @@ def position_rows(group: PlanningGroup, configurations: Configurations) -> WireC
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """A trajectory as it is plotted.
+    """A trajectory as it is plotted, at times (n,) [s].
 
     Attributes:
-        times: Shape (n,) [s].
         positions: In the wire's position columns, shape (n, k) [rad, m, or entries of a quaternion].
         velocities, accelerations: In the tangent space, shape (n, nv) [rad/s or m/s, and per s].
     """
@@ -172,7 +161,6 @@ def frames_of(times: np.ndarray) -> int:
 
 
 def _shown_times(knots: np.ndarray) -> np.ndarray:
-    """Times [s] at which a trajectory is shown, its knots (n,) among them."""
     count = frames_of(knots)
     return np.union1d(np.linspace(knots[0], knots[-1], count), knots)
 
@@ -192,7 +180,7 @@ class Poses:
     """Placements of a robot's joints and tip at n configurations.
 
     Attributes:
-        joints: Pinocchio's indices of the joints in question, in order.
+        joints: Pinocchio's indices.
         placements: Position and quaternion (x, y, z, w), shape (n, joints, 7) [m, world].
         tip: Positions of the tip, shape (n, 3) [m, world].
     """
@@ -203,12 +191,7 @@ class Poses:
 
 
 def poses(group: PlanningGroup, configurations: Sequence[Configuration] | Configurations) -> Poses:
-    """Forward kinematics of every joint and of the tip.
-
-    Args:
-        group: The joints that were planned for.
-        configurations: n configurations (nq,).
-    """
+    """Forward kinematics of every joint and of the tip at n configurations (nq,)."""
     joints = tuple(range(1, group.model.njoints))
     expanded = _expanded(group, configurations)
     placements = np.empty((len(expanded), len(joints) + 1, 7))
@@ -218,7 +201,6 @@ def poses(group: PlanningGroup, configurations: Sequence[Configuration] | Config
 
 @memoized_for_alike
 def _joints_and_tip(group: PlanningGroup, tip: int) -> FrameTable:
-    """The frames of all joints, and the tip's, by Pinocchio's index."""
     count = group.model.njoints
     return _frame_table([*((joint, np.eye(4)[:3]) for joint in range(1, count)), _carried(group, tip)])
 

@@ -24,7 +24,7 @@ from guidefield.planner.task.trace import (
     StepKind,
     evenly,
 )
-from guidefield.recorder.chunks import PATH_TIME, STEP, timed
+from guidefield.recorder.chunks import PATH_TIME, STEP, make_columns, timed
 from guidefield.recorder.motion import placed_links
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints
@@ -62,7 +62,7 @@ def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
         rr.TimeColumn(STEP, sequence=numbers + [max(numbers, default=0)] * (len(lines) - len(numbers))),
     ]
     levels, texts, colors = zip(*lines, strict=True)
-    yield timed("/planner/log", times, rr.TextLog.columns(level=levels, text=texts, color=colors))
+    yield timed("/planner/log", times, make_columns(rr.TextLog, level=levels, text=texts, color=colors))
 
 
 def step_points(log: EventLog, tip: np.ndarray, size: float) -> Iterator[Chunk]:
@@ -72,7 +72,7 @@ def step_points(log: EventLog, tip: np.ndarray, size: float) -> Iterator[Chunk]:
     if colors:
         times = [rr.TimeColumn(STEP, sequence=[number for number, _ in steps])]
         radii = np.full(len(tip), POINT_RADIUS * size)
-        yield timed("/planner/tip", times, rr.Points3D.columns(positions=tip, colors=colors, radii=radii))
+        yield timed("/planner/tip", times, make_columns(rr.Points3D, positions=tip, colors=colors, radii=radii))
 
 
 def _line(event: LoggedEvent, milliseconds: float, planes: Sequence[str]) -> tuple[str, str, tuple[int, int, int, int]]:
@@ -104,12 +104,7 @@ RELAXED_COLOR = (190, 160, 250, 255)
 
 
 def trees(group: PlanningGroup, grown: Sequence[tuple[int, LoggedTrees]]) -> Iterator[Chunk]:
-    """The tip's motion along each edge of the trees, in the order in which they grew.
-
-    Args:
-        group: The joints that were planned for.
-        grown: Trees, each with the first of its `GROWTH_STEPS` numbers on the timeline.
-    """
+    """The tip's motion along the edges of trees as they grew; each tree has the first of its `GROWTH_STEPS` numbers."""
     steps: list[int] = []
     strips: list[np.ndarray] = []
     counts: list[int] = []
@@ -121,10 +116,14 @@ def trees(group: PlanningGroup, grown: Sequence[tuple[int, LoggedTrees]]) -> Ite
             counts.append(len(batch))
             strips += batch
     if strips:
-        columns = rr.LineStrips3D.columns(
-            strips=strips, colors=[TREE_COLOR] * len(strips), radii=np.full(len(strips), 0.001 * group.size)
+        columns = make_columns(
+            rr.LineStrips3D,
+            counts,
+            strips=strips,
+            colors=[TREE_COLOR] * len(strips),
+            radii=np.full(len(strips), 0.001 * group.size),
         )
-        yield timed("/planner/connect/tree", [rr.TimeColumn(STEP, sequence=steps)], columns.partition(counts))
+        yield timed("/planner/connect/tree", [rr.TimeColumn(STEP, sequence=steps)], columns)
 
 
 def tree_edges(group: PlanningGroup, points: ChartPoints, parents: np.ndarray) -> np.ndarray:
@@ -144,13 +143,15 @@ def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> I
         path = paths[index][1].path
         strips.append(_tips(group, path[evenly(len(path), MOST_WAYPOINTS)]))
     times = rr.TimeColumn(STEP, sequence=[paths[index][0] for index in chosen])
-    columns = rr.LineStrips3D.columns(
-        strips=strips, colors=[RELAXED_COLOR] * len(strips), radii=np.full(len(strips), 0.003 * group.size)
+    columns = make_columns(
+        rr.LineStrips3D,
+        strips=strips,
+        colors=[RELAXED_COLOR] * len(strips),
+        radii=np.full(len(strips), 0.003 * group.size),
     )
     yield timed("/planner/relaxed", [times], columns)
 
 
 def _tips(group: PlanningGroup, points: ChartPoints) -> np.ndarray:
-    """The tip's position at chart points (n, nv), shape (n, 3) [m, world]."""
     tip: np.ndarray = placed_links(group, group.expand_each(points), (group.tip,))[:, 0, :3]
     return tip

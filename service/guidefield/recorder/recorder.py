@@ -1,4 +1,4 @@
-"""The recordings of plans and judgements, `.rrd` files: all that a person needs to see what was done, and why."""
+"""The recordings of plans and judgements, `.rrd` files: motion, curves, obstacles, words, and the planner's life."""
 
 from __future__ import annotations
 
@@ -10,48 +10,161 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.errors import Status
+from guidefield.memo import memoized_by_value
 from guidefield.messages.replies import PlanReply, Trajectory
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import piece_accelerations
+from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.task.trace import EventLog, LoggedTrees, PathRelaxed, Step, evenly
 from guidefield.potential import origin_of
-from guidefield.recorder import (
-    bodies,
-    field_entities,
-    planner_entities,
-    plots,
-    robot_entities,
-    scene_entities,
-)
+from guidefield.recorder import bodies, planner_entities, robot_entities, scene_entities
 from guidefield.recorder.bodies import Drawn
-from guidefield.recorder.chunks import PATH_TIME, STEP, path_times
+from guidefield.recorder.chunks import PATH_TIME, STEP, Color, make_columns, path_times, rgba, still, timed
 from guidefield.recorder.documents import JudgedRun, PlanRun, Run, document_judgement, document_plan
-from guidefield.recorder.motion import Motion, Poses, configurations_of, frames_of, poses, refused_goal, shown_motion
+from guidefield.recorder.motion import (
+    Curves,
+    Motion,
+    Poses,
+    configurations_of,
+    curves,
+    frames_of,
+    poses,
+    position_rows,
+    refused_goal,
+    shown_motion,
+)
 from guidefield.recorder.stored import Place, shared_scene
 from guidefield.recorder.view import Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configuration, Configurations
+
+CLEAR = 0.10
+"""Distance [m] from which the segment to the closest obstacle is drawn in plain green."""
+PLOTTED = 600
+"""Numbers in a plot of all joints, about."""
+LEAST_PLOTTED = 40
+"""Rows in such a plot, if there are as many."""
+OBSTACLE_COLOR = (94, 184, 255, 255)
+SELF_COLOR = (190, 160, 250, 255)
+REQUIRED_COLOR = (235, 87, 87, 255)
+POTENTIAL_COLOR = (255, 176, 84, 255)
+LIMIT_COLOR = (150, 150, 150, 255)
+TRACE_COLOR = (255, 196, 61, 255)
+WAYPOINT_COLOR = (120, 220, 160, 255)
+
+
+def _plot_clearance(profile: ClearanceProfile, required: float) -> Iterator[Chunk]:
+    """Distance to obstacles and to the robot itself over the motion, and what was asked for [m]; the potential [m]."""
+    times = path_times(profile.times)
+    names, colors = ["to obstacles", "to itself"], [OBSTACLE_COLOR, SELF_COLOR]
+    distances = [profile.obstacle_distance, profile.self_distance]
+    if required > 0.0:
+        names, colors = [*names, "asked for"], [*colors, REQUIRED_COLOR]
+        distances.append(np.full(len(profile.times), required))
+    yield from _curves("/plots/clearance", times, np.column_stack(distances), names, colors)
+    moments, values = profile.potential
+    yield from _curves("/plots/potential", path_times(moments), values, ["U, along the motion"], [POTENTIAL_COLOR])
+
+
+def _draw_closest_pair(profile: ClearanceProfile, size: float) -> Chunk:
+    """The segment between the robot and the obstacle closest to it, over the motion: red where it is short."""
+    there = np.array([pair is not None for pair in profile.obstacle_pair])
+    there &= np.isfinite(profile.witness).all(axis=(1, 2)) & np.isfinite(profile.obstacle_distance)
+    labels = [
+        f"{1e3 * distance:.0f} mm  {pair[0]} - {pair[1]}"
+        for distance, pair, shown in zip(profile.obstacle_distance, profile.obstacle_pair, there, strict=True)
+        if shown and pair is not None
+    ]
+    hues = 0.36 * np.clip(profile.obstacle_distance[there] / CLEAR, 0.0, 1.0)
+    columns = make_columns(
+        rr.LineStrips3D,
+        there.astype(int),
+        strips=profile.witness[there],
+        colors=[rgba(hue, 0.68, 0.9) for hue in hues.tolist()],
+        labels=labels,
+        radii=np.full(int(there.sum()), 0.003 * size),
+    )
+    return timed("/path/closest_pair", [path_times(profile.times)], columns)
+
+
+def _plot_joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) -> Iterator[Chunk]:
+    """Joint positions, velocities and accelerations, as they are and as shares of their limits: -1 lower, 1 upper."""
+    names, rates = group.position_names, group.velocity_names
+    if trajectory is None or not trajectory.times:
+        positions = position_rows(group, motion.configurations)
+        yield from _curves("/plots/position", path_times(motion.times), positions, names, _palette(len(names)))
+        return
+    curve = curves(group, trajectory)
+    rows = evenly(len(curve.times), max(PLOTTED // len(names), LEAST_PLOTTED))
+    curve = Curves(curve.times[rows], curve.positions[rows], curve.velocities[rows], curve.accelerations[rows])
+    times = path_times(curve.times)
+    yield from _curves("/plots/position", times, curve.positions, names, _palette(len(names)))
+    shares = {}
+    if group.is_euclidean and np.isfinite(group.upper - group.lower).any():
+        with np.errstate(invalid="ignore"):  # joints without limits have no share of them
+            shares["position"] = (2.0 * curve.positions - group.lower - group.upper) / (group.upper - group.lower)
+    for kind, values, limits in (
+        ("velocity", curve.velocities, group.velocity_limits),
+        ("acceleration", curve.accelerations, group.acceleration_limits),
+    ):
+        yield from _curves(f"/plots/{kind}", times, values, rates, _palette(len(rates)))
+        shares[kind] = values / limits
+    for kind, share in shares.items():
+        bounded = np.column_stack([share, np.tile([-1.0, 1.0], (len(share), 1))])
+        colors = [*_palette(len(rates)), LIMIT_COLOR, LIMIT_COLOR]
+        yield from _curves(f"/plots/use/{kind}", times, bounded, [*rates, "lower limit", "upper limit"], colors)
+
+
+def _plot_step_potential(steps: Sequence[tuple[int, Step]]) -> Iterator[Chunk]:
+    """Potential of the robot after each of the planner's steps, where it was evaluated."""
+    known = [(number, step.potential) for number, step in steps if step.potential is not None]
+    if known:
+        numbers, values = zip(*known, strict=True)
+        times = rr.TimeColumn(STEP, sequence=numbers)
+        yield from _curves("/planner/potential", times, np.array(values), ["U, after the step"], [POTENTIAL_COLOR])
+
+
+def _palette(count: int) -> list[Color]:
+    """Colours (RGBA) that can be told apart as thin lines on a dark ground."""
+    colors: list[Color] = []
+    for number in range(count):
+        hue, lightness = (0.56 + number / count) % 1.0, 0.66 if number % 2 else 0.60
+        colors.append(rgba(hue, lightness, 0.75))
+    return colors
+
+
+def _curves(
+    path: str, times: rr.TimeColumn, values: np.ndarray, names: Sequence[str], colors: Sequence[Color]
+) -> Iterator[Chunk]:
+    """Values (n,) or (n, k) over n times, with the names of the k curves; what isn't finite is left open."""
+    columns = np.asarray(values, float).reshape(len(values), -1)
+    yield _lines(path, tuple(names), tuple(colors))
+    yield _values(path, times, np.where(np.isfinite(columns), columns, np.nan))
+
+
+def _values(path: str, times: rr.TimeColumn, values: np.ndarray) -> Chunk:
+    return timed(path, [times], make_columns(rr.Scalars, np.full(len(values), values.shape[1]), scalars=values.ravel()))
+
+
+@memoized_by_value(256)
+def _lines(path: str, names: tuple[str, ...], colors: tuple[Color, ...]) -> Chunk:
+    """Names and colours of curves: those of the same joints are in many recordings."""
+    return still(path, rr.SeriesLines(names=names, colors=colors))
+
 
 EVEN_PACE = "the motion has no times: it is shown at an even pace"
 NO_TRAJECTORY = "there is no trajectory: the path is shown at an even pace, its times mean nothing"
 
 
 def record_plan(place: Place, run: PlanRun, log: EventLog) -> None:
-    """Write the recording of a plan, found or not.
+    """Write the recording of a plan, found or not; raises OSError, and leaves nothing, if the file can't be written.
 
-    With `recording: "summary"` it holds the motion among the obstacles and how it went; "full" adds the field and the
-    planner's life.
-
-    Args:
-        place: Where to write.
-        run: The plan.
-        log: The planner's events; of a summary its steps alone, the last of which is where a failure ended.
-
-    Raises:
-        OSError: if the file cannot be written; nothing is left of it.
+    With `recording: "summary"` it holds the motion among the obstacles and how it went, and its log only steps, the
+    last of which is where a failure ended; "full" adds the field and the planner's life.
     """
     group, (request, reply) = run.group, run.seen()
-    full, steps, colliding = request.recording == "full", log.steps(), _colliding(reply)
+    full, steps, pair = request.recording == "full", log.steps(), reply.status.details.get("pair")
+    colliding = frozenset(map(str, pair)) if isinstance(pair, list | tuple) else frozenset()
     refused = refused_goal(group, request, reply)
     motion = shown_motion(group, reply, run.measured, steps[-1][1].q if steps else None)
     if refused is not None:
@@ -60,7 +173,10 @@ def record_plan(place: Place, run: PlanRun, log: EventLog) -> None:
     view = _MotionView.of(place, run, motion, landmarks)
     chunks = [*view.robot(), *view.curves(reply.trajectory), *view.bodies(colliding)]
     if reply.path and full:
-        chunks += robot_entities.planned_path(poses(group, configurations_of(group, reply.path)).tip, group.size)
+        tip = poses(group, configurations_of(group, reply.path)).tip  # before it became a trajectory
+        line = rr.LineStrips3D([tip], colors=[WAYPOINT_COLOR], radii=[0.0015 * group.size])
+        points = rr.Points3D(tip, colors=[WAYPOINT_COLOR], radii=[0.005 * group.size])
+        chunks.append(still("/path/planned", line, points))
     chunks += [*scene_entities.guide_planes(reply.guide_planes, group.size), *scene_entities.goals(request, group.size)]
     if reply.status.code != Status.SUCCESS:
         chunks.append(scene_entities.failure(reply, view.at.tip[-1], group.size))
@@ -68,24 +184,17 @@ def record_plan(place: Place, run: PlanRun, log: EventLog) -> None:
     chunks += document_plan(run, remarks)
     if full:
         chunks += _planning(group, log, reply, motion.configurations[0], view.drawn.links)
-        chunks += view.field() if motion.timed or not steps else _field_at_steps(view, steps)
+        if motion.timed or not steps:
+            chunks += view.field()
+        else:  # the planner's steps, of which no motion came
+            numbers, few = zip(*(steps[index] for index in evenly(len(steps), robot_entities.MOMENTS)), strict=True)
+            chunks += view.field_at(None, np.array([s.q for s in few]), rr.TimeColumn(STEP, sequence=numbers))
     timeline = STEP if full and steps and not motion.timed else PATH_TIME
     view.write(place, chunks, colliding, timeline)
 
 
 def record_judgement(place: Place, run: JudgedRun, given: GivenMotion) -> None:
-    """Write the recording of a motion that was judged.
-
-    With `recording: "summary"` it holds the motion among the obstacles and the verdict; "full" adds the field.
-
-    Args:
-        place: Where to write.
-        run: The judgement.
-        given: The motion that was judged.
-
-    Raises:
-        OSError: if the file cannot be written; nothing is left of it.
-    """
+    """Write the recording of a motion that was judged, as `record_plan`; "full" adds the field to the summary."""
     group, reply, measured = run.group, run.reply, run.measured
     assert measured is not None, "a motion that is judged is measured"
     motion = Motion(measured.times, measured.configurations, timed=given.times is not None)
@@ -104,15 +213,7 @@ def record_judgement(place: Place, run: JudgedRun, given: GivenMotion) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _MotionView:
-    """A motion among its obstacles, seen from an eye.
-
-    Attributes:
-        run: The run that it is of.
-        motion: The motion.
-        at: Forward kinematics along it.
-        drawn: The robot as it is drawn.
-        eye: The eye.
-    """
+    """A motion among its obstacles, with forward kinematics along it, seen from an eye."""
 
     run: Run
     motion: Motion
@@ -142,30 +243,30 @@ class _MotionView:
         rows = evenly(len(times), frames_of(times))
         frames = Poses(at.joints, at.placements[rows], at.tip[rows])
         yield robot_entities.link_motion(self.run.group, self.drawn.links, frames, times[rows], PATH_TIME)
-        yield robot_entities.tip_trace(at.tip, self.run.group.size)
+        yield still("/path/tip", rr.LineStrips3D([at.tip], colors=[TRACE_COLOR], radii=[0.004 * self.run.group.size]))
         if self.motion.timed:
             yield from scene_entities.moving(self.run.scene.obstacles, times)
 
     def curves(self, trajectory: Trajectory | None) -> Iterator[Chunk]:
         """Joints, given the knots if there are velocities, and distances, beside the required one."""
-        yield from plots.joints(self.run.group, self.motion, trajectory)
+        yield from _plot_joints(self.run.group, self.motion, trajectory)
         profile = self.run.measured
         if profile is not None and len(profile.times):
-            yield plots.closest_pair(profile, self.run.group.size)
-            yield from plots.clearance(profile, self.run.request.min_clearance)
+            yield _draw_closest_pair(profile, self.run.group.size)
+            yield from _plot_clearance(profile, self.run.request.min_clearance)
 
     def field(self) -> Iterator[Chunk]:
         """The field, and its forces on the robot along the motion."""
         motion = self.motion
-        rows = evenly(len(motion.times), field_entities.MOMENTS)
+        rows = evenly(len(motion.times), robot_entities.MOMENTS)
         times = motion.times[rows] if motion.timed else None
         yield from self.field_at(times, motion.configurations[rows], path_times(motion.times[rows]))
 
     def field_at(self, times: np.ndarray | None, qs: Configurations, column: rr.TimeColumn) -> Iterator[Chunk]:
         """The field on the robot at configurations (n, nq) of times (n,), None for before all, and a picture."""
         if self.run.scene.obstacles:
-            yield from field_entities.charges(self.run.group, self.run.scene, times, qs, column)
-            yield from field_entities.picture_of_plane(self.run.scene, self.at.tip, origin_of(self.run.group))
+            yield from robot_entities.charges(self.run.group, self.run.scene, times, qs, column)
+            yield from robot_entities.picture_of_plane(self.run.scene, self.at.tip, origin_of(self.run.group))
 
     def write(self, place: Place, chunks: Sequence[Chunk], at_fault: Collection[str], timeline: str) -> None:
         """Write chunks with the scene, in which bodies at fault are red, and a timeline to begin with."""
@@ -174,20 +275,12 @@ class _MotionView:
         place.write(run.reply.run_id, chunks, scene, run.group.robot, self.drawn, self.eye, timeline)
 
 
-def _field_at_steps(view: _MotionView, steps: Sequence[tuple[int, Step]]) -> Iterator[Chunk]:
-    """The field along the planner's steps, where no motion came of them."""
-    few = [steps[index] for index in evenly(len(steps), field_entities.MOMENTS)]
-    column = rr.TimeColumn(STEP, sequence=[number for number, _ in few])
-    return view.field_at(None, np.array([step.q for _, step in few]), column)
-
-
 def _planning(
     group: PlanningGroup, log: EventLog, reply: PlanReply, start: Configuration, links: Sequence[str]
 ) -> Iterator[Chunk]:
-    """The planner's life, over its steps."""
     steps, numbered = log.steps(), list(log.numbered())
     yield from planner_entities.text_log(log, reply)
-    yield from plots.step_potential(steps)
+    yield from _plot_step_potential(steps)
     yield from planner_entities.trees(group, [(n, event) for n, event in numbered if isinstance(event, LoggedTrees)])
     yield from planner_entities.relaxed(group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
     rows = evenly(len(steps), planner_entities.MOST_FRAMES)
@@ -195,7 +288,7 @@ def _planning(
     if not steps:  # trees and optimised motions are told without the robot, which waits at its start
         times, qs = [0], [start]
     yield robot_entities.link_motion(group, links, poses(group, qs), np.array(times), STEP)
-    yield plots.step_positions(group, np.array(qs), np.array(times))
+    yield _values("/plots/position", rr.TimeColumn(STEP, sequence=times), position_rows(group, np.array(qs)))
     if steps:
         yield from planner_entities.step_points(log, poses(group, [step.q for _, step in steps]).tip, group.size)
 
@@ -211,9 +304,3 @@ def _knots(group: PlanningGroup, given: GivenMotion) -> Trajectory | None:
         velocities=given.velocities.tolist(),
         accelerations=np.concatenate([begins, ends[-1:]]).tolist(),
     )
-
-
-def _colliding(reply: PlanReply) -> frozenset[str]:
-    """The bodies that a failure says are in collision, by name."""
-    pair = reply.status.details.get("pair")
-    return frozenset(map(str, pair)) if isinstance(pair, list | tuple) else frozenset()

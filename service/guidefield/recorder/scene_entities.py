@@ -16,7 +16,7 @@ from guidefield.messages import scene as messages
 from guidefield.messages.replies import MotionReply
 from guidefield.messages.requests import PlanRequest, PoseGoal
 from guidefield.recorder import bodies, surface
-from guidefield.recorder.chunks import Color, entity, path_times, rgba, still, timed
+from guidefield.recorder.chunks import Color, entity, make_columns, path_times, rgba, still, timed
 from guidefield.recorder.surface import Surface
 from guidefield.scene.obstacle import Obstacle
 
@@ -34,15 +34,10 @@ SEE_THROUGH_ALPHA = 70
 def obstacles(
     all_of_them: Sequence[Obstacle], see_through: Collection[str], at_fault: Collection[str]
 ) -> Iterator[Chunk]:
-    """Every obstacle as a solid body: one entity for all primitives of a kind, one for all walls, one for each other.
+    """Obstacles as solid bodies: one entity for all primitives of a kind, one for all walls, one for each other.
 
-    Also those that move, are in collision or hide something have an entity of their own, `/obstacles/single/<name>`;
-    clouds are the points that they are.
-
-    Args:
-        all_of_them: The scene's obstacles.
-        see_through: Names of those that hide the path from the first view.
-        at_fault: Names of those that are in collision: they are red.
+    Those that move, are at fault (red) or hide the path from the first view (translucent) have entities of their own,
+    `/obstacles/single/<name>`, too; clouds are the points that they are.
     """
     alike: dict[type, list[tuple[Obstacle, Color]]] = {}
     walls: list[tuple[Obstacle, Color]] = []
@@ -97,7 +92,7 @@ def moving(all_of_them: Sequence[Obstacle], times: np.ndarray) -> Iterator[Chunk
         if one.motion is None:
             continue
         moved = [pin.SE3ToXYZQUAT(one.placement_at(time) * one.placement.inverse()) for time in times.tolist()]
-        columns = rr.Transform3D.columns(translation=np.array(moved)[:, :3], quaternion=np.array(moved)[:, 3:])
+        columns = make_columns(rr.Transform3D, translation=np.array(moved)[:, :3], quaternion=np.array(moved)[:, 3:])
         yield timed(single(one.name), [path_times(times)], columns)
 
 

@@ -1,7 +1,8 @@
-"""Place a recording: whole, or in a store, where many recordings share the robot's meshes and a large scene.
+"""Recordings in a store, without what all runs share, and those that leave it: one file that anybody can open.
 
-The scene's file is named by its content and has its obstacles, drawn, and its message. Each recording holds on to it by
-a hard link beside itself, so that the file goes with the last recording that needs it.
+A stored recording lacks its robot's meshes, which lie once beside all runs, its layout, which follows from it, and a
+large scene, whose file is named by its content and has its obstacles, drawn, and its message. Each recording holds on
+to that by a hard link beside itself, so that the file goes with the last recording that needs it.
 """
 
 from __future__ import annotations
@@ -23,10 +24,17 @@ from guidefield.messages.requests import MotionRequest
 from guidefield.recorder import bodies, scene_entities, surface
 from guidefield.recorder.bodies import Drawn
 from guidefield.recorder.chunks import shown, still
-from guidefield.recorder.packing import LARGE_BYTES, MESSAGE_COMPONENT, SCENE, encoded, large_scene, packed
+from guidefield.recorder.documents import (
+    LARGE_BYTES,
+    MESSAGE_COMPONENT,
+    SCENE,
+    encoded,
+    large_scene,
+    packed,
+)
+from guidefield.recorder.reading import LINK, left_out
 from guidefield.recorder.rrd_file import encode_recording, write_recording
 from guidefield.recorder.view import Eye, layout
-from guidefield.recorder.whole import LINK, left_out
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene, declared_with
 from guidefield.whole_file import link_shared, remove_unshared
@@ -39,28 +47,14 @@ UNUSED_S = 3600.0
 
 @dataclass(frozen=True, eq=False)
 class SharedScene:
-    """The part of a recording that is the same for many runs.
-
-    Attributes:
-        digest: Hash of all that it is made of.
-        is_large: Whether it has a file of its own.
-        chunks: Makes its chunks.
-    """
+    """The part of a recording that is the same for many runs, by the hash of all that it is made of."""
 
     digest: str
     is_large: bool
     chunks: Callable[[], Sequence[Chunk]]
 
     def link(self, recording: Path, bodies: Path) -> bool:
-        """Link a recording to the file, which is made if it isn't there; False where the disk has no such links.
-
-        Args:
-            recording: The recording, which need not be there yet.
-            bodies: Folder of the robots of its store.
-
-        Raises:
-            OSError: if the disk refuses.
-        """
+        """Link a recording to the file, made if need be beside its robots; False where the disk has no such links."""
         folder, link = bodies.with_name(FOLDER), recording.with_suffix(LINK)
 
         def content() -> bytes:
@@ -80,14 +74,7 @@ class SharedScene:
 def shared_scene(
     scene: Scene, request: MotionRequest, see_through: Collection[str], at_fault: Collection[str]
 ) -> SharedScene:
-    """Return the scene of a run as its recording shows it.
-
-    Args:
-        scene: As it is drawn.
-        request: The request; its scene, if it holds one, goes in too where it is large.
-        see_through: Names of obstacles that hide the motion.
-        at_fault: Names of obstacles in collision.
-    """
+    """Return the scene of a run as its recording shows it; the request's goes in too where it is large."""
     seen, hit = (scene.names.intersection(names) for names in (see_through, at_fault))
     size, content = _content(scene)
     message = large_scene(request)
@@ -132,12 +119,12 @@ def _readers() -> bytes:
 
 @dataclass(frozen=True)
 class Place:
-    """The place of a recording, whole or in a store.
+    """The place of a recording: whole, or for a store, without its robot's meshes and layout.
 
     Attributes:
         file: The recording.
-        bodies: Folder of robots that are kept prepared (bodies.py).
-        whole: Whether the robot's meshes and the layout are put into the recording; else it is for a store (whole.py).
+        bodies: Folder of robots that are kept prepared.
+        whole: Whether the robot's meshes and the layout are put into the recording.
     """
 
     file: Path
@@ -154,20 +141,7 @@ class Place:
         eye: Eye,
         timeline: str,
     ) -> None:
-        """Write a recording.
-
-        Args:
-            run_id: Name of the run; identifies the recording.
-            chunks: What is in it, but for scene and robot.
-            scene: The scene.
-            robot: The robot.
-            drawn: As what it is drawn.
-            eye: From where to look at the scene.
-            timeline: The timeline to begin with.
-
-        Raises:
-            OSError: if the file cannot be written; nothing is left of it.
-        """
+        """Write the chunks of a run with its scene and robot; raises OSError, and leaves nothing, if that fails."""
         if not self.whole:
             linked = scene.is_large and scene.link(self.file, self.bodies)
             rest = [] if linked else scene.chunks()

@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from guidefield.recorder import bodies, robot_entities, scene_entities, surface
-from guidefield.recorder.chunks import PATH_TIME, begun, path_times, timed
+from guidefield.recorder.chunks import PATH_TIME, begun, make_columns, path_times, timed
 from guidefield.recorder.motion import configurations_of, poses
 from guidefield.recorder.rrd_file import encode_recording
 from guidefield.recorder.view import SWITCHED_OFF, Eye, blueprint, choose_eye, scene_view
@@ -34,10 +34,8 @@ class MovingBody:
 
     Attributes:
         obstacle: Its shape, in its own frame.
-        times: When, shape (n,) [s].
-        placements: Where, position and quaternion (x, y, z, w), shape (n, 7) [m, world].
-        appears: When it was there and had not been before, shape (k,) [s].
-        gone: When it wasn't there any more, shape (m,) [s].
+        times, placements: Position and quaternion (x, y, z, w), shape (n, 7) [m, world], at times (n,) [s].
+        appears, gone: When it was there and had not been before (k,), and was no more (m,) [s].
     """
 
     obstacle: Obstacle
@@ -53,10 +51,8 @@ class StreamMotion:
 
     Attributes:
         times: Of the updates, shape (n,) [s].
-        rows: Where the robot was then, in position columns, shape (n, k) [rad or m].
-        stops: Where it would have stood, the same.
-        horizon: From each update to that stop, shape (n,) [s].
-        latency: How long each was worked on, shape (n,) [s].
+        rows, stops: Where the robot was then, and would have stood, in position columns, shape (n, k) [rad or m].
+        horizon, latency: From each update to that stop, and how long it was worked on, shape (n,) [s].
         reasons: Time, and why there was no piece, in words.
         moving: What was seen.
     """
@@ -71,14 +67,7 @@ class StreamMotion:
 
 
 def stream_recording(name: str, group: PlanningGroup, scene: Scene, motion: StreamMotion) -> bytes:
-    """The recording of a stream, with all that a viewer needs: the content of an `.rrd` file.
-
-    Args:
-        name: The stream's name; identifies the recording.
-        group: The joints that moved.
-        scene: What rests.
-        motion: What there is to show.
-    """
+    """The recording of a stream among what rests, with all that a viewer needs: the content of an `.rrd` file."""
     drawn = bodies.prepared(group.robot, bodies.cache_folder())
     at = poses(group, configurations_of(group, motion.rows.tolist()))
     robot = at.placements[:, :, :3].reshape(-1, 3)
@@ -96,20 +85,20 @@ def stream_recording(name: str, group: PlanningGroup, scene: Scene, motion: Stre
 
 
 def _stops(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
-    """The tip's stopping place, and the path to it."""
     stops = poses(group, configurations_of(group, motion.stops.tolist())).tip
     now = poses(group, configurations_of(group, motion.rows.tolist())).tip
     times = [path_times(motion.times)]
     lines = np.stack([now, stops], axis=1)
     count = len(motion.times)
-    points = rr.Points3D.columns(positions=stops, colors=[STOP_COLOR] * count, radii=[0.012 * group.size] * count)
+    points = make_columns(rr.Points3D, positions=stops, colors=[STOP_COLOR] * count, radii=[0.012 * group.size] * count)
     yield timed("/path/stop", times, points)
-    strips = rr.LineStrips3D.columns(strips=lines, colors=[STOP_COLOR] * count, radii=[0.003 * group.size] * count)
+    strips = make_columns(
+        rr.LineStrips3D, strips=lines, colors=[STOP_COLOR] * count, radii=[0.003 * group.size] * count
+    )
     yield timed("/path/to_stop", times, strips)
 
 
 def _moving(number: int, one: MovingBody) -> Iterator[Chunk]:
-    """An obstacle where it was seen, from when it appears until it is gone."""
     path, color = scene_entities.single(one.obstacle.name), scene_entities.obstacle_color(one.obstacle, number)
     if one.obstacle.cloud is not None:
         cloud = one.obstacle.cloud
@@ -119,18 +108,17 @@ def _moving(number: int, one: MovingBody) -> Iterator[Chunk]:
     for time in one.appears.tolist():
         yield begun(path, time, drawn)
     if len(one.gone):
-        yield timed(path, [path_times(one.gone)], rr.Clear.columns(is_recursive=[False] * len(one.gone)))
-    columns = rr.Transform3D.columns(translation=one.placements[:, :3], quaternion=one.placements[:, 3:])
+        yield timed(path, [path_times(one.gone)], make_columns(rr.Clear, is_recursive=[False] * len(one.gone)))
+    columns = make_columns(rr.Transform3D, translation=one.placements[:, :3], quaternion=one.placements[:, 3:])
     yield timed(path, [path_times(one.times)], columns)
 
 
 def _figures(motion: StreamMotion) -> Iterator[Chunk]:
-    """Horizon, latency and reasons over time."""
     for (path, _), values in zip(PLOTS, (motion.horizon, 1e3 * motion.latency), strict=True):
-        yield timed(path, [path_times(motion.times)], rr.Scalars.columns(scalars=values))
+        yield timed(path, [path_times(motion.times)], make_columns(rr.Scalars, scalars=values))
     if motion.reasons:
         times, texts = zip(*motion.reasons, strict=True)
-        yield timed("/stream/log", [path_times(np.array(times))], rr.TextLog.columns(text=texts))
+        yield timed("/stream/log", [path_times(np.array(times))], make_columns(rr.TextLog, text=texts))
 
 
 def _layout(eye: Eye) -> rrb.Blueprint:

@@ -41,9 +41,8 @@ class Surface:
     """A triangle mesh with normals.
 
     Attributes:
-        vertices: Shape (v, 3) [m], float32.
+        vertices, normals: Shape (v, 3) [m] and unit normals, float32.
         triangles: Vertex indices, shape (t, 3), uint32, counter-clockwise from outside.
-        normals: Unit normals, shape (v, 3), float32.
         colors: RGBA per vertex, shape (v, 4), uint8; None where the whole body has one colour.
     """
 
@@ -69,13 +68,7 @@ class Surface:
 
 
 def shaded(vertices: np.ndarray, triangles: np.ndarray, crease: float = CREASE) -> Surface:
-    """A surface that is smooth but for its creases.
-
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3).
-        crease: Angle between faces from which their edge is sharp [rad].
-    """
+    """A surface of vertices (v, 3) [m] and triangles (t, 3), smooth but for edges of at least a crease angle [rad]."""
     places, merged = np.unique(np.round(vertices, MERGED_DIGITS), axis=0, return_inverse=True)
     corners = merged.reshape(-1)[np.asarray(triangles)]
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
@@ -102,11 +95,7 @@ def joined(surfaces: list[Surface]) -> Surface:
 
 
 def of_shape(shape: Any) -> Surface:
-    """The surface of a Coal shape in its own frame.
-
-    Raises:
-        ValueError: if there is no way to draw such a shape.
-    """
+    """The surface of a Coal shape in its own frame; raises ValueError if there is no way to draw it."""
     for kind, outline in OUTLINES.items():
         if isinstance(shape, kind):
             return shaded(*outline(shape))
@@ -123,20 +112,10 @@ def sketch(surface: Surface) -> Surface:
 
 
 def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> Surface | bytes:
-    """Read a mesh file of any kind with its colours.
+    """Read a mesh file of any kind by our reader, scaled (3,), with colours by trimesh, where it reads the same.
 
-    Its triangles are those that our reader of mesh files has; trimesh adds colours where it reads the same.
-
-    Args:
-        path: `.dae`, `.stl`, `.obj`, `.glb` or any other kind of mesh file.
-        scale: Factors along its axes, shape (3,).
-        override: RGBA that replaces the file's colours, shape (4,); None keeps them.
-
-    Returns:
-        A coloured surface; or, where the file has textures that count, the whole of it as a GLB file with small ones.
-
-    Raises:
-        ValueError: if there is nothing to draw in it.
+    Returns a coloured surface, in one RGBA if that is given; or, where the file has textures that count, the whole
+    of it as a GLB file with small ones. Raises ValueError if there is nothing to draw in it.
     """
     try:
         plain = mesh_files.read_mesh(path, scale)
@@ -162,7 +141,6 @@ def _file_meshes(path: Path) -> list[trimesh.Trimesh]:
 
 
 def _same_extent(meshes: list[trimesh.Trimesh], plain: mesh_files.FileMesh) -> bool:
-    """Check that meshes have the area and the box of what our reader has."""
     if not meshes:
         return False
     boxes = np.array([mesh.bounds for mesh in meshes])
@@ -174,7 +152,6 @@ def _same_extent(meshes: list[trimesh.Trimesh], plain: mesh_files.FileMesh) -> b
 
 
 def _as_glb(meshes: list[trimesh.Trimesh]) -> bytes:
-    """Textured meshes as a GLB file, their textures reduced to `TEXTURE_SIZE`."""
     for mesh in meshes:
         if (image := _texture(mesh)) is not None:
             small = image.convert("RGB")
@@ -226,10 +203,7 @@ def _spread_points(points: np.ndarray, count: int) -> np.ndarray:
 def _smooth_corners(corners: np.ndarray, areas: np.ndarray, crease: float) -> np.ndarray:
     """Corners that share a vertex and a normal, as labels (3 t,) from 0: those joined across edges that aren't creases.
 
-    Args:
-        corners: Merged vertices of the triangles, shape (t, 3).
-        areas: Their area vectors, shape (t, 3).
-        crease: Angle from which an edge is sharp [rad].
+    Triangles (t, 3) are of merged vertices, with area vectors (t, 3); an edge is sharp from an angle on [rad].
     """
     starts, ends = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
     at_end = np.roll(np.arange(len(starts)).reshape(-1, 3), -1, axis=1).ravel()

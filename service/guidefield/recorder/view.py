@@ -30,12 +30,7 @@ SO_FAR = rrb.VisibleTimeRanges(
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """A view of a scene.
-
-    Attributes:
-        position, target: Where the eye is and what it looks at, shape (3,) [m, world].
-        hiding: Names of obstacles that hide part of the tip's way.
-    """
+    """A position and a target (3,) [m, world], and the names of obstacles that hide part of the tip's way."""
 
     position: np.ndarray
     target: np.ndarray
@@ -43,13 +38,7 @@ class Eye:
 
 
 def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
-    """The layout of a recording.
-
-    Args:
-        eye: From where to look at the scene.
-        timeline: The timeline to begin with.
-        present: Entities that have something to show: tabs and plots of others are left out.
-    """
+    """The layout of a recording, begun on a timeline; tabs and plots of entities that aren't present are left out."""
     tabs = [_overview(eye, present)]
     if "/planner/log" in present:
         tabs.append(_planner(eye, present))
@@ -181,14 +170,10 @@ HIDING_SHARE = 0.1
 def choose_eye(
     tip: np.ndarray, robot: np.ndarray, landmarks: np.ndarray, obstacles: Sequence[Obstacle], size: float = 1.0
 ) -> Eye:
-    """Choose from where to look at a motion.
+    """Choose from where to look at a motion, by the tip's way (n, 3) [m, world] and what obstacles hide of it.
 
-    Args:
-        tip: The tip's way, shape (n, 3) [m, world].
-        robot: Points of the robot on the way, shape (m, 3) [m, world]; they are to be in the picture too.
-        landmarks: Other points that are, shape (k, 3) [m, world], k may be 0: where the motion was to lead.
-        obstacles: What may hide the motion.
-        size: Of the robot.
+    Points of the robot (m, 3) and landmarks (k, 3), where the motion was to lead, are to be in the picture too. The
+    eye is as far as the size of the robot asks for.
     """
     seen = np.vstack([tip, robot, landmarks])
     lowest, highest = seen.min(axis=0), seen.max(axis=0)
@@ -214,24 +199,16 @@ def choose_eye(
 
 def _directions(heading: float) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors (e, 3) from the target to the eye, and how much each is preferred, from 0 to 1, shape (e,)."""
-    directions, preferences = [], []
-    for elevation in ELEVATIONS:
-        for azimuth in np.linspace(-np.pi, np.pi, AZIMUTHS, endpoint=False):
-            off = abs(abs(azimuth) - PREFERRED_AZIMUTH) / np.pi
-            side = 0.05 if azimuth < 0.0 else 0.0  # of two mirrored views, always the same one
-            flat = heading + azimuth
-            level = np.cos(elevation)
-            direction = np.array([level * np.cos(flat), level * np.sin(flat), np.sin(elevation)])
-            directions.append(direction)
-            preferences.append(1.0 - off - side)
-    return np.array(directions), np.array(preferences)
+    azimuths = np.linspace(-np.pi, np.pi, AZIMUTHS, endpoint=False)
+    elevation, azimuth = (angles.ravel() for angles in np.meshgrid(ELEVATIONS, azimuths, indexing="ij"))
+    level, flat = np.cos(elevation), heading + azimuth
+    off = np.abs(np.abs(azimuth) - PREFERRED_AZIMUTH) / np.pi
+    side = np.where(azimuth < 0.0, 0.05, 0.0)  # of two mirrored views, always the same one
+    return np.column_stack([level * np.cos(flat), level * np.sin(flat), np.sin(elevation)]), 1.0 - off - side
 
 
 def _occluders(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (t, 3, 3) of all obstacles, the largest first, and the index of each one's obstacle (t,).
-
-    Clouds, which are mostly gaps, hide nothing.
-    """
+    """Triangles (t, 3, 3) of all obstacles but clouds, mostly gaps, the largest first, and their obstacles (t,)."""
     solid = [index for index, obstacle in enumerate(obstacles) if obstacle.cloud is None]
     if not solid:
         return np.empty((0, 3, 3)), np.empty(0, int)
