@@ -19,8 +19,7 @@ import pytest
 from packaging.requirements import Requirement
 
 import guidefield
-from guidefield.doctor.examination import packages, packages_found
-from guidefield.doctor.finding import State
+from guidefield.doctor.examination import State, packages, packages_found
 from tests.journeys.service import running_service
 
 HOUSE = Path(__file__).resolve().parent.parent

@@ -29,12 +29,9 @@ PATIENCE = 300.0
 PLAN = PlanRequest("ur5", "table", JointsGoal({"elbow_joint": 1.2}), guide_planes=[], recording="summary")
 
 
-@dataclass(frozen=True)
-class Awake(module._Setup):
-    """Prepares the process without the lowest priority: a busy machine would leave it no processor."""
-
-    def __call__(self) -> Work:
-        return partial(module._render, self.engines.engines())
+def prepare_awake(setup: EngineSetup) -> Work:
+    """Prepare the process without the lowest priority: a busy machine would leave it no processor."""
+    return partial(module._render, setup.engines())
 
 
 class Dying(EngineSetup):
@@ -88,7 +85,7 @@ class Rendering:
 @pytest.fixture
 def rendering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Rendering]]:
     monkeypatch.setattr(module, "RETRY_INTERVAL_S", 0.1)
-    monkeypatch.setattr(module, "_Setup", Awake)
+    monkeypatch.setattr(module, "_prepare", prepare_awake)
     database, made = RunDatabase(tmp_path), list[Rendering]()
 
     def make(setup: type[EngineSetup], runs: int = 1, memory: int = DEFAULT_MEMORY) -> Rendering:

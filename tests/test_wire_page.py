@@ -18,8 +18,7 @@ from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, DEFAULT_ST
 from guidefield.errors import ERRORS, Status
 from guidefield.handlers.info import Figures, Rules, info
 from guidefield.messages import codec, requests
-from guidefield.messages.codes import CODES, MEANINGS
-from guidefield.messages.served import KEYS
+from guidefield.messages.served import CODES, KEYS, MEANINGS
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION
 

@@ -14,7 +14,6 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 from guidefield import logs
@@ -45,7 +44,7 @@ class Renderer:
     Args:
         setup: Prepares the engines of the process.
         memory: The process is ended where it takes more [bytes].
-        recordings: The recordings of a user.
+        recordings: Finds a user's recordings.
         note: Is told of each run whose log was rendered or given up.
         patience: Time for which a run is left to the worker that answered it [s].
     """
@@ -58,7 +57,7 @@ class Renderer:
         note: Callable[[str, str], None],
         patience: float = 0.0,
     ) -> None:
-        self._pool = Pool(_Setup(setup), workers=1, memory=memory)
+        self._pool = Pool(partial(_prepare, setup), workers=1, memory=memory)
         self._recordings, self._note, self._patience, self._memory = recordings, note, patience, memory
         self._waiting: list[Named] = []
         self._deaths = Counter[Named]()
@@ -99,7 +98,6 @@ class Renderer:
                 _log.exception("a recording could not be rendered")
 
     def _settle(self, named: Named) -> None:
-        """Have a recording rendered, tried again later, or given up."""
         try:
             done, refusal = self._pool.submit(Task(named, math.inf)).result() if self._is_left(named) else (True, b"")
         except GuidefieldError as death:
@@ -122,14 +120,12 @@ class Renderer:
         self._note(*named)
 
     def _is_left(self, named: Named) -> bool:
-        """Return whether nobody else has rendered a recording."""
         recordings, until = self._recordings(named[0]), time.monotonic() + self._patience
         while recordings.is_owed(named[1]) and time.monotonic() < until and not self._closed.is_set():
             self._closed.wait(LOOK_INTERVAL_S)
         return recordings.is_owed(named[1])
 
     def _postpone(self, named: Named, why: str) -> None:
-        """Try a recording again after all others."""
         _log.warning("the recording of run %s is tried again: %s", named[1], why)
         self._closed.wait(RETRY_INTERVAL_S)
         self._waiting.insert(0, named)
@@ -140,16 +136,10 @@ class Renderer:
         self._recordings(named[0]).give_up(named[1], why)
 
 
-@dataclass(frozen=True)
-class _Setup:
-    """Prepares the process."""
-
-    engines: EngineSetup
-
-    def __call__(self) -> Work:
-        become_idle()
-        logs.configure(self.engines.log_level, json=self.engines.json_logs)
-        return partial(_render, self.engines.engines())
+def _prepare(setup: EngineSetup) -> Work:
+    become_idle()
+    logs.configure(setup.log_level, json=setup.json_logs)
+    return partial(_render, setup.engines())
 
 
 def _render(engines: Engines, named: Named, _call: Call) -> Answer:

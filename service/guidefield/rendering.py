@@ -29,12 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 class Renderings:
-    """Renders recordings; robots and scenes stay loaded from one to the next.
-
-    Args:
-        catalogs: Loaded robots, by the folders of packages that these may take meshes from; None: none yet.
-        scenes: Built scenes; None: none yet.
-    """
+    """Renders recordings; robots, by the folders of their packages, and scenes stay loaded from one to the next."""
 
     def __init__(
         self, catalogs: dict[tuple[Path, ...], Catalog] | None = None, scenes: BuiltScenes | None = None
@@ -43,17 +38,9 @@ class Renderings:
         self._scenes = scenes or BuiltScenes(RENDERED_SCENES)
 
     def render(self, recordings: Recordings, name: str, *, whole: bool = False) -> None:
-        """Render a recording whose log is kept; nothing is done where there is none, or it was rendered already.
+        """Render a recording whose log is kept, unless it is rendered; raises OSError, and keeps the log.
 
-        A log that nothing can be rendered from is lost, with its reason.
-
-        Args:
-            recordings: The folder.
-            name: The recording's name there, without an ending.
-            whole: True if it is to hold its robot's meshes; else those lie beside all recordings.
-
-        Raises:
-            OSError: if the disk refuses; the log stays.
+        A log that nothing can be rendered from is lost, with its reason. Whole, it has its robot's meshes, too.
         """
         with contextlib.suppress(FileNotFoundError), recordings.file(name, LOG).open("rb") as file:
             state = os.fstat(file.fileno())
@@ -83,7 +70,6 @@ class Renderings:
             return f"it can't be rendered, because of a bug in guidefield: {type(error).__name__}: {error}"
 
     def _motion(self, log: RunLog) -> RecordedMotion:
-        """The motion of a log among what it moved among."""
         from guidefield.handlers.certify import restore_certify
         from guidefield.handlers.plan import restore_plan
         from guidefield.handlers.sequence import restore_steps

@@ -69,21 +69,14 @@ class _Local(msgspec.Struct, frozen=True, tag="local"):
 
 
 class _Log(msgspec.Struct, frozen=True):
-    """A log as it is written.
+    """A log as it is written: messages as MessagePack, without the scene, where the request holds it whole.
 
     Attributes:
-        run_id: Name of the run.
-        made_with: The packages that it was made with.
-        judges: True of a judgement, False of a plan.
-        request, reply: As MessagePack; without the scene, where the request holds it whole.
         scene: The scene, as MessagePack; empty: it is in a file of its own.
         apart: Indices of its obstacles that are in files of their own, in the order of these.
         scene_given: Whether the request holds it whole.
         robot: The robot, unless the request says all of it.
         packages: Folders in which meshes of a robot that is sent as text are looked for.
-        events: What the planner told.
-        motion: The motion.
-        anchor: From which the motion is seen.
     """
 
     run_id: str
@@ -103,7 +96,7 @@ class _Log(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class RobotOrigin:
-    """The source that a run's robot was loaded from.
+    """The source of a run's robot.
 
     Attributes:
         reference: As the request has it, but of a stored robot its files.
@@ -118,19 +111,7 @@ class RobotOrigin:
 
 @dataclass(frozen=True)
 class RunLog:
-    """A log that was read.
-
-    Attributes:
-        run_id: Name of the run.
-        made_with: The packages that it was made with.
-        request: As it came.
-        reply: As the recording holds it.
-        robot: The robot as it was then.
-        scene: The scene as it was then.
-        events: What the planner told.
-        motion: The motion.
-        anchor: From which it is seen; None: the world's origin.
-    """
+    """A log that was read: request, reply, planner's events and motion, and robot and scene as they were then."""
 
     run_id: str
     made_with: str
@@ -169,11 +150,14 @@ def write_log(
     elif isinstance(robot.reference, UrdfFile):
         origin = _Local(robot.reference, robot.fingerprint)
     given = isinstance(request.scene, SceneMessage) and getattr(request.scene, "base", None) is None
+    if given:  # it is packed apart
+        request = copy.copy(request)  # what the request promises was checked with its scene
+        msgspec.structs.force_setattr(request, "scene", SceneMessage(name="scene"))
     log = _Log(
         run_id=run_id,
         made_with=describe_versions(),
         judges=isinstance(request, CertifyRequest),
-        request=_encoded(_without_scene(request) if given else request),
+        request=_encoded(request),
         reply=_encoded(reply),
         scene=packed.inline or b"",
         apart=tuple(index for index, _ in packed.apart),
@@ -188,12 +172,7 @@ def write_log(
 
 
 def read_log(data: bytes, needed: Callable[[str], Path], make_folder: Callable[[], Path]) -> RunLog:
-    """Read a log.
-
-    Args:
-        data: Its content.
-        needed: The file that it shares with others, by the ending of its link to it.
-        make_folder: Makes an empty folder, for the meshes of a robot that is stored no more.
+    """Read a log, files that it shares by the endings of its links, and a lost robot's meshes into a new folder.
 
     Raises:
         UnreadableLog: if it is damaged, or of another version of guidefield.
@@ -204,7 +183,9 @@ def read_log(data: bytes, needed: Callable[[str], Path], make_folder: Callable[[
     try:
         log = msgspec.msgpack.decode(data[len(MAGIC) :], type=_Log)
         declared = _scene(log, needed)
-        request, reply = _messages(log)
+        decode = msgspec.msgpack.decode
+        request: MotionRequest = decode(log.request, type=CertifyRequest if log.judges else PlanRequest)
+        reply: MotionReply = decode(log.reply, type=CertifyReply if log.judges else PlanReply)
         if log.scene_given:
             msgspec.structs.force_setattr(request, "scene", declared)
         reference: RobotReference | SentRobot = request.robot
@@ -243,13 +224,6 @@ class _MadeWith(msgspec.Struct):
     made_with: str
 
 
-def _messages(log: _Log) -> tuple[MotionRequest, MotionReply]:
-    decode = msgspec.msgpack.decode
-    if log.judges:
-        return decode(log.request, type=CertifyRequest), decode(log.reply, type=CertifyReply)
-    return decode(log.request, type=PlanRequest), decode(log.reply, type=PlanReply)
-
-
 _ENCODER = msgspec.msgpack.Encoder()
 
 
@@ -258,13 +232,7 @@ def _encoded(message: msgspec.Struct) -> bytes:
 
 
 class _PackedScene(NamedTuple):
-    """A scene as MessagePack.
-
-    Attributes:
-        digest: Its hash.
-        inline: Itself, unless it is large.
-        apart: Obstacles that aren't in it, the largest first: index and hash.
-    """
+    """A scene's hash, itself as MessagePack unless it is large, and indices and hashes of obstacles apart."""
 
     digest: str
     inline: bytes | None
@@ -283,7 +251,6 @@ def _packed_scene(scene: Scene) -> _PackedScene:
 
 @memoized
 def _packed_obstacle(obstacle: Obstacle) -> tuple[int, str]:
-    """Size of an obstacle as MessagePack [bytes], and its hash."""
     packed = _encoded(obstacle.message)
     return len(packed), _hash(packed)
 
@@ -297,7 +264,6 @@ def _without(scene: Scene, apart: Sequence[tuple[int, str]]) -> SceneMessage:
 
 
 def _scene(log: _Log, needed: Callable[[str], Path]) -> SceneMessage:
-    """The scene of a log, whole."""
     declared = msgspec.msgpack.decode(log.scene or needed(SCENE).read_bytes(), type=SceneMessage)
     obstacles = list(declared.obstacles)
     for index, ending in zip(log.apart, OBSTACLES, strict=False):
@@ -307,13 +273,6 @@ def _scene(log: _Log, needed: Callable[[str], Path]) -> SceneMessage:
 
 def _hash(packed: bytes) -> str:
     return hashlib.blake2b(packed, digest_size=32).hexdigest()
-
-
-def _without_scene(request: MotionRequest) -> MotionRequest:
-    """A request with an empty scene in place of its own."""
-    without = copy.copy(request)  # what the request promises was checked with its scene
-    msgspec.structs.force_setattr(without, "scene", SceneMessage(name="scene"))
-    return without
 
 
 def _robot_file(sent: SentRobot) -> bytes:

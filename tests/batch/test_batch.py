@@ -17,8 +17,7 @@ from typer.testing import CliRunner
 
 import guidefield
 from guidefield.batch.cluster import _why
-from guidefield.batch.request_file import Item
-from guidefield.batch.results import RESULTS
+from guidefield.batch.results import RESULTS, Item
 from guidefield.cli import app
 from guidefield.recorder.reading import read_recording
 from guidefield.stores.recordings import Recordings

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.batch.request_file import Item, RequestFile
-from guidefield.batch.results import RESULTS, Outcome, Results, crashed
+from guidefield.batch.results import RESULTS, Item, Outcome, RequestFile, Results, crashed
 from guidefield.errors import MalformedRequest, WorkerCrashed
 
 REPLY = b'{"status": {"code": 1, "name": "SUCCESS"}}'

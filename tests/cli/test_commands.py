@@ -18,7 +18,7 @@ import pytest
 
 from guidefield import Scene
 from guidefield.cli import main
-from guidefield.cli.loopback import free_port
+from guidefield.cli.serving import free_port
 from guidefield.engine import answer
 from guidefield.errors import Status
 from guidefield.messages.replies import RobotReply

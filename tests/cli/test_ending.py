@@ -10,14 +10,14 @@ import time
 
 import pytest
 
-from guidefield.cli import ending
+from guidefield.cli import serving
 
 PATIENCE = 300.0
 """Longer than anything here takes on a busy machine [s]."""
 
 BEGINS = """
 import ctypes, os, signal, sys, threading, time
-from guidefield.cli import ending
+from guidefield.cli import serving
 
 def take_it():
     time.sleep(0.2)  # until the main thread waits
@@ -30,13 +30,13 @@ threading.Thread(target=take_it, daemon=True).start()
 assert stop.wait(200.0)
 print("told", flush=True)
 """
-ENDS = BEGINS + "ending.end_on_signal(stop, 200.0)" + IS_TOLD_IN_ANOTHER_THREAD
-SOON = "ending.DUMP_TIME_S = 2.0\n"
+ENDS = BEGINS + "serving.end_on_signal(stop, 200.0)" + IS_TOLD_IN_ANOTHER_THREAD
+SOON = "serving.DUMP_TIME_S = 2.0\n"
 """Where there can be no last words, they are not waited for as long as elsewhere."""
-STAYS = BEGINS + "ending.end_on_signal(stop, 0.2)" + IS_TOLD_IN_ANOTHER_THREAD + "time.sleep(300.0)"
-LINGERS = BEGINS + "ending.end_on_signal(stop, 300.0)" + IS_TOLD_IN_ANOTHER_THREAD + "time.sleep(300.0)"
+STAYS = BEGINS + "serving.end_on_signal(stop, 0.2)" + IS_TOLD_IN_ANOTHER_THREAD + "time.sleep(300.0)"
+LINGERS = BEGINS + "serving.end_on_signal(stop, 300.0)" + IS_TOLD_IN_ANOTHER_THREAD + "time.sleep(300.0)"
 KEEPS_THE_LOCK = (
-    BEGINS + SOON + "ending.end_on_signal(stop, 0.2)" + IS_TOLD_IN_ANOTHER_THREAD + "ctypes.PyDLL(None).sleep(300)"
+    BEGINS + SOON + "serving.end_on_signal(stop, 0.2)" + IS_TOLD_IN_ANOTHER_THREAD + "ctypes.PyDLL(None).sleep(300)"
 )
 
 
@@ -53,7 +53,7 @@ def test_a_signal_that_another_thread_takes_is_heard_while_the_main_thread_waits
 
 def test_who_does_not_end_is_ended_by_force_and_says_where_it_stood() -> None:
     done = _ended(STAYS)
-    assert done.returncode == ending.FORCED_EXIT_CODE
+    assert done.returncode == serving.FORCED_EXIT_CODE
     assert "not ended 0.2 s after it was told to" in done.stderr
     assert "in <module>" in done.stderr
 
@@ -87,11 +87,11 @@ def test_a_second_signal_ends_the_process_at_once() -> None:
 
 LEAVES = """
 import atexit, sys, threading, time
-from guidefield.cli import ending
+from guidefield.cli import serving
 atexit.register(print, "cleaned up")
 threading.Thread(target=time.sleep, args=(300.0,)).start()
 sys.stdout.write("done, ")
-ending.leave()
+serving.leave()
 """
 
 

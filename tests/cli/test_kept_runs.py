@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from guidefield.arrays import run_arrays
 from guidefield.cli.commands import app
-from guidefield.cli.comparison import largest_step, list_differences, motion_hash
 from guidefield.cli.found_run import find_plan, find_run
+from guidefield.cli.replaying import largest_step, list_differences, motion_hash
 from guidefield.engine import Engine
 from guidefield.errors import MalformedRequest, Status, UnknownObject
 from guidefield.messages.identities import PLAIN

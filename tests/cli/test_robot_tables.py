@@ -5,11 +5,10 @@ import io
 from msgspec.structs import replace
 from rich.console import Console, RenderableType
 
-from guidefield.cli.robot_tables import robot_table, robots_table
+from guidefield.cli.tables import robot_table, robots_table
 from guidefield.engine import answer
-from guidefield.messages.replies import RobotReply, RobotsReply, RobotSummary
+from guidefield.messages.replies import CoverInfo, PartsInfo, RobotReply, RobotsReply, RobotSummary
 from guidefield.messages.requests import ReadRobot, UrdfText
-from guidefield.messages.robot_replies import CoverInfo, PartsInfo
 
 
 def _text(shown: RenderableType) -> str:

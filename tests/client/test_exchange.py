@@ -13,7 +13,7 @@ from concurrent.futures import Future, wait
 import pytest
 import zenoh
 
-from guidefield.cli.loopback import LOOPBACK, free_port
+from guidefield.cli.serving import LOOPBACK, free_port
 from guidefield.client.exchange import THREAD_NAME, Exchange, await_answer
 from guidefield.client.questions import Question
 from guidefield.errors import ServerBusy

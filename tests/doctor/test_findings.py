@@ -15,31 +15,30 @@ from hypothesis import given, strategies as st
 from typer.testing import CliRunner
 
 from guidefield.cli import app
-from guidefield.cli.loopback import free_port
+from guidefield.cli.serving import free_port
 from guidefield.doctor import examination as doctor_examination
 from guidefield.doctor.examination import (
+    SERVICE_TAKES,
     SLACK,
     UNSYNCHRONIZED,
+    WORKER_TAKES,
+    Finding,
+    State,
     clock,
     clock_found,
+    cores,
+    cores_found,
     disk,
     examination,
     graphics_found,
     kernels,
-    room_found,
-    runs,
-    session,
-)
-from guidefield.doctor.finding import Finding, State
-from guidefield.doctor.resources import (
-    SERVICE_TAKES,
-    WORKER_TAKES,
-    cores,
-    cores_found,
     memory,
     memory_found,
     memory_limit,
     processor_quota,
+    room_found,
+    runs,
+    session,
     vectors,
 )
 from guidefield.endpoint.link import NoAnswer, is_taken, measure_answer

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import zenoh
 
-from guidefield.cli.loopback import LOOPBACK, free_port
+from guidefield.cli.serving import LOOPBACK, free_port
 from guidefield.endpoint.link import DESCRIPTORS, close_links_at_once, close_sockets_at_once
 from tests.journeys.service import await_that
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from guidefield.cli.loopback import free_port
+from guidefield.cli.serving import free_port
 from guidefield.endpoint.monitoring import Meter, metrics_server
 from guidefield.endpoint.service import CannotServe, ServiceSettings, serve
 from guidefield.handlers.info import Figures, brief_info

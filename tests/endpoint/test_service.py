@@ -13,7 +13,7 @@ import pytest
 import zenoh
 
 from guidefield import Client, NoService
-from guidefield.cli.loopback import free_port
+from guidefield.cli.serving import free_port
 from guidefield.endpoint import service
 from guidefield.endpoint.service import CannotServe, ServiceSettings, serve, session_config
 from guidefield.errors import MalformedRequest

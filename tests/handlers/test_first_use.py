@@ -14,9 +14,8 @@ from guidefield.handlers.certify import lay_out_ahead
 from guidefield.handlers.plan import prepare_ahead
 from guidefield.messages.conditions import AttachedObject
 from guidefield.messages.replies import CertifyReply
-from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest, UrdfText
+from guidefield.messages.requests import Attach, CertifyRequest, JointsGoal, PlanRequest, PlanStep, UrdfText
 from guidefield.messages.scene import Box, Mesh, Scene
-from guidefield.messages.steps import Attach, PlanStep
 from guidefield.messages.values import Placement
 from guidefield.robot.bodies.convex_parts import MOST, PARTS
 from guidefield.robot.bodies.sphere_cover import COVERS, DELTA

@@ -19,7 +19,7 @@ import zenoh
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import Server, ServerConnection, serve
 
-from guidefield.cli.loopback import LOOPBACK
+from guidefield.cli.serving import LOOPBACK
 
 SUBSCRIBE, UNSUBSCRIBE, GET, TOKENS, PING = 2, 3, 18, 20, 25
 """Messages of the client."""

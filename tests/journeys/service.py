@@ -16,8 +16,7 @@ from typing import Any
 
 import zenoh
 
-from guidefield.cli.ending import FORCED_EXIT_CODE
-from guidefield.cli.loopback import LOOPBACK, free_port
+from guidefield.cli.serving import FORCED_EXIT_CODE, LOOPBACK, free_port
 
 STARTED_WITHIN = 300.0
 """The first start ever compiles the kernels [s]."""

@@ -63,7 +63,7 @@ def test_typescript_says_that_no_service_is_there(built: Path, tmp_path: Path) -
     pytest.importorskip("websockets", reason="it carries the stand-in for a router")
     import zenoh
 
-    from guidefield.cli.loopback import free_port
+    from guidefield.cli.serving import free_port
     from tests.journeys.remote_api import remote_api
 
     with free_port() as port:

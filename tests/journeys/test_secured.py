@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from guidefield import Box, Client, NoService, NotAllowed, Potential, Scene, UnknownObject
 from guidefield.cli import app
-from guidefield.cli.loopback import free_port
+from guidefield.cli.serving import free_port
 from guidefield.messages.replies import Progress
 from tests.journeys.service import (
     ANSWERED_WITHIN,

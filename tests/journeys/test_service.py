@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 import guidefield
 from guidefield import Box, Client, NoService, Scene
-from guidefield.cli.loopback import free_port
+from guidefield.cli.serving import free_port
 from guidefield.messages.scene_changes import SceneChanged
 from guidefield.system import processor_time
 from tests.journeys.service import (

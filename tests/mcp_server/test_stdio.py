@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import guidefield
-from guidefield.cli.loopback import free_port
+from guidefield.cli.serving import free_port
 from guidefield.mcp_server.server import TOOLS
 from tests.journeys.service import running_service
 

@@ -12,7 +12,7 @@ import guidefield
 from guidefield.errors import ERRORS, ServerBusy, Status
 from guidefield.mcp_server import words
 from guidefield.mcp_server.server import TOOLS
-from guidefield.mcp_server.words import ADVICE, advised
+from guidefield.mcp_server.words import ADVICE, advise
 from guidefield.messages import codec
 from guidefield.messages.replies import ClearanceReply, InverseKinematicsReply
 from guidefield.messages.requests import Clearance, PlanRequest
@@ -25,7 +25,7 @@ BALL = {"name": "one", "obstacles": [{"type": "sphere", "name": "ball", "radius"
 
 def test_every_outcome_but_success_has_its_advice() -> None:
     assert set(ADVICE) == set(Status) - {Status.SUCCESS}
-    assert advised(1) == advised(-4711) == ""
+    assert advise(1) == advise(-4711) == ""
     tools = {tool.name for tool in TOOLS}
     fields = {*PlanRequest.__struct_fields__, "allowed_time", "tree"}
     for sentence in ADVICE.values():
@@ -35,16 +35,16 @@ def test_every_outcome_but_success_has_its_advice() -> None:
 
 @pytest.mark.parametrize("kind", ERRORS.values(), ids=lambda kind: kind.__name__)
 def test_an_error_says_its_name_its_message_and_what_to_do(kind: type[guidefield.GuidefieldError]) -> None:
-    told = words.error_told(kind("the moon is not a robot", retry_after=2.5))
+    told = words.describe_error(kind("the moon is not a robot", retry_after=2.5))
     assert told.startswith(f"{kind.code.name}: the moon is not a robot. {ADVICE[kind.code]}")
     assert told.endswith("Ask again in 2.5 s.")
-    assert "Ask again in" not in words.error_told(ServerBusy("busy"))
+    assert "Ask again in" not in words.describe_error(ServerBusy("busy"))
 
 
 def test_a_plan_in_words_has_the_figures_of_the_reply() -> None:
     goal = {"type": "joints", "positions": {"elbow_joint": 1.2}}
     reply = guidefield.answer({"robot": "ur5", "scene": BALL, "goal": goal, "run_id": "r-1", "recording": "off"})
-    told = words.plan_told(reply)
+    told = words.describe_plan(reply)
     assert told.startswith("SUCCESS: ")
     assert f"{reply.metrics.duration:.2f} s" in told
     assert f"{1e3 * reply.clearance.minimum:.1f} mm between {' and '.join(reply.clearance.pair)}" in told
@@ -52,7 +52,7 @@ def test_a_plan_in_words_has_the_figures_of_the_reply() -> None:
     assert "run_id 'r-1'" in told
     refused = guidefield.answer({"robot": "ur5", "scene": BALL, "goal": {"type": "pose", "position": [9, 9, 9],
                                  "quaternion_xyzw": [0, 0, 0, 1]}, "recording": "off"})  # fmt: skip
-    told = words.plan_told(refused)
+    told = words.describe_plan(refused)
     assert told.startswith(f"NO_IK_SOLUTION: {refused.status.message}")
     assert ADVICE[Status.NO_IK_SOLUTION] in told
     assert "`trajectory`" not in told
@@ -60,12 +60,12 @@ def test_a_plan_in_words_has_the_figures_of_the_reply() -> None:
 
 def test_a_verdict_in_words_says_where_and_between_what() -> None:
     request = {"type": "certify", "robot": "ur5", "scene": BALL, "position_names": ["shoulder_pan_joint"]}
-    free = words.certify_told(guidefield.answer({**request, "path": [[-1.0], [-1.2]], "recording": "off"}))
+    free = words.describe_verdict(guidefield.answer({**request, "path": [[-1.0], [-1.2]], "recording": "off"}))
     assert free.startswith("SUCCESS: ")
     reply = guidefield.answer(
         {**request, "path": [[0.0], [7.5]], "recording": "off", "start": {"shoulder_lift_joint": -0.6}}
     )
-    told = words.certify_told(reply)
+    told = words.describe_verdict(reply)
     if reply.certificate.pair:
         assert " and ".join(reply.certificate.pair) in told
     assert "It is certified until" in told
@@ -80,7 +80,7 @@ def test_distances_in_words() -> None:
         self_minimum=[0.05, 0.0, None, 0.01],
         warnings=["odd"],
     )
-    assert words.clearance_told(reply).splitlines() == [
+    assert words.describe_clearance(reply).splitlines() == [
         "Configuration 0: 31.2 mm between hand and shelf; the robot keeps 50.0 mm from itself.",
         "Configuration 1: contact between hand and shelf, 2.0 mm deep; the robot touches itself.",
         "Configuration 2: contact between elbow and wall.",
@@ -88,12 +88,12 @@ def test_distances_in_words() -> None:
         "Warning: odd.",
     ]
     many = msgspec.structs.replace(reply, minimum=[1.0] * 30, pair=[None] * 30, self_minimum=[None] * 30, warnings=[])
-    assert words.clearance_told(many).endswith("Configuration 19: 1000.0 mm.\nand 10 more")
+    assert words.describe_clearance(many).endswith("Configuration 19: 1000.0 mm.\nand 10 more")
 
 
 def test_configurations_of_poses_in_words() -> None:
     reply = InverseKinematicsReply(configurations=[[{"a": 1.0}], [], [{}, {}]], reasons=["", "out of reach", ""])
-    lines = words.inverse_kinematics_told(reply).splitlines()
+    lines = words.describe_solutions(reply).splitlines()
     assert lines[:3] == [
         "Pose 0: 1 configuration.",
         "Pose 1: no configurations; out of reach.",

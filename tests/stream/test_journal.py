@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from guidefield.cli.stream_replaying import replay_stream
+from guidefield.cli.found_run import replay_stream
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, InvalidGoal, MalformedRequest, UnknownObject
 from guidefield.messages.goals import JointsGoal, PoseGoal

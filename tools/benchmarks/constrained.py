@@ -25,7 +25,7 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.geometry.placements import se3
 from guidefield.messages import codec, scene as messages
-from guidefield.messages.references import RobotReference
+from guidefield.messages.conditions import RobotReference
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics

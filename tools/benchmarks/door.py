@@ -43,8 +43,7 @@ import guidefield
 from benchmarks.doors.costs import read_costs
 from benchmarks.doors.kept_runs import PLAN, WARM, fill, time_of
 from guidefield import Client, JointsGoal
-from guidefield.cli.loopback import LOOPBACK, free_port
-from guidefield.cli.serving import service_in_child
+from guidefield.cli.serving import LOOPBACK, free_port, service_in_child
 from guidefield.messages import codec
 
 PARTS = ("kinematics", "clients", "plans", "page", "recorded", "batch")

@@ -10,8 +10,7 @@ import msgspec
 from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, DEFAULT_STREAMS, limits_of
 from guidefield.messages import replies, requests, scene, scene_changes, stream_requests, streams
-from guidefield.messages.codes import CODES
-from guidefield.messages.served import KEYS, KeyInfo
+from guidefield.messages.served import CODES, KEYS, KeyInfo
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION
 from pages.fields import fields, parts, summary

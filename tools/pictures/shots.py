@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 import guidefield
-from guidefield.messages.references import SceneReference
+from guidefield.messages.conditions import SceneReference
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import GuidePlane

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from rerun.experimental import ViewerClient
 
-from guidefield.cli.loopback import free_port
+from guidefield.cli.serving import free_port
 
 PATIENCE = 180.0
 """How long a viewer may take to show a recording, and then to stop changing [s]."""

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from guidefield.batch.local import answered
-from guidefield.batch.request_file import Item
-from guidefield.batch.results import CannotWork, Outcome, crashed
+from guidefield.batch.results import CannotWork, Item, Outcome, crashed
 from guidefield.engine import Engine
 from guidefield.errors import WorkerCrashed
 from guidefield.whole_file import write_whole
@@ -30,11 +29,7 @@ ATTEMPTS = 3
 
 
 def over_cluster(items: Iterable[Item], address: str) -> Iterator[Outcome]:
-    """What comes of requests, in the order in which it does; guidefield must be installed on every node.
-
-    Args:
-        items: The requests.
-        address: Of the cluster, such as ``10.0.0.1:6379``, ``auto``, or ``local`` for one on this machine.
+    """Yield outcomes as they come from a Ray cluster with guidefield on every node: an address, ``auto`` or ``local``.
 
     Raises:
         CannotWork: if Ray isn't installed, or there is no cluster there.
@@ -88,10 +83,7 @@ def _answer_items(ray: Any, items: Iterable[Item]) -> Iterator[Outcome]:
 
 
 def _why(error: Exception) -> str:
-    """In a sentence why the cluster has no answer: what was raised on a node, or else what Ray says in its first line.
-
-    What our own code raises there means that the node can't work, not that the request can't be answered.
-    """
+    """Say why the cluster has no answer: what was raised on a node, or else what Ray says in its first line."""
     cause = getattr(error, "cause", None)
     if isinstance(cause, Exception):
         return f"a node can't answer: {type(cause).__name__}: {cause}; guidefield must be installed on every node"
@@ -114,7 +106,6 @@ def _engine() -> Engine:
 
 
 def _answer(request: bytes, record: bool) -> tuple[bool, bytes, bytes | None]:
-    """On a node: the answer, and the recording."""
     with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
         recording = Path(folder) / "run.rrd"
         is_reply, payload = answered(_engine(), request, recording if record else None)

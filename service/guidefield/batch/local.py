@@ -5,34 +5,26 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, wait
-from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
-from guidefield.batch.request_file import Item
-from guidefield.batch.results import CannotWork, Outcome, crashed
+from guidefield.batch.results import CannotWork, Item, Outcome, crashed
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, WorkerCrashed, strip_path
 from guidefield.messages import codec
 from guidefield.messages.replies import make_error_reply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.pool.pool import Pool
-from guidefield.pool.process import Call, Setup
+from guidefield.pool.process import Call, Setup, Work
 from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK, Answer, Limits, Task
 from guidefield.rendering import Renderings
 from guidefield.stores.recordings import Recordings
 
 
 def answered(engine: Engine, request: bytes, record_to: Path | None, *, deferred: bool = False) -> tuple[bool, bytes]:
-    """Return whether there is a reply, or else an error; and its JSON.
-
-    Args:
-        engine: Answers it.
-        request: JSON of a request of any kind.
-        record_to: Where the recording of a plan goes, if anywhere.
-        deferred: True if only the log of the recording is written, beside it.
-    """
+    """Return whether there is a reply to a JSON request, not an error, and its JSON; deferred, log the recording."""
     try:
         decoded = codec.decode_request(request)
         if record_to is not None and isinstance(decoded, MotionRequest):
@@ -63,70 +55,38 @@ LOOK_UP = 0.5
 _Job = TypeVar("_Job")
 
 
-@dataclass(frozen=True)
-class BatchSetup:
-    """Prepares a worker of a batch; like the command line it may read local files."""
+def _prepare_answers() -> Work:
+    """In a worker process, which like the command line may read local files: warm an engine up."""
+    logging.basicConfig(level=logging.WARNING)
+    engine = Engine()
+    engine.warm_up()
 
-    def __call__(self) -> BatchWorker:
-        """In a worker process: warm an engine up."""
-        logging.basicConfig(level=logging.WARNING)
-        engine = Engine()
-        engine.warm_up()
-        return BatchWorker(engine)
+    def answer_item(item: Item, _call: Call) -> Answer:
+        return answered(engine, item.request, item.recording, deferred=True)
 
-
-@dataclass(frozen=True)
-class BatchWorker:
-    """Answers the requests of a batch."""
-
-    engine: Engine
-
-    def __call__(self, item: Item, _call: Call) -> Answer:
-        """Return whether there is a reply, or else an error; and its JSON."""
-        return answered(self.engine, item.request, item.recording, deferred=True)
+    return answer_item
 
 
-@dataclass(frozen=True)
-class RenderSetup:
-    """Prepares a worker that renders the recordings of a batch.
+def _prepare_rendering(folder: Path) -> Work:
+    """In a worker process."""
+    logging.basicConfig(level=logging.ERROR)
+    recordings, renderings = Recordings(folder), Renderings()
 
-    Attributes:
-        folder: Folder of the recordings and logs.
-    """
-
-    folder: Path
-
-    def __call__(self) -> RenderWorker:
-        """In a worker process."""
-        logging.basicConfig(level=logging.ERROR)
-        return RenderWorker(Recordings(self.folder), Renderings())
-
-
-@dataclass(frozen=True)
-class RenderWorker:
-    """Renders recordings from their logs."""
-
-    recordings: Recordings
-    renderings: Renderings
-
-    def __call__(self, name: str, _call: Call) -> Answer:
-        """Return whether the log is rendered, or lost; and why it isn't."""
+    def render(name: str, _call: Call) -> Answer:
         try:
-            self.renderings.render(self.recordings, name, whole=True)
+            renderings.render(recordings, name, whole=True)
         except OSError as error:
             return False, strip_path(error).encode()
         return True, b""
 
+    return render
+
 
 def render_over_workers(folder: Path, workers: int) -> Iterator[str | None]:
-    """Render the recordings of a folder from their logs; yield why each isn't rendered yet, None if it is.
-
-    Raises:
-        CannotWork: if no worker can be prepared.
-    """
+    """Render the recordings of a folder from their logs; yield why each isn't rendered yet, None if it is."""
     names = Recordings(folder).owed()
     tasks = (Task(name, LONGEST_WORK) for name in names)
-    for _, task in _over_pool(RenderSetup(folder), zip(names, tasks, strict=True), workers):
+    for _, task in _over_pool(partial(_prepare_rendering, folder), zip(names, tasks, strict=True), workers):
         try:
             done, why = task.result()
         except WorkerCrashed as error:
@@ -137,22 +97,14 @@ def render_over_workers(folder: Path, workers: int) -> Iterator[str | None]:
 
 
 def over_workers(items: Iterable[Item], workers: int) -> Iterator[Outcome]:
-    """Yield outcomes of requests, in the order in which they come; of recordings only the logs.
-
-    Raises:
-        CannotWork: if no worker can be prepared.
-    """
+    """Yield outcomes of requests, in the order in which they come; of recordings only the logs."""
     tasks = ((item, Task(item, seconds_for(item.request), size=len(item.request))) for item in items)
-    for item, task in _over_pool(BatchSetup(), tasks, workers):
+    for item, task in _over_pool(_prepare_answers, tasks, workers):
         yield _outcome(item, task)
 
 
 def _over_pool(setup: Setup, tasks: Iterable[tuple[_Job, Task]], workers: int) -> Iterator[tuple[_Job, Task]]:
-    """Have workers do tasks; yield each with its job when it is done.
-
-    Raises:
-        CannotWork: if no worker can be prepared.
-    """
+    """Have workers do tasks; yield each with its job when done; raises CannotWork if no worker can be prepared."""
     pool = Pool(setup, workers=workers, limits=Limits(tasks=AHEAD * workers, tasks_of_client=AHEAD * workers))
     pool.start()
     try:

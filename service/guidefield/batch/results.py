@@ -1,20 +1,98 @@
-"""The results of a batch: a file with a line for each answer, which is only added to."""
+"""The requests of a batch, a file read line by line, and its results, a file with a line for each answer."""
 
 from __future__ import annotations
 
 import fcntl
+import hashlib
+import shutil
+import tempfile
+from array import array
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import BinaryIO, Self
 
 import msgspec
 
-from guidefield.batch.request_file import BLANK, Item, RequestFile
 from guidefield.errors import MalformedRequest, Status, WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.replies import make_error_reply
+
+RECORDINGS = "recordings"
+BLANK = 0
+"""The fingerprint of a line without a request."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """One request of a batch: its line from 1, its text, and its recording's file, if any."""
+
+    line: int
+    request: bytes
+    recording: Path | None
+
+    @property
+    def content(self) -> str:
+        """A name for what is asked: a request that was edited is asked anew."""
+        return f"{fingerprint(self.request):016x}"
+
+
+class RequestFile:
+    """The requests of a file, each on a line that isn't blank; a context manager.
+
+    One line at a time is held in memory. What can be read only once, such as a pipe, is copied to a temporary file.
+
+    Attributes:
+        fingerprints: A number for the request on each line from 1, or `BLANK`; 8 bytes a line.
+    """
+
+    def __init__(self, path: Path) -> None:
+        with ExitStack() as opened:
+            try:
+                self._file: BinaryIO = opened.enter_context(path.open("rb"))
+                if not self._file.seekable():
+                    copy = opened.enter_context(tempfile.TemporaryFile())
+                    shutil.copyfileobj(self._file, copy)
+                    self._file = copy
+                self.fingerprints = array("Q", [BLANK])
+                self.fingerprints.extend(fingerprint(request) if request else BLANK for request in self._lines())
+            except OSError as error:
+                raise MalformedRequest(
+                    f"the requests can't be read: {path.name}: {error.strerror}", path=str(path)
+                ) from None
+            self._opened = opened.pop_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._opened.close()
+
+    def __len__(self) -> int:
+        """Count the requests."""
+        return len(self.fingerprints) - self.fingerprints.count(BLANK)
+
+    def items(self, folder: Path, *, recordings: bool) -> Iterator[Item]:
+        """Yield the requests in their order; their recordings go to a folder."""
+        for number, request in enumerate(self._lines(), 1):
+            if request:
+                yield Item(number, request, folder / RECORDINGS / f"{number}.rrd" if recordings else None)
+
+    def _lines(self) -> Iterator[bytes]:
+        self._file.seek(0)
+        for line in self._file:
+            yield line.rstrip(b"\r\n") if line.strip() else b""
+
+
+def fingerprint(request: bytes) -> int:
+    """Return a number for a request, which is never `BLANK`: 64 bits of SHA-256."""
+    return int.from_bytes(hashlib.sha256(request).digest()[:8], "big") or 1
+
 
 RESULTS = "results.jsonl"
 LINE_BEGIN = b'{"line":'
@@ -67,11 +145,8 @@ class Results:
 
     A line is written whole after the request's recording. What a killed process left of a line is cut off, and that
     request is asked again; so is one whose worker crashed, which then has a second line. Nothing is rewritten, and
-    nothing is held in memory but 9 bytes for each line of the requests.
-
-    Args:
-        folder: Made if it isn't there.
-        requests: The requests of this batch; results of others, such as of a line before it was edited, don't count.
+    nothing is held in memory but 9 bytes for each line of the requests. Results of other requests, such as of a line
+    before it was edited, don't count.
 
     Raises:
         MalformedRequest: if its results can't be understood, or another process adds to them.

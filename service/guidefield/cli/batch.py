@@ -8,8 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from guidefield.batch.request_file import RECORDINGS, Item, RequestFile
-from guidefield.batch.results import RESULTS, Outcome, Results
+from guidefield.batch.results import RECORDINGS, RESULTS, Item, Outcome, RequestFile, Results
 from guidefield.errors import ERRORS, Status
 from guidefield.stores.recordings import Recordings
 
@@ -17,19 +16,9 @@ from guidefield.stores.recordings import Recordings
 def run(
     requests: Path, folder: Path, out: Console, *, workers: int, ray: str | None, recordings: bool, render: bool
 ) -> int:
-    """Answer the requests of a file that aren't answered yet.
+    """Answer the requests of a file without results in a folder, here or on a Ray cluster; return an exit code.
 
-    Args:
-        requests: One JSON object on each line.
-        folder: Folder of results and recordings; requests with results there aren't answered again.
-        out: Console of the bar.
-        workers: Processes on this machine.
-        ray: Address of a Ray cluster to use instead.
-        recordings: Whether plans are recorded.
-        render: Whether the recordings are rendered after the answers; else their logs stay.
-
-    Returns:
-        Exit code: 0 if all succeeded, 1 if a reply is a failure, 2 if there was an error.
+    It is 0 if all succeeded, 1 if a reply is a failure, 2 if there was an error.
 
     Raises:
         MalformedRequest: if the file can't be read.
@@ -58,7 +47,6 @@ def run(
 
 
 def _render_owed(folder: Path, workers: int, bar: Progress) -> None:
-    """Render the recordings whose logs are in a folder."""
     owed = len(Recordings(folder).owed())
     if not owed:
         return

@@ -44,10 +44,7 @@ TRAJECTORY_FIELDS = ("times", "positions", "velocities", "accelerations")
 
 
 def read_fields(file: Path) -> dict[str, Any]:
-    """Read the fields of a certify request from a file; without times, those of a path.
-
-    Args:
-        file: Ends with one of `MOTION_ENDINGS`.
+    """Read the fields of a certify request from a file that ends with one of `MOTION_ENDINGS`.
 
     Raises:
         UnknownObject: if there is no such file.
@@ -75,16 +72,7 @@ def read_fields(file: Path) -> dict[str, Any]:
 
 
 def make_recorded_fields(request: MotionRequest, reply: dict[str, Any], run: str) -> dict[str, Any]:
-    """Make the fields of a certify request about the motion of a run, in its scene.
-
-    Args:
-        request: Of the run.
-        reply: Its reply, as plain data.
-        run: Its name, for a message.
-
-    Raises:
-        MalformedRequest: if the run made no motion.
-    """
+    """Make the fields of a certify request about the motion of a run; raises MalformedRequest if it made none."""
     plain: dict[str, Any] = msgspec.to_builtins(request)
     if isinstance(request, CertifyRequest):
         return {name: value for name, value in plain.items() if name not in ("run_id", "type")}
@@ -179,11 +167,7 @@ ROBOT_ENDINGS = (".urdf", ".xacro", ".xml")
 def make_robot_reference(
     robot: str, srdf: Path | None, package_dirs: Sequence[Path], xacro_args: Sequence[str]
 ) -> requests.RobotReference:
-    """Make the reference of a robot: a name, or a file with its SRDF, package folders and xacro arguments.
-
-    Raises:
-        MalformedRequest: if an argument of xacro isn't ``name:=value``, or the robot isn't a file.
-    """
+    """Make the reference of a robot: a name, or a file with its SRDF, package folders and xacro arguments."""
     if not robot.lower().endswith(ROBOT_ENDINGS):
         if xacro_args:
             raise MalformedRequest(f"--xacro-arg goes with a .xacro file, not with the robot {robot!r}")
@@ -195,11 +179,7 @@ def make_robot_reference(
 
 
 def split_xacro_arguments(xacro_args: Sequence[str]) -> dict[str, str | bool | int | float]:
-    """Split arguments of xacro, each ``name:=value``, into names and values.
-
-    Raises:
-        MalformedRequest: if one isn't of this form.
-    """
+    """Split arguments of xacro into names and values; raises MalformedRequest if one isn't ``name:=value``."""
     arguments: dict[str, str | bool | int | float] = {}
     for argument in xacro_args:
         name, separator, value = argument.partition(":=")
@@ -210,15 +190,7 @@ def split_xacro_arguments(xacro_args: Sequence[str]) -> dict[str, str | bool | i
 
 
 def read_scene_file(file: Path, **options: Any) -> Scene:
-    """Read the scene of a file of any kind, and print what is odd about it.
-
-    Args:
-        file: The file.
-        options: Those of `Scene.read`.
-
-    Raises:
-        SceneInvalid: if the file can't be read.
-    """
+    """Read the scene of a file of any kind with the options of `Scene.read`, and print what is odd about it."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         scene = Scene.read(file, **options)
@@ -230,14 +202,7 @@ def read_scene_file(file: Path, **options: Any) -> Scene:
 def make_certify_request(
     motion: str, given: Mapping[str, Any], allowed_time: float, data: Path | None, name: str
 ) -> requests.CertifyRequest:
-    """Make the request about a motion.
-
-    Args:
-        motion: A file, or the id of a stored run.
-        given: Fields that replace those of the file or run, unless they are None.
-        allowed_time: The allowed time [s].
-        data: The data folder of the service with the run; None: the user's.
-        name: The name of that service.
+    """Make the request about a motion of a file or run; given fields replace its own, unless None.
 
     Raises:
         UnknownObject, MalformedRequest: if there is no such file or run, or it holds no motion; if no robot or scene is
@@ -260,15 +225,9 @@ def make_certify_request(
 
 
 def run_referee(request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool) -> bool:
-    """Have the referee certify a motion, and write the file that it reads; return whether all verdicts are free.
+    """Have the referee certify a motion if asked, and write its file; return whether all verdicts are free.
 
     If the certificate is free and a verdict refuses the motion, one of them has a bug, and a line says so.
-
-    Args:
-        request: The certify request.
-        reply: Its reply.
-        file: File for the motion, if any.
-        asked: Whether the referee is to certify.
     """
     # Pinocchio and Coal are loaded only here
     from guidefield import case_file
@@ -292,11 +251,7 @@ def run_referee(request: CertifyRequest, reply: CertifyReply, file: Path | None,
 
 
 def replay_proofs(file: Path, seconds: float) -> bool:
-    """Have the referee check a file of proofs, print its verdicts, and return whether all hold.
-
-    Raises:
-        MalformedRequest: if the file can't be used.
-    """
+    """Have the referee check a file of proofs, print its verdicts, and return whether all hold."""
     from guidefield.referee.loading import UnusableFile
     from guidefield.referee.replay import replay_file
     from guidefield.referee.verdict import Answer, lines

@@ -21,7 +21,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from guidefield.batch.results import CannotWork
-from guidefield.cli import demonstration, ending, serving
+from guidefield.cli import demonstration, serving
 from guidefield.cli.certifying import (
     make_certify_request,
     make_robot_reference,
@@ -31,17 +31,13 @@ from guidefield.cli.certifying import (
     split_xacro_arguments,
 )
 from guidefield.cli.documentation import pages_table, show_page
-from guidefield.cli.files import require_writable
-from guidefield.cli.found_run import Data, Service, StreamName, recording_file
+from guidefield.cli.found_run import Data, Service, StreamName, fetch_files, recording_file, require_writable
 from guidefield.cli.kept_runs import runs_app
-from guidefield.cli.recording import fetch_files
 from guidefield.cli.replaying import replay
-from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.serving import read_quotas
-from guidefield.cli.tables import certify_table, plan_table
+from guidefield.cli.tables import certify_table, plan_table, robot_table, robots_table
 from guidefield.client import Client
-from guidefield.doctor.examination import examination
-from guidefield.doctor.finding import Finding, State
+from guidefield.doctor.examination import Finding, State, examination
 from guidefield.endpoint.link import DEFAULT_LISTEN
 from guidefield.endpoint.ros.options import Distribution, RosSettings
 from guidefield.endpoint.service import DEFAULT_STREAMS, CannotServe, ServiceSettings
@@ -350,7 +346,7 @@ def serve(
         ros=RosSettings(ros_robot, ros_domain, ros_distro, ros_connect) if ros else None,
     )
     serving.serve_until_signal(settings, typer.echo)
-    ending.leave()
+    serving.leave()
 
 
 @app.command()
@@ -372,15 +368,12 @@ def secure(
 
     One file is for the service, service.json5, and one for each who may use it.
     """
-    from guidefield.cli import securing
-    from guidefield.cli.rights import Roles
-
-    roles = Roles(tuple(operator or Roles.operators), tuple(user or Roles.users), tuple(onlooker or Roles.onlookers))
     try:
-        written = securing.secure(folder, roles, tuple(host or securing.LOCAL_HOSTS), port)
+        from guidefield.cli.securing import LOCAL_HOSTS, Roles, write_files
     except ImportError:
         raise CannotServe("certificates need a package more: pip install 'guidefield[secure]'") from None
-    for path in written:
+    roles = Roles(tuple(operator or Roles.operators), tuple(user or Roles.users), tuple(onlooker or Roles.onlookers))
+    for path in write_files(folder, roles, tuple(host or LOCAL_HOSTS), port):
         typer.echo(str(path))
 
 
@@ -591,7 +584,6 @@ def _is_scene_file(scene: str) -> bool:
 
 
 def _read_request(path: Path, scene: requests.SceneReference | None = None) -> requests.Request:
-    """Read a request, with another scene if one is given."""
     try:
         content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
     except OSError as error:
@@ -607,7 +599,6 @@ def _read_request(path: Path, scene: requests.SceneReference | None = None) -> r
 
 
 def _set_objective(request: requests.Request, objective: requests.Objective | None) -> requests.Request:
-    """Set the objective of a plan request, if the command line has one."""
     if objective is None:
         return request
     if not isinstance(request, requests.PlanRequest):
@@ -616,7 +607,6 @@ def _set_objective(request: requests.Request, objective: requests.Objective | No
 
 
 def _report(reply: Reply, output: Path | None) -> NoReturn:
-    """Print a reply, write it to a file if one is named, and exit with its code."""
     _show(reply, output)
     good = not isinstance(reply, PlanReply | CertifyReply) or reply.status.code == Status.SUCCESS
     raise typer.Exit(0 if good else 1)

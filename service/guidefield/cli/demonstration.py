@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from guidefield.cli.recording import fetch_files
+from guidefield.cli.found_run import fetch_files
 from guidefield.cli.serving import service_in_child
 from guidefield.cli.tables import plan_table
 from guidefield.client import Client
@@ -49,15 +49,7 @@ REQUESTS = {
 
 
 def run(folder: Path, out: Console) -> int:
-    """Start a service, have it plan the demonstration's requests, show the replies, and store their recordings.
-
-    Args:
-        folder: Folder of the recordings.
-        out: Console of the tables.
-
-    Returns:
-        Exit code: 0 if every request succeeded, else 1.
-    """
+    """Have a service plan the demonstration's requests, and store recordings in a folder; return 0 if all succeeded."""
     folder.mkdir(parents=True, exist_ok=True)
     codes = []
     with (
@@ -73,14 +65,9 @@ def run(folder: Path, out: Console) -> int:
 
 
 def run_stream(folder: Path, out: Console) -> int:
-    """Have a Panda serve at a table among drifting boxes, in this process; store its journal and recording.
+    """Have a Panda serve among drifting boxes, in this process, and store its journal and recording in a folder.
 
-    Args:
-        folder: Folder of both.
-        out: Console of messages.
-
-    Returns:
-        Exit code: 0 if a place was reached and the same pieces come again, else 1.
+    Returns 0 if a place was reached and the same pieces come again, else 1.
     """
     from guidefield.demo_stream import serve
     from guidefield.first_start import compile_kernels

@@ -27,14 +27,7 @@ def list_subjects() -> tuple[str, ...]:
 
 
 def read_page(subject: str) -> str:
-    """Read the page about a subject, in Markdown.
-
-    Args:
-        subject: One of `list_subjects`.
-
-    Raises:
-        UnknownObject: if there is no page about it; lists the subjects.
-    """
+    """Read the page about a subject, in Markdown; raises UnknownObject, with the subjects, if there is none."""
     available = list_subjects()
     if subject not in available:
         raise UnknownObject(
@@ -47,11 +40,7 @@ def read_page(subject: str) -> str:
 
 
 def first_sentence(text: str) -> str:
-    """Return the first sentence of a page, its summary.
-
-    Args:
-        text: The page: its heading, then a paragraph.
-    """
+    """Return the first sentence of a page below its heading."""
     paragraph = text.split("\n\n")[1].replace("\n", " ")
     return re.split(r"(?<=[.!?]) ", paragraph, maxsplit=1)[0]
 
@@ -67,15 +56,7 @@ def pages_table() -> Table:
 
 
 def show_page(subject: str, out: Console) -> None:
-    """Print the page about a subject; in a terminal, through a pager.
-
-    Args:
-        subject: One of `list_subjects`.
-        out: The console.
-
-    Raises:
-        UnknownObject: as in `read_page`.
-    """
+    """Print the page about a subject; in a terminal, through a pager."""
     text = Markdown(read_page(subject))
     if not out.is_terminal:
         out.print(text)

@@ -1,26 +1,145 @@
-"""Find the run that a command line names: an id in a service's data folder, or a recording."""
+"""The runs, streams and files that a command line names: found, checked, fetched or recorded."""
 
 from __future__ import annotations
 
 import contextlib
+import math
+import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
+import msgspec
 import typer
 
-from guidefield.cli.stream_replaying import record_stream, stream_files
+from guidefield.client import Client
+from guidefield.engine import Engine
+from guidefield.engines import Engines
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.identities import PLAIN, check_user
-from guidefield.messages.replies import MotionReply, PlanReply
+from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
 from guidefield.messages.requests import MotionRequest
+from guidefield.messages.streams import Piece, StreamState
+from guidefield.run import remove_earlier_proof
+from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.recordings import LOG
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase, UserRuns
 from guidefield.versions import parse_versions
+
+_R = TypeVar("_R", bound=PlanReply | CertifyReply)
+
+
+def fetch_files(client: Client, reply: _R, recording: Path | None, proof: Path | None = None) -> _R:
+    """Write the recording and proof of a reply to files, if it has them, and return the reply with their paths.
+
+    Without a proof an earlier one in its file is removed.
+    """
+    if recording is not None and reply.recording is not None:
+        recording.write_bytes(client.recording(reply.run_id))
+        reply = msgspec.structs.replace(reply, recording=str(recording))
+    if proof is not None and reply.proof is not None:
+        proof.write_bytes(client.proof(reply.run_id))
+        reply = msgspec.structs.replace(reply, proof=str(proof))
+    elif proof is not None:
+        reply = msgspec.structs.replace(reply, warnings=[*reply.warnings, *remove_earlier_proof(proof)])
+    return reply
+
+
+def require_writable(file: Path | None) -> Path | None:
+    """Callback of an option or argument that names an output file: return the file if it can be written."""
+    if file is None:
+        return None
+    if file.is_dir():
+        raise typer.BadParameter(f"{str(file)!r} is a folder")
+    if not file.parent.is_dir():
+        raise typer.BadParameter(f"there is no folder {str(file.parent)!r}")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise typer.BadParameter(f"{str(file)!r} can't be written")
+    return file
+
+
+ENDING = ".stream"
+
+
+def stream_files(name: str, folder: Path) -> list[Path]:
+    """List the files of a stream's journal, the oldest first; none if the argument names something else."""
+    if name.endswith(ENDING):
+        if not Path(name).is_file():
+            raise UnknownObject(f"there is no file {name!r}", path=name)
+        return [Path(name)]
+    if Path(name).is_dir():
+        return sorted(Path(name).glob(f"*{ENDING}"))
+    user, colon, own = name.partition(":")
+    if not colon:
+        user, own = PLAIN, name
+    if "/" in own or own in ("", ".", ".."):
+        return []
+    streams = folder if user == PLAIN else folder / "users" / check_user(user)
+    return sorted((streams / "streams" / own).glob(f"*{ENDING}"))
+
+
+def replay_stream(
+    files: Sequence[Path],
+    folder: Path,
+    packages: Sequence[Path],
+    say: Callable[[str], None],
+    made_by: Callable[[dict[str, str]], str],
+) -> int:
+    """Replay the files of a journal, and say what came of each; return 0 if all is the same to the last bit, else 1.
+
+    Raises:
+        MalformedRequest: if a file isn't one of a stream.
+        GuidefieldError: if the request that opened it is refused now.
+    """
+    from guidefield.first_start import compile_kernels
+    from guidefield.stream.replay import read, replayed
+
+    compile_kernels(say)
+    code = 0
+    for file in files:
+        begun, _ = read(file)
+        if file is files[0] and begun.index > 1:
+            now = begun.snapshot.state.now
+            since = f"{now} s of its client's clock" if math.isfinite(now) else "its first update"
+            say(f"{file.parent.name} is kept from {since} on: {begun.index - 1} files before made room")
+        done = replayed(file, _make_engine(begun.user, folder, packages).stream)
+        name = f"{file.parent.name}/{file.name}"
+        if done.same:
+            say(f"{name}: bit-identical: {done.updates} updates, {done.pieces} pieces")
+            continue
+        code = 1
+        say(f"{name}: {made_by(begun.versions)}the answer to the update at {done.first} s differs")
+        say(f"then: {_summarize(done.was)}\nnow:  {_summarize(done.now)}")
+    return code
+
+
+def record_stream(files: Sequence[Path], folder: Path, packages: Sequence[Path], recording: Path) -> None:
+    """Write the recording of a journal's files; raises MalformedRequest if one isn't such, or none has an update."""
+    from guidefield.stream.replay import read
+    from guidefield.stream.shown import record
+
+    begun, _ = read(files[-1])
+    record(files, _make_engine(begun.user, folder, packages).stream, recording)
+
+
+def _make_engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:
+    """Make the engine of a user with the stores of a data folder, which isn't created."""
+    if not folder.is_dir():
+        return Engine(packages=packages)
+    return Engines("local", StoresByUser(folder), packages).of(user)
+
+
+def _summarize(answer: Piece | StreamState | str | None) -> str:
+    if isinstance(answer, Piece):
+        return f"piece {answer.number}, {answer.leads_to}, stops at {answer.stops} s"
+    if isinstance(answer, StreamState):
+        return f"no piece: {answer.reason}"
+    return "nothing" if answer is None else f"refused: {answer}"
+
 
 Data = Annotated[Path | None, typer.Option(help="The service's data folder; else ~/.local/share/guidefield/NAME.")]
 Service = Annotated[str, typer.Option("--name", help="Name of the service whose data folder it is.")]
@@ -48,11 +167,7 @@ def data_folder(data: Path | None, name: str) -> Path:
 
 
 def open_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
-    """Open the runs of a user in a data folder for reading.
-
-    Raises:
-        UnknownObject: if there are none; no file is created.
-    """
+    """Open a user's runs in a data folder for reading; raises UnknownObject, and makes no file, without any."""
     folder = data_folder(data, name)
     if (folder / FILE).is_file():
         return RunDatabase(folder).of(owner)
@@ -66,12 +181,7 @@ def open_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
 
 
 def split_run_name(run: str, data: Path | None, name: str) -> tuple[UserRuns, str]:
-    """Return the store and the id of a named run; another user's is ``user:id``.
-
-    Raises:
-        UnknownObject: if no runs are kept there.
-        MalformedRequest: if nobody can be a user of that name.
-    """
+    """Return the store and the id of a named run; another user's is ``user:id``."""
     owner, colon, own = run.partition(":")
     if not colon:
         return open_runs(data, name), run
@@ -102,12 +212,7 @@ def find_run(run: str, data: Path | None, name: str) -> FoundRun:
 
 
 def find_plan(run: str, data: Path | None, name: str) -> PlanReply:
-    """Find the plan of the run of an argument.
-
-    Raises:
-        UnknownObject: as `find_run`.
-        MalformedRequest: as `find_run`, and if the run judged a motion instead of planning one.
-    """
+    """Find the plan of an argument, as `find_run`; raises MalformedRequest, too, if the run judged a motion."""
     reply = find_run(run, data, name).reply
     if not isinstance(reply, PlanReply):
         raise MalformedRequest(f"run {run!r} is no plan: it judged a motion that was given", run_id=run)
@@ -116,12 +221,7 @@ def find_plan(run: str, data: Path | None, name: str) -> PlanReply:
 
 @contextlib.contextmanager
 def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
-    """Yield the self-contained recording of a run or stream; that of a stored one exists while the block runs.
-
-    Raises:
-        UnknownObject: if there is no such run, stream or file.
-        MalformedRequest: if nothing can be shown of the stream.
-    """
+    """Yield the self-contained recording of a run or stream; that of a stored one exists while the block runs."""
     if run.endswith(".rrd"):
         file = Path(run)
         if not file.is_file():

@@ -14,9 +14,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from guidefield.batch.request_file import RECORDINGS
-from guidefield.cli.comparison import comparison_table
-from guidefield.cli.files import require_writable
+from guidefield.batch.results import RECORDINGS
 from guidefield.cli.found_run import (
     Data,
     RunName,
@@ -26,8 +24,10 @@ from guidefield.cli.found_run import (
     find_plan,
     open_runs,
     recording_file,
+    require_writable,
     split_run_name,
 )
+from guidefield.cli.replaying import comparison_table
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import RunsReply, RunSummary
 from guidefield.messages.store_requests import LARGEST_PAGE, ReadRuns
@@ -71,7 +71,6 @@ def list_runs(
 
 
 def _read_pages(runs: UserRuns, wanted: ReadRuns, limit: int | None) -> Iterator[RunsReply]:
-    """Yield the pages of the list of runs, up to a number of runs."""
     while True:
         most = LARGEST_PAGE if limit is None else min(limit, LARGEST_PAGE)
         page = runs.list(msgspec.structs.replace(wanted, limit=most))

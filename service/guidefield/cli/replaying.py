@@ -1,23 +1,92 @@
-"""`guidefield replay`: plan a run's request again, and compare the plans bit for bit."""
+"""`guidefield replay`: plan a run's request again; compare plans in a table, and bit for bit."""
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 import typer
-from rich.console import Console
+from rich import box
+from rich.console import Console, RenderableType
+from rich.table import Table
 
-from guidefield.cli.comparison import largest_step, list_differences, motion_hash
-from guidefield.cli.files import require_writable
-from guidefield.cli.found_run import Data, Service, StreamName, data_folder, find_run
-from guidefield.cli.stream_replaying import record_stream, replay_stream, stream_files
+from guidefield.cli.found_run import (
+    Data,
+    Service,
+    StreamName,
+    data_folder,
+    find_run,
+    record_stream,
+    replay_stream,
+    require_writable,
+    stream_files,
+)
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, MalformedRequest
-from guidefield.messages.replies import CertifyReply, PlanReply
+from guidefield.messages.replies import CertifyReply, PlanReply, Timing
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.scenes import SceneStore
+
+PLAN_FIELDS = ("status", "position_names", "velocity_names", "path", "trajectory", "guide_planes", "planner", "seed")
+"""The fields of a reply that are the plan itself; the others are measured, or name the run."""
+
+
+def motion_hash(reply: PlanReply) -> str:
+    """Return the SHA-256 of the plan itself in hexadecimal: equal if and only if `list_differences` is empty."""
+    return hashlib.sha256(b"\n".join(_encode_fields(reply).values())).hexdigest()
+
+
+def list_differences(first: PlanReply, second: PlanReply) -> list[str]:
+    """List the fields of the plan that differ in any bit, in the order of the reply."""
+    one, other = _encode_fields(first), _encode_fields(second)
+    return [name for name in PLAN_FIELDS if one[name] != other[name]]
+
+
+def largest_step(first: PlanReply, second: PlanReply) -> float | None:
+    """Return the largest difference of a coordinate of two paths [rad or m]; None if their shapes differ."""
+    if [len(row) for row in first.path] != [len(row) for row in second.path]:
+        return None
+    rows = zip(first.path, second.path, strict=True)
+    return max((abs(a - b) for one, other in rows for a, b in zip(one, other, strict=True)), default=0.0)
+
+
+def comparison_table(first: PlanReply, second: PlanReply) -> RenderableType:
+    """Make a table of outcome, motion, clearance and times of two plans, and of the fields that differ."""
+    table = Table("", first.run_id, second.run_id, box=box.SIMPLE_HEAD)
+    for (name, one), (_, other) in zip(_rows(first), _rows(second), strict=True):
+        table.add_row(name, one, other)
+    step = largest_step(first, second)
+    parts = ", ".join(list_differences(first, second)) or "nothing: the same plan to the last bit"
+    table.add_row("that differs", parts, "" if step is None else f"waypoints by at most {step:.3g}")
+    return table
+
+
+def _encode_fields(reply: PlanReply) -> dict[str, bytes]:
+    return {name: msgspec.json.encode(getattr(reply, name)) for name in PLAN_FIELDS}
+
+
+def _rows(reply: PlanReply) -> list[tuple[str, str]]:
+    clearance, metrics = reply.clearance, reply.metrics
+    return [
+        ("status", reply.status.name),
+        ("planner", f"{reply.planner}, seed {reply.seed}"),
+        ("waypoints", str(len(reply.path))),
+        ("length [rad]", _format_number(None if metrics is None else metrics.joint_path_length)),
+        ("duration [s]", _format_number(None if metrics is None else metrics.duration)),
+        ("clearance [mm]", _format_number(None if clearance is None else clearance.minimum, 1e3)),
+        ("away from the ends [mm]", _format_number(None if clearance is None else clearance.inner, 1e3)),
+        *(
+            (f"{stage} [ms]", _format_number(getattr(reply.timing, stage), 1e3))
+            for stage in msgspec.structs.asdict(Timing())
+        ),
+    ]
+
+
+def _format_number(value: float | None, unit: float = 1.0) -> str:
+    return "-" if value is None else f"{value * unit:.4g}"
+
 
 SHOWN_DIGITS = 16
 """Number of digits of a hash to show."""
@@ -89,7 +158,6 @@ def replay(
 
 
 def _compare_verdicts(run: str, before: CertifyReply, now: CertifyReply, versions: dict[str, str]) -> int:
-    """Print whether two verdicts agree, and return the exit code."""
     parts = [name for name in VERDICT_FIELDS if getattr(before, name) != getattr(now, name)]
     if not parts:
         _say(f"{run}: judged as before: {now.status.name}, {now.status.message}")
@@ -104,11 +172,7 @@ def _describe_maker(before: dict[str, str]) -> str:
 
 
 def describe_processor(before: dict[str, str]) -> str:
-    """Name the processor that made a run, if it is of another kind, which rounds differently; else return "".
-
-    Args:
-        before: Versions by package, empty if they weren't recorded.
-    """
+    """Name the processor that made a run, if it is of another kind, which rounds differently; else return ""."""
     from guidefield.versions import PROCESSOR, versions
 
     then, now = before.get(PROCESSOR), versions()[PROCESSOR]
@@ -119,11 +183,7 @@ def describe_processor(before: dict[str, str]) -> str:
 
 
 def describe_version(before: dict[str, str]) -> str:
-    """Name the version of guidefield that planned a run, if it is another one; else return "".
-
-    Args:
-        before: Versions by package, empty if they weren't recorded.
-    """
+    """Name the version of guidefield that planned a run, if it is another one; else return ""."""
     from guidefield.versions import PACKAGE, versions
 
     then, now = before.get(PACKAGE), versions()[PACKAGE]
@@ -131,11 +191,7 @@ def describe_version(before: dict[str, str]) -> str:
 
 
 def describe_versions(before: dict[str, str]) -> str:
-    """Say in a sentence which packages beside guidefield had other versions when a run was made.
-
-    Args:
-        before: Versions by package, empty if they weren't recorded.
-    """
+    """Say in a sentence which packages beside guidefield had other versions when a run was made."""
     from guidefield.versions import PACKAGE, versions
 
     if not before:

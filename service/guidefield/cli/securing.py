@@ -1,19 +1,173 @@
-"""`guidefield secure`: the files of a service that a network can reach, and a file for each of its users."""
+"""`guidefield secure`: the files of a service that a network can reach, and one for each user; needs an extra."""
 
 from __future__ import annotations
 
 import base64
+import ipaddress
 import json
 import secrets
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from guidefield.cli.rights import Roles, access_control
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
 from guidefield.errors import MalformedRequest
-from guidefield.messages.identities import check_user
+from guidefield.messages.identities import base_key, check_user, shared_key
 
-if TYPE_CHECKING:
-    from guidefield.cli.certificates import Certificates
+VALIDITY = timedelta(days=3650)
+CLOCK_TOLERANCE = timedelta(hours=1)
+"""Tolerance for clocks that are slow."""
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """Certificates in PEM; the authority's key is discarded, so that it never signs anything else."""
+
+    authority: bytes
+    service: bytes
+    key: bytes
+
+
+def make_certificates(hosts: Sequence[str]) -> Certificates:
+    """Make new certificates for the names and addresses by which clients reach the service."""
+    now = datetime.now(UTC)
+    root, own = ec.generate_private_key(ec.SECP256R1()), ec.generate_private_key(ec.SECP256R1())
+    issuer, subject = _make_name("guidefield authority"), _make_name(hosts[0])
+
+    def start_builder(whose: x509.Name, key: ec.EllipticCurvePublicKey) -> x509.CertificateBuilder:
+        return (
+            x509.CertificateBuilder()
+            .subject_name(whose)
+            .issuer_name(issuer)
+            .public_key(key)
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(now - CLOCK_TOLERANCE)
+            .not_valid_after(now + VALIDITY)
+        )
+
+    authority = (
+        start_builder(issuer, root.public_key())
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .sign(root, hashes.SHA256())
+    )
+    service = (
+        start_builder(subject, own.public_key())
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.SubjectAlternativeName([_make_host(host) for host in hosts]), critical=False)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(root.public_key()), critical=False)
+        .sign(root, hashes.SHA256())
+    )
+    pem = serialization.Encoding.PEM
+    key = own.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    return Certificates(authority.public_bytes(pem), service.public_bytes(pem), key)
+
+
+def _make_name(name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name[:64])])
+
+
+def _make_host(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+ASK_MESSAGES = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
+"""Messages that a client sends to query and subscribe."""
+ANSWER_MESSAGES = ["reply", "put", "declare_queryable", "liveliness_token"]
+"""Messages that it gets."""
+PRESENCE_MESSAGES = ["liveliness_token"]
+"""Messages that declare a client's liveliness."""
+PUT_MESSAGES, PUT_DECLARATIONS = ["put"], ["declare_subscriber"]
+"""Messages that a client sends for its own stream, and the service's subscription for them."""
+UPDATE_KEY = "streams/*/update"
+SUBSCRIBE_MESSAGES, PUBLISHED_MESSAGES = ["declare_subscriber"], ["put"]
+"""Messages that a subscriber sends and gets."""
+PUBLIC_KEYS = ("guidefield/*/alive", "guidefield/*/starting")
+"""Keys that everybody may read: the liveliness of services."""
+LIST_KEYS = ("info", "robots", "scenes", "runs")
+SHARED_KEYS = ("robots/$*:$*", "scenes/$*:$*", "runs/$*:$*", "runs/$*:$*/recording", "runs/$*:$*/proof")
+"""Keys of shared things: with an owner before the name they are read-only, except for operators."""
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Names by role: operators do everything, users have keys of their own, onlookers read lists and shared things."""
+
+    operators: tuple[str, ...] = ("operator",)
+    users: tuple[str, ...] = ("user",)
+    onlookers: tuple[str, ...] = ("onlooker",)
+
+    def everybody(self) -> tuple[str, ...]:
+        """Return all names."""
+        return (*self.operators, *self.users, *self.onlookers)
+
+
+def access_control(roles: Roles) -> dict[str, Any]:
+    """Make the section ``access_control`` of the service's Zenoh configuration, which denies by default."""
+    published = [f"{shared_key('*')}/**"]
+    rules: list[dict[str, Any]] = [
+        *_make_rules("everybody", PUBLIC_KEYS),
+        _make_rule("everybody listens", SUBSCRIBE_MESSAGES, "ingress", published),
+        _make_rule("everybody hears", PUBLISHED_MESSAGES, "egress", published),
+    ]
+    policies: list[dict[str, Any]] = [{"rules": _ids(rules), "subjects": list(roles.everybody())}]
+    of_roles = [
+        *((name, ["guidefield/**"], base_key("*", "plain")) for name in roles.operators),
+        *((name, [f"{base_key('*', name)}/**"], base_key("*", name)) for name in roles.users),
+        *(
+            (name, [f"{base_key('*', name)}/{key}" for key in (*LIST_KEYS, *SHARED_KEYS)], None)
+            for name in roles.onlookers
+        ),
+    ]
+    for name, keys, present in of_roles:
+        own = _make_rules(f"user {name}", keys, None if present is None else f"{present}/clients/*")
+        if present is not None:
+            updates = [f"{present}/{UPDATE_KEY}"]
+            own.append(_make_rule(f"user {name} sends updates", PUT_MESSAGES, "ingress", updates))
+            own.append(_make_rule(f"user {name} may send updates", PUT_DECLARATIONS, "egress", updates))
+        rules += own
+        policies.append({"rules": _ids(own), "subjects": [name]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": name, "usernames": [name]} for name in roles.everybody()],
+        "policies": policies,
+    }
+
+
+def _make_rules(who: str, keys: Sequence[str], present: str | None = None) -> list[dict[str, Any]]:
+    found = [
+        _make_rule(f"{who} asks", ASK_MESSAGES, "ingress", keys),
+        _make_rule(f"{who} is answered", ANSWER_MESSAGES, "egress", keys),
+    ]
+    return (
+        found if present is None else [*found, _make_rule(f"{who} is there", PRESENCE_MESSAGES, "ingress", [present])]
+    )
+
+
+def _make_rule(name: str, messages: Sequence[str], flow: str, keys: Iterable[str]) -> dict[str, Any]:
+    return {
+        "id": name,
+        "permission": "allow",
+        "messages": list(messages),
+        "flows": [flow],
+        "key_exprs": list(keys),
+    }
+
+
+def _ids(rules: Iterable[dict[str, Any]]) -> list[str]:
+    return [rule["id"] for rule in rules]
+
 
 LOCAL_HOSTS = ("localhost", "127.0.0.1")
 """Names of a service on the client's own machine."""
@@ -23,24 +177,14 @@ READABLE, SECRET = 0o644, 0o600
 """Modes of files; those with a password or key are readable by their owner only."""
 
 
-def secure(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -> list[Path]:
-    """Write certificates, passwords and Zenoh configurations into a folder, which is created.
+def write_files(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -> list[Path]:
+    """Write certificates, passwords and Zenoh configurations into a folder, which is created, and return the files.
 
-    Args:
-        folder: It must not hold any of these files.
-        roles: Names by role.
-        hosts: Names and addresses by which clients reach the service; each client's file has the first.
-        port: Port of the service.
-
-    Returns:
-        The files: the service's configuration first, then those of the clients, then those that the service reads.
+    The service's configuration comes first, then those of the clients, which name the first host, then what it reads.
 
     Raises:
         MalformedRequest: if a name can't be a user's, or two have the same, or a file is there already.
-        ImportError: if ``guidefield[secure]`` isn't installed.
     """
-    from guidefield.cli.certificates import make_certificates
-
     names = roles.everybody()
     for name in names:
         check_user(name)
@@ -50,9 +194,10 @@ def secure(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -> lis
     passwords = {name: secrets.token_urlsafe(SECRET_BYTES) for name in names}
     where = folder.resolve()
     users = "".join(f"{name}:{password}\n" for name, password in passwords.items())
-    clients = {
-        name: _make_client_file(name, name in roles.operators, passwords[name], made, hosts[0], port) for name in names
-    }
+    clients = dict[str, bytes]()
+    for name, password in passwords.items():
+        own = client_configuration(name, name in roles.operators, password, made.authority, hosts[0], port)
+        clients[name] = _add_comment(CLIENT.format(name=name), own)
     files: dict[str, tuple[bytes, int]] = {
         "service.json5": (_add_comment(SERVICE, service_configuration(roles, where, port)), READABLE),
         **{f"{name}.json5": (content, SECRET) for name, content in clients.items()},
@@ -101,11 +246,6 @@ CLIENT = """All that {name} needs to use the service. It holds a password: give 
 
     guidefield query request.json --config {name}.json5
     Client.connect(config=Path("{name}.json5"))"""
-
-
-def _make_client_file(name: str, operator: bool, password: str, made: Certificates, host: str, port: int) -> bytes:
-    text = CLIENT.format(name=name)
-    return _add_comment(text, client_configuration(name, operator, password, made.authority, host, port))
 
 
 def _add_comment(text: str, configuration: dict[str, Any]) -> bytes:

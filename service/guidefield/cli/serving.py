@@ -1,7 +1,8 @@
-"""Run a service in this process until a signal, or in a child process for as long as a block runs."""
+"""Run a service in this process until a signal, which ends it in bounded time, or in a child process."""
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import faulthandler
 import logging
@@ -17,14 +18,79 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import FrameType
+from typing import NoReturn
 
 from guidefield import logs
-from guidefield.cli.ending import FORCED_EXIT_CODE, end_on_signal
-from guidefield.cli.loopback import LOOPBACK, free_port
 from guidefield.endpoint.service import ServiceSettings, serve
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
 from guidefield.messages.quotas import Quotas
+
+FORCED_EXIT_CODE = os.EX_SOFTWARE
+"""Exit code of a process that was ended by force."""
+DUMP_TIME_S = 5.0
+"""Time to dump the traces of all threads before the system's alarm ends the process [s]."""
+
+_log = logging.getLogger(__name__)
+
+
+def end_on_signal(stop: threading.Event, within: float) -> None:
+    """Make SIGTERM and Ctrl-C set an event; a second signal, or a timeout [s], ends the process by force.
+
+    To be called once, in the main thread. The system may deliver a signal to a thread of Zenoh, while Python's
+    handlers run in the main thread, which sleeps on. So the interpreter's own handler writes the signal's number into
+    a pipe (`signal.set_wakeup_fd`), which a thread of its own reads. If that is stuck too, because another one holds
+    the interpreter's lock or nobody reads the log, the system's alarm ends the process `DUMP_TIME_S` later. Workers end
+    with their parent (`pool.process`).
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # the parent process may have ignored it
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, _ignore_signal)
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    threading.Thread(target=_await_end, args=(reading, stop, within), name="guidefield-signal", daemon=True).start()
+
+
+def leave() -> NoReturn:
+    """End the process with code 0 without the interpreter's finalization.
+
+    A thread of Zenoh that still waits to call Python would abort the process during finalization.
+    """
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):  # nobody reads it any more
+            stream.flush()
+    os._exit(0)
+
+
+def _ignore_signal(_number: int, _frame: FrameType | None) -> None:
+    pass
+
+
+def _await_end(reading: int, stop: threading.Event, within: float) -> None:
+    os.read(reading, 1)
+    signal.setitimer(signal.ITIMER_REAL, within + DUMP_TIME_S)
+    stop.set()
+    if select.select([reading], [], [], within)[0]:
+        os._exit(128 + os.read(reading, 1)[0])  # as a shell tells of a process that a signal ended
+    _log.error("not ended %g s after it was told to, and ended by force; where its threads stood:", within)
+    faulthandler.dump_traceback()
+    os._exit(FORCED_EXIT_CODE)
+
+
+LOOPBACK = "127.0.0.1"
+
+
+@contextlib.contextmanager
+def free_port() -> Iterator[int]:
+    """A port that nobody else is given while a block runs; servers with ``SO_REUSEADDR`` can listen there."""
+    with socket.socket() as held:
+        held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        held.bind((LOOPBACK, 0))
+        yield held.getsockname()[1]
+
 
 TRACE_SIGNAL = signal.SIGUSR1
 """On this signal a service writes the traces of all threads to stderr, and continues."""
@@ -40,11 +106,8 @@ def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None
     """Serve until SIGTERM or Ctrl-C asks for an orderly end; a second one ends the process at once.
 
     After a signal the process ends, at the latest after `settings.grace` and `END_TIME_S` by force, with the code
-    `ending.FORCED_EXIT_CODE`, and its workers with it.
-
-    Args:
-        settings: Settings of the service.
-        announce: Takes sentences about start and end, unless standard output would block.
+    `ending.FORCED_EXIT_CODE`, and its workers with it. Sentences about start and end are announced unless standard
+    output would block.
     """
     logs.configure(logging.INFO, json=settings.json_logs)
     faulthandler.register(TRACE_SIGNAL)
@@ -80,21 +143,10 @@ def service_in_child(
     within: Path | None = None,
     data: Path | None = None,
 ) -> Iterator[ChildService]:
-    """Run a service in a child process on a free loopback port.
+    """Run a service with options of `guidefield serve` in a child process on a free loopback port.
 
-    Args:
-        announce: Takes the service's messages during its start.
-        workers: Number of its worker processes.
-        name: Its instance's name.
-        options: Further options of `guidefield serve`.
-        within: Parent of its temporary data folder; None: the system's.
-        data: A data folder that stays, instead.
-
-    Yields:
-        The service, ready for requests.
-
-    Raises:
-        RuntimeError: if it doesn't start; if it has to be ended by force.
+    Its data folder is a temporary one within another, unless one is named. Raises RuntimeError if the service doesn't
+    start, or has to be ended by force.
     """
     serve_there = [sys.executable, "-m", "guidefield", "serve", "--workers", str(workers), "--name", name, *options]
     with (
@@ -138,11 +190,7 @@ READY, STOPPING = "ready", "stopping"
 
 
 def notify_supervisor(sentence: str) -> None:
-    """Send a sentence to the supervisor (`sd_notify`), if there is one, without blocking.
-
-    Args:
-        sentence: As `endpoint.service.serve` announces it.
-    """
+    """Send a sentence of the service to the supervisor (`sd_notify`), if there is one, without blocking."""
     where = os.environ.get("NOTIFY_SOCKET", "")
     if not where:
         return
@@ -161,12 +209,7 @@ def notify_supervisor(sentence: str) -> None:
 
 
 def read_quotas(file: Path) -> Quotas:
-    """Read quotas from a JSON file.
-
-    Raises:
-        MalformedRequest: if it holds none; names the place of the fault and the valid choices.
-        OSError: if it can't be read.
-    """
+    """Read quotas from a JSON file; raises MalformedRequest with the place of the fault if it holds none."""
     try:
         quotas: Quotas = codec.decode(file.read_bytes(), Quotas)
     except MalformedRequest as error:

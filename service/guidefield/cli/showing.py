@@ -19,7 +19,7 @@ from urllib.parse import quote
 
 from rich.console import Console
 
-from guidefield.cli.loopback import LOOPBACK, free_port
+from guidefield.cli.serving import LOOPBACK, free_port
 
 SERVER_START_TIME_S = 30.0
 """Time that the web viewer's server has to answer [s]."""
@@ -36,12 +36,9 @@ def show_in_window(recording: Path, err: Console) -> int:
 
 
 def show_in_browser(recording: Path, out: Console) -> int:
-    """Serve a recording and the viewer to browsers on this machine until Ctrl-C; open one if there is a display.
+    """Serve a recording and the viewer to browsers of this machine until Ctrl-C, and return the server's exit code.
 
     The viewer reads the recording as a file: sent by Rerun's own server it loses its layout.
-
-    Returns:
-        The viewer server's exit code; 0 after Ctrl-C or SIGTERM.
     """
     with free_port() as page, _serve_file(recording) as file, _start_viewer_server(page, file) as server:
         try:
@@ -58,10 +55,7 @@ def show_in_browser(recording: Path, out: Console) -> int:
 
 @contextlib.contextmanager
 def _start_viewer_server(page: int, file: str) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the server of Rerun's web viewer for as long as a block runs; SIGTERM ends it as Ctrl-C does.
-
-    In a session of its own: the command starts the real server as a child, and both have to end.
-    """
+    """Run the server of Rerun's web viewer for as long as a block runs; SIGTERM ends it as Ctrl-C does."""
     serve = [*_viewer_command(), "--serve-web", "--web-viewer-port", str(page), file]
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -106,7 +100,6 @@ def _viewer_command() -> list[str]:
 
 
 def _quiet_env() -> dict[str, str]:
-    """Return the environment in which the viewer logs only warnings."""
     return {"RUST_LOG": "warn", **os.environ}
 
 

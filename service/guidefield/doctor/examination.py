@@ -1,4 +1,4 @@
-"""Examine this machine: packages, clock, Zenoh on loopback and graphics, and whatever else a service needs."""
+"""Examine this machine: processors, memory, disk, packages, kernels, clock, Zenoh on loopback, graphics."""
 
 from __future__ import annotations
 
@@ -6,18 +6,22 @@ import contextlib
 import ctypes
 import ctypes.util
 import datetime
+import enum
 import os
+import platform
+import re
 import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import psutil
+
 import guidefield
-from guidefield.doctor.finding import Finding, fine, remark, wrong
-from guidefield.doctor.resources import cores, memory, vectors
 from guidefield.endpoint.link import DEFAULT_LISTEN, NoAnswer, is_taken, measure_answer
 from guidefield.errors import DiskRefused
 from guidefield.first_start import (
@@ -28,20 +32,171 @@ from guidefield.first_start import (
     plain_numba,
     processor,
 )
+from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.run_file import FILE, connect_reader, connect_writer, telling_faults
 from guidefield.stores.runs import DEFAULT_RETENTION
+from guidefield.system import usable_processors
+
+
+class State(enum.StrEnum):
+    """How something is."""
+
+    FINE = "fine"
+    REMARK = "remark"
+    """It works, but less well than it could, or not everything does."""
+    WRONG = "wrong"
+    """A service doesn't start, or doesn't answer."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finding about a subject: its state, what is there and, unless it is fine, what to do, each in a sentence."""
+
+    about: str
+    state: State
+    found: str
+    advice: str = ""
+
+
+def fine(about: str, found: str) -> Finding:
+    """Nothing is to be done."""
+    return Finding(about, State.FINE, found)
+
+
+def remark(about: str, found: str, advice: str) -> Finding:
+    """Something could be better."""
+    return Finding(about, State.REMARK, found, advice)
+
+
+def wrong(about: str, found: str, advice: str) -> Finding:
+    """Something has to be done."""
+    return Finding(about, State.WRONG, found, advice)
+
+
+ROOT = Path("/sys/fs/cgroup")
+OWN = Path("/proc/self/cgroup")
+
+
+def processor_quota(root: Path = ROOT, own: Path = OWN) -> float | None:
+    """Return the number of processors that the control groups of this process allow; None without such a limit."""
+    found = []
+    for folder in _folders(root, own):
+        share, _, period = _read(folder / "cpu.max").partition(" ")
+        if share.isdecimal() and period.isdecimal():
+            found.append(int(share) / int(period))
+        quota, period = _read(folder / "cpu.cfs_quota_us"), _read(folder / "cpu.cfs_period_us")
+        if quota.isdecimal() and period.isdecimal():
+            found.append(int(quota) / int(period))
+    return min(found, default=None)
+
+
+def memory_limit(root: Path = ROOT, own: Path = OWN) -> int | None:
+    """How much memory may be used [bytes]; None without such a limit."""
+    found = [_read(folder / name) for folder in _folders(root, own) for name in ("memory.max", "memory.limit_in_bytes")]
+    limits = [int(limit) for limit in found if limit.isdecimal() and int(limit) < 1 << 60]
+    return min(limits, default=None)
+
+
+def _folders(root: Path, own: Path) -> Iterator[Path]:
+    """The group's folders and those above it, of both versions of control groups."""
+    for line in _read(own).splitlines():
+        _, names, path = line.split(":", 2)
+        above = root if not names else root / names
+        group = above / path.lstrip("/")
+        while True:
+            yield group
+            if group in (above, group.parent):
+                break
+            group = group.parent
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text().strip()
+    except OSError:
+        return ""
+
+
+MIN_PROCESSORS = 2
+"""With less a worker and whatever else runs, the service's own process too, wait for one another."""
+WIDE = ("avx512f", "avx2", "asimd")
+"""Vector instructions that the kernels' sixteen lanes are made for, the widest first."""
+
+
+def cores() -> Finding:
+    """How many processors this process may use."""
+    return cores_found(usable_processors(), processor_quota())
+
+
+def cores_found(allowed: int, quota: float | None) -> Finding:
+    """What is said about so many processors, of which so many may be used at once."""
+    there = f"{allowed} to run on" + ("" if quota is None else f", the container may use {quota:g} at once")
+    if quota is not None and quota < allowed:
+        workers = max(1, int(quota))
+        return remark("cores", there, f"give `guidefield serve --workers {workers}`: more only wait for one another")
+    if allowed < MIN_PROCESSORS:
+        return remark("cores", there, "a second core keeps answers quick while a plan is made")
+    return fine("cores", there)
+
+
+def vectors(cpuinfo: Path = Path("/proc/cpuinfo"), machine: str | None = None) -> Finding:
+    """Return the width of the processors' registers, by Linux' cpuinfo and the family of processors."""
+    if cpuinfo.exists():
+        text = cpuinfo.read_text()
+        flags = set(" ".join(re.findall(r"^(?:flags|Features)\s*:(.*)$", text, re.MULTILINE)).split())
+    elif (machine or platform.machine()) in ("arm64", "aarch64"):
+        flags = {"asimd"}  # each 64-bit one has it
+    else:
+        return fine("vectors", "this system doesn't say which")
+    widest = next((name for name in WIDE if name in flags), None)
+    if widest is None:
+        return remark(
+            "vectors",
+            f"none of {', '.join(WIDE)}",
+            "plans are right and take several times as long; a virtual machine may hide them: pass the host's through",
+        )
+    if widest == "avx2" and "fma" not in flags:
+        return remark(
+            "vectors", "avx2 without fma", "plans are right and take longer; pass the host's processor through"
+        )
+    return fine("vectors", widest)
+
+
+SERVICE_TAKES = 704 * 2**20
+"""The service's own process, and the one that renders recordings: 110 and 410 MiB were measured [bytes]."""
+WORKER_TAKES = 768 * 2**20
+"""A worker: 420 MiB were measured of a fresh one, 500 MiB after plans for two arms of meshes [bytes]."""
+
+
+def memory() -> Finding:
+    """How much memory this process and its workers may have."""
+    there = psutil.virtual_memory()
+    return memory_found(there.total, there.available, memory_limit(), usable_processors())
+
+
+def memory_found(total: int, available: int, limit: int | None, workers: int) -> Finding:
+    """Judge memory: in total, free for new processes, of the container's limit, if any [bytes], for so many workers."""
+    most = total if limit is None else min(total, limit)
+    free = min(available, most)
+    there = f"{free / GIB:.1f} of {most / GIB:.1f} GiB are free"
+    fit = (free - SERVICE_TAKES) // WORKER_TAKES
+    if fit < 1:
+        return wrong("memory", there, f"a service with one worker needs {(SERVICE_TAKES + WORKER_TAKES) / GIB:.1f} GiB")
+    if fit < workers:
+        return remark("memory", there, f"give `guidefield serve --workers {fit}`, instead of {workers}")
+    if workers * DEFAULT_MEMORY > most:
+        each = (most - SERVICE_TAKES) // workers >> 20
+        return remark("memory", there, f"give `guidefield serve --memory {each}`, so that no request takes it all")
+    return fine("memory", there)
+
 
 GIB = 2**30
-LEAST = GIB
+MIN_FREE_BYTES = GIB
 """With less a few recordings fill the disk [bytes]."""
 
 
 def disk(data: Path) -> Finding:
-    """Look whether the data folder takes files, and at the room on its disk.
-
-    Args:
-        data: Folder of a service's runs, scenes and robots; need not be there yet.
-    """
+    """Examine whether the data folder, which need not be there yet, takes files, and the room on its disk."""
     there = _there(data)
     if not there.is_dir():
         return wrong("disk", f"{there} is no folder", f"give `guidefield serve --data FOLDER`, or move {there} away")
@@ -53,7 +208,7 @@ def disk(data: Path) -> Finding:
 def room_found(free: int, data: Path) -> Finding:
     """Judge the free room [bytes] for a data folder."""
     found = f"{free / GIB:.1f} GiB are free for {data}"
-    if free < LEAST:
+    if free < MIN_FREE_BYTES:
         return wrong("disk", found, "make room: on a full disk plans go on, but no run or recording is kept")
     if free < DEFAULT_RETENTION.bytes:
         return remark("disk", found, f"give `guidefield serve --keep-gib {max(1, free // (2 * GIB))}`, or make room")
@@ -61,11 +216,7 @@ def room_found(free: int, data: Path) -> Finding:
 
 
 def runs(data: Path) -> Finding:
-    """Look whether a database of runs can be written, and whether the one that is there is damaged.
-
-    Args:
-        data: Folder of a service's runs, scenes and robots; need not be there yet.
-    """
+    """Examine whether a database of runs can be written, and whether the one that is there is damaged."""
     file, there = data / FILE, _there(data)
     try:
         with tempfile.TemporaryDirectory(prefix=".guidefield-", dir=there) as trial:
@@ -117,7 +268,6 @@ def kernels() -> Finding:
 
 
 def _takes_files(folder: Path) -> bool:
-    """Look whether a file can be made in a folder: rights alone don't say it, least of all to root."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             return True
@@ -220,13 +370,7 @@ def clock() -> Finding:
 
 
 def clock_found(now: float, ours: float, state: int) -> Finding:
-    """What is said about a clock.
-
-    Args:
-        now: What it says [s since 1970].
-        ours: When guidefield was installed, by the time of its files [s since 1970].
-        state: What the system says about it, as adjtimex(2) does; negative: nothing.
-    """
+    """Judge a clock [s since 1970] by the time of guidefield's files and by adjtimex(2), negative without word."""
     told = datetime.datetime.fromtimestamp(now, datetime.UTC).isoformat(sep=" ", timespec="seconds")
     if now < ours - SLACK:
         return wrong("clock", f"{told} is before guidefield was installed", "set it: `timedatectl set-time`, or NTP")
@@ -247,11 +391,7 @@ def _system_state() -> int:
 
 
 def examination(data: Path) -> Iterator[Finding]:
-    """What each look finds.
-
-    Args:
-        data: Folder of a service's runs, scenes and robots.
-    """
+    """Yield the findings about this machine and a service's data folder."""
     looks: dict[str, Callable[[], Finding]] = {
         "packages": packages,
         "cores": cores,

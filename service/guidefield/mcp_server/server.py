@@ -16,10 +16,7 @@ import msgspec
 from guidefield.client import AsyncClient
 from guidefield.errors import GuidefieldError, MalformedRequest, UnknownObject, convert_exception
 from guidefield.mcp_server import words
-from guidefield.mcp_server.words import error_told
 from guidefield.messages.replies import (
-    ClearanceReply,
-    InverseKinematicsReply,
     PlanReply,
     RunReply,
     make_error_reply,
@@ -27,94 +24,54 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.requests import CertifyRequest, Clearance, InverseKinematics, PlanRequest
 
-Told = tuple[str, dict[str, Any]]
-"""A reply in words, and its figures as plain data."""
-
 
 @dataclass(frozen=True)
 class Tool:
-    """One tool.
+    """A tool of a model.
 
     Attributes:
         name: Its name.
-        what: What it is for, for a model to read.
+        what: Its purpose, for the model to read.
         schema: JSON Schema of its arguments.
-        ask: Asks the service with them.
+        ask: Asks the service.
+        describe: Says the reply in words.
+        figures: Makes plain data of the reply.
     """
 
     name: str
     what: str
     schema: dict[str, Any]
-    ask: Callable[[AsyncClient, dict[str, Any]], Awaitable[Told]]
+    ask: Callable[[AsyncClient, dict[str, Any]], Awaitable[Any]]
+    describe: Callable[[Any], str]
+    figures: Callable[[Any], dict[str, Any]] = msgspec.to_builtins
 
 
-async def _plan(client: AsyncClient, given: dict[str, Any]) -> Told:
-    reply = await client.plan(given)
-    figures = _plain(reply)
+def _plan_figures(reply: PlanReply) -> dict[str, Any]:
+    figures: dict[str, Any] = msgspec.to_builtins(reply)
     motion = figures.pop("trajectory")
-    figures["knots"] = 0 if motion is None else len(motion["times"])
-    return words.plan_told(reply), figures
+    return {**figures, "knots": 0 if motion is None else len(motion["times"])}
 
 
-async def _certify(client: AsyncClient, given: dict[str, Any]) -> Told:
-    reply = await client.certify({"type": "certify", **given})
-    return words.certify_told(reply), _plain(reply)
-
-
-async def _clearance(client: AsyncClient, given: dict[str, Any]) -> Told:
-    reply = await client.kinematics({"type": "clearance", **given})
-    assert isinstance(reply, ClearanceReply), "the reply's kind is the request's"
-    return words.clearance_told(reply), _plain(reply)
-
-
-async def _inverse_kinematics(client: AsyncClient, given: dict[str, Any]) -> Told:
-    reply = await client.kinematics({"type": "inverse_kinematics", **given})
-    assert isinstance(reply, InverseKinematicsReply), "the reply's kind is the request's"
-    return words.inverse_kinematics_told(reply), _plain(reply)
-
-
-async def _robots(client: AsyncClient, _given: dict[str, Any]) -> Told:
-    reply = await client.robots()
-    return words.robots_told(reply), _plain(reply)
-
-
-async def _robot(client: AsyncClient, given: dict[str, Any]) -> Told:
-    reply = await client.robot(given["name"])
-    return words.robot_told(reply), _plain(reply)
-
-
-async def _scenes(client: AsyncClient, _given: dict[str, Any]) -> Told:
-    names = await client.scenes()
-    return f"Scenes: {', '.join(names)}.", {"scenes": names}
-
-
-async def _scene(client: AsyncClient, given: dict[str, Any]) -> Told:
-    scene = await client.scene(given["name"])
-    return words.scene_told(scene), _plain(scene)
-
-
-async def _trajectory(client: AsyncClient, given: dict[str, Any]) -> Told:
+async def _read_plan(client: AsyncClient, given: dict[str, Any]) -> PlanReply:
     run = await client.run(given["run_id"])
     if not isinstance(run, RunReply):
         raise MalformedRequest(f"run {run.run_id!r} judged a motion that was given: it has the trajectory already")
-    reply: PlanReply | None = run.reply
-    if reply is None or reply.trajectory is None:
+    if run.reply is None or run.reply.trajectory is None:
         raise UnknownObject(f"run {run.run_id!r} has no trajectory", run_id=run.run_id)
-    figures = {
-        "position_names": reply.position_names,
-        "velocity_names": reply.velocity_names,
-        **_plain(reply.trajectory),
-    }
+    return run.reply
+
+
+def _describe_trajectory(reply: PlanReply) -> str:
+    assert reply.trajectory is not None, "it was asked for"
     return (
         f"{len(reply.trajectory.times)} rows over {reply.trajectory.times[-1]:.2f} s: the cubic Hermite curve through"
-        " times, positions and velocities is what was certified, where no `sample_rate` was asked for.",
-        figures,
+        " times, positions and velocities is what was certified, where no `sample_rate` was asked for."
     )
 
 
-def _plain(message: msgspec.Struct) -> dict[str, Any]:
-    plain: dict[str, Any] = msgspec.to_builtins(message)
-    return plain
+def _trajectory_figures(reply: PlanReply) -> dict[str, Any]:
+    names = {"position_names": reply.position_names, "velocity_names": reply.velocity_names}
+    return {**names, **msgspec.to_builtins(reply.trajectory)}
 
 
 def _schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
@@ -160,36 +117,68 @@ TOOLS = (
         ' goal is such as {"type": "joints", "positions": {"elbow_joint": 1.2}} or {"type": "pose", "position": [x, y,'
         ' z], "quaternion_xyzw": [x, y, z, w]}.',
         _schema(PlanRequest),
-        _plan,
+        lambda client, given: client.plan(given),
+        words.describe_plan,
+        _plan_figures,
     ),
     Tool(
         "certify",
         "Judge a motion that is given, a `path` of waypoints or a `trajectory` in time: is it free between its rows"
         " too, and within limits?",
         _schema(CertifyRequest),
-        _certify,
+        lambda client, given: client.certify({"type": "certify", **given}),
+        words.describe_verdict,
     ),
     Tool(
         "clearance",
         "Distances of a robot to a scene's obstacles, and to itself, at configurations.",
         _schema(Clearance),
-        _clearance,
+        lambda client, given: client.kinematics({"type": "clearance", **given}),
+        words.describe_clearance,
     ),
     Tool(
         "inverse_kinematics",
         "Configurations that bring a robot's tip to poses; with `collision_free` and a scene those that touch nothing.",
         _schema(InverseKinematics),
-        _inverse_kinematics,
+        lambda client, given: client.kinematics({"type": "inverse_kinematics", **given}),
+        words.describe_solutions,
     ),
-    Tool("robots", "List the robots that can be named.", NOTHING, _robots),
-    Tool("robot", "Describe a robot: joints, limits, groups, frames, tip.", _named("name", "Of the robot."), _robot),
-    Tool("scenes", "List the scenes that can be named.", NOTHING, _scenes),
-    Tool("scene", "Read a scene: its obstacles and guide planes.", _named("name", "Of the scene."), _scene),
+    Tool(
+        "robots",
+        "List the robots that can be named.",
+        NOTHING,
+        lambda client, _: client.robots(),
+        words.list_robots,
+    ),
+    Tool(
+        "robot",
+        "Describe a robot: joints, limits, groups, frames, tip.",
+        _named("name", "Of the robot."),
+        lambda client, given: client.robot(given["name"]),
+        words.describe_robot,
+    ),
+    Tool(
+        "scenes",
+        "List the scenes that can be named.",
+        NOTHING,
+        lambda client, _: client.scenes(),
+        lambda names: f"Scenes: {', '.join(names)}.",
+        lambda names: {"scenes": names},
+    ),
+    Tool(
+        "scene",
+        "Read a scene: its obstacles and guide planes.",
+        _named("name", "Of the scene."),
+        lambda client, given: client.scene(given["name"]),
+        words.describe_scene,
+    ),
     Tool(
         "trajectory",
         "The whole trajectory of a plan that was made: times, positions, velocities, accelerations.",
         _named("run_id", "What the plan's reply calls its run."),
-        _trajectory,
+        _read_plan,
+        _describe_trajectory,
+        _trajectory_figures,
     ),
 )
 """All tools."""
@@ -205,14 +194,7 @@ _log = logging.getLogger(__name__)
 
 
 class Service:
-    """The service that is asked, connected to when it is first needed, and again when it was not there.
-
-    Args:
-        endpoints: Where instances of it, or Zenoh routers, listen.
-        instance: The only instance to ask; None: the freest.
-        config: Zenoh configuration file.
-        user: On whose keys it is asked; None: as the configuration says.
-    """
+    """The service that is asked, connected to when it is first needed, and again when it was not there."""
 
     def __init__(self, endpoints: tuple[str, ...], instance: str | None, config: Path | None, user: str | None) -> None:
         self._where = endpoints, instance, config, user
@@ -220,7 +202,7 @@ class Service:
         self._connecting = asyncio.Lock()
 
     async def client(self) -> AsyncClient:
-        """A client that is connected.
+        """A connected client.
 
         Raises:
             NoService: if nobody answers there.
@@ -242,17 +224,7 @@ class Service:
 
 
 def serve_stdio(endpoints: tuple[str, ...], instance: str | None, config: Path | None, user: str | None) -> None:
-    """Serve over standard input and output until the first ends.
-
-    Args:
-        endpoints: Where the service listens; none: on this machine.
-        instance: The only instance to ask; None: the freest.
-        config: Zenoh configuration file.
-        user: On whose keys it is asked; None: as the configuration says.
-
-    Raises:
-        ImportError: if the package mcp isn't installed.
-    """
+    """Serve over standard input and output until the first ends; raises ImportError without the package mcp."""
     import mcp.server.stdio  # noqa: F401 - said at once where it isn't there
 
     asyncio.run(_serve(Service(endpoints, instance, config, user)))
@@ -269,11 +241,7 @@ async def _serve(service: Service) -> None:
 
 
 def protocol_server(service: Service) -> Any:
-    """The protocol's server, which asks a service.
-
-    Args:
-        service: Who is asked.
-    """
+    """The protocol's server, which asks a service."""
     import mcp_types as types
     from mcp.server import Server
 
@@ -310,14 +278,14 @@ async def _call_tool(
         if tool is None:
             raise MalformedRequest(f"there is no tool {name[:64]!r}; there are {', '.join(one.name for one in TOOLS)}")
         _refuse_other_arguments(tool, given)
-        told, figures = await tool.ask(await service.client(), given)
-        return told, figures, False
+        reply = await tool.ask(await service.client(), given)
+        return tool.describe(reply), tool.figures(reply), False
     except GuidefieldError as error:
         failure = error
     except Exception as error:
         _log.exception("tool %s failed by itself", name)
         failure = convert_exception(error)
-    return error_told(failure), to_plain_data(make_error_reply(failure)), True
+    return words.describe_error(failure), to_plain_data(make_error_reply(failure)), True
 
 
 def _refuse_other_arguments(tool: Tool, given: dict[str, Any]) -> None:

@@ -24,7 +24,7 @@ MOST_TOLD = 20
 """Of a batch so many are told in words; the figures of all stand beside them."""
 
 
-def plan_told(reply: PlanReply) -> str:
+def describe_plan(reply: PlanReply) -> str:
     """A plan: outcome, motion, clearance, certificate, and where the whole trajectory is."""
     told = [_outcome(reply.status)]
     if reply.metrics is not None:
@@ -38,7 +38,7 @@ def plan_told(reply: PlanReply) -> str:
     return _join_sentences(told, reply.warnings)
 
 
-def certify_told(reply: CertifyReply) -> str:
+def describe_verdict(reply: CertifyReply) -> str:
     """A verdict: free or where it is refused, clearance, and the limits that are used most."""
     told = [_outcome(reply.status)]
     certificate = reply.certificate
@@ -57,7 +57,7 @@ def certify_told(reply: CertifyReply) -> str:
     return _join_sentences(told, reply.warnings)
 
 
-def clearance_told(reply: ClearanceReply) -> str:
+def describe_clearance(reply: ClearanceReply) -> str:
     """Distances, a line for each configuration."""
     rows = zip(reply.minimum, reply.pair, reply.self_minimum, strict=True)
     lines = [
@@ -66,7 +66,7 @@ def clearance_told(reply: ClearanceReply) -> str:
     return _join_sentences(_first(lines), reply.warnings, "\n")
 
 
-def inverse_kinematics_told(reply: InverseKinematicsReply) -> str:
+def describe_solutions(reply: InverseKinematicsReply) -> str:
     """How many configurations reach each pose, and why none or not more do."""
     rows = enumerate(zip(reply.configurations, reply.reasons, strict=True))
     lines = [
@@ -75,11 +75,11 @@ def inverse_kinematics_told(reply: InverseKinematicsReply) -> str:
         for index, (found, reason) in rows
     ]
     if not all(reply.configurations):
-        lines.append(advised(Status.NO_IK_SOLUTION))
+        lines.append(advise(Status.NO_IK_SOLUTION))
     return _join_sentences(_first(lines), reply.warnings, "\n")
 
 
-def robots_told(reply: RobotsReply) -> str:
+def list_robots(reply: RobotsReply) -> str:
     """The robots, each with its joints that can be planned for."""
     good = [f"{one.name} ({one.dof})" for one in reply.robots if one.problem is None]
     bad = [f"{one.name}: {one.problem}" for one in reply.robots if one.problem is not None]
@@ -87,7 +87,7 @@ def robots_told(reply: RobotsReply) -> str:
     return _join_sentences([*told, *(f"Can't be used: {one}." for one in bad)], [], "\n")
 
 
-def robot_told(reply: RobotReply) -> str:
+def describe_robot(reply: RobotReply) -> str:
     """A robot: its tip, groups, and joints with their limits."""
     groups = [f"{name}: {', '.join(joints)}" for name, joints in reply.groups.items()]
     lines = [
@@ -105,7 +105,7 @@ def robot_told(reply: RobotReply) -> str:
     return _join_sentences(lines, reply.warnings, "\n")
 
 
-def scene_told(scene: Scene) -> str:
+def describe_scene(scene: Scene) -> str:
     """A scene: its obstacles and guide planes by name."""
     obstacles = [f"{one.name} ({one.__struct_config__.tag})" for one in scene.obstacles]
     planes = [plane.name for plane in scene.guide_planes]
@@ -114,15 +114,15 @@ def scene_told(scene: Scene) -> str:
     )
 
 
-def error_told(error: GuidefieldError) -> str:
+def describe_error(error: GuidefieldError) -> str:
     """An error: its name, what is wrong, and what to do."""
     after = error.details.get("retry_after")
     again = f" Ask again in {after:g} s." if isinstance(after, int | float) else ""
-    return f"{error.code.name}: {error.message}. {advised(error.code)}{again}".strip()
+    return f"{error.code.name}: {error.message}. {advise(error.code)}{again}".strip()
 
 
 def _outcome(status: Outcome) -> str:
-    return f"{status.name}: {status.message}. {advised(status.code)}".strip()
+    return f"{status.name}: {status.message}. {advise(status.code)}".strip()
 
 
 def _clearances(clearance: ClearanceFigures | None, own: SelfClearance | None) -> list[str]:
@@ -207,6 +207,6 @@ ADVICE = {
 """By outcome."""
 
 
-def advised(code: int) -> str:
+def advise(code: int) -> str:
     """What can be done about an outcome; nothing about a success, or about one of a later version."""
     return {int(status): words for status, words in ADVICE.items()}.get(code, "")

@@ -9,9 +9,16 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from guidefield.messages.conditions import AllowedCollisions, AttachedObjects, JointLimits, PathConstraints
+from guidefield.messages.conditions import (
+    AllowedCollisions,
+    AttachedObjects,
+    JointLimits,
+    PathConstraints,
+    RobotReference,
+    SceneReference,
+    settle_scene,
+)
 from guidefield.messages.goals import Positions, require_finite_positions
-from guidefield.messages.references import RobotReference, SceneReference, settle_scene
 from guidefield.messages.values import (
     LARGEST,
     PLANNING_TIME,
@@ -169,12 +176,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
 
 
 def require_finite_rows(field: str, rows: Sequence[Sequence[float]]) -> None:
-    """Raise ValueError if a number is NaN, infinite or too large, or the rows aren't equally long.
-
-    Args:
-        field: Name of the field.
-        rows: Its rows.
-    """
+    """Raise ValueError if a number is NaN, infinite or too large, or the rows aren't equally long."""
     for begin in range(0, len(rows), ROWS_PER_CHECK):
         some = rows[begin : begin + ROWS_PER_CHECK]
         if {*map(len, some)} == {len(rows[0])} and math.hypot(*chain.from_iterable(some)) <= LARGEST:

@@ -73,12 +73,7 @@ for _kind in (
 
 
 def decode(data: bytes, kind: Any, encoding: Encoding = Encoding.JSON) -> Any:
-    """Decode one message of a known kind.
-
-    Args:
-        data: The payload.
-        kind: A message class, or a union of tagged ones.
-        encoding: How the payload is written.
+    """Decode one message of a known kind, or of a union of tagged ones.
 
     Raises:
         RequestTooLarge: if the payload is longer than `MAX_REQUEST_BYTES`.
@@ -92,11 +87,7 @@ def decode(data: bytes, kind: Any, encoding: Encoding = Encoding.JSON) -> Any:
 
 
 def split_fields(data: bytes, encoding: Encoding) -> dict[str, msgspec.Raw]:
-    """Return the bytes of each field of a message; no fields if the data is malformed.
-
-    Raises:
-        RequestTooLarge: as `decode`.
-    """
+    """Return the bytes of each field of a message; no fields if the data is malformed; raises as `require_size`."""
     require_size(len(data))
     try:
         fields: dict[str, msgspec.Raw] = _decoder(dict[str, msgspec.Raw], encoding).decode(data)
@@ -106,14 +97,7 @@ def split_fields(data: bytes, encoding: Encoding) -> dict[str, msgspec.Raw]:
 
 
 def require_size(size: int) -> None:
-    """Refuse a payload that is too long to be decoded.
-
-    Args:
-        size: Its length [bytes].
-
-    Raises:
-        RequestTooLarge: if it is longer than `MAX_REQUEST_BYTES`.
-    """
+    """Raise RequestTooLarge for a payload longer than `MAX_REQUEST_BYTES`."""
     if size > MAX_REQUEST_BYTES:
         raise RequestTooLarge(
             f"the request has {size} bytes, at most {MAX_REQUEST_BYTES} are read", bytes=size, limit=MAX_REQUEST_BYTES
@@ -121,11 +105,7 @@ def require_size(size: int) -> None:
 
 
 def decode_request(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
-    """Decode a request in any form: JSON bytes, plain data, or a Struct; one without a `type` is a plan request.
-
-    Raises:
-        RequestTooLarge, MalformedRequest: as in `decode`.
-    """
+    """Decode a request in any form: JSON bytes, plain data, or a Struct; one without a `type` is a plan request."""
     if isinstance(request, msgspec.Struct):
         return request
     if isinstance(request, dict):
@@ -140,21 +120,13 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
 
 
 def request_kind(request: bytes) -> Any:
-    """Return the class of a request in JSON: of a plan request, or the union of all tagged requests.
-
-    Raises:
-        RequestTooLarge, MalformedRequest: as in `decode`.
-    """
+    """Return the class of a request in JSON: of a plan request, or the union of all tagged requests."""
     tag = decode(request, _Tag, Encoding.JSON)
     return requests.PlanRequest if tag.type is None else requests.TaggedRequest
 
 
 def convert(plain: Any, kind: Any) -> Any:
-    """Convert plain data, which may contain NumPy's numbers and arrays, to a message.
-
-    Args:
-        plain: The message as a dict, or a list of some.
-        kind: A message class, a union of tagged ones, or the type of a list.
+    """Convert plain data, which may contain NumPy's numbers and arrays, to a message, a tagged one or a list of some.
 
     Raises:
         MalformedRequest: if it isn't such a message; names the path of the first fault.
@@ -176,11 +148,7 @@ def plain_fields(fields: dict[str, Any]) -> dict[str, Any]:
 
 
 def replace_arrays(request: Any) -> Any:
-    """Return a request, or a part, as plain data; NumPy's numbers and arrays, and all with a `tolist`, become Python's.
-
-    Raises:
-        MalformedRequest: if it holds anything that no message can.
-    """
+    """Return a request, or a part, as plain data; NumPy's numbers and arrays, and all with `tolist`, are listed."""
     try:
         return msgspec.to_builtins(request, builtin_types=(bytes,), enc_hook=_convert_array)
     except TypeError as error:
@@ -247,7 +215,6 @@ def _decode_plain(data: bytes, encoding: Encoding) -> Any:
 
 
 def _make_refusal(error: msgspec.ValidationError, data: Any, kind: Any) -> MalformedRequest:
-    """Make the error of a fault, with advice unless the plain data is missing."""
     if data is None:
         message, path = faults.split_message(str(error))
         path = faults.field_path(message, path)

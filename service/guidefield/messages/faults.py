@@ -49,12 +49,7 @@ def split_message(text: str) -> tuple[str, str]:
 
 
 def field_path(message: str, path: str) -> str:
-    """Return the path of the field that a message begins with, in backticks; the given path if it names none.
-
-    Args:
-        message: The message.
-        path: Path of the object with the field.
-    """
+    """Return the path of the field of an object that a message begins with, in backticks, or else of the object."""
     named = _NAMED.match(message)
     return path if named is None else f"{path}.{named['field']}"
 
@@ -76,7 +71,6 @@ class _Odd(str):
 def _find_first_odd(
     payload: bytes, is_odd: Callable[[str], bool], is_odd_word: Callable[[str], bool]
 ) -> tuple[str, str] | None:
-    """Return path and text of the first number, or word instead of a number, that is odd."""
 
     def number(text: str) -> Any:
         return _Odd(text) if is_odd(text) else 0
@@ -116,12 +110,6 @@ def _parse_float(text: str) -> float:
 
 def explain(text: str, data: Any, kind: Any, check: Check) -> tuple[str, str, list[Any]]:
     """Add the valid choices, and the key that msgspec leaves out of the path, to msgspec's description of a fault.
-
-    Args:
-        text: msgspec's text.
-        data: The payload as plain data.
-        kind: The expected type of message.
-        check: Converts plain data to that type.
 
     Returns:
         The message, the path of the fault, and the valid choices: empty if they can't be listed.
@@ -259,7 +247,6 @@ def _wrong_key(text: str, steps: Sequence[Step], data: Any, check: Check) -> str
 
 
 def _keep_keys(keys: list[Any], steps: Sequence[Step], data: Any) -> Any:
-    """Return the data with only some keys in the object at a place."""
     if not steps:
         return {key: data[key] for key in keys}
     inner = _keep_keys(keys, steps[1:], _step_into(data, steps[0]))

@@ -23,14 +23,7 @@ MAX_GONE_NUMBERS = 256
 
 
 class Derivation(NamedTuple):
-    """The change that made a scene from the one before.
-
-    Attributes:
-        scene: The scene before, as long as anybody has it.
-        removed: Indices of its removed obstacles, ascending.
-        moved: Indices of the moved obstacles in the new scene, ascending.
-        added: The number of added obstacles, which are the last.
-    """
+    """The change that made a scene from the one before, if that lives: indices removed there and moved here."""
 
     scene: weakref.ref[Scene]
     removed: Sequence[int]
@@ -44,9 +37,6 @@ class NameIndex:
     Obstacles are numbered in the order in which they were added: the index of one is its number minus the number of
     removed obstacles before it. Versions of a scene share the numbers, so that a name may have got another number in a
     version that this one doesn't know. Then they are numbered anew.
-
-    Args:
-        obstacles: Of the scene; nobody changes them.
     """
 
     def __init__(self, obstacles: Sequence[Obstacle]) -> None:
@@ -66,13 +56,7 @@ class NameIndex:
         return self._numbers()[0].get(name)
 
     def after(self, obstacles: Sequence[Obstacle], removed: Sequence[int], added: int) -> NameIndex:
-        """Return the index of a scene that a change made from this one.
-
-        Args:
-            obstacles: Those of the new scene, added ones last.
-            removed: Indices here of the removed obstacles, ascending.
-            added: The number of added obstacles.
-        """
+        """Return the index of a scene that a change made of this one: some removed by index, some added at the end."""
         places, (numbers, gone) = NameIndex(obstacles), self._numbers()
         of_others = len(numbers) - len(gone) - len(self._obstacles)  # versions that were changed apart from this one
         if max(len(gone) + len(removed), of_others) <= MAX_GONE_NUMBERS:
@@ -86,7 +70,6 @@ class NameIndex:
         return index < len(self._obstacles) and self._obstacles[index].name == name
 
     def _numbers(self) -> tuple[dict[str, int], Sequence[int]]:
-        """Return the number of each name, and the removed numbers, ascending."""
         if self._numbered is None:
             self._numbered = {one.name: index for index, one in enumerate(self._obstacles)}, ()
         return self._numbered
@@ -102,13 +85,7 @@ def _find_number(index: int, gone: Sequence[int]) -> int:
 
 @dataclass
 class FrozenFacts:
-    """The facts known of a frozen scene.
-
-    Attributes:
-        before: The change that made it; None: it was declared whole.
-        places: Indices of its obstacles by name, once needed.
-        content: Fingerprint of its content, once needed.
-    """
+    """The facts known of a frozen scene: the change that made it, unless it was declared whole; its index and hash."""
 
     before: Derivation | None = None
     places: NameIndex | None = None

@@ -32,11 +32,7 @@ ANONYMOUS = Asker()
 
 
 def check_user(user: str) -> str:
-    """Return a valid user name.
-
-    Raises:
-        MalformedRequest: if no user can have this name.
-    """
+    """Return a valid user name; raises MalformedRequest if no user can have it."""
     if not _USER.fullmatch(user) or user == PLAIN:
         raise MalformedRequest(
             f"user {user[:64]!r} must be 1 to 64 of the characters A-Z a-z 0-9 _ . -, must not begin with a dot, and "
@@ -47,11 +43,7 @@ def check_user(user: str) -> str:
 
 
 def split_owner(user: str, key: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
-    """Split the owner off a key below a user's: ``scenes/alice:shelf`` is alice's; without an owner it is the user's.
-
-    Raises:
-        MalformedRequest: if no user can have the owner's name.
-    """
+    """Split the owner off a key below a user's: ``scenes/alice:shelf`` is alice's; without one it is the user's."""
     if len(key) < 2 or ":" not in key[1]:
         return user, key
     owner, _, name = key[1].partition(":")
@@ -69,11 +61,7 @@ def shared_key(instance: str) -> str:
 
 
 def split_user(chunks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-    """Split the chunks of a key below an instance's into the user and the chunks below the user's.
-
-    Raises:
-        MalformedRequest: if no user can have that name.
-    """
+    """Split the chunks of a key below an instance's into the user and the chunks below the user's."""
     if len(chunks) > 1 and chunks[0] == USERS:
         return check_user(chunks[1]), tuple(chunks[2:])
     return PLAIN, tuple(chunks)

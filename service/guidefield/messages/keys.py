@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from operator import index
 from typing import Any, SupportsIndex
@@ -100,7 +100,7 @@ class CertifyHead(msgspec.Struct, frozen=True):
 
     @property
     def allowed(self) -> float:
-        """The allowed time, brought within what a valid request can ask for [s]."""
+        """The allowed time, limited as `PlanHead.allowed` [s]."""
         return _limit_time(self.allowed_time, PLANNING_TIME)
 
 
@@ -126,13 +126,9 @@ class WorkHead(msgspec.Struct, frozen=True):
 
 
 def check(query: Query) -> None:
-    """Check all of a query but its payload.
-
-    Raises:
-        MalformedRequest: if the key is not served, or the query has parameters or a payload that don't fit it.
-    """
+    """Check all of a query but its payload; raises MalformedRequest if its key isn't served, or one doesn't fit it."""
     if is_file(query) or is_cancel(query):
-        _require_no_payload(query)
+        require_no_payload(query)
     else:
         _find_rule(query)
 
@@ -148,11 +144,7 @@ def decode_query(query: Query) -> requests.Request:
 
 
 def decode_run_head(query: Query) -> RunHead | None:
-    """Decode the head of a plan or certify request; None for any other query.
-
-    Raises:
-        MalformedRequest, RequestTooLarge: as `decode_query`, for the fields of the head.
-    """
+    """Decode the head of a plan or certify request, as `decode_query`; None for any other query."""
     kind = _HEADS.get(query.key)
     if kind is None:
         return None
@@ -161,11 +153,7 @@ def decode_run_head(query: Query) -> RunHead | None:
 
 
 def decode_work_head(query: Query) -> WorkHead:
-    """Decode the head of a kinematics request; any other query gets a head with the longest time.
-
-    Raises:
-        MalformedRequest, RequestTooLarge: as `decode_query`, for the fields of the head.
-    """
+    """Decode the head of a kinematics request; any other query gets a head with the longest time."""
     if query.key != ("kinematics",):
         return WorkHead(allowed_time=STORE_TIME_LIMIT)
     head: WorkHead = codec.decode(query.payload, WorkHead, query.encoding)
@@ -230,25 +218,18 @@ def is_list(query: Query) -> bool:
     return query.key in (("robots",), ("scenes",), ("runs",)) or (query.key == ("info",) and not is_brief(query))
 
 
-def _decode_plan(query: Query) -> requests.Request:
-    request: requests.Request = request_reader.read_payload(query.payload, requests.PlanRequest, query.encoding)
-    return request
+def _decode_as(kind: Any) -> Callable[[Query], requests.Request]:
+    def read(query: Query) -> requests.Request:
+        request: requests.Request = request_reader.read_payload(query.payload, kind, query.encoding)
+        return request
 
-
-def _decode_certify(query: Query) -> requests.Request:
-    request: requests.Request = request_reader.read_payload(query.payload, requests.CertifyRequest, query.encoding)
-    return request
-
-
-def _decode_kinematics(query: Query) -> requests.Request:
-    request: requests.Request = request_reader.read_payload(query.payload, requests.KinematicsRequest, query.encoding)
-    return request
+    return read
 
 
 def _decode_robot(query: Query) -> requests.Request:
     name = query.key[1]
     if "delete" in query.parameters:
-        _require_no_payload(query)
+        require_no_payload(query)
         return requests.DeleteRobot(name)
     if not query.payload:
         return requests.ReadRobot(name)
@@ -258,7 +239,7 @@ def _decode_robot(query: Query) -> requests.Request:
 def _decode_scene(query: Query) -> requests.Request:
     name = query.key[1]
     if "delete" in query.parameters:
-        _require_no_payload(query)
+        require_no_payload(query)
         return requests.DeleteScene(name)
     version = _parse_version(query.parameters.get("version"))
     if not query.payload:
@@ -317,9 +298,9 @@ class _Rule:
 
 
 _RULES = {
-    ("plan", 1): _Rule(_decode_plan, takes_payload=True),
-    ("certify", 1): _Rule(_decode_certify, takes_payload=True),
-    ("kinematics", 1): _Rule(_decode_kinematics, takes_payload=True),
+    ("plan", 1): _Rule(_decode_as(requests.PlanRequest), takes_payload=True),
+    ("certify", 1): _Rule(_decode_as(requests.CertifyRequest), takes_payload=True),
+    ("kinematics", 1): _Rule(_decode_as(requests.KinematicsRequest), takes_payload=True),
     ("robots", 1): _Rule(lambda _: requests.ReadRobots()),
     ("robots", 2): _Rule(_decode_robot, frozenset({"delete", *SHARING}), takes_payload=True),
     ("scenes", 1): _Rule(lambda _: requests.ReadScenes()),
@@ -337,23 +318,30 @@ _HEADS: dict[tuple[str, ...], type[RunHead]] = {("plan",): PlanHead, ("certify",
 def _find_rule(query: Query) -> _Rule:
     rule = _RULES.get((query.key[0] if query.key else "", len(query.key)))
     if rule is None:
-        raise MalformedRequest(
-            f"nothing is served at {'/'.join(query.key)!r}; served are {', '.join(SERVED)}",
-            key="/".join(query.key),
-            served=list(SERVED),
-        )
-    if query.parameters and (unknown := sorted(query.parameters.keys() - rule.parameters)):
-        valid = ", ".join(sorted(rule.parameters)) or "none"
-        raise MalformedRequest(
-            f"unknown parameter {unknown[0]!r} at {'/'.join(query.key)!r}; valid: {valid}", parameter=unknown[0]
-        )
+        raise refuse_key(query)
+    require_parameters(query, rule.parameters)
     if not rule.takes_payload or is_sharing(query):
-        _require_no_payload(query)
+        require_no_payload(query)
     return rule
 
 
-def _require_no_payload(query: Query) -> None:
+def refuse_key(query: Query) -> MalformedRequest:
+    """Make the error of a key at which nothing is served."""
+    key = "/".join(query.key)
+    return MalformedRequest(
+        f"nothing is served at {key!r}; served are {', '.join(SERVED)}", key=key, served=list(SERVED)
+    )
+
+
+def require_parameters(query: Query, valid: Iterable[str]) -> None:
+    """Raise MalformedRequest if a query has a parameter that isn't valid."""
+    if query.parameters and (unknown := sorted(query.parameters.keys() - {*valid})):
+        told = f"unknown parameter {unknown[0]!r} at {'/'.join(query.key)!r}"
+        raise MalformedRequest(f"{told}; valid: {', '.join(sorted(valid)) or 'none'}", parameter=unknown[0])
+
+
+def require_no_payload(query: Query) -> None:
+    """Raise MalformedRequest if a query has a payload."""
     if query.payload:
-        raise MalformedRequest(
-            f"a query on {'/'.join(query.key)!r} of this kind takes no payload", key="/".join(query.key)
-        )
+        key = "/".join(query.key)
+        raise MalformedRequest(f"a query on {key!r} of this kind takes no payload", key=key)

@@ -11,9 +11,14 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from guidefield.messages.conditions import AllowedCollisions, AttachedObjects
+from guidefield.messages.conditions import (
+    AllowedCollisions,
+    AttachedObjects,
+    RobotReference,
+    SceneReference,
+    settle_scene,
+)
 from guidefield.messages.goals import Positions, Tolerance3, require_finite_configurations
-from guidefield.messages.references import RobotReference, SceneReference, settle_scene
 from guidefield.messages.triples import VALUES_PER_CHECK
 from guidefield.messages.values import (
     LARGEST,

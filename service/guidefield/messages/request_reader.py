@@ -27,16 +27,7 @@ _SCENES: BoundedMap[bytes, Scene] = BoundedMap(READ_SCENES)
 
 
 def read_payload(data: bytes, kind: Any, encoding: Encoding) -> Any:
-    """Decode a request, as `codec.decode`; a large scene that was decoded before is reused.
-
-    Args:
-        data: The payload.
-        kind: A request's class, or a union of tagged ones; None: by the payload's tag.
-        encoding: The payload's encoding.
-
-    Raises:
-        RequestTooLarge, MalformedRequest: as `codec.decode`.
-    """
+    """Decode a request of a kind, or by its tag, as `codec.decode`; a large scene that was decoded before is reused."""
     fields: Mapping[str, msgspec.Raw] = {}
     if len(data) >= MIN_HASHED_BYTES:
         fields = codec.split_fields(data, encoding)
@@ -52,12 +43,9 @@ def read_payload(data: bytes, kind: Any, encoding: Encoding) -> Any:
 
 
 def read_request(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
-    """Read and check a request in any form: JSON, plain data or a message.
+    """Read and check a request in any form: JSON, plain data or a message; raises as `codec.decode_request`.
 
     A large scene with the content of an earlier one is reused: arrays in it are compared by their bytes.
-
-    Raises:
-        RequestTooLarge, MalformedRequest: as `codec.decode_request`.
     """
     made: requests.Request
     if type(request) is bytes:
@@ -78,14 +66,7 @@ def read_request(request: bytes | dict[str, Any] | requests.Request) -> requests
 def _read(
     scene: bytes | msgspec.Raw | None, read_all: Callable[[], Any], read_rest: Callable[[Any], Any], size: int
 ) -> Any:
-    """Read a request, reusing the scene with the same bytes if there is one.
-
-    Args:
-        scene: The scene's bytes, if it is large enough to be hashed.
-        read_all: Reads the whole request.
-        read_rest: Reads it with another scene instead of its own.
-        size: Size of the request [bytes].
-    """
+    """Read all of a request, or the rest with another scene: one read before with the same bytes, if it is large."""
     digest = None if scene is None else content_key(scene)
     known = None if digest is None else _SCENES.get(digest)
     if known is not None:
@@ -104,7 +85,6 @@ def _read(
 
 
 def _pack_scene(scene: Any) -> bytes | None:
-    """Pack a scene in Python for hashing, arrays as their bytes; None if it isn't a scene, or can't be packed."""
     if not isinstance(scene, dict | Scene):
         return None
     try:
@@ -166,10 +146,7 @@ def _pack_each(obstacles: Any) -> Any:
 
 
 def _pack_arrays(obstacle: Any) -> Any:
-    """Replace arrays of points and triangles by packed ones if these hold the same numbers.
-
-    Packing a million triples takes a hundredth of the time of listing them.
-    """
+    """Replace arrays of points and triangles by packed ones with the same numbers, in a hundredth of listing them."""
     arrays = {field: _get(obstacle, field) for field in ("vertices", "triangles", "points")}
     packed = {
         field: found
@@ -192,7 +169,6 @@ def _pack(array: Any, are_triangles: bool) -> dict[str, bytes] | None:
 
 
 def _get(holder: Any, field: str) -> Any:
-    """Return a field of a dict or message; None if it is missing."""
     return holder.get(field) if isinstance(holder, dict) else getattr(holder, field, None)
 
 

@@ -113,15 +113,7 @@ class RequestScene(Scene, kw_only=True, omit_defaults=True):
 
 
 def apply_change(scene: Scene, change: SceneChange, name: str = "") -> Scene:
-    """Apply a change to a scene.
-
-    Args:
-        scene: The scene before.
-        change: The removed, moved and added obstacles.
-        name: The new name; empty: the same name.
-
-    Returns:
-        The scene after; the same object if nothing changes. It is frozen if the one before was.
+    """Apply a change to a scene of a name; return the same object if nothing changes, a frozen one if it was frozen.
 
     Raises:
         SceneInvalid: if a named obstacle doesn't exist, an added one has a name that is taken, or a moved one has no
@@ -148,7 +140,6 @@ def apply_change(scene: Scene, change: SceneChange, name: str = "") -> Scene:
 
 
 def _find_removed(scene: Scene, places: NameIndex, names: Sequence[str]) -> list[int]:
-    """Return the indices of removed obstacles, ascending."""
     removed: set[int] = set()
     for index, name in enumerate(names):
         place = places.of(name)
@@ -160,7 +151,6 @@ def _find_removed(scene: Scene, places: NameIndex, names: Sequence[str]) -> list
 
 
 def _drop(obstacles: list[Obstacle], removed: Sequence[int]) -> list[Obstacle]:
-    """Return obstacles without those at some indices."""
     if len(removed) > MAX_SINGLE_DELETIONS:
         gone = set(removed)
         return [one for index, one in enumerate(obstacles) if index not in gone]
@@ -184,7 +174,6 @@ def _move(scene: str, obstacles: list[Obstacle], places: NameIndex, moves: Mappi
 
 
 def _require_new(scene: str, there: NameIndex, coming: Sequence[Obstacle]) -> None:
-    """Raise SceneInvalid if an added obstacle has a name that is taken."""
     new = set[str]()
     for index, one in enumerate(coming):
         path = f"$.add[{index}].name"

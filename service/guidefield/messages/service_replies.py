@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from guidefield.messages.codes import CodeInfo
 from guidefield.messages.quotas import Quota
-from guidefield.messages.served import KeyInfo
+from guidefield.messages.served import CodeInfo, KeyInfo
 from guidefield.messages.values import Reply
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 
 from guidefield.errors import Status
-from guidefield.messages.references import RobotReference
+from guidefield.messages.conditions import RobotReference
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import SceneDiff, Version
 from guidefield.messages.values import Message, Name, RootJoint, RunId, UrdfCharacters

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
-from guidefield.messages.keys import Query
-from guidefield.messages.served import SERVED
+from guidefield.messages.keys import Query, refuse_key, require_no_payload, require_parameters
 from guidefield.messages.streams import StreamOpen
 
 STREAMS = "streams"
@@ -26,48 +25,45 @@ class ListStreams:
 
 
 @dataclass(frozen=True)
-class ReadStream:
+class _OneStream:
+    name: str
+
+
+class ReadStream(_OneStream):
     """Read the state of a stream."""
 
-    name: str
 
-
-@dataclass(frozen=True)
-class EndStream:
+class EndStream(_OneStream):
     """End a stream."""
 
-    name: str
 
-
-@dataclass(frozen=True)
-class AimStream:
+class AimStream(_OneStream):
     """Give a stream another goal; the stream decodes the payload."""
 
-    name: str
 
-
-@dataclass(frozen=True)
-class JudgeStream:
+class JudgeStream(_OneStream):
     """Judge the last piece of a stream; the stream decodes the payload."""
 
-    name: str
 
-
-@dataclass(frozen=True)
-class HaltStream:
+class HaltStream(_OneStream):
     """Stop the robot of a stream."""
 
-    name: str
 
-
-@dataclass(frozen=True)
-class RecordStream:
+class RecordStream(_OneStream):
     """Make the recording of a stream, open or ended, from its stored journal."""
 
-    name: str
 
+StreamQuery = OpenStream | ListStreams | _OneStream
 
-StreamQuery = OpenStream | ListStreams | ReadStream | EndStream | AimStream | JudgeStream | HaltStream | RecordStream
+_BELOW_ONE: dict[str, type[_OneStream]] = {
+    "stop": HaltStream,
+    "recording": RecordStream,
+    "goal": AimStream,
+    "judge": JudgeStream,
+}
+"""Queries by the chunk below a stream's name."""
+_TAKING = {"goal": "a goal is asked for with a StreamAim", "judge": "to judge takes a StreamJudge"}
+"""Sentences about payloads that are missing."""
 
 
 def is_stream(query: Query) -> bool:
@@ -76,52 +72,27 @@ def is_stream(query: Query) -> bool:
 
 
 def check(query: Query) -> None:
-    """Check all of a query about streams but its payload.
-
-    Raises:
-        MalformedRequest: if its key isn't served, or it has parameters or a payload that don't fit it.
-    """
-    key, payload = "/".join(query.key), bool(query.payload)
-    valid: set[str] = set()
-    match query.key[1:]:
-        case () | (_, "goal" | "judge"):
-            payload = False
-        case (_,):
-            valid = {"delete"}
-        case (_, "stop" | "recording"):
-            pass
-        case _:
-            raise MalformedRequest(
-                f"nothing is served at {key!r}; served are {', '.join(SERVED)}", key=key, served=list(SERVED)
-            )
-    unknown = sorted(set(query.parameters) - valid)
-    if unknown:
-        told = ", ".join(valid) or "none"
-        raise MalformedRequest(f"unknown parameter {unknown[0]!r} at {key!r}; valid: {told}", parameter=unknown[0])
-    if payload:
-        raise MalformedRequest(f"a query on {key!r} of this kind takes no payload", key=key)
+    """Check all of a query about streams but its payload; raises MalformedRequest where one doesn't fit its key."""
+    below = query.key[2:]
+    if len(below) > 1 or not _BELOW_ONE.keys() >= {*below}:
+        raise refuse_key(query)
+    require_parameters(query, {"delete"} if len(query.key) == 2 else ())
+    if len(query.key) > 1 and not _TAKING.keys() & {*below}:
+        require_no_payload(query)
 
 
 def decode_stream_query(query: Query) -> StreamQuery:
-    """Decode the request of a query about streams.
-
-    Raises:
-        MalformedRequest: as `check`, and if its payload is malformed.
-        RequestTooLarge: if the payload is too long to be decoded.
-    """
+    """Decode the request of a query about streams; raises as `check`, and for a malformed or too large payload."""
     check(query)
-    if len(query.key) == 1:
-        if not query.payload:
-            return ListStreams()
-        return OpenStream(codec.decode(query.payload, StreamOpen, query.encoding))
-    name = query.key[1]
-    if len(query.key) == 2:
-        return EndStream(name) if "delete" in query.parameters else ReadStream(name)
-    if query.key[2] == "stop":
-        return HaltStream(name)
-    if query.key[2] == "recording":
-        return RecordStream(name)
-    if not query.payload:
-        asked = "a goal is asked for with a StreamAim" if query.key[2] == "goal" else "to judge takes a StreamJudge"
-        raise MalformedRequest(f"{asked} as payload", key="/".join(query.key))
-    return AimStream(name) if query.key[2] == "goal" else JudgeStream(name)
+    match query.key[1:]:
+        case ():
+            return (
+                OpenStream(codec.decode(query.payload, StreamOpen, query.encoding)) if query.payload else ListStreams()
+            )
+        case (name,):
+            return EndStream(name) if "delete" in query.parameters else ReadStream(name)
+        case (name, below):
+            if below in _TAKING and not query.payload:
+                raise MalformedRequest(f"{_TAKING[below]} as payload", key="/".join(query.key))
+            return _BELOW_ONE[below](name)
+    raise refuse_key(query)

@@ -9,9 +9,15 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from guidefield.messages.conditions import AllowedCollisions, AttachedObjects, JointLimits
+from guidefield.messages.conditions import (
+    AllowedCollisions,
+    AttachedObjects,
+    JointLimits,
+    RobotReference,
+    SceneReference,
+    settle_scene,
+)
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal, Positions, require_finite_positions
-from guidefield.messages.references import RobotReference, SceneReference, settle_scene
 from guidefield.messages.replies import ErrorReply
 from guidefield.messages.scene import Obstacle
 from guidefield.messages.values import (

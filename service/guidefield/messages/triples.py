@@ -27,15 +27,7 @@ VALUES_PER_CHECK = 20_000
 
 
 def check_points(field: str, points: Points) -> int:
-    """Check points, and return their number.
-
-    Args:
-        field: Name of the field.
-        points: The declared points.
-
-    Raises:
-        ValueError: if there are too many or none, or one isn't finite.
-    """
+    """Check points, and return their number; raises ValueError if there are too many or none, or one isn't finite."""
     if isinstance(points, Float32Array):
         count = len(points.float32) // 12
         if points.float32[3::4].translate(None, _SMALL):
@@ -62,10 +54,6 @@ def _require_packed_finite(field: str, packed: bytes) -> None:
 def check_triangles(count: int, triangles: Triangles) -> None:
     """Check that triangles index existing vertices.
 
-    Args:
-        count: The number of vertices.
-        triangles: The declared triangles.
-
     Raises:
         ValueError: if an index is out of range, or packed triangles are too many or none.
     """
@@ -84,7 +72,6 @@ def check_triangles(count: int, triangles: Triangles) -> None:
 
 
 def _require_below(count: int, first: int, triangles: Iterable[Iterable[int]]) -> None:
-    """Raise ValueError if an index of a triangle is out of range; `first` numbers the first triangle."""
     for row, triangle in enumerate(triangles, first):
         for index in triangle:
             if not 0 <= index < count:

@@ -80,13 +80,7 @@ class Placement(Message):
 
 
 def require_finite(field: str, values: Iterable[float], first: int = 0) -> None:
-    """Raise ValueError if a number is NaN, infinite (MessagePack and Python can carry both) or beyond `LARGEST`.
-
-    Args:
-        field: Name of the field.
-        values: The numbers.
-        first: The index of the first of them.
-    """
+    """Raise ValueError if a number, the first of which has an index, is NaN, infinite or beyond `LARGEST`."""
     for index, value in enumerate(values, first):
         if not -LARGEST <= value <= LARGEST:
             require_finite_number(f"{field}[{index}]", value)

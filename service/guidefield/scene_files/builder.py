@@ -35,10 +35,7 @@ LONGEST_NAME = 256
 
 
 class SceneBuilder:
-    """Makes a scene of the shapes of a file.
-
-    Args:
-        without: Names whose obstacles, and those of all below them, are left out.
+    """Makes a scene of the shapes of a file, without some names and all below them.
 
     Attributes:
         scale: Factor of all lengths.
@@ -70,8 +67,7 @@ class SceneBuilder:
             placement: pinocchio.SE3 of its frame in the file's; a half-space is below the frame's z = 0.
             owners: Names of all that holds it.
             where: The beginning of a message about it, such as its line.
-            sizes: Fields of the class in the file's unit: numbers, or arrays of vertices (v, 3), triangles (t, 3) or
-                points (n, 3).
+            sizes: Fields of the class in the file's unit: numbers, vertices (v, 3), triangles (t, 3) or points (n, 3).
 
         Raises:
             SceneInvalid: if a size isn't positive or a number not finite, or there are too many.
@@ -103,11 +99,7 @@ class SceneBuilder:
         return not self._without.isdisjoint(names)
 
     def scene(self, name: str, prefix: str) -> Scene:
-        """Return the scene; where several obstacles have the same name, numbers follow it: `leg/0`, `leg/1`.
-
-        Args:
-            name: Of the scene.
-            prefix: Begins the name of each obstacle.
+        """Return the scene; names begin with the prefix, and several that are the same are numbered: `leg/0`, `leg/1`.
 
         Raises:
             SceneInvalid: if there is no obstacle, a name is too long or missing, or one that is left out isn't there.
@@ -150,20 +142,13 @@ class SceneBuilder:
 
 
 def ellipsoid(radii: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the vertices (v, 3) and triangles (t, 3) of a mesh that contains an ellipsoid, at most 0.9 % larger.
-
-    Args:
-        radii: Along its axes, shape (3,).
-    """
+    """Return vertices (v, 3) and triangles (t, 3) that contain an ellipsoid of radii (3,), at most 0.9 % larger."""
     ball = circumscribed_ball()
     return {"vertices": ball.vertices * radii, "triangles": ball.faces}
 
 
 def cone(radius: float, length: float) -> dict[str, np.ndarray]:
-    """Return the vertices (v, 3) and triangles (t, 3) of a pyramid that contains a cone, 0.12 % wider.
-
-    Its tip is half the length above the origin, the middle of its base as far below.
-    """
+    """Return vertices (v, 3) and triangles (t, 3) of a pyramid that contains a cone about the origin, 0.12 % wider."""
     turns = np.arange(64) * (2.0 * np.pi / 64)
     rim = np.column_stack([np.cos(turns), np.sin(turns)]) * (radius / np.cos(np.pi / 64))
     base = np.column_stack([rim, np.full(64, -0.5 * length)])
@@ -191,11 +176,7 @@ def _pack(points: np.ndarray) -> Points:
 
 @contextlib.contextmanager
 def located(path: Path) -> Iterator[None]:
-    """Name a file in the message of each fault that comes up while it is read.
-
-    Raises:
-        SceneInvalid: for any fault.
-    """
+    """Name a file in the message of each fault that comes up while it is read, as SceneInvalid."""
     try:
         yield
     except MeshFault as fault:

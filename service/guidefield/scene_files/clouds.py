@@ -30,14 +30,7 @@ def is_cloud(suffix: str, content: bytes) -> bool:
 
 
 def read_cloud(path: Path) -> tuple[np.ndarray, int]:
-    """Read a cloud.
-
-    Args:
-        path: The file; its suffix is one of `READERS`.
-
-    Returns:
-        Points, shape (n, 3) [the file's unit], and the number of those left out because a coordinate is NaN: nothing
-        was measured there.
+    """Read the points (n, 3) of a cloud in a file of `READERS`, and the number of those left out because they are NaN.
 
     Raises:
         MeshFault: if it can't be read, or has no points or more than a cloud of a scene.
@@ -150,11 +143,7 @@ def _read_pcd(content: bytes) -> np.ndarray:
 
 
 def _unpack_lzf(packed: bytes, size: int) -> bytes:
-    """Unpack LZF: runs of bytes, and references to what is unpacked already.
-
-    Raises:
-        MeshFault: if it is damaged, or doesn't unpack to `size` bytes.
-    """
+    """Unpack LZF, runs of bytes and references to earlier ones, to a size; raises MeshFault if it is damaged."""
     body, at = bytearray(), 0
     try:
         while at < len(packed) and len(body) <= size:

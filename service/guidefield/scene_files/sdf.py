@@ -53,7 +53,6 @@ class _Scope:
     """The frames of a world or model.
 
     Attributes:
-        element: The <world> or <model>.
         file: The file that it is in, for its meshes.
         frames: By name: the frame that it is relative to, and its placement there.
         models: Name of each nested model, the frame that it is relative to, its placement there, and its own frames.
@@ -66,11 +65,7 @@ class _Scope:
     _known: dict[str, Any] = field(default_factory=dict)
 
     def place(self, name: str, element: Element) -> Any:
-        """Return the placement of a frame in the scope's own, pinocchio.SE3.
-
-        Args:
-            name: Of a frame, link, joint or model of the scope; `model::frame` for one of a nested model.
-            element: What asks for it.
+        """Return the placement of a frame, link, joint or model in the scope's own; `model::frame` is a nested one's.
 
         Raises:
             RobotInvalid: if there is no such frame, or it is relative to itself.
@@ -97,12 +92,7 @@ class _Scope:
 
 
 class SdfReader:
-    """Reads SDF files, and those that they include.
-
-    Args:
-        builder: Gets the obstacles, each named as `model::link::collision`.
-        package_dirs: Folders of models.
-    """
+    """Reads SDF files and what they include into a builder; obstacles are named `model::link::collision`."""
 
     def __init__(self, builder: SceneBuilder, package_dirs: Sequence[Path]) -> None:
         self._builder, self._package_dirs = builder, package_dirs
@@ -111,15 +101,7 @@ class SdfReader:
         self._includes, self._top = 0, Path()
 
     def read(self, path: Path, root: Element) -> None:
-        """Read the world of a file, or its models.
-
-        Args:
-            path: The file.
-            root: Its root element.
-
-        Raises:
-            RobotInvalid, SceneInvalid: if it can't be read; names the line.
-        """
+        """Read the world of a file, or its models, from its root element; raises RobotInvalid or SceneInvalid."""
         worlds = root.findall("world")
         if len(worlds) > 1:
             names = ", ".join(repr(world.get("name", "")) for world in worlds)
@@ -231,7 +213,6 @@ class SdfReader:
             raise fault(element, error.message, **error.details) from None
 
     def _add(self, scope: _Scope, prefix: str, placement: Any, owners: tuple[str, ...]) -> None:
-        """Add the obstacles of a scope and of the models in it."""
         with located(scope.file) if scope.file != self._top else contextlib.nullcontext():
             for link in scope.element.findall("link"):
                 name = f"{prefix}{link.get('name')}"
@@ -300,11 +281,7 @@ SHAPES: dict[str, tuple[Kind, dict[str, int]]] = {
 
 
 def read_root(path: Path, warnings: list[str]) -> Element:
-    """Return the root element of an SDF file.
-
-    Raises:
-        RobotInvalid: if it isn't one.
-    """
+    """Return the root element of an SDF file; raises RobotInvalid if it isn't one."""
     root = root_of(read_xml(path), "SDF", warnings)
     if root.tag not in ROOTS:
         raise fault(root, f"the root element of an SDF file must be <sdf>, it is <{root.tag}>")
@@ -334,7 +311,6 @@ def _pose(element: Element, default: str = "") -> tuple[str, Any]:
 
 
 def _numbers(element: Element, tag: str, count: int, default: list[float] | None = None) -> list[float]:
-    """Return the numbers of a child; `default` where it is left out."""
     child = element.find(tag)
     if child is None and default is not None:
         return default
@@ -352,7 +328,6 @@ def _finite(element: Element, words: Sequence[str], count: int) -> list[float]:
 
 
 def _text(element: Element, tag: str) -> str:
-    """Return the text of a child that must be there."""
     text = str(element.findtext(tag, "")).strip()
     if not text:
         raise fault(element, f"<{element.tag}> must have <{tag}>")

@@ -8,7 +8,7 @@ import logging
 import pytest
 import zenoh
 
-from guidefield.cli.loopback import free_port
+from guidefield.cli.serving import free_port
 from guidefield.endpoint.ros.names import Entity, Kind, Node
 from guidefield.endpoint.ros.node import ros_node
 from guidefield.endpoint.ros.options import LATCHING, RosSettings

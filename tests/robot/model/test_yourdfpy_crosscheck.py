@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from lxml import etree
 
-from guidefield.messages.references import UrdfText
+from guidefield.messages.conditions import UrdfText
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model import yourdfpy_crosscheck
 from guidefield.robot.model.yourdfpy_crosscheck import MOST_TOLD, crosschecked

@@ -13,8 +13,7 @@ from typing import Any
 import guidefield
 from benchmarks import grown
 from benchmarks.grown import PANDA, SEED, TURNED, Made
-from guidefield.batch.request_file import RequestFile
-from guidefield.batch.results import Outcome, Results
+from guidefield.batch.results import Outcome, RequestFile, Results
 from guidefield.messages import codec
 
 WARMED = 5
