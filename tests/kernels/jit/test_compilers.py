@@ -48,6 +48,11 @@ print(*out, *(sum(kernel.stats.cache_hits.values()) for kernel in (caller, calle
 """
 
 
+@kernel(SCALAR(VECTOR), no_cpython_wrapper=True)
+def first(values: np.ndarray) -> float:
+    return float(values[0])
+
+
 @inlined
 def doubled(x: float) -> float:
     return 2.0 * x
@@ -149,3 +154,8 @@ def test_remembered_signatures_are_those_that_numba_finds(asked: object) -> None
     for arguments in of.get(asked, both):
         found = [patched_compiler._call_type(function, context, arguments, {}) for _ in range(2)]
         assert found[0] == found[1] == patched_compiler._ask(function, context, arguments, {})
+
+
+def test_what_only_kernels_call_says_so_to_python() -> None:
+    with pytest.raises(TypeError, match="No matching definition"):
+        first(np.ones(1))

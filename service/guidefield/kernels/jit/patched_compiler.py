@@ -160,6 +160,13 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         self.load()
         return super().get_call_template(args, kws)
 
+    def add_overload(self, cres: Any) -> None:
+        """Keep machine code; what only kernels can call matches no call from Python, which ends in a TypeError."""
+        if self.targetoptions.get("no_cpython_wrapper"):
+            self.overloads[tuple(cres.signature.args)] = cres
+        else:
+            super().add_overload(cres)
+
     def _compile_for_args(self, *_arguments: Any, **_by_name: Any) -> Any:
         """What to call, where a call from Python found no machine code: this again, once it is loaded."""
         self.load()
