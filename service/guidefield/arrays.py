@@ -20,27 +20,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RunArrays:
-    """A run's motion; n knots of nq position and nv velocity coordinates [s, rad or m, per s, per s^2].
+    """A run's motion; n knots of nq position and nv velocity coordinates [s, rad or m, per s, per s^2]."""
 
-    Attributes:
-        run_id: Name of the run.
-        position_names: One for each column of positions, nq.
-        velocity_names: One for each column of velocities and accelerations, nv.
-        times: Shape (n,).
-        positions: Shape (n, nq).
-        velocities: Shape (n, nv).
-        accelerations: Shape (n, nv).
-        path: Waypoints before time parameterization, shape (m, nq).
-    """
-
-    run_id: str
-    position_names: tuple[str, ...]
-    velocity_names: tuple[str, ...]
-    times: Array
-    positions: Array
-    velocities: Array
-    accelerations: Array
-    path: Array
+    run_id: str  # name of the run
+    position_names: tuple[str, ...]  # one for each column of positions, nq
+    velocity_names: tuple[str, ...]  # one for each column of velocities and accelerations, nv
+    times: Array  # shape (n,)
+    positions: Array  # shape (n, nq)
+    velocities: Array  # shape (n, nv)
+    accelerations: Array  # shape (n, nv)
+    path: Array  # waypoints before time parameterization, shape (m, nq)
 
 
 def run_arrays(run: PlanReply | Path | str) -> RunArrays:

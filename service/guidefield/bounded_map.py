@@ -22,36 +22,23 @@ class Limit(NamedTuple):
 
 READ_SCENES = Limit(16, 2**27)
 """Decoded scenes by hash of their encoding; in memory a scene in lists takes about four times its encoded size."""
-BUILT_SCENES = Limit(16, 2**29)
-"""Built scenes by content; a triangle or point of Coal's counts for `BYTES_PER_FACE`."""
-RENDERED_SCENES = Limit(4, 2**29)
-"""Built scenes of the process that renders recordings."""
-OBSTACLES = Limit(512, 2**27)
-"""Obstacles other than primitives at rest, by content, with sizes as in `BUILT_SCENES`."""
-BYTES_PER_FACE = 512
-"""Memory of a triangle, or a point of a cloud, with its tables."""
-MESH_TREES = Limit(128, 2**29)
-"""Trees of robots' meshes, by their vertices."""
+BUILT_SCENES = Limit(16, 2**29)  # built scenes by content; a triangle or point of Coal's counts for `BYTES_PER_FACE`
+RENDERED_SCENES = Limit(4, 2**29)  # built scenes of the process that renders recordings
+OBSTACLES = Limit(512, 2**27)  # obstacles other than primitives at rest, by content, with sizes as in `BUILT_SCENES`
+BYTES_PER_FACE = 512  # memory of a triangle, or a point of a cloud, with its tables
+MESH_TREES = Limit(128, 2**29)  # trees of robots' meshes, by their vertices
 PLACED_MESHES = Limit(1024, 2**27)
 """Tables of meshes placed in their links, which a robot with a new held object reuses."""
-TRIANGULATIONS = Limit(256, 2**27)
-"""Triangles of Coal's meshes, by their vertices."""
-SOLIDS = Limit(256, 2**26)
-"""Solids of meshes, while a robot is prepared."""
-BYTES_PER_SOLID_FACE = 512
-"""Memory of a triangle of a solid."""
-ROBOTS = Limit(32, 2**30)
-"""Loaded robots; their tables count in `FOUND`."""
-ROBOT_LINES = Limit(1000, 2**24)
-"""Lines about robots that were sent."""
-ENGINES = Limit(100, 2**30)
-"""Engines of users, which share what they load."""
-OPEN_STORES = Limit(100, 2**20)
-"""Open stores of users."""
+TRIANGULATIONS = Limit(256, 2**27)  # triangles of Coal's meshes, by their vertices
+SOLIDS = Limit(256, 2**26)  # solids of meshes, while a robot is prepared
+BYTES_PER_SOLID_FACE = 512  # memory of a triangle of a solid
+ROBOTS = Limit(32, 2**30)  # loaded robots; their tables count in `FOUND`
+ROBOT_LINES = Limit(1000, 2**24)  # lines about robots that were sent
+ENGINES = Limit(100, 2**30)  # engines of users, which share what they load
+OPEN_STORES = Limit(100, 2**20)  # open stores of users
 READ_VERSIONS = Limit(32, 2**20)
 """Stored scenes of a user whose files were read, with their last versions, which most obstacles are shared by."""
-FOUND = Limit(2**18, 2**30)
-"""Memoized results for robots, scenes and obstacles, see `memo`."""
+FOUND = Limit(2**18, 2**30)  # memoized results for robots, scenes and obstacles, see `memo`
 
 
 def content_key(*parts: Any) -> bytes:

@@ -39,39 +39,23 @@ FORMAT = "guidefield cases 1"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Motion:
-    """A certified motion.
+    """A certified motion."""
 
-    Attributes:
-        world: The robot with its held objects, the obstacles, and the tested pairs.
-        placement: Of the robot's root in the world.
-        held: Held objects, as declared.
-        times: Of the knots, shape (k,) [s]; None for a path of straight lines in local coordinates.
-        positions: Local coordinates, shape (k, nv) [rad or m].
-        velocities: Of the local coordinates, shape (k, nv); None for a path.
-        jerk_limits: Shape (nv,), infinite for none; None if jerk doesn't matter.
-        min_clearance: Distance to keep from obstacles [m].
-        path_constraints: As declared.
-        touching: Pairs of names that touch at the start, and may until `left_at`.
-        left_at: Index of a piece, and the fraction of it that has passed.
-        limited: Joints whose velocity and acceleration limits count, instead of those of the world's group.
-        untold: Certified properties that no case contains, in words.
-        anchor: From which all of it is seen; None: the world's origin.
-    """
-
-    world: World
-    placement: Placement
-    held: Sequence[AttachedObject]
-    times: np.ndarray | None
-    positions: np.ndarray
-    velocities: np.ndarray | None
-    jerk_limits: np.ndarray | None = None
-    min_clearance: float = 0.0
-    path_constraints: Sequence[PathConstraint] = ()
-    touching: Sequence[tuple[str, str]] = ()
-    left_at: tuple[int, float] = (0, 0.0)
+    world: World  # the robot with its held objects, the obstacles, and the tested pairs
+    placement: Placement  # of the robot's root in the world
+    held: Sequence[AttachedObject]  # held objects, as declared
+    times: np.ndarray | None  # of the knots, shape (k,) [s]; None for a path of straight lines in local coordinates
+    positions: np.ndarray  # local coordinates, shape (k, nv) [rad or m]
+    velocities: np.ndarray | None  # of the local coordinates, shape (k, nv); None for a path
+    jerk_limits: np.ndarray | None = None  # shape (nv,), infinite for none; None if jerk doesn't matter
+    min_clearance: float = 0.0  # distance to keep from obstacles [m]
+    path_constraints: Sequence[PathConstraint] = ()  # as declared
+    touching: Sequence[tuple[str, str]] = ()  # pairs of names that touch at the start, and may until `left_at`
+    left_at: tuple[int, float] = (0, 0.0)  # index of a piece, and the fraction of it that has passed
+    # joints whose velocity and acceleration limits count, instead of those of the world's group
     limited: PlanningGroup | None = None
-    untold: str = ""
-    anchor: Anchor | None = None
+    untold: str = ""  # certified properties that no case contains, in words
+    anchor: Anchor | None = None  # from which all of it is seen; None: the world's origin
 
 
 def write(path: Path, motion: Motion) -> None:

@@ -20,14 +20,10 @@ class Deadline:
     """The time by which work must end, and the request that ends it early.
 
     Loops ask `expired` and return the best that they have; a stage without any result calls `check`.
-
-    Attributes:
-        at: On the clock of `time.monotonic` [s].
-        is_cancelled: Asks whether the work is to end early.
     """
 
-    at: float = math.inf
-    is_cancelled: Callable[[], bool] = _never
+    at: float = math.inf  # on the clock of `time.monotonic` [s]
+    is_cancelled: Callable[[], bool] = _never  # asks whether the work is to end early
 
     def remaining(self) -> float:
         """Return the time that is left [s], at least 0."""
@@ -62,8 +58,7 @@ class Deadline:
         return replace(self, is_cancelled=lambda: is_cancelled() or self.is_cancelled())
 
 
-UNLIMITED = Deadline()
-"""The deadline of work that may take as long as it does."""
+UNLIMITED = Deadline()  # the deadline of work that may take as long as it does
 
 
 def end_reason(status: Status) -> str:

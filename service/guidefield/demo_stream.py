@@ -24,35 +24,23 @@ BENT: Positions = {
     "panda_joint6": 2.15,
     "panda_joint7": 0.785398,
 }
-PLACES = (0.9, -0.9)
-"""Positions of the first joint at the two places [rad]."""
+PLACES = (0.9, -0.9)  # positions of the first joint at the two places [rad]
 SCENE = "table"
-SIDE = 0.1
-"""Side of the boxes [m]."""
-FASTEST = 0.25
-"""Their declared largest speed [m/s]."""
-LASTS = 16.0
-"""Duration of the demonstration [s]."""
+SIDE = 0.1  # side of the boxes [m]
+FASTEST = 0.25  # their declared largest speed [m/s]
+LASTS = 16.0  # duration of the demonstration [s]
 PERIOD = 0.02
 
 
 @dataclass(frozen=True)
 class Served:
-    """The outcome of the demonstration.
+    """The outcome of the demonstration."""
 
-    Attributes:
-        places: Number of reached places.
-        pieces: Number of pieces.
-        reasons: Number of updates without a piece, by reason.
-        same: Whether a replay gives the same pieces.
-        recording: The recording.
-    """
-
-    places: int
-    pieces: int
-    reasons: dict[str, int]
-    same: bool
-    recording: Path
+    places: int  # number of reached places
+    pieces: int  # number of pieces
+    reasons: dict[str, int]  # number of updates without a piece, by reason
+    same: bool  # whether a replay gives the same pieces
+    recording: Path  # the recording
 
 
 def box_at(number: int, now: float) -> tuple[float, float, float]:

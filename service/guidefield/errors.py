@@ -51,12 +51,11 @@ class GuidefieldError(Exception):
     """Base of all errors that travel as ``reply_err``.
 
     Attributes:
-        code: The wire code of this kind of error.
         message: One sentence: what was expected, what came, what is valid.
         details: The values of the message, as plain JSON data.
     """
 
-    code: ClassVar[Status] = Status.FAILURE
+    code: ClassVar[Status] = Status.FAILURE  # the wire code of this kind of error
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)

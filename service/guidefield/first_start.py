@@ -19,22 +19,17 @@ from pathlib import Path
 
 KERNELS = Path(__file__).parent / "kernels"
 
-PROGRESS_PERIOD_S = 2.0
-"""Shortest time between two progress messages [s]."""
+PROGRESS_PERIOD_S = 2.0  # shortest time between two progress messages [s]
 FIRST_PROGRESS = "compiling kernels 0 %, once for this version: the compiler is loaded"
 """The first progress message, a second or two before the compiler's own."""
-POLL_PERIOD_S = 0.2
-"""Period at which cancellation is checked [s]."""
-CPUINFO = Path("/proc/cpuinfo")
-"""Linux's description of the processor."""
+POLL_PERIOD_S = 0.2  # period at which cancellation is checked [s]
+CPUINFO = Path("/proc/cpuinfo")  # Linux's description of the processor
 CPU_FIELDS = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features")
 """Its fields that determine machine code; the others are speeds, numbers and versions."""
 TARGET_VARIABLES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 """Environment variables that make numba compile for another processor."""
-PLAIN_VARIABLE = "GUIDEFIELD_PLAIN_NUMBA"
-"""The environment variable that disables the changes to numba's internals."""
-KNOWN_NUMBA = ("0.68.0", "0.68.1")
-"""Versions of numba whose internals are changed; others are used unchanged."""
+PLAIN_VARIABLE = "GUIDEFIELD_PLAIN_NUMBA"  # the environment variable that disables the changes to numba's internals
+KNOWN_NUMBA = ("0.68.0", "0.68.1")  # versions of numba whose internals are changed; others are used unchanged
 
 
 def compile_kernels(told: Callable[[str], None], is_cancelled: Callable[[], bool] = lambda: False) -> None:

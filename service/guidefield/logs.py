@@ -12,8 +12,7 @@ import os
 import sys
 
 PLAIN = "%(asctime)s %(levelname)s %(process)d %(name)s: %(message)s"
-IN_JOURNAL = "%(levelname)s %(name)s: %(message)s"
-"""Without time and process, which the journal adds."""
+IN_JOURNAL = "%(levelname)s %(name)s: %(message)s"  # without time and process, which the journal adds
 
 
 class JsonLines(logging.Formatter):

@@ -19,20 +19,16 @@ Found = TypeVar("Found")
 
 MAX_PER_OBJECT = 16
 """The largest number of results of a function for an object, the most recently used, since clients choose arguments."""
-BYTES_PER_TRIANGLE = 560
-"""Memory of a tree of Coal per triangle, which has two nodes."""
-MISSING: Any = object()
-"""Marks a missing result."""
+BYTES_PER_TRIANGLE = 560  # memory of a tree of Coal per triangle, which has two nodes
+MISSING: Any = object()  # marks a missing result
 
 _FOUND: BoundedMap[tuple[int, int, object], tuple[Any]] = BoundedMap(FOUND)
 
-_PLACE = "_found"
-"""Attribute of an object with its mark."""
+_PLACE = "_found"  # attribute of an object with its mark
 
 _numbers = itertools.count()
 
-_MARKING = threading.Lock()
-"""Held while an object is marked: two marks would lose the results of one thread."""
+_MARKING = threading.Lock()  # held while an object is marked: two marks would lose the results of one thread
 
 
 class _Mark:
@@ -178,12 +174,10 @@ def memoized_by_value(most: int) -> Callable[[Callable[Rest, Found]], Callable[R
     return memoize
 
 
-MAX_FULLY_MEASURED, SAMPLE_SIZE = 64, 32
-"""The size of a sequence with more items is estimated from a sample."""
+MAX_FULLY_MEASURED, SAMPLE_SIZE = 64, 32  # the size of a sequence with more items is estimated from a sample
 
 
-_SMALL = frozenset({int, float, str, bool, type(None)})
-"""Types whose size doesn't count."""
+_SMALL = frozenset({int, float, str, bool, type(None)})  # types whose size doesn't count
 
 _CONTAINERS = tuple, list, dict
 

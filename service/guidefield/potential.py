@@ -34,19 +34,13 @@ class Precision(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Energy:
-    """The field on a robot at one configuration.
+    """The field on a robot at one configuration."""
 
-    Attributes:
-        potential: U, the weighted sum of the potential over the charged points, and of links on links [m].
-        gradient: dU/dv, shape (nv,); the generalised force is its negative.
-        metric: Curvature of nearby faces carried to the joints, shape (nv, nv), positive semidefinite.
-        wrenches: Force [1] and moment about the world's origin [m] on each joint's link, in the world's axes, shape
-            (joints of the group's model, 6).
-    """
-
-    potential: float
-    gradient: np.ndarray
-    metric: np.ndarray
+    potential: float  # U, the weighted sum of the potential over the charged points, and of links on links [m]
+    gradient: np.ndarray  # dU/dv, shape (nv,); the generalised force is its negative
+    metric: np.ndarray  # curvature of nearby faces carried to the joints, shape (nv, nv), positive semidefinite
+    # force [1] and moment about the world's origin [m] on each joint's link, in the world's axes, shape (joints of the
+    # group's model, 6)
     wrenches: np.ndarray
 
 
@@ -173,19 +167,12 @@ def potentials_in_time(group: PlanningGroup, scene: Scene, times: np.ndarray | N
 
 @dataclass(frozen=True, eq=False)
 class MovingCharges:
-    """The charged points of a group that its joints move.
+    """The charged points of a group that its joints move."""
 
-    Attributes:
-        group: The group.
-        points: In the frame of their joint, shape (p, 3) [m].
-        weights: Area that each stands for, shape (p,) [m^2].
-        joints: Index of the joint that moves each, shape (p,).
-    """
-
-    group: PlanningGroup
-    points: np.ndarray
-    weights: np.ndarray
-    joints: np.ndarray
+    group: PlanningGroup  # the group
+    points: np.ndarray  # in the frame of their joint, shape (p, 3) [m]
+    weights: np.ndarray  # area that each stands for, shape (p,) [m^2]
+    joints: np.ndarray  # index of the joint that moves each, shape (p,)
 
     def place_points(self, qs: Configurations) -> np.ndarray:
         """Return the points at configurations (n, nq), shape (n, p, 3) [m, world]."""

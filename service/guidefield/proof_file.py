@@ -21,10 +21,8 @@ from guidefield.referee.proof import FORMAT, digest
 from guidefield.robot.model.spaces import ChartCurves
 from guidefield.whole_file import write_whole
 
-MOMENT = 1e-9
-"""Time that a motion of one position takes [s]: the referee judges it for as long."""
-SAMPLES = 33
-"""Samples that the smallest distance along a motion is first looked for at."""
+MOMENT = 1e-9  # time that a motion of one position takes [s]: the referee judges it for as long
+SAMPLES = 33  # samples that the smallest distance along a motion is first looked for at
 WRITING_S_PER_ITEM = 1.2e-5
 """Longest time to write an obstacle, triangle, point or knot down [s]: 11 us for one of 100,000 boxes, 2 for one of a
 million triangles or points."""

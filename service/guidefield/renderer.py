@@ -26,14 +26,10 @@ from guidefield.stores.recordings import Recordings
 from guidefield.system import become_idle
 from guidefield.worker import EngineSetup
 
-LOOK_INTERVAL_S = 0.1
-"""Time between two looks whether a worker has rendered a recording that is left to it [s]."""
-RETRY_INTERVAL_S = 5.0
-"""Pause after a disk has refused, or a process has died [s]."""
-MAX_ATTEMPTS = 5
-"""Number of processes that may die with one run before it is given up."""
-Named = tuple[str, str]
-"""A run by its owner and id."""
+LOOK_INTERVAL_S = 0.1  # time between two looks whether a worker has rendered a recording that is left to it [s]
+RETRY_INTERVAL_S = 5.0  # pause after a disk has refused, or a process has died [s]
+MAX_ATTEMPTS = 5  # number of processes that may die with one run before it is given up
+Named = tuple[str, str]  # a run by its owner and id
 
 _log = logging.getLogger(__name__)
 

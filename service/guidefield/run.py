@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from guidefield.scene.anchor import Anchor
     from guidefield.scene.scene import Scene
 
-LARGEST_RECORDING = 512 * 2**20
-"""The largest recording that is stored [bytes]."""
+LARGEST_RECORDING = 512 * 2**20  # the largest recording that is stored [bytes]
 
 _log = logging.getLogger(__name__)
 
@@ -39,18 +38,12 @@ _R = TypeVar("_R", PlanReply, CertifyReply)
 
 @dataclass(frozen=True)
 class Destination:
-    """The place of a run's recording.
+    """The place of a run's recording."""
 
-    Attributes:
-        file: The recording.
-        key: Its place, for the reply.
-        bodies: Folder of robots' meshes that recordings share; None: it holds them itself.
-        log: Folder and name of the log that is written instead of the recording; None: the recording is written.
-    """
-
-    file: Path
-    key: str
-    bodies: Path | None = None
+    file: Path  # the recording
+    key: str  # its place, for the reply
+    bodies: Path | None = None  # folder of robots' meshes that recordings share; None: it holds them itself
+    # folder and name of the log that is written instead of the recording; None: the recording is written
     log: tuple[Recordings, str] | None = None
 
     @classmethod

@@ -34,10 +34,8 @@ from guidefield.scene.scene import Scene, declared_with
 from guidefield.stores.recordings import OBSTACLES, ROBOT, SCENE, SharedFile
 from guidefield.versions import describe_versions
 
-MAGIC = b"guidefield run log 1\n"
-"""Beginning of a log's file; the number is that of its form."""
-LARGE_BYTES = 16 * 2**10
-"""A scene of more bytes, and an obstacle of more, is kept in a file of its own."""
+MAGIC = b"guidefield run log 1\n"  # beginning of a log's file; the number is that of its form
+LARGE_BYTES = 16 * 2**10  # a scene of more bytes, and an obstacle of more, is kept in a file of its own
 
 
 class UnreadableLog(ValueError):
@@ -69,26 +67,18 @@ class _Local(msgspec.Struct, frozen=True, tag="local"):
 
 
 class _Log(msgspec.Struct, frozen=True):
-    """A log as it is written: messages as MessagePack, without the scene, where the request holds it whole.
-
-    Attributes:
-        scene: The scene, as MessagePack; empty: it is in a file of its own.
-        apart: Indices of its obstacles that are in files of their own, in the order of these.
-        scene_given: Whether the request holds it whole.
-        robot: The robot, unless the request says all of it.
-        packages: Folders in which meshes of a robot that is sent as text are looked for.
-    """
+    """A log as it is written: messages as MessagePack, without the scene, where the request holds it whole."""
 
     run_id: str
     made_with: str
     judges: bool
     request: bytes
     reply: bytes
-    scene: bytes
-    apart: tuple[int, ...]
-    scene_given: bool
-    robot: _Stored | _Local | None
-    packages: tuple[str, ...]
+    scene: bytes  # the scene, as MessagePack; empty: it is in a file of its own
+    apart: tuple[int, ...]  # indices of its obstacles that are in files of their own, in the order of these
+    scene_given: bool  # whether the request holds it whole
+    robot: _Stored | _Local | None  # the robot, unless the request says all of it
+    packages: tuple[str, ...]  # folders in which meshes of a robot that is sent as text are looked for
     events: PackedEvents
     motion: PackedMotion
     anchor: Anchor | None = None
@@ -96,17 +86,11 @@ class _Log(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class RobotOrigin:
-    """The source of a run's robot.
+    """The source of a run's robot."""
 
-    Attributes:
-        reference: As the request has it, but of a stored robot its files.
-        fingerprint: Hash of its text and of its files' state.
-        packages: Folders in which meshes of a robot that is sent as text are looked for.
-    """
-
-    reference: RobotReference | SentRobot
-    fingerprint: str
-    packages: tuple[Path, ...]
+    reference: RobotReference | SentRobot  # as the request has it, but of a stored robot its files
+    fingerprint: str  # hash of its text and of its files' state
+    packages: tuple[Path, ...]  # folders in which meshes of a robot that is sent as text are looked for
 
 
 @dataclass(frozen=True)

@@ -38,14 +38,10 @@ if TYPE_CHECKING:
     from guidefield.stream.journal import Journal
     from guidefield.stream.stream import CertifiedStream, Sought
 
-MOST_AT_ONCE = 256
-"""So much is taken at once, at most: whoever sends without end is answered all the same."""
-MOST_SOUGHT = 8
-"""For so many goals configurations may be looked for at once."""
-HURRY = -10
-"""Niceness of a stream's process, where the system allows one below 0."""
-REHEARSED = 3
-"""So many updates are answered before the first one, so that everything is loaded."""
+MOST_AT_ONCE = 256  # so much is taken at once, at most: whoever sends without end is answered all the same
+MOST_SOUGHT = 8  # for so many goals configurations may be looked for at once
+HURRY = -10  # niceness of a stream's process, where the system allows one below 0
+REHEARSED = 3  # so many updates are answered before the first one, so that everything is loaded
 FAR_AWAY = Placement((0.0, 0.0, 50.0))
 
 _log = logging.getLogger(__name__)
@@ -89,21 +85,13 @@ class Refused:
 
 @dataclass(frozen=True)
 class Told:
-    """A message to publish.
+    """A message to publish."""
 
-    Attributes:
-        key: Below the stream's.
-        payload: As the client wrote what it opened the stream with.
-        executing: Number of the last piece.
-        stops: When the robot stands [s].
-        state: The state, where it is one.
-    """
-
-    key: Literal["pieces", "state"]
-    payload: bytes
-    executing: int
-    stops: float
-    state: StreamState | None = None
+    key: Literal["pieces", "state"]  # below the stream's
+    payload: bytes  # as the client wrote what it opened the stream with
+    executing: int  # number of the last piece
+    stops: float  # when the robot stands [s]
+    state: StreamState | None = None  # the state, where it is one
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import psutil
 
-_PROCESSOR_TIME = 2
-"""Number of Linux's clock of the processor time of a process."""
+_PROCESSOR_TIME = 2  # number of Linux's clock of the processor time of a process
 
 
 def resident(pid: int) -> int:

@@ -8,10 +8,8 @@ from importlib.metadata import PackageNotFoundError, version
 
 from guidefield.first_start import processor
 
-PACKAGE = "guidefield"
-"""The package that plans."""
-PROCESSOR = "processor"
-"""Name of the kind of processor among the versions: another kind may round differently."""
+PACKAGE = "guidefield"  # the package that plans
+PROCESSOR = "processor"  # name of the kind of processor among the versions: another kind may round differently
 PACKAGES = (PACKAGE, "pin", "coal", "example-robot-data", "numpy", "numba", "rerun-sdk")
 """The packages whose versions are recorded."""
 

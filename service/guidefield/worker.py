@@ -26,24 +26,17 @@ from guidefield.pool.process import Call
 from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.runs import RunDatabase
 
-CONTINUED_S = 120.0
-"""Time for which a robot is prepared after a reply at most [s]."""
+CONTINUED_S = 120.0  # time for which a robot is prepared after a reply at most [s]
 
 _log = logging.getLogger(__name__)
 
 
 class Job(msgspec.Struct, frozen=True):
-    """A query for a worker.
+    """A query for a worker."""
 
-    Attributes:
-        query: As it came.
-        received: When, by `time.monotonic()`, which all processes of a machine share [s].
-        run_id: What to call the run, if the query asks for one and names none.
-    """
-
-    query: keys.Query
-    received: float
-    run_id: str | None = None
+    query: keys.Query  # as it came
+    received: float  # when, by `time.monotonic()`, which all processes of a machine share [s]
+    run_id: str | None = None  # what to call the run, if the query asks for one and names none
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Job, (self.query, self.received, self.run_id)
@@ -51,27 +44,17 @@ class Job(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class EngineSetup:
-    """Prepares the engine of a service, or of one of its workers.
+    """Prepares the engine of a service, or of one of its workers."""
 
-    Attributes:
-        data: Folder of its runs, scenes and robots.
-        instance: Name of the service, the second chunk of its keys.
-        log_level: How much a worker logs, to stderr.
-        json_logs: Whether as JSON.
-        packages: Folders of packages from which a robot that is sent may take meshes.
-        prepare: Robots that each worker prepares for their first plan before it is ready.
-        quotas: What each user may have.
-        eager_recordings: True if a worker renders each recording after its reply, before it takes the next query; else
-            a process at low priority does.
-    """
-
-    data: Path
-    instance: str = "local"
-    log_level: int = logging.INFO
-    json_logs: bool = False
-    packages: tuple[Path, ...] = ()
-    prepare: tuple[str, ...] = ()
-    quotas: Quotas = DEFAULT_QUOTAS
+    data: Path  # folder of its runs, scenes and robots
+    instance: str = "local"  # name of the service, the second chunk of its keys
+    log_level: int = logging.INFO  # how much a worker logs, to stderr
+    json_logs: bool = False  # whether as JSON
+    packages: tuple[Path, ...] = ()  # folders of packages from which a robot that is sent may take meshes
+    prepare: tuple[str, ...] = ()  # robots that each worker prepares for their first plan before it is ready
+    quotas: Quotas = DEFAULT_QUOTAS  # what each user may have
+    # true if a worker renders each recording after its reply, before it takes the next query; else a process at low
+    # priority does
     eager_recordings: bool = False
 
     def engines(self, database: RunDatabase | None = None) -> Engines:

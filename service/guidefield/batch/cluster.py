@@ -18,14 +18,10 @@ from guidefield.engine import Engine
 from guidefield.errors import WorkerCrashed
 from guidefield.whole_file import write_whole
 
-AHEAD = 4
-"""Number of requests that are handed over for each core of the cluster."""
-CONNECT_WITHIN = 5.0
-"""Longest time to connect to a cluster [s]."""
-_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-"""Escape sequences that change a terminal's colour."""
-ATTEMPTS = 3
-"""The largest number of times that a request is repeated after its node or worker was lost."""
+AHEAD = 4  # number of requests that are handed over for each core of the cluster
+CONNECT_WITHIN = 5.0  # longest time to connect to a cluster [s]
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # escape sequences that change a terminal's colour
+ATTEMPTS = 3  # the largest number of times that a request is repeated after its node or worker was lost
 
 
 def over_cluster(items: Iterable[Item], address: str) -> Iterator[Outcome]:

@@ -46,11 +46,8 @@ def seconds_for(request: bytes) -> float:
     return decoded.allowed_time + BACKSTOP if isinstance(decoded, CertifyRequest) else LONGEST_WORK
 
 
-AHEAD = 4
-"""Number of requests that are handed over for each worker."""
-
-LOOK_UP = 0.5
-"""Period of waking while waiting for results: a Ctrl-C that another thread takes doesn't wake it [s]."""
+AHEAD = 4  # number of requests that are handed over for each worker
+LOOK_UP = 0.5  # period of waking while waiting for results: a Ctrl-C that another thread takes doesn't wake it [s]
 
 _Job = TypeVar("_Job")
 

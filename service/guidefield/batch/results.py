@@ -22,8 +22,7 @@ from guidefield.messages import codec
 from guidefield.messages.replies import make_error_reply
 
 RECORDINGS = "recordings"
-BLANK = 0
-"""The fingerprint of a line without a request."""
+BLANK = 0  # the fingerprint of a line without a request
 
 
 @dataclass(frozen=True)
@@ -96,8 +95,7 @@ def fingerprint(request: bytes) -> int:
 
 RESULTS = "results.jsonl"
 LINE_BEGIN = b'{"line":'
-READ_AT_ONCE = 1 << 20
-"""Buffer for the file that is read [bytes]."""
+READ_AT_ONCE = 1 << 20  # buffer for the file that is read [bytes]
 
 
 class CannotWork(RuntimeError):

@@ -21,8 +21,7 @@ from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
 
-MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")
-"""Suffixes of motion files."""
+MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")  # suffixes of motion files
 
 SHARED_FIELDS = (
     "robot",
@@ -160,8 +159,7 @@ def _parse_row(line: list[str], head: list[str], number: int) -> list[float]:
     return row
 
 
-ROBOT_ENDINGS = (".urdf", ".xacro", ".xml")
-"""Suffixes of robot files, in lower case."""
+ROBOT_ENDINGS = (".urdf", ".xacro", ".xml")  # suffixes of robot files, in lower case
 
 
 def make_robot_reference(

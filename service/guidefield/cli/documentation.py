@@ -16,8 +16,7 @@ from guidefield.messages.faults import MAX_QUOTED_CHARACTERS, suggest
 
 _PACKAGE = "guidefield.docs"
 
-_LESS_OPTIONS = "FRX"
-"""Options of `less`, as git sets them: colours, and no paging of what fits on the screen."""
+_LESS_OPTIONS = "FRX"  # options of `less`, as git sets them: colours, and no paging of what fits on the screen
 
 
 def list_subjects() -> tuple[str, ...]:

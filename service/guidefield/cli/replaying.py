@@ -88,8 +88,7 @@ def _format_number(value: float | None, unit: float = 1.0) -> str:
     return "-" if value is None else f"{value * unit:.4g}"
 
 
-SHOWN_DIGITS = 16
-"""Number of digits of a hash to show."""
+SHOWN_DIGITS = 16  # number of digits of a hash to show
 
 VERDICT_FIELDS = ("status", "curve", "certificate", "clearance", "self_clearance", "limits")
 """The fields of a certify reply that are the verdict itself."""

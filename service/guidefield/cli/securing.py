@@ -21,8 +21,7 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages.identities import base_key, check_user, shared_key
 
 VALIDITY = timedelta(days=3650)
-CLOCK_TOLERANCE = timedelta(hours=1)
-"""Tolerance for clocks that are slow."""
+CLOCK_TOLERANCE = timedelta(hours=1)  # tolerance for clocks that are slow
 
 
 @dataclass(frozen=True)
@@ -82,15 +81,12 @@ def _make_host(host: str) -> x509.GeneralName:
 
 ASK_MESSAGES = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
 """Messages that a client sends to query and subscribe."""
-ANSWER_MESSAGES = ["reply", "put", "declare_queryable", "liveliness_token"]
-"""Messages that it gets."""
-PRESENCE_MESSAGES = ["liveliness_token"]
-"""Messages that declare a client's liveliness."""
+ANSWER_MESSAGES = ["reply", "put", "declare_queryable", "liveliness_token"]  # messages that it gets
+PRESENCE_MESSAGES = ["liveliness_token"]  # messages that declare a client's liveliness
 PUT_MESSAGES, PUT_DECLARATIONS = ["put"], ["declare_subscriber"]
 """Messages that a client sends for its own stream, and the service's subscription for them."""
 UPDATE_KEY = "streams/*/update"
-SUBSCRIBE_MESSAGES, PUBLISHED_MESSAGES = ["declare_subscriber"], ["put"]
-"""Messages that a subscriber sends and gets."""
+SUBSCRIBE_MESSAGES, PUBLISHED_MESSAGES = ["declare_subscriber"], ["put"]  # messages that a subscriber sends and gets
 PUBLIC_KEYS = ("guidefield/*/alive", "guidefield/*/starting")
 """Keys that everybody may read: the liveliness of services."""
 LIST_KEYS = ("info", "robots", "scenes", "runs")
@@ -169,12 +165,9 @@ def _ids(rules: Iterable[dict[str, Any]]) -> list[str]:
     return [rule["id"] for rule in rules]
 
 
-LOCAL_HOSTS = ("localhost", "127.0.0.1")
-"""Names of a service on the client's own machine."""
-SECRET_BYTES = 24
-"""Random bytes of a password."""
-READABLE, SECRET = 0o644, 0o600
-"""Modes of files; those with a password or key are readable by their owner only."""
+LOCAL_HOSTS = ("localhost", "127.0.0.1")  # names of a service on the client's own machine
+SECRET_BYTES = 24  # random bytes of a password
+READABLE, SECRET = 0o644, 0o600  # modes of files; those with a password or key are readable by their owner only
 
 
 def write_files(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -> list[Path]:

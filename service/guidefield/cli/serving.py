@@ -27,10 +27,8 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
 from guidefield.messages.quotas import Quotas
 
-FORCED_EXIT_CODE = os.EX_SOFTWARE
-"""Exit code of a process that was ended by force."""
-DUMP_TIME_S = 5.0
-"""Time to dump the traces of all threads before the system's alarm ends the process [s]."""
+FORCED_EXIT_CODE = os.EX_SOFTWARE  # exit code of a process that was ended by force
+DUMP_TIME_S = 5.0  # time to dump the traces of all threads before the system's alarm ends the process [s]
 
 _log = logging.getLogger(__name__)
 
@@ -92,14 +90,9 @@ def free_port() -> Iterator[int]:
         yield held.getsockname()[1]
 
 
-TRACE_SIGNAL = signal.SIGUSR1
-"""On this signal a service writes the traces of all threads to stderr, and continues."""
-
-END_TIME_S = 30.0
-"""Time of a service to end after its work is finished, before it is ended by force [s]."""
-
-CHILD_END_TIME_S = 60.0
-"""Time of a child service to end, longer than that of a service that is ended by force [s]."""
+TRACE_SIGNAL = signal.SIGUSR1  # on this signal a service writes the traces of all threads to stderr, and continues
+END_TIME_S = 30.0  # time of a service to end after its work is finished, before it is ended by force [s]
+CHILD_END_TIME_S = 60.0  # time of a child service to end, longer than that of a service that is ended by force [s]
 
 
 def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None]) -> None:

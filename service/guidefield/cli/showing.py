@@ -21,8 +21,7 @@ from rich.console import Console
 
 from guidefield.cli.serving import LOOPBACK, free_port
 
-SERVER_START_TIME_S = 30.0
-"""Time that the web viewer's server has to answer [s]."""
+SERVER_START_TIME_S = 30.0  # time that the web viewer's server has to answer [s]
 
 
 def show_in_window(recording: Path, err: Console) -> int:

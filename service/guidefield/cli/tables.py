@@ -31,8 +31,7 @@ from guidefield.messages.replies import (
     Timing,
 )
 
-MAX_LISTED_GROUPS = 4
-"""The largest number of groups in a line of the list."""
+MAX_LISTED_GROUPS = 4  # the largest number of groups in a line of the list
 
 
 def robots_table(reply: RobotsReply) -> RenderableType:

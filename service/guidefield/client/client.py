@@ -36,8 +36,7 @@ from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-GIVE_UP_WITHIN = 2.0
-"""Time to wait for the answer to a cancel when the caller is being interrupted [s]."""
+GIVE_UP_WITHIN = 2.0  # time to wait for the answer to a cancel when the caller is being interrupted [s]
 
 _R = TypeVar("_R")
 

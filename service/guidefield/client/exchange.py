@@ -31,18 +31,13 @@ from guidefield.messages.identities import PLAIN, base_key, shared_key
 from guidefield.messages.replies import Progress
 from guidefield.messages.scene_changes import SceneChanged
 
-RETURN_TIME_S = 3.0
-"""Time to wait for another instance when the present one is gone [s]."""
-MAX_RETURNS = 5
-"""The largest number of attempts at an instance that stays alive: the client has no right to an answer."""
+RETURN_TIME_S = 3.0  # time to wait for another instance when the present one is gone [s]
+MAX_RETURNS = 5  # the largest number of attempts at an instance that stays alive: the client has no right to an answer
 RETRY_PAUSE_S = 0.1
 """Pause before the next attempt, doubled each time, since Zenoh may not know yet that the instance is gone [s]."""
-SIGNAL_PERIOD_S = 0.2
-"""Period at which a waiting caller handles signals [s]."""
-THREAD_NAME = "guidefield-ask"
-"""Name of the threads that ask another instance."""
-MAX_REMEMBERED_RUNS = 1_000
-"""The largest number of runs whose instances are remembered."""
+SIGNAL_PERIOD_S = 0.2  # period at which a waiting caller handles signals [s]
+THREAD_NAME = "guidefield-ask"  # name of the threads that ask another instance
+MAX_REMEMBERED_RUNS = 1_000  # the largest number of runs whose instances are remembered
 
 _M = TypeVar("_M", Progress, SceneChanged)
 

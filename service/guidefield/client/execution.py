@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 from guidefield.messages.streams import Piece
 
-MAX_WAITING_PIECES = 64
-"""The largest number of pieces that wait to begin; the oldest are dropped."""
+MAX_WAITING_PIECES = 64  # the largest number of pieces that wait to begin; the oldest are dropped
 
 
 @dataclass(frozen=True)

@@ -66,8 +66,7 @@ class Loads:
 
 REFRESHED_EVERY = 0.5
 """Largest age of a report about other clients' questions [s]; this client's own are counted at once."""
-ASK_WITHIN = 1.0
-"""Time that an instance has to report its load [s]."""
+ASK_WITHIN = 1.0  # time that an instance has to report its load [s]
 
 
 class Instances:

@@ -67,10 +67,8 @@ ANSWER_TIMEOUT = 660.0
 """Time to wait for an answer to anything but a run; longer than the service lets a worker work [s]."""
 _DEFAULT_FILTERS = (None, LARGEST_PAGE)
 """Values in a request for a list of runs that mean the same where they are left out."""
-PLAN_MARGIN = 90.0
-"""Time to wait for a run beyond its allowed time; more than the service's own margin [s]."""
-_WORD = re.compile(r"[^/?#*$;]+")
-"""One chunk of a key, or the value of a parameter."""
+PLAN_MARGIN = 90.0  # time to wait for a run beyond its allowed time; more than the service's own margin [s]
+_WORD = re.compile(r"[^/?#*$;]+")  # one chunk of a key, or the value of a parameter
 
 _R = TypeVar("_R")
 _Q = TypeVar("_Q", PlanRequest, CertifyRequest, StreamOpen)

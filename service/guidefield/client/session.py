@@ -14,12 +14,9 @@ import zenoh
 from guidefield.errors import NoService, strip_source
 from guidefield.messages.identities import PLAIN, check_user
 
-RETRY_PERIOD = 0.05
-"""Time between two attempts to find a service [s]."""
-TCP_PROTOCOLS = ("tcp", "tls", "ws")
-"""Protocols of Zenoh that run over TCP."""
-CONNECT_TIMEOUT = 1.0
-"""Time that an endpoint has to accept a TCP connection [s]."""
+RETRY_PERIOD = 0.05  # time between two attempts to find a service [s]
+TCP_PROTOCOLS = ("tcp", "tls", "ws")  # protocols of Zenoh that run over TCP
+CONNECT_TIMEOUT = 1.0  # time that an endpoint has to accept a TCP connection [s]
 RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 1.5}
 """Periods of attempts to restore a cut link, unless the configuration gives its own."""
 

@@ -25,8 +25,7 @@ from guidefield.messages.replies import make_error, make_error_reply
 from guidefield.messages.stream_requests import StreamAimed, StreamReply
 from guidefield.messages.streams import MOST_OBSTACLES, Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
 
-KEPT = 64
-"""So many pieces wait to be asked for; the oldest are forgotten."""
+KEPT = 64  # so many pieces wait to be asked for; the oldest are forgotten
 GONE_WITHIN = 6.0
 """So long a service may be out of sight before its streams have ended, which it ends itself after that time without the
 client: a link may be cut for a moment [s]."""

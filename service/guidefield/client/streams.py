@@ -60,8 +60,7 @@ class StreamFacts:
         return self._link.at(now)
 
 
-END_WITHIN = 2.0
-"""Time to wait for the answer to its end [s]."""
+END_WITHIN = 2.0  # time to wait for the answer to its end [s]
 
 _R = TypeVar("_R")
 

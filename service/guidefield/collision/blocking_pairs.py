@@ -44,22 +44,17 @@ def depth_of(world: World, pair: int) -> float | None:
     return max(0.0, -world.distance(pair)[0])
 
 
-MOST_LOOKED_AT = 16
-"""Configurations that are looked at: what is met most is known by then."""
+MOST_LOOKED_AT = 16  # configurations that are looked at: what is met most is known by then
 
 
 @dataclass(frozen=True)
 class BlockingPairs:
-    """How often pairs touched at the configurations looked at, the most frequent first.
-
-    Attributes:
-        deepest: Of the first pair the greatest depth [m]; None where it has none.
-        clearest: The most that one of them keeps from the obstacles, if they were to keep something [m].
-    """
+    """How often pairs touched at the configurations looked at, the most frequent first."""
 
     looked_at: int
     counts: dict[PairNames, int]
-    deepest: float | None
+    deepest: float | None  # of the first pair the greatest depth [m]; None where it has none
+    # the most that one of them keeps from the obstacles, if they were to keep something [m]
     clearest: float | None = None
 
     def describe(self) -> str:

@@ -58,22 +58,15 @@ class Bodies:
     """What is known about the robot's bodies before any configuration is, in the order of the group's geometry.
 
     Columns j are those of the velocity of the group's `model`, followers included.
-
-    Attributes:
-        joints: Joint that carries each robot body, shape (r,); 0 is the world.
-        centres, radii: Balls about robot bodies, in the frame of that joint, shapes (r, 3) and (r,) [m].
-        part_centres, part_radii: Balls that together hold each, shapes (r, `PARTS`, 3) and (r,), in the same frame [m].
-        moved_by: Whether joint j moves a robot body, shape (r, nv).
-        turns: Whether joint j turns (revolute, continuous) rather than slides, shape (nv,).
     """
 
-    joints: np.ndarray
-    centres: np.ndarray
+    joints: np.ndarray  # joint that carries each robot body, shape (r,); 0 is the world
+    centres: np.ndarray  # balls about robot bodies, in the frame of that joint, shapes (r, 3) and (r,) [m]
     radii: np.ndarray
-    part_centres: np.ndarray
+    part_centres: np.ndarray  # balls that together hold each, shapes (r, `PARTS`, 3) and (r,), in the same frame [m]
     part_radii: np.ndarray
-    moved_by: np.ndarray
-    turns: np.ndarray
+    moved_by: np.ndarray  # whether joint j moves a robot body, shape (r, nv)
+    turns: np.ndarray  # whether joint j turns (revolute, continuous) rather than slides, shape (nv,)
 
     @cached_property
     def balls(self) -> BodyBalls:

@@ -14,21 +14,15 @@ from guidefield.collision.world import World
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ModelConfiguration
 
-FIRST_REACH = 0.1
-"""Obstacles are looked for within this of the robot first, then within twice as much [m], at size 1."""
-
-DIRECTED = 1e-9
-"""Closest points nearer to each other than this tell no direction [m]."""
-
-HULL_ACCURACY = 1e-6
-"""How far off Coal's distance of two hulls may be [m]."""
+FIRST_REACH = 0.1  # obstacles are looked for within this of the robot first, then within twice as much [m], at size 1
+DIRECTED = 1e-9  # closest points nearer to each other than this tell no direction [m]
+HULL_ACCURACY = 1e-6  # how far off Coal's distance of two hulls may be [m]
 
 
 BOX_MARGIN = 1e-9
 """What boxes about balls are wider by, of a metre and of each metre that they are from the origin, for rounding [m]."""
 
-_Closest = tuple[float, int, ClosestPoints]
-"""Distance [m], index and closest points of a pair."""
+_Closest = tuple[float, int, ClosestPoints]  # distance [m], index and closest points of a pair
 
 
 @dataclass(frozen=True, eq=False)

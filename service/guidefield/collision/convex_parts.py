@@ -306,8 +306,7 @@ def known_surface(shape: Any) -> MeshTree:
     return tree
 
 
-NEAR_ORIGIN = 100.0
-"""A robot whose base is farther from the origin than this is seen from its base [m]."""
+NEAR_ORIGIN = 100.0  # a robot whose base is farther from the origin than this is seen from its base [m]
 
 
 class BodyParts(NamedTuple):

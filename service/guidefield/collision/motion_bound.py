@@ -26,30 +26,24 @@ class MotionBound(ReadOnly):
     through its centre that may be any: rho is the largest distance from the centre. Lengths that belong together count
     by their norm. Of two moving bodies only joints that move one and not the other count: the others move both as one.
     A follower's e is its driver's times the size of its multiplier.
-
-    Attributes:
-        half_widths: Matrix (nv of the model, group.nv) from half widths of planned joints to those of all that move.
-        alone: Whether a joint's move is its own column's, shape (nv of the model,).
-        together: Matrix (nv, nv of the model): which columns make one move, counted in its first column.
-        centred: The same for turns about a centre, halved: the squared distances from three axes through a point add
-            up to twice that from the point.
-        doubled: 2 for the first column of a ball joint's rotation, 1 for joints that turn, 0 for those that slide.
-        radii: Radius of the ball about a robot body, 0 where the joint slides, shape (r, nv of the model) [m].
-        first_only, second_only: Joints that move the one body of own pairs and not the other, shape (n_self, nv).
-        apart_from: The first column behind all joints that move both, shape (n_self,); none from there on moves both.
     """
 
+    # matrix (nv of the model, group.nv) from half widths of planned joints to those of all that move
     half_widths: np.ndarray
-    alone: np.ndarray
-    together: np.ndarray
+    alone: np.ndarray  # whether a joint's move is its own column's, shape (nv of the model,)
+    together: np.ndarray  # matrix (nv, nv of the model): which columns make one move, counted in its first column
+    # the same for turns about a centre, halved: the squared distances from three axes through a point add up to twice
+    # that from the point
     centred: np.ndarray
     turns: np.ndarray
+    # 2 for the first column of a ball joint's rotation, 1 for joints that turn, 0 for those that slide
     doubled: np.ndarray
-    radii: np.ndarray
+    radii: np.ndarray  # radius of the ball about a robot body, 0 where the joint slides, shape (r, nv of the model) [m]
     moved_by: np.ndarray
     own: np.ndarray
-    first_only: np.ndarray
+    first_only: np.ndarray  # joints that move the one body of own pairs and not the other, shape (n_self, nv)
     second_only: np.ndarray
+    # the first column behind all joints that move both, shape (n_self,); none from there on moves both
     apart_from: np.ndarray
 
     def at(self, jacobians: np.ndarray, centres: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

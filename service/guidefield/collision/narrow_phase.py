@@ -60,11 +60,9 @@ def transform(placement: Any) -> Any:
     return coal.Transform3s(np.array(placement.rotation), np.array(placement.translation))
 
 
-_Meeting = tuple[int, int, int]
-"""Indices of two bodies, and which patch of the second is meant."""
+_Meeting = tuple[int, int, int]  # indices of two bodies, and which patch of the second is meant
 
-_ROUNDING = 1e-9
-"""What boxes about bodies are wider by, for rounding [m]."""
+_ROUNDING = 1e-9  # what boxes about bodies are wider by, for rounding [m]
 
 
 class NarrowPhase:

@@ -18,14 +18,9 @@ from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, rows_of
 
-CHILDREN = 16
-"""Boxes behind one box of the next level."""
-
-FEW = 16
-"""For so many overlaps of each box there is room before it is known how many there are."""
-
-_BITS = 16
-"""Bits of one coordinate of a place on the curve along which boxes are sorted."""
+CHILDREN = 16  # boxes behind one box of the next level
+FEW = 16  # for so many overlaps of each box there is room before it is known how many there are
+_BITS = 16  # bits of one coordinate of a place on the curve along which boxes are sorted
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,17 +100,12 @@ ROUNDING = 1e-9
 
 
 class OwnBoxes(NamedTuple):
-    """Boxes about obstacles along their own axes, and what is about these along the world's.
+    """Boxes about obstacles along their own axes, and what is about these along the world's."""
 
-    Attributes:
-        axes: Their axes as columns, row by row, shape (n, 9).
-        centres, halves: Middles along the axes, half extents, shape (n, 3) [m]; those of a half-space are infinite.
-        boxes: Lower, then upper corners of boxes along the world's axes about them, a hair wider, shape (n, 6) [m].
-    """
-
-    axes: np.ndarray
-    centres: np.ndarray
+    axes: np.ndarray  # their axes as columns, row by row, shape (n, 9)
+    centres: np.ndarray  # middles along the axes, half extents, shape (n, 3) [m]; those of a half-space are infinite
     halves: np.ndarray
+    # lower, then upper corners of boxes along the world's axes about them, a hair wider, shape (n, 6) [m]
     boxes: np.ndarray
 
 

@@ -10,27 +10,19 @@ import numpy as np
 from guidefield.kernels.collide.near_pairs import PairTable
 from guidefield.read_only import ReadOnly
 
-PairNames = tuple[str, str]
-"""Names of the bodies of a pair: a link, and a link or an obstacle."""
+PairNames = tuple[str, str]  # names of the bodies of a pair: a link, and a link or an obstacle
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs(ReadOnly):
-    """First the robot's own pairs, then every body on a moving link with every obstacle, but those left out.
+    """First the robot's own pairs, then every body on a moving link with every obstacle, but those left out."""
 
-    Attributes:
-        own: Bodies of the robot's own pairs, shape (n_self, 2), the lower index first.
-        links: How many bodies are the robot's, which come before the obstacles.
-        moving: Those of them that are tested against obstacles, ascending, shape (m,).
-        obstacles: How many obstacles there are.
-        left_out: Of all m * obstacles pairs with obstacles those that may touch, as they are counted without own ones
-            if none is left out; ascending, shape (k,).
-    """
-
-    own: np.ndarray
-    links: int
-    moving: np.ndarray
-    obstacles: int
+    own: np.ndarray  # bodies of the robot's own pairs, shape (n_self, 2), the lower index first
+    links: int  # how many bodies are the robot's, which come before the obstacles
+    moving: np.ndarray  # those of them that are tested against obstacles, ascending, shape (m,)
+    obstacles: int  # how many obstacles there are
+    # of all m * obstacles pairs with obstacles those that may touch, as they are counted without own ones if none is
+    # left out; ascending, shape (k,)
     left_out: np.ndarray
 
     def __len__(self) -> int:

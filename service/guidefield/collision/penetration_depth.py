@@ -16,17 +16,12 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 
-ACCURACY = 2e-6
-"""What Coal's depth may be off, and a share of it [m]."""
+ACCURACY = 2e-6  # what Coal's depth may be off, and a share of it [m]
+MARGIN = 1e-3  # by how much the second body is moved beyond the first, so that GJK tells a direction [m]
 
-MARGIN = 1e-3
-"""By how much the second body is moved beyond the first, so that GJK tells a direction [m]."""
+STARTS, STEPS = 4, 40  # from how many directions h is descended, and in how many steps
 
-STARTS, STEPS = 4, 40
-"""From how many directions h is descended, and in how many steps."""
-
-FACES = 64
-"""The normals of a hull's faces are tried where there are no more than this."""
+FACES = 64  # the normals of a hull's faces are tried where there are no more than this
 
 
 class ClosestPoints(NamedTuple):

@@ -26,11 +26,9 @@ from guidefield.robot.model.model import RobotModel
 
 _log = logging.getLogger(__name__)
 
-Told = Callable[[str], None]
-"""Told before each task what is prepared: such as ``covering link2, shape 3 of 8``."""
+Told = Callable[[str], None]  # told before each task what is prepared: such as ``covering link2, shape 3 of 8``
 
-LONG = 1.0
-"""A preparation that takes longer is worth a line in the log [s]."""
+LONG = 1.0  # a preparation that takes longer is worth a line in the log [s]
 
 
 def is_prepared(robot: RobotModel) -> bool:

@@ -12,8 +12,7 @@ from guidefield.robot.model.model import JointKind
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.crop import Ball
 
-SLIDE_MARGIN = 0.05
-"""Sliding joints may be so far beyond their limits [m]: farther than any start or goal."""
+SLIDE_MARGIN = 0.05  # sliding joints may be so far beyond their limits [m]: farther than any start or goal
 
 _TURNING_KINDS = {JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.SPHERICAL}
 """Kinds of joints that leave the origin of their frame where it is."""

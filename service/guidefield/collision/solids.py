@@ -21,8 +21,7 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import hull, triangulation
 from guidefield.scene.obstacle import Obstacle
 
-MOST_TRIANGLES = 20_000
-"""An obstacle of more has no hull."""
+MOST_TRIANGLES = 20_000  # an obstacle of more has no hull
 
 
 @memoized_for_alike
@@ -58,18 +57,13 @@ def obstacle_hull(obstacle: Obstacle) -> Any | None:
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """What tells whether a body is inside another, in the body's own frame [m].
+    """What tells whether a body is inside another, in the body's own frame [m]."""
 
-    Attributes:
-        vertices: Those of a closed mesh that is judged as a surface, shape (v, 3).
-        surfaces: Triangles of each of its solids, shape (t, 3), and boxes about runs of them (k, 4); else none.
-        boxes: Lower and upper corners about the solids, shape (n, 2, 3).
-        points: A point of each connected piece, shape (n, 3); of a half-space none, because nothing encloses it.
-    """
-
-    vertices: np.ndarray
+    vertices: np.ndarray  # those of a closed mesh that is judged as a surface, shape (v, 3)
+    # triangles of each of its solids, shape (t, 3), and boxes about runs of them (k, 4); else none
     surfaces: tuple[tuple[np.ndarray, np.ndarray], ...]
-    boxes: np.ndarray
+    boxes: np.ndarray  # lower and upper corners about the solids, shape (n, 2, 3)
+    # a point of each connected piece, shape (n, 3); of a half-space none, because nothing encloses it
     points: np.ndarray
 
     def contains_any(self, points: np.ndarray) -> bool:

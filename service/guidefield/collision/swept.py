@@ -21,11 +21,8 @@ from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.spaces import ChartPoint, Configuration
 from guidefield.scene.distance_tables import distance_tables
 
-SELF_MARGIN = 1e-4
-"""What capsules of the robot keep from each other [m], at size 1."""
-
-FLOOR = 5e-4
-"""Motions that the capsules can't tell apart are halved down to this [m], at size 1."""
+SELF_MARGIN = 1e-4  # what capsules of the robot keep from each other [m], at size 1
+FLOOR = 5e-4  # motions that the capsules can't tell apart are halved down to this [m], at size 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,11 +27,8 @@ from guidefield.robot.group.kinematics import lent_data
 from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.scene import Scene
 
-TOUCHING = 1e-6
-"""Pairs that balls and boxes tell to be farther apart than this don't touch [m]."""
-
-ROOM = 256
-"""Room for so many pairs that may touch; where there are more, they are found again."""
+TOUCHING = 1e-6  # pairs that balls and boxes tell to be farther apart than this don't touch [m]
+ROOM = 256  # room for so many pairs that may touch; where there are more, they are found again
 
 
 @dataclass(frozen=True, eq=False)

@@ -117,8 +117,7 @@ def _read(file: Path) -> str:
         return ""
 
 
-MIN_PROCESSORS = 2
-"""With less a worker and whatever else runs, the service's own process too, wait for one another."""
+MIN_PROCESSORS = 2  # with less a worker and whatever else runs, the service's own process too, wait for one another
 WIDE = ("avx512f", "avx2", "asimd")
 """Vector instructions that the kernels' sixteen lanes are made for, the widest first."""
 
@@ -191,8 +190,7 @@ def memory_found(total: int, available: int, limit: int | None, workers: int) ->
 
 
 GIB = 2**30
-MIN_FREE_BYTES = GIB
-"""With less a few recordings fill the disk [bytes]."""
+MIN_FREE_BYTES = GIB  # with less a few recordings fill the disk [bytes]
 
 
 def disk(data: Path) -> Finding:
@@ -357,10 +355,8 @@ def graphics_found(
     return fine("graphics", f"display {display}, {', '.join((*drivers, *devices)) or loaders[0]}")
 
 
-UNSYNCHRONIZED = 5
-"""TIME_ERROR: what the system says of a clock that nothing sets."""
-SLACK = 86_400.0
-"""How far behind the newest file of ours it may be, whose time another machine may have set [s]."""
+UNSYNCHRONIZED = 5  # TIME_ERROR: what the system says of a clock that nothing sets
+SLACK = 86_400.0  # how far behind the newest file of ours it may be, whose time another machine may have set [s]
 
 
 def clock() -> Finding:

@@ -10,17 +10,12 @@ from guidefield.errors import QuotaExceeded
 from guidefield.messages.quotas import Quotas
 from guidefield.pool.waiting import HALVED_IN, Waiting
 
-MOST_USERS = 1_000
-"""For how many users it is remembered when they asked."""
+MOST_USERS = 1_000  # for how many users it is remembered when they asked
 MINUTE = 60.0
-STEADY = HALVED_IN / math.log(2.0)
-"""What is counted of a user who gets a processor second each second, for long [s]."""
-AT_ONCE = 256 * 2**20
-"""So much payload may come at once [bytes]."""
-LIST_COUNTS = 10.0
-"""As how many queries one for a list counts, or for all of `info`: so much longer it takes to answer."""
-SHORTEST = 0.001
-"""The shortest time after which somebody is told to ask again [s]."""
+STEADY = HALVED_IN / math.log(2.0)  # what is counted of a user who gets a processor second each second, for long [s]
+AT_ONCE = 256 * 2**20  # so much payload may come at once [bytes]
+LIST_COUNTS = 10.0  # as how many queries one for a list counts, or for all of `info`: so much longer it takes to answer
+SHORTEST = 0.001  # the shortest time after which somebody is told to ask again [s]
 
 
 class Allowances:

@@ -21,14 +21,10 @@ from guidefield.pool.waiting import Answer
 
 JSON_NAMES = ("", "zenoh/bytes", "zenoh/string", "application/json", "text/json")
 """Zenoh encodings that mean JSON: its own default ones too."""
-FILE = "application/octet-stream"
-"""The Zenoh encoding of a recording or proof."""
-RETRY_AFTER = 1.0
-"""Time after which a client may ask again whose answers wait to be read [s]."""
-LONGEST_CLIENT = 64
-"""Part of a client's name that counts [bytes]."""
-REMEMBERED_KEYS = 1_000
-"""The largest number of keys that are remembered as they were split."""
+FILE = "application/octet-stream"  # the Zenoh encoding of a recording or proof
+RETRY_AFTER = 1.0  # time after which a client may ask again whose answers wait to be read [s]
+LONGEST_CLIENT = 64  # part of a client's name that counts [bytes]
+REMEMBERED_KEYS = 1_000  # the largest number of keys that are remembered as they were split
 
 _log = logging.getLogger(__name__)
 

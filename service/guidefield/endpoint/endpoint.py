@@ -65,10 +65,8 @@ LATE, LATE_SHARE = 0.02, 0.03
 """Delay of the answer to a request that is still loaded for when its time is up [s], and as a share of its time."""
 LAST, LAST_SHARE = 0.04, 0.045
 """The same for any request: time for a worker that minds its time by itself to send what it has found."""
-BRIEF = 1 << 14
-"""Largest query of kinematics that counts as brief [bytes]."""
-LAST_ANSWERS = 5.0
-"""Time for the last answers to be read at the end [s]."""
+BRIEF = 1 << 14  # largest query of kinematics that counts as brief [bytes]
+LAST_ANSWERS = 5.0  # time for the last answers to be read at the end [s]
 
 
 class Endpoint:

@@ -15,8 +15,7 @@ from guidefield.errors import strip_source
 from guidefield.messages import codec
 from guidefield.pool.outbox import MOST_THREADS
 
-READ_WITHIN = 15.0
-"""Time for reading an answer, beside what the system keeps of it, before its link is ended [s]."""
+READ_WITHIN = 15.0  # time for reading an answer, beside what the system keeps of it, before its link is ended [s]
 LEASE = 10.0
 """Time for which a link that was cut without a word may go unnoticed [s].
 
@@ -41,10 +40,8 @@ UNLESS_TOLD = {
     "transport/link/rx/max_message_size": str(LONGEST_MESSAGE),
 }
 """Settings where the configuration leaves Zenoh's own: no scouting, and nothing is read without end."""
-DESCRIPTORS = Path("/dev/fd")
-"""Folder that lists the open files of a process, on Linux and macOS."""
-AT_ONCE = struct.pack("ii", 0, 0)
-"""The option's value: off, and its time."""
+DESCRIPTORS = Path("/dev/fd")  # folder that lists the open files of a process, on Linux and macOS
+AT_ONCE = struct.pack("ii", 0, 0)  # the option's value: off, and its time
 
 
 def close_links_at_once(session: zenoh.Session) -> zenoh.LinkEventsListener[None]:
@@ -77,11 +74,9 @@ def close_sockets_at_once() -> None:
 
 
 LOOPBACK = "127.0.0.1"
-DEFAULT_LISTEN = f"tcp/{LOOPBACK}:7447"
-"""Default endpoint of a service."""
+DEFAULT_LISTEN = f"tcp/{LOOPBACK}:7447"  # default endpoint of a service
 KEY = "guidefield-doctor/answer"
-WITHIN = 5.0
-"""Time-out of the query over loopback [s]."""
+WITHIN = 5.0  # time-out of the query over loopback [s]
 
 
 class NoAnswer(RuntimeError):

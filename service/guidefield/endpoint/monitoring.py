@@ -62,10 +62,8 @@ class Meter:
 
 
 LOOPBACK = "127.0.0.1"
-PATIENCE = 5.0
-"""Time for a client of HTTP to ask, and to read the answer [s]."""
-OUTCOMES = ("asked", "answered", "refused", "dropped")
-"""Counters of queries by outcome; the others count other events."""
+PATIENCE = 5.0  # time for a client of HTTP to ask, and to read the answer [s]
+OUTCOMES = ("asked", "answered", "refused", "dropped")  # counters of queries by outcome; the others count other events
 
 
 @contextlib.contextmanager
@@ -175,10 +173,8 @@ def _buckets(histogram: Histogram) -> list[tuple[str, float]]:
     return list(zip(bounds, map(float, itertools.accumulate(histogram.counts)), strict=True))
 
 
-End = Callable[[str], None]
-"""Ends the trace of a query; is told whether it was answered or refused."""
-Trace = Callable[[str, str], End]
-"""Begins the trace of a query, by the kind and the key of it."""
+End = Callable[[str], None]  # ends the trace of a query; is told whether it was answered or refused
+Trace = Callable[[str, str], End]  # begins the trace of a query, by the kind and the key of it
 
 
 def no_trace(_kind: str, _key: str) -> End:
@@ -218,8 +214,7 @@ def exporting_provider(instance: str) -> Any:
     return provider
 
 
-RETRY_AFTER = 2.0
-"""Time after which a service that is starting may be asked again [s]."""
+RETRY_AFTER = 2.0  # time after which a service that is starting may be asked again [s]
 
 
 class Condition:

@@ -29,12 +29,9 @@ from guidefield.stream_worker import (
     make_state,
 )
 
-SILENCE = 10.0
-"""After so long without an update a stream ends [s]."""
-OPENED_WITHIN = 120.0
-"""A stream that isn't open after so long is given up [s]: the first use of a robot prepares it."""
-Publish = Callable[[str, bytes, Encoding], None]
-"""Publishes something on a key below the stream's."""
+SILENCE = 10.0  # after so long without an update a stream ends [s]
+OPENED_WITHIN = 120.0  # a stream that isn't open after so long is given up [s]: the first use of a robot prepares it
+Publish = Callable[[str, bytes, Encoding], None]  # publishes something on a key below the stream's
 
 
 class OpenStream:

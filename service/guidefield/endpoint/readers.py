@@ -12,10 +12,8 @@ from guidefield.messages.identities import Asker
 from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
 THREADS = 2
-MOST_READS = 64
-"""How many queries for files may wait."""
-LONGEST = 600.0
-"""Longer than any file takes [s]."""
+MOST_READS = 64  # how many queries for files may wait
+LONGEST = 600.0  # longer than any file takes [s]
 
 _log = logging.getLogger(__name__)
 

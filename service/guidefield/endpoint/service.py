@@ -50,14 +50,10 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-DEFAULT_QUEUE = 64
-"""Default number of requests that may wait."""
-DEFAULT_STREAMS = 4
-"""Default number of streams that may be open at once."""
-DEFAULT_GRACE = 10.0
-"""Default time for requests under way at the end [s]."""
-ANSWERS_WITHIN = 5.0
-"""Time for a service of the same name to say that it is alive [s]; if there is none, nothing waits."""
+DEFAULT_QUEUE = 64  # default number of requests that may wait
+DEFAULT_STREAMS = 4  # default number of streams that may be open at once
+DEFAULT_GRACE = 10.0  # default time for requests under way at the end [s]
+ANSWERS_WITHIN = 5.0  # time for a service of the same name to say that it is alive [s]; if there is none, nothing waits
 EAGER_WITHIN = 30.0
 """Time that a worker has for the recording that it renders after its reply, before another process does it [s]."""
 FOR_STREAMS = {
@@ -66,8 +62,7 @@ FOR_STREAMS = {
     "express": True,
 }
 """The way in which messages of streams are published."""
-PATIENCE = 0.2
-"""Time between two looks of a start whether it is to be given up [s]."""
+PATIENCE = 0.2  # time between two looks of a start whether it is to be given up [s]
 
 
 class CannotServe(RuntimeError):
@@ -76,33 +71,20 @@ class CannotServe(RuntimeError):
 
 @dataclass(frozen=True)
 class ServiceSettings(EngineSetup):
-    """The settings of a service, beside those of its engine.
+    """The settings of a service, beside those of its engine."""
 
-    Attributes:
-        listen: Zenoh endpoints; None takes the configuration's, or else a loopback port.
-        config: Zenoh configuration file.
-        workers: Number of worker processes.
-        streams: How many streams may be open at once; each has a process of its own.
-        queue_limit: How many requests may wait for a worker; a single client may have half of them.
-        memory: A worker that takes more is stopped [bytes].
-        retention: How many runs are kept.
-        otel: Whether queries are traced with OpenTelemetry.
-        metrics: Port on loopback where metrics and health are told over HTTP; None: nowhere.
-        grace: How long requests that are being worked on may take at the end [s]; then plans are ended early.
-        ros: How it is offered to ROS 2 nodes; None: not at all.
-    """
-
-    listen: tuple[str, ...] | None = None
-    config: Path | None = None
-    workers: int = 2
-    streams: int = DEFAULT_STREAMS
-    queue_limit: int = DEFAULT_QUEUE
-    memory: int = DEFAULT_MEMORY
-    retention: Retention = DEFAULT_RETENTION
-    otel: bool = False
-    metrics: int | None = None
+    listen: tuple[str, ...] | None = None  # zenoh endpoints; None takes the configuration's, or else a loopback port
+    config: Path | None = None  # zenoh configuration file
+    workers: int = 2  # number of worker processes
+    streams: int = DEFAULT_STREAMS  # how many streams may be open at once; each has a process of its own
+    queue_limit: int = DEFAULT_QUEUE  # how many requests may wait for a worker; a single client may have half of them
+    memory: int = DEFAULT_MEMORY  # a worker that takes more is stopped [bytes]
+    retention: Retention = DEFAULT_RETENTION  # how many runs are kept
+    otel: bool = False  # whether queries are traced with OpenTelemetry
+    metrics: int | None = None  # port on loopback where metrics and health are told over HTTP; None: nowhere
+    # how long requests that are being worked on may take at the end [s]; then plans are ended early
     grace: float = DEFAULT_GRACE
-    ros: RosSettings | None = None
+    ros: RosSettings | None = None  # how it is offered to ROS 2 nodes; None: not at all
 
     def setup(self) -> EngineSetup:
         """Return the settings of the engine alone, which workers read; they log as much as this process."""

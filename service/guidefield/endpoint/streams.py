@@ -51,10 +51,8 @@ from guidefield.stores.files import checked_name
 from guidefield.stream_worker import StreamConversation
 from guidefield.worker import EngineSetup
 
-RETRY_AFTER = 1.0
-"""Time after which to ask again for a stream if all are taken [s]."""
-ENDED_WITHIN = 5.0
-"""Time for streams to end with the service [s]."""
+RETRY_AFTER = 1.0  # time after which to ask again for a stream if all are taken [s]
+ENDED_WITHIN = 5.0  # time for streams to end with the service [s]
 
 _log = logging.getLogger(__name__)
 

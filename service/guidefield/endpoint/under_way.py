@@ -84,8 +84,7 @@ def hand_on(answer: Future[Answer], outcome: Future[Answer]) -> None:
         answer.set_result(outcome.result())
 
 
-REMEMBERED = 10.0
-"""Time for which a cancel that arrives before its run is remembered [s]."""
+REMEMBERED = 10.0  # time for which a cancel that arrives before its run is remembered [s]
 MOST_REMEMBERED = 1_000
 
 Name = tuple[str, str, str]

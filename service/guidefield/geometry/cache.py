@@ -27,19 +27,15 @@ from guidefield.whole_file import draft_path, write_whole
 
 _log = logging.getLogger(__name__)
 
-MAPPED = 2**20
-"""Files of more bytes are mapped; others are as soon read."""
+MAPPED = 2**20  # files of more bytes are mapped; others are as soon read
 
 Arrays = Mapping[str, np.ndarray]
 
-Layout = Mapping[str, tuple[str, tuple[int, ...]]]
-"""Type, as NumPy writes it, and shape of each array, by name."""
+Layout = Mapping[str, tuple[str, tuple[int, ...]]]  # type, as NumPy writes it, and shape of each array, by name
 
-Room = Callable[[Layout], dict[str, np.ndarray]]
-"""Gives arrays of such types and shapes to write in, all zero."""
+Room = Callable[[Layout], dict[str, np.ndarray]]  # gives arrays of such types and shapes to write in, all zero
 
-_SUM = "checksum"
-"""Field of the checksum."""
+_SUM = "checksum"  # field of the checksum
 
 _ALIGNED = 64
 """Arrays begin at a multiple of it: kernels take no others, and so those of a large mesh needn't be copied."""
@@ -175,11 +171,8 @@ def _arrays_in(record: np.ndarray) -> dict[str, np.ndarray]:
     return {name: record[name][0] for name in record.dtype.names or () if name != _SUM}
 
 
-MOST_BYTES = 4 * 2**30
-"""Size of the folder, beyond which entries are removed."""
-
-KEPT_SHARE = 0.75
-"""Which share of that is kept then."""
+MOST_BYTES = 4 * 2**30  # size of the folder, beyond which entries are removed
+KEPT_SHARE = 0.75  # which share of that is kept then
 
 LOOK_SHARE = 0.01
 """A process looks at how much there is at its first entry, and when it has written this share of what is allowed."""
@@ -187,8 +180,7 @@ LOOK_SHARE = 0.01
 LARGE = 10_000
 """A mesh of fewer triangles isn't worth a file: what is kept of one is made in some hundredths of a second."""
 
-STALE = 3600.0
-"""A draft of that age was left by a process that was killed [s]."""
+STALE = 3600.0  # a draft of that age was left by a process that was killed [s]
 
 _PACKAGE = Path(__file__).parent.parent
 _ROOMS = ("collision", "geometry", "kernels", "scene")

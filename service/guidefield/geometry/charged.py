@@ -58,14 +58,12 @@ from guidefield.kernels.field.field_tables import (
 
 __all__ = ["FieldTables", "at_angle", "convex_quads", "field_tables", "never", "pair_faces", "within"]
 
-LEAF = 48
-"""Most faces of a block in a tree, where expansions stand for those that are far."""
+LEAF = 48  # most faces of a block in a tree, where expansions stand for those that are far
 
 BLOCK = 128
 """Most faces of a block elsewhere: the more, the more share a corner, as long as they fit into the fastest cache."""
 
-LEAST_FACES = 1000
-"""Surfaces of fewer faces are only cut in blocks: a tree doesn't pay."""
+LEAST_FACES = 1000  # surfaces of fewer faces are only cut in blocks: a tree doesn't pay
 
 
 class Cluster(NamedTuple):
@@ -265,8 +263,7 @@ def convex_quads(vertices: Floats) -> tuple[Floats, Floats]:
 _FLAT_PAIR = 1e-7
 """Two triangles are one quadrilateral if one's far corner is at most this share of their edge off the other's plane."""
 
-_MOST_ROUNDS = 16
-"""So often triangles are paired with a neighbour that isn't yet: all but a few are after two or three."""
+_MOST_ROUNDS = 16  # so often triangles are paired with a neighbour that isn't yet: all but a few are after two or three
 
 
 def pair_faces(vertices: Floats, triangles: Integers) -> tuple[Floats, Floats]:

@@ -21,8 +21,7 @@ _DIRECTIONS = spread_directions(512)
 """Of many points those furthest in these directions choose the direction of the axis."""
 
 _FIRST_TILT = 0.2
-_LAST_TILT = 0.01
-"""Steps of the search for the best direction [rad]."""
+_LAST_TILT = 0.01  # steps of the search for the best direction [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +102,7 @@ def _along(cloud: Floats, direction: Floats) -> Capsule:
     return Capsule(ends[0], ends[1], farthest * SLACK + _ROUNDING * float(np.abs(cloud).max()))
 
 
-_CANDIDATES_PER_POINT = 64
-"""Candidates per chosen point: shares of the area come in steps of about its inverse."""
+_CANDIDATES_PER_POINT = 64  # candidates per chosen point: shares of the area come in steps of about its inverse
 
 _LEAST_CANDIDATES = 512
 

@@ -54,8 +54,7 @@ def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
     return tree
 
 
-_FLAT = 1e-11
-"""Spread across over spread along, below which points count as lying in a plane."""
+_FLAT = 1e-11  # spread across over spread along, below which points count as lying in a plane
 
 _NEAR = 2.0**-27
 """Side of cells whose points are one, as a share of the mean distance of all from their middle: 1e-9 m in a link."""

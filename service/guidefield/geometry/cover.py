@@ -62,17 +62,10 @@ def medial_balls(body: Solid, elements: Elements, most: int, resolution: float, 
     return np.column_stack([centres[kept], depths[kept]])
 
 
-MARGIN = 0.02
-"""By how much balls contain the surface, as a share of delta."""
-
-ELEMENT = 0.3
-"""Longest edge of an element's triangles, as a share of delta."""
-
-CANDIDATE = 0.5
-"""About the spacing of candidates along the surface, as a share of delta."""
-
-RESOLUTION = 0.1
-"""Of candidates closer than this one is kept, as a share of delta."""
+MARGIN = 0.02  # by how much balls contain the surface, as a share of delta
+ELEMENT = 0.3  # longest edge of an element's triangles, as a share of delta
+CANDIDATE = 0.5  # about the spacing of candidates along the surface, as a share of delta
+RESOLUTION = 0.1  # of candidates closer than this one is kept, as a share of delta
 
 MOST_PIECES = 50_000
 """Where a body is so large that there would be more, its elements are larger, as long as balls contain them.
@@ -81,20 +74,12 @@ That begins at 1125 squares of delta. Covers of the 43 links of five large arms 
 took, and have 9 % more balls; with 30,000 they take 0.72 of that again, and have 6 % more still.
 """
 
-LEAST_REACHES = 5.0
-"""Delta has to be this many times as far as a body is from the mesh that it stands for."""
+LEAST_REACHES = 5.0  # delta has to be this many times as far as a body is from the mesh that it stands for
+MOST_BALLS = 200_000  # a cover that may need more is refused
+CHUNK = 30_000  # so many elements are looked at together
+_ROUNDING = 1.0 - 1e-9  # which share of delta is used, so that no rounding leads beyond it
 
-MOST_BALLS = 200_000
-"""A cover that may need more is refused."""
-
-CHUNK = 30_000
-"""So many elements are looked at together."""
-
-_ROUNDING = 1.0 - 1e-9
-"""Which share of delta is used, so that no rounding leads beyond it."""
-
-LEAST_CANDIDATES, MOST_CANDIDATES = 300, 2_000
-"""Of candidates for the elements that are looked at together."""
+LEAST_CANDIDATES, MOST_CANDIDATES = 300, 2_000  # of candidates for the elements that are looked at together
 
 Offer = Callable[[Solid, Elements, int, float], Floats]
 """Offers balls, centre and depth (n, 4) [m], for a body and elements: how many, and how close they may be [m]."""
@@ -102,21 +87,13 @@ Offer = Callable[[Solid, Elements, int, float], Floats]
 
 @dataclass(frozen=True, eq=False)
 class Cover:
-    """Balls that contain a body; read-only, in the body's frame.
+    """Balls that contain a body; read-only, in the body's frame."""
 
-    Attributes:
-        spheres: Centre and radius, shape (n, 4) [m]; those of a group together.
-        overhangs: By how much each leaves the body at most, shape (n,) [m].
-        groups: Balls about groups of them, shape (g, 4) [m].
-        first: First sphere of each group, and the number of all, shape (g + 1,).
-        bound: One small ball about the body, shape (4,) [m].
-    """
-
-    spheres: Floats
-    overhangs: Floats
-    groups: Floats
-    first: Integers
-    bound: Floats
+    spheres: Floats  # centre and radius, shape (n, 4) [m]; those of a group together
+    overhangs: Floats  # by how much each leaves the body at most, shape (n,) [m]
+    groups: Floats  # balls about groups of them, shape (g, 4) [m]
+    first: Integers  # first sphere of each group, and the number of all, shape (g + 1,)
+    bound: Floats  # one small ball about the body, shape (4,) [m]
 
     @property
     def overhang(self) -> float:
@@ -274,8 +251,7 @@ def _owned_points(elements: Elements, owners: Integers, balls: int) -> tuple[Flo
     return elements.points[order], first
 
 
-GROUP = 8
-"""Most balls of a group."""
+GROUP = 8  # most balls of a group
 
 
 def enclosing_ball(points: Floats) -> Floats:
@@ -310,8 +286,7 @@ def _halved(balls: Floats, members: Integers) -> list[Integers]:
     return _halved(balls, order[:half]) + _halved(balls, order[half:])
 
 
-_ROOM = 4096
-"""Cells that are asked for at a time."""
+_ROOM = 4096  # cells that are asked for at a time
 
 _ROOT_SLACK = 1.0 + 1e-9
 

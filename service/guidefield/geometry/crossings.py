@@ -11,19 +11,13 @@ from guidefield.geometry.surfaces import Floats, Integers, extents
 from guidefield.kernels.cover.merge_points import swept_pairs
 from guidefield.kernels.distance.triangle_rows import triangle_boxes
 
-_TOUCHING = 1e-10
-"""Faces that reach through each other by less than this fraction of the mesh's size only touch."""
-
-SWEPT = 30_000_000
-"""Pairs that overlap along one axis, looked at in one mesh at most."""
-
-EXAMINED = 1_000_000
-"""Pairs whose boxes overlap, looked at in one mesh at most."""
+_TOUCHING = 1e-10  # faces that reach through each other by less than this fraction of the mesh's size only touch
+SWEPT = 30_000_000  # pairs that overlap along one axis, looked at in one mesh at most
+EXAMINED = 1_000_000  # pairs whose boxes overlap, looked at in one mesh at most
 
 _CHUNK = 200_000
 
-_SAMPLE = 20_000
-"""So many boxes tell along which axis the fewest overlap."""
+_SAMPLE = 20_000  # so many boxes tell along which axis the fewest overlap
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,27 +11,19 @@ from numpy.typing import NDArray
 from guidefield.kernels.cover.small_surfaces import changed_order, curve_places
 from guidefield.kernels.distance.bvh import middles_within
 
-FINEST = 21
-"""Bits of one coordinate of a place on the curve: three fit into 63."""
+FINEST = 21  # bits of one coordinate of a place on the curve: three fit into 63
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
 class Along(NamedTuple):
-    """Points along the curve.
+    """Points along the curve."""
 
-    Attributes:
-        order: Their numbers by their places on it, ties by number, shape (n,).
-        places: Those places, shape (n,).
-        corners: The lower, then the upper corner of the box about the points, shape (6,).
-        bits: Of each coordinate of a place.
-    """
-
-    order: Integers
-    places: Integers
-    corners: Floats
-    bits: int
+    order: Integers  # their numbers by their places on it, ties by number, shape (n,)
+    places: Integers  # those places, shape (n,)
+    corners: Floats  # the lower, then the upper corner of the box about the points, shape (6,)
+    bits: int  # of each coordinate of a place
 
     def is_of(self, boxes: Floats) -> bool:
         """Whether the points are in the same box if they are the middles of boxes (n, 6): so places mean the same."""
@@ -41,18 +33,13 @@ class Along(NamedTuple):
 
 
 class Changed(NamedTuple):
-    """What a change of the points makes of their order.
+    """What a change of the points makes of their order."""
 
-    Attributes:
-        along: The points along the same curve.
-        runs: Of those that stand one behind the other in the order as before where the first of them stood there, and
-            how many they are; -1 and how many of others.
-        fresh: The others in that order, indices among the others.
-    """
-
-    along: Along
+    along: Along  # the points along the same curve
+    # of those that stand one behind the other in the order as before where the first of them stood there, and how many
+    # they are; -1 and how many of others
     runs: list[tuple[int, int]]
-    fresh: Integers
+    fresh: Integers  # the others in that order, indices among the others
 
 
 def curve_order(points: Floats, bits: int = FINEST) -> Integers:

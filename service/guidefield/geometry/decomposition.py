@@ -24,8 +24,7 @@ from guidefield.geometry.solid import Solid, stand_off
 from guidefield.geometry.surfaces import Floats, Surface
 from guidefield.kernels.cover.cut_halves import beyond_any, count_cut, cut_halves, furthest_out
 
-_PARALLEL = 1e-6
-"""Three planes whose normals span less than this meet nowhere that matters."""
+_PARALLEL = 1e-6  # three planes whose normals span less than this meet nowhere that matters
 
 
 def clipped(pieces: Pieces, plane: Floats) -> Pieces:
@@ -68,44 +67,22 @@ def corners_of_cell(body: Solid, planes: Floats) -> Floats:
     return corners
 
 
-PLACES = 7
-"""Planes along each axis that are compared."""
-
-SAMPLES = 500
-"""About how many points of a part's surface the comparison looks at."""
-
-BESIDE = 1e-5
-"""How far beside a face a plane is tried, as a share of the cell's extent along its normal."""
-
-DIRECTIONS = 64
-"""Of the points of a half the comparison keeps those furthest in these directions."""
-
-ALL_AROUND = 96
-"""A small hull is that of the points furthest in these directions."""
-
-MIDDLES = 64
-"""The stand-off of a small hull is that of at least so many places of its surface, evenly spread."""
+PLACES = 7  # planes along each axis that are compared
+SAMPLES = 500  # about how many points of a part's surface the comparison looks at
+BESIDE = 1e-5  # how far beside a face a plane is tried, as a share of the cell's extent along its normal
+DIRECTIONS = 64  # of the points of a half the comparison keeps those furthest in these directions
+ALL_AROUND = 96  # a small hull is that of the points furthest in these directions
+MIDDLES = 64  # the stand-off of a small hull is that of at least so many places of its surface, evenly spread
 
 ASKED = 8
 """So many of these places at a time are asked whether they are inside the body, the furthest from its surface first."""
 
-MOST_BEYOND = 500
-"""Where more points of a cell than these are beyond its small hull, its part is a polytope about them."""
-
-NEARLY = 1e-3
-"""Cells are joined if the boxes about their small hulls are this close [m]."""
-
-TOLERANCE = 1e-3
-"""How much too large a part's stand-off may be given, as that of `stand_off`."""
-
-SHARE = 0.25
-"""The same as a share of it."""
-
-OVERLAP = 1e-9
-"""How far a cell reaches beyond its planes [m], so that rounding leaves nothing between two."""
-
-WORTH = 0.995
-"""Halving has to leave at most this share of the volume."""
+MOST_BEYOND = 500  # where more points of a cell than these are beyond its small hull, its part is a polytope about them
+NEARLY = 1e-3  # cells are joined if the boxes about their small hulls are this close [m]
+TOLERANCE = 1e-3  # how much too large a part's stand-off may be given, as that of `stand_off`
+SHARE = 0.25  # the same as a share of it
+OVERLAP = 1e-9  # how far a cell reaches beyond its planes [m], so that rounding leaves nothing between two
+WORTH = 0.995  # halving has to leave at most this share of the volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,14 +304,12 @@ _DIRECTIONS, _FACES = convex_hull(spread_directions(DIRECTIONS))
 
 _ALL_AROUND = spread_directions(ALL_AROUND)
 
-_CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-"""Corners of a cube that contains the ball of radius 1."""
+_CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # corners of a cube that contains the ball of radius 1
 
 _THINNEST, _LEAST = 1e-9, 1e-12
 """Extents that directions are scaled by: at least this share of the largest one, and this [m]."""
 
-_SAME_AXIS = 0.999
-"""Cosine of axes that are not told apart."""
+_SAME_AXIS = 0.999  # cosine of axes that are not told apart
 
 
 def _merge_cells(body: Solid, cells: list[_Cell], tight: float) -> list[_Cell]:

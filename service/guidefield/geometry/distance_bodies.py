@@ -26,33 +26,21 @@ _IDENTITY.setflags(write=False)
 
 NO_SURFACE = SurfaceTables(np.empty((0, 6)), np.empty((0, 9)), np.empty((0, 21)))
 
-FEW = 32
-"""A sheet of more triangles than this keeps the axes of its frame."""
-
-ROUNDING = 1e-9
-"""By how much boxes in the world are made larger, so that rounding can't hide a body [m, and a share]."""
+FEW = 32  # a sheet of more triangles than this keeps the axes of its frame
+ROUNDING = 1e-9  # by how much boxes in the world are made larger, so that rounding can't hide a body [m, and a share]
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One body.
+    """One body."""
 
-    Attributes:
-        kind: As in kernels/distance/distance.py.
-        size: Three numbers by kind [m].
-        bounds: Lower and upper corner of a box about it in its own frame, shape (6,) [m].
-        placement: Rotation and translation of that frame, shape (3, 4) [m].
-        surface: The triangles of a solid or sheet, in its own frame.
-        cloud: Where the words of its `LaneCloud` are, if it is a cloud.
-        anchor: Of a seen solid how its sides are told, in its own frame, see `ray_winding.ANCHOR`; shape (9,).
-    """
-
-    kind: int
-    size: tuple[float, float, float]
-    bounds: Floats
-    placement: Floats
-    surface: SurfaceTables | None = None
-    cloud: int = 0
+    kind: int  # as in kernels/distance/distance.py
+    size: tuple[float, float, float]  # three numbers by kind [m]
+    bounds: Floats  # lower and upper corner of a box about it in its own frame, shape (6,) [m]
+    placement: Floats  # rotation and translation of that frame, shape (3, 4) [m]
+    surface: SurfaceTables | None = None  # the triangles of a solid or sheet, in its own frame
+    cloud: int = 0  # where the words of its `LaneCloud` are, if it is a cloud
+    # of a seen solid how its sides are told, in its own frame, see `ray_winding.ANCHOR`; shape (9,)
     anchor: Floats | None = None
 
     def place(self, rotation: Floats, translation: Floats) -> Body:

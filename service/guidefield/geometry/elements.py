@@ -37,21 +37,13 @@ class Pieces(NamedTuple):
 
 
 class Elements(NamedTuple):
-    """Pieces of a surface that lie together, at least one in each element.
+    """Pieces of a surface that lie together, at least one in each element."""
 
-    Attributes:
-        pieces: Those of the same element together.
-        first: First piece of each element, and the number of all, shape (m + 1,).
-        points: Corners of the pieces of each element, equal ones once, shape (k, 3) [m].
-        first_point: First point of each element, and the number of all, shape (m + 1,).
-        bounds: A ball about each element: centre and radius, shape (m, 4) [m].
-    """
-
-    pieces: Pieces
-    first: Integers
-    points: Floats
-    first_point: Integers
-    bounds: Floats
+    pieces: Pieces  # those of the same element together
+    first: Integers  # first piece of each element, and the number of all, shape (m + 1,)
+    points: Floats  # corners of the pieces of each element, equal ones once, shape (k, 3) [m]
+    first_point: Integers  # first point of each element, and the number of all, shape (m + 1,)
+    bounds: Floats  # a ball about each element: centre and radius, shape (m, 4) [m]
 
     def some(self, chosen: np.ndarray) -> Elements:
         """The elements that a mask, shape (m,), chooses."""

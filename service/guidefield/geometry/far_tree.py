@@ -41,8 +41,7 @@ from guidefield.kernels.field.field_tables import (
     frozen,
 )
 
-LEAST = 64
-"""Fewer things of a kind have no tree."""
+LEAST = 64  # fewer things of a kind have no tree
 
 OPENING = 0.35
 """Radius of a node over the distance from which its expansion is used: largest errors found among thousands of boxes,

@@ -12,32 +12,21 @@ from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats
 from guidefield.kernels.cover.ball_cover import count_missing, held_points
 
-MOST = 8
-"""Most balls of a body."""
+MOST = 8  # most balls of a body
 
 SAFETY = 1e-6
 """By how much a ball is smaller than the depth of its centre, so that it is inside whatever rounding does [m]."""
 
-LEAST_RADIUS = 1e-3
-"""Smaller balls aren't worth looking at [m]."""
-
-RESOLUTION = 0.01
-"""Of candidates closer than this one is looked at, as a share of the body's extent."""
-
-SLACK = 0.02
-"""By how much candidates may miss the surface that they were grown from, as a share of the body's extent."""
-
-STEPS = 12
-"""Moves of a chosen ball to where it is deeper."""
+LEAST_RADIUS = 1e-3  # smaller balls aren't worth looking at [m]
+RESOLUTION = 0.01  # of candidates closer than this one is looked at, as a share of the body's extent
+SLACK = 0.02  # by how much candidates may miss the surface that they were grown from, as a share of the body's extent
+STEPS = 12  # moves of a chosen ball to where it is deeper
 
 CANDIDATES = 200
 """About how many balls they are chosen from. With three times as many the chosen ones fill 1 % more of a link."""
 
-SAMPLES = 1000
-"""About how many points of a grid within the body stand for its volume."""
-
-_MOST_ALONG = 64
-"""Most of them in a row: a flat body must not get very many."""
+SAMPLES = 1000  # about how many points of a grid within the body stand for its volume
+_MOST_ALONG = 64  # most of them in a row: a flat body must not get very many
 
 
 def inner_balls(body: Solid) -> Floats:

@@ -23,49 +23,31 @@ from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.crossings import crossings
 from guidefield.geometry.surfaces import Surface, extents
 
-_FLAT = 1e-9
-"""A closed mesh with less volume than this fraction of its size cubed has no inside."""
-
-_SOME = 4096
-"""So many triangles are looked at together for one that has an area."""
-
-_CONVEX = 1e-7
-"""How far a mesh may dent in and still be judged by its hull, as a fraction of its size."""
+_FLAT = 1e-9  # a closed mesh with less volume than this fraction of its size cubed has no inside
+_SOME = 4096  # so many triangles are looked at together for one that has an area
+_CONVEX = 1e-7  # how far a mesh may dent in and still be judged by its hull, as a fraction of its size
 
 
 @dataclass(frozen=True, eq=False)
 class MeshSurface:
-    """A triangle mesh as it is judged.
+    """A triangle mesh as it is judged."""
 
-    Attributes:
-        vertices: Distinct vertices that triangles use, shape (v, 3) [m].
-        triangles: Shape (t, 3), counter-clockwise from outside where the mesh is solid.
-        solid: Whether it is closed around a volume.
-        hull: Its convex hull as a Coal shape if it is that hull, else None.
-        warnings: Open, inside out, inconsistent; one sentence each.
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    solid: bool
-    hull: Any | None
-    warnings: tuple[str, ...]
+    vertices: np.ndarray  # distinct vertices that triangles use, shape (v, 3) [m]
+    triangles: np.ndarray  # shape (t, 3), counter-clockwise from outside where the mesh is solid
+    solid: bool  # whether it is closed around a volume
+    hull: Any | None  # its convex hull as a Coal shape if it is that hull, else None
+    warnings: tuple[str, ...]  # open, inside out, inconsistent; one sentence each
 
 
 class Joined(NamedTuple):
-    """A mesh with merged vertices (v, 3) and proper triangles (t, 3), with their given indices (t,), and its `seams`.
-
-    Attributes:
-        width: Of the widest crack [m].
-        edges: As of `numbered_edges`.
-    """
+    """A mesh with merged vertices (v, 3), proper triangles (t, 3) with their given indices (t,), and its `seams`."""
 
     vertices: np.ndarray
     triangles: np.ndarray
     given: np.ndarray
     seams: np.ndarray
-    width: float
-    edges: tuple[np.ndarray, int]
+    width: float  # of the widest crack [m]
+    edges: tuple[np.ndarray, int]  # as of `numbered_edges`
 
     @property
     def welded(self) -> np.ndarray:
@@ -278,17 +260,11 @@ def _is_dented(vertices: np.ndarray, triangles: np.ndarray, deepest: float) -> b
 
 
 class SolidBox(NamedTuple):
-    """A solid that is a box within the arithmetic: a box that contains it.
+    """A solid that is a box within the arithmetic: a box that contains it."""
 
-    Attributes:
-        rotation: Its axes as columns, shape (3, 3).
-        centre: Shape (3,) [m].
-        halves: Half extents along them, shape (3,) [m].
-    """
-
-    rotation: np.ndarray
-    centre: np.ndarray
-    halves: np.ndarray
+    rotation: np.ndarray  # its axes as columns, shape (3, 3)
+    centre: np.ndarray  # shape (3,) [m]
+    halves: np.ndarray  # half extents along them, shape (3,) [m]
 
 
 def find_boxes(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> list[SolidBox | None]:
@@ -333,5 +309,4 @@ def find_boxes(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> list[Solid
 _SQUARE = 1e-2
 """Edges of a box are across each other if the cosine of their angle is less: corners tell how much exactly."""
 
-_FULL = 1e-3
-"""By which share what a solid with a box's corners encloses may differ from the box."""
+_FULL = 1e-3  # by which share what a solid with a box's corners encloses may differ from the box

@@ -12,41 +12,32 @@ from guidefield.geometry.convex import convex_hull
 from guidefield.geometry.directions import furthest, heights_along, spread_and_axes, spread_directions
 from guidefield.kernels.distance.bvh import balls_about_runs, halve_runs
 
-MOST_VERTICES = 192
-"""A hull with more gives way to a polytope about it with about as many."""
+MOST_VERTICES = 192  # a hull with more gives way to a polytope about it with about as many
 
 
 CLUSTERS = (5, 21, 85)
 """The first nodes on the way down with no more triangles get their corners as a polytope: 16, 64 or 256 of them."""
 
-Cluster = tuple[np.ndarray, np.ndarray]
-"""Nodes, shape (k,), and the triangles below each, shape (k, most)."""
+Cluster = tuple[np.ndarray, np.ndarray]  # nodes, shape (k,), and the triangles below each, shape (k, most)
 
 BOXED = 2048
 """Nodes of more triangles than clusters have, and of no more than this, may get a box. With four times as many
 measuring is a tenth sooner, without any it takes twice as long, on a ring of a million about a Panda."""
 
-Told = Callable[[Cluster], None]
-"""Is told of nodes."""
+Told = Callable[[Cluster], None]  # is told of nodes
 
 
 @dataclass(frozen=True, eq=False)
 class MeshTree:
-    """Triangles and a binary tree over them.
+    """Triangles and a binary tree over them."""
 
-    Attributes:
-        corners: Shape (t, 3, 3) [m], in the mesh's frame.
-        balls: Centre and radius of the ball about each node, shape (n, 4) [m]; the root is the first.
-        links: Children and triangle of each node, shape (n, 3); -1 where there is none.
-        clusters: For each of `CLUSTERS` the nodes, shape (k,), and the triangles below each, shape (k, most): one of
-            them fills what is left.
-        hull: Vertices of a polytope about them all, shape (k, 3) [m]; None where they are in a plane.
-    """
-
-    corners: np.ndarray
-    balls: np.ndarray
-    links: np.ndarray
+    corners: np.ndarray  # shape (t, 3, 3) [m], in the mesh's frame
+    balls: np.ndarray  # centre and radius of the ball about each node, shape (n, 4) [m]; the root is the first
+    links: np.ndarray  # children and triangle of each node, shape (n, 3); -1 where there is none
+    # for each of `CLUSTERS` the nodes, shape (k,), and the triangles below each, shape (k, most): one of them fills
+    # what is left
     clusters: tuple[Cluster, ...]
+    # vertices of a polytope about them all, shape (k, 3) [m]; None where they are in a plane
     hull: np.ndarray | None = None
 
 

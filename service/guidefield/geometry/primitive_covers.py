@@ -17,8 +17,7 @@ from guidefield.geometry.inner import LEAST_RADIUS, MOST, SAFETY, inner_balls
 from guidefield.geometry.solid import solid
 from guidefield.geometry.surfaces import Floats, Integers
 
-_SIDES = 36
-"""Of the prism within a cylinder."""
+_SIDES = 36  # of the prism within a cylinder
 
 
 def inner_sphere(radius: float) -> Floats:
@@ -54,15 +53,13 @@ def _row(half: float, radius: float) -> Floats:
     return balls
 
 
-FEW = 8
-"""A grid of so few balls isn't compared with anything."""
+FEW = 8  # a grid of so few balls isn't compared with anything
 
 _MOST_ALONG, _MOST_IN_GRID = 64, 512
 
 _ROUNDING = 1.0 + 1e-12
 
-_PRISM_EXCESS = 0.01
-"""By how much the prism around a cylinder may leave it, as a share of delta."""
+_PRISM_EXCESS = 0.01  # by how much the prism around a cylinder may leave it, as a share of delta
 
 
 def cover_sphere(radius: float) -> Cover:

@@ -30,24 +30,15 @@ MOST_SOLIDS = 64
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A body: the union of the solids that closed pieces of a surface bound; of an open surface, the surface alone.
+    """A body: the union of the solids that closed pieces of a surface bound; of an open surface, the surface alone."""
 
-    Attributes:
-        surface: Distinct vertices; the triangles, those of one solid together, counter-clockwise from outside.
-        owners: For each triangle, which solid's it is, shape (t,).
-        lids: How many triangles close gaps.
-        closed: Whether it has an inside.
-        tables: The triangles with an area as the distance kernels read them.
-        spans: Where the tree of each solid stands in the tables, shape (k, 4).
-        reach: How far points of a finer mesh that it stands for are from it, and the other way round, at most [m].
-    """
-
-    surface: Surface
-    owners: Integers
-    lids: int
-    closed: bool
-    tables: SurfaceTables
-    spans: Integers
+    surface: Surface  # distinct vertices; the triangles, those of one solid together, counter-clockwise from outside
+    owners: Integers  # for each triangle, which solid's it is, shape (t,)
+    lids: int  # how many triangles close gaps
+    closed: bool  # whether it has an inside
+    tables: SurfaceTables  # the triangles with an area as the distance kernels read them
+    spans: Integers  # where the tree of each solid stands in the tables, shape (k, 4)
+    # how far points of a finer mesh that it stands for are from it, and the other way round, at most [m]
     reach: float = 0.0
 
     @cached_property

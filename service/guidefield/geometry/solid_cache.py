@@ -89,14 +89,9 @@ def filled(body: Solid) -> Solid:
     return dataclasses.replace(body, owners=owners, tables=tables, spans=spans)
 
 
-CELL = 1e-3
-"""Vertices within a cell of a grid of this width are merged [m]."""
-
-FINE = 4000
-"""A mesh of fewer triangles is left as it is."""
-
-WORTH = 0.5
-"""At most this share of a mesh's triangles has to be left."""
+CELL = 1e-3  # vertices within a cell of a grid of this width are merged [m]
+FINE = 4000  # a mesh of fewer triangles is left as it is
+WORTH = 0.5  # at most this share of a mesh's triangles has to be left
 
 
 def coarse_solid(vertices: Floats, triangles: Integers) -> Solid | None:

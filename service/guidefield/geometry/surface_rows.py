@@ -64,17 +64,11 @@ class SurfaceRows(NamedTuple):
 
 
 class FewTriangles(NamedTuple):
-    """Surfaces of few triangles, one behind the other.
+    """Surfaces of few triangles, one behind the other."""
 
-    Attributes:
-        vertices: Shape (v, 3) [m].
-        triangles: Indices among the vertices of their own surface, shape (t, 3); each has an area.
-        starts: The first vertex, triangle and node of each surface, then the numbers of all, shape (n + 1, 3).
-    """
-
-    vertices: Floats
-    triangles: Integers
-    starts: Integers
+    vertices: Floats  # shape (v, 3) [m]
+    triangles: Integers  # indices among the vertices of their own surface, shape (t, 3); each has an area
+    starts: Integers  # the first vertex, triangle and node of each surface, then the numbers of all, shape (n + 1, 3)
 
     def axes(self) -> Floats:
         """Return axes in which the box about each is as thin as it is, if it is flat; columns, shape (n, 3, 3)."""

@@ -29,8 +29,7 @@ from guidefield.prove.tables import ROUNDED
 from guidefield.prove.verdict import with_coal_error
 from guidefield.robot.model.spaces import ChartRate
 
-ACCURACY = 2.0 * ROUNDED
-"""What a distance that was found may be off [m]: what kernels round, and Coal's error."""
+ACCURACY = 2.0 * ROUNDED  # what a distance that was found may be off [m]: what kernels round, and Coal's error
 
 _log = logging.getLogger(__name__)
 
@@ -78,19 +77,12 @@ def _make_motion(request: MotionRequest, world: World, curve: Curve, min_clearan
 
 
 class Certified(NamedTuple):
-    """A motion that is certified free, and how far it keeps from everything.
+    """A motion that is certified free, and how far it keeps from everything."""
 
-    Attributes:
-        measured: Its smallest distances.
-        min_clearance: What it is certified to keep from obstacles [m].
-        motion: Makes what the referee reads.
-        since: From when it is certified, on the clock of what was measured [s]; None: all along.
-    """
-
-    measured: Clearance
-    min_clearance: float
-    motion: Callable[[], Motion]
-    since: float | None = None
+    measured: Clearance  # its smallest distances
+    min_clearance: float  # what it is certified to keep from obstacles [m]
+    motion: Callable[[], Motion]  # makes what the referee reads
+    since: float | None = None  # from when it is certified, on the clock of what was measured [s]; None: all along
 
 
 def require_agreement(run_id: str, certified: Sequence[Certified]) -> None:

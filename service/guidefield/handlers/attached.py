@@ -30,23 +30,14 @@ from guidefield.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """An object that a link holds.
+    """An object that a link holds."""
 
-    Attributes:
-        name: Its name; no link's, frame's or collision shape's.
-        shape: Bounded Coal geometry in its own frame.
-        placement: Of the shape in the link's frame, a pinocchio.SE3.
-        link: The link that holds it.
-        touch_links: Links that it may touch besides.
-        warnings: What is odd about it but harmless.
-    """
-
-    name: str
-    shape: Any
-    placement: Any
-    link: str
-    touch_links: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    name: str  # its name; no link's, frame's or collision shape's
+    shape: Any  # bounded Coal geometry in its own frame
+    placement: Any  # of the shape in the link's frame, a pinocchio.SE3
+    link: str  # the link that holds it
+    touch_links: tuple[str, ...] = ()  # links that it may touch besides
+    warnings: tuple[str, ...] = ()  # what is odd about it but harmless
 
 
 def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
@@ -110,8 +101,7 @@ def _describe_kinds(shape: Any) -> tuple[str, str]:
     return type(shape).__name__.lower(), "primitive"
 
 
-MANY = 1000
-"""Objects of fewer triangles and points are built within a hundredth of a second or two."""
+MANY = 1000  # objects of fewer triangles and points are built within a hundredth of a second or two
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,8 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ChartPoints, ChartRates, RobotConfiguration
 from guidefield.scene.scene import Scene
 
-LEAST_STEP = 1e-9
-"""Between two times at least [s]."""
-SAME = 1e-6
-"""Accelerations that differ by less than this share, or by this [rad/s² or m/s²], are the same."""
+LEAST_STEP = 1e-9  # between two times at least [s]
+SAME = 1e-6  # accelerations that differ by less than this share, or by this [rad/s² or m/s²], are the same
 
 
 def certify_problem(

@@ -25,8 +25,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.requests import CertifyRequest, MotionRequest
 
-Stage = Literal["queue", "load"]
-"""A request waits for a worker, or what it needs is loaded and prepared."""
+Stage = Literal["queue", "load"]  # a request waits for a worker, or what it needs is loaded and prepared
 
 _BUSY = "all workers were busy for the {:g} s that were allowed; ask again, or allow more"
 

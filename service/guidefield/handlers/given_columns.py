@@ -24,23 +24,16 @@ from guidefield.robot.model.configuration import FURTHEST
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import ChartPoints, ChartRates
 
-FOLLOWS = 1e-4
-"""How far a follower's column may be from what its law says [rad or m, and per s]."""
+FOLLOWS = 1e-4  # how far a follower's column may be from what its law says [rad or m, and per s]
 
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns of each joint in a row.
+    """The columns of each joint in a row."""
 
-    Attributes:
-        field: What the request calls the names.
-        names: Of all columns, in the order of a row.
-        of: By joint, the indices of its columns in the order of its coordinates.
-    """
-
-    field: str
-    names: tuple[str, ...]
-    of: Mapping[str, tuple[int, ...]]
+    field: str  # what the request calls the names
+    names: tuple[str, ...]  # of all columns, in the order of a row
+    of: Mapping[str, tuple[int, ...]]  # by joint, the indices of its columns in the order of its coordinates
 
     @classmethod
     def named(

@@ -29,8 +29,7 @@ from guidefield.scene.scene import Scene, unplaced
 
 Asked = TypeVar("Asked", bound=Conditions)
 
-MANY_HELD = 10_000
-"""Obstacles that move, of fewer triangles and points, are held somewhere within some milliseconds."""
+MANY_HELD = 10_000  # obstacles that move, of fewer triangles and points, are held somewhere within some milliseconds
 
 
 def prepare_plan(

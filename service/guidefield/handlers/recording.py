@@ -104,20 +104,13 @@ class PackedClearance(msgspec.Struct, array_like=True, frozen=True):
 
 
 class PackedStretch(msgspec.Struct, array_like=True, frozen=True):
-    """A part of a sequence's trajectory that was measured.
+    """A part of a sequence's trajectory that was measured."""
 
-    Attributes:
-        index: Its step.
-        begin, end: Its times, both those of knots [s].
-        allowed: Pairs that may touch on it.
-        found: Distances along it.
-    """
-
-    index: int
-    begin: float
+    index: int  # its step
+    begin: float  # its times, both those of knots [s]
     end: float
-    allowed: list[tuple[str, str]]
-    found: PackedClearance
+    allowed: list[tuple[str, str]]  # pairs that may touch on it
+    found: PackedClearance  # distances along it
 
 
 class PackedLeg(msgspec.Struct, array_like=True, frozen=True):
@@ -129,21 +122,13 @@ class PackedLeg(msgspec.Struct, array_like=True, frozen=True):
 
 
 class PackedMotion(msgspec.Struct, array_like=True, frozen=True):
-    """A motion without what follows from its request, robot and scene.
+    """A motion without what follows from its request, robot and scene."""
 
-    Attributes:
-        knots: Its trajectory; None if there is none, or the request gives the motion.
-        found: Distances along it; None if they weren't measured.
-        legs: The steps of a sequence that were planned.
-        failed_at: Configuration (nq,) of the robot when the step began that failed.
-        stretches: The parts of a sequence that were measured.
-    """
-
-    knots: PackedKnots | None = None
-    found: PackedClearance | None = None
-    legs: Sequence[PackedLeg] = ()
-    failed_at: PackedArray | None = None
-    stretches: Sequence[PackedStretch] = ()
+    knots: PackedKnots | None = None  # its trajectory; None if there is none, or the request gives the motion
+    found: PackedClearance | None = None  # distances along it; None if they weren't measured
+    legs: Sequence[PackedLeg] = ()  # the steps of a sequence that were planned
+    failed_at: PackedArray | None = None  # configuration (nq,) of the robot when the step began that failed
+    stretches: Sequence[PackedStretch] = ()  # the parts of a sequence that were measured
 
 
 @dataclass(frozen=True, eq=False)

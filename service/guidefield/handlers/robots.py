@@ -28,8 +28,7 @@ from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.mimic_limits import bind_rates
 from guidefield.robot.model.model import Joint, RobotModel
 
-PREPARE_WITHIN = 60.0
-"""How long a robot that a client stores is prepared [s]."""
+PREPARE_WITHIN = 60.0  # how long a robot that a client stores is prepared [s]
 
 
 class StoredRobots(Protocol):

@@ -118,8 +118,7 @@ def measurable(made: SequencePlan[Standing]) -> list[Stretch]:
     return [stretch for stretch in made.stretches if stretch.motion.duration > 0.0]
 
 
-Measured = Sequence[tuple[Stretch, Clearance]]
-"""Stretches with how far they keep from everything."""
+Measured = Sequence[tuple[Stretch, Clearance]]  # stretches with how far they keep from everything
 
 
 def reply_to(

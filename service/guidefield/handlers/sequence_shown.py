@@ -28,33 +28,22 @@ from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
-RATE = 30.0
-"""Rate at which a carried object's placement is given [Hz]."""
+RATE = 30.0  # rate at which a carried object's placement is given [Hz]
 MAX_SAMPLES = 400
 """Most samples of distances, over all steps, but for the ends of each and where its distances are smallest."""
-MOST = 3000
-"""Largest number of such times, over all steps."""
+MOST = 3000  # largest number of such times, over all steps
 
 
 @dataclass(frozen=True, eq=False)
 class SequenceMotion:
-    """The motion of a sequence.
+    """The motion of a sequence."""
 
-    Attributes:
-        course: The steps.
-        standings: Of the steps that were planned: the situation when each begins.
-        spans: When each begins and ends [s].
-        trajectory: The motion; None where a step failed before it was certified.
-        failed_at: The situation when the step began that failed; None where none did.
-        measured: Its parts with distances along them.
-    """
-
-    course: Steps
-    standings: Sequence[Standing]
-    spans: Sequence[tuple[float, float]]
-    trajectory: Trajectory | None
-    failed_at: Standing | None
-    measured: Sequence[tuple[Stretch, Clearance]]
+    course: Steps  # the steps
+    standings: Sequence[Standing]  # of the steps that were planned: the situation when each begins
+    spans: Sequence[tuple[float, float]]  # when each begins and ends [s]
+    trajectory: Trajectory | None  # the motion; None where a step failed before it was certified
+    failed_at: Standing | None  # the situation when the step began that failed; None where none did
+    measured: Sequence[tuple[Stretch, Clearance]]  # its parts with distances along them
 
     @classmethod
     def of(

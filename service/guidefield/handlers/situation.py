@@ -30,17 +30,11 @@ CARRIED = (messages.Box, messages.Sphere, messages.Cylinder, messages.Capsule, m
 
 @dataclass(frozen=True)
 class Held:
-    """An object that is held.
+    """An object that is held."""
 
-    Attributes:
-        attached: What holds it how.
-        touch_objects: Obstacles that it may touch where it is picked up and put down.
-        near: Those that it has not been away from since.
-    """
-
-    attached: AttachedObject
-    touch_objects: tuple[str, ...] = ()
-    near: frozenset[str] = frozenset()
+    attached: AttachedObject  # what holds it how
+    touch_objects: tuple[str, ...] = ()  # obstacles that it may touch where it is picked up and put down
+    near: frozenset[str] = frozenset()  # those that it has not been away from since
 
     @property
     def name(self) -> str:
@@ -50,21 +44,13 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """The situation in which a step begins.
+    """The situation in which a step begins."""
 
-    Attributes:
-        robot: The robot, with nothing in its hands.
-        root: Its placement in the world, pinocchio.SE3.
-        scene: The obstacles as they stand, without what is held.
-        q: Configuration of the whole robot, shape (nq,).
-        objects: What is held.
-    """
-
-    robot: RobotModel
-    root: Any
-    scene: Scene
-    q: RobotConfiguration
-    objects: tuple[Held, ...] = field(default=())
+    robot: RobotModel  # the robot, with nothing in its hands
+    root: Any  # its placement in the world, pinocchio.SE3
+    scene: Scene  # the obstacles as they stand, without what is held
+    q: RobotConfiguration  # configuration of the whole robot, shape (nq,)
+    objects: tuple[Held, ...] = field(default=())  # what is held
 
     @property
     def held(self) -> tuple[str, ...]:

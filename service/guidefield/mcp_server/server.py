@@ -27,23 +27,14 @@ from guidefield.messages.requests import CertifyRequest, Clearance, InverseKinem
 
 @dataclass(frozen=True)
 class Tool:
-    """A tool of a model.
+    """A tool of a model."""
 
-    Attributes:
-        name: Its name.
-        what: Its purpose, for the model to read.
-        schema: JSON Schema of its arguments.
-        ask: Asks the service.
-        describe: Says the reply in words.
-        figures: Makes plain data of the reply.
-    """
-
-    name: str
-    what: str
-    schema: dict[str, Any]
-    ask: Callable[[AsyncClient, dict[str, Any]], Awaitable[Any]]
-    describe: Callable[[Any], str]
-    figures: Callable[[Any], dict[str, Any]] = msgspec.to_builtins
+    name: str  # its name
+    what: str  # its purpose, for the model to read
+    schema: dict[str, Any]  # JSON Schema of its arguments
+    ask: Callable[[AsyncClient, dict[str, Any]], Awaitable[Any]]  # asks the service
+    describe: Callable[[Any], str]  # says the reply in words
+    figures: Callable[[Any], dict[str, Any]] = msgspec.to_builtins  # makes plain data of the reply
 
 
 def _plan_figures(reply: PlanReply) -> dict[str, Any]:

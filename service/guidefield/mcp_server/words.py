@@ -20,8 +20,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.scene import Scene
 
-MOST_TOLD = 20
-"""Of a batch so many are told in words; the figures of all stand beside them."""
+MOST_TOLD = 20  # of a batch so many are told in words; the figures of all stand beside them
 
 
 def describe_plan(reply: PlanReply) -> str:

@@ -24,14 +24,10 @@ from guidefield.errors import GuidefieldError, WorkerCrashed
 from guidefield.pool.process import end_with_parent, limit_memory
 from guidefield.system import resident
 
-LOOK_EVERY = 0.1
-"""How often it is looked after a process [s]."""
-MOST_WAITING = 1_000
-"""So many things may wait to be sent to a process."""
-MOST_BYTES_WAITING = 64 << 20
-"""How large they may be together [bytes]."""
-STUCK = 10.0
-"""A process that has taken nothing for so long while something waited is ended [s]."""
+LOOK_EVERY = 0.1  # how often it is looked after a process [s]
+MOST_WAITING = 1_000  # so many things may wait to be sent to a process
+MOST_BYTES_WAITING = 64 << 20  # how large they may be together [bytes]
+STUCK = 10.0  # a process that has taken nothing for so long while something waited is ended [s]
 
 _log = logging.getLogger(__name__)
 _spawn = multiprocessing.get_context("spawn")

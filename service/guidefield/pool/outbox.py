@@ -22,24 +22,16 @@ from dataclasses import dataclass, field
 
 from guidefield.messages.identities import Asker
 
-MOST_THREADS = 128
-"""How many answers may be sent at once."""
-MOST_BYTES_OF_CLIENT = 64 * 2**20
-"""What may wait for one client beside the answer that is sent to it [bytes]."""
-MOST_BYTES = 2**30
-"""What may wait for all of them [bytes]."""
-MOST_LETTERS = 10_000
-"""How many answers may wait."""
-OF_USER = 0.5
-"""Which share of the threads, bytes and answers one user may have."""
-STALLED = 0.02
-"""An answer that takes longer to send is no longer waited for by whoever attends to others [s]."""
-SLOW_FOR = 5.0
-"""How long answers to a user are left to other threads after that [s]."""
+MOST_THREADS = 128  # how many answers may be sent at once
+MOST_BYTES_OF_CLIENT = 64 * 2**20  # what may wait for one client beside the answer that is sent to it [bytes]
+MOST_BYTES = 2**30  # what may wait for all of them [bytes]
+MOST_LETTERS = 10_000  # how many answers may wait
+OF_USER = 0.5  # which share of the threads, bytes and answers one user may have
+STALLED = 0.02  # an answer that takes longer to send is no longer waited for by whoever attends to others [s]
+SLOW_FOR = 5.0  # how long answers to a user are left to other threads after that [s]
 WATCHED_FOR = 1.0
 """How long after an answer it is still watched whether another one takes long [s]: nobody has to be woken for it."""
-IDLE = 10.0
-"""A thread that has had nothing to send for so long ends [s]."""
+IDLE = 10.0  # a thread that has had nothing to send for so long ends [s]
 
 _log = logging.getLogger(__name__)
 

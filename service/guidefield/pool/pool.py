@@ -37,29 +37,18 @@ from guidefield.pool.process import FAILED, PROGRESS, READY, REPLY, SET_BACK, UN
 from guidefield.pool.slot import Current, Frame, Worker, spawn
 from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
-LOOKED_AFTER = 0.05
-"""How often workers that work and tasks that wait are looked after [s]."""
-ACTIVE = 1.0
-"""How long after a task was done the pool still looks up that often, so that nobody has to wake it [s]."""
-RESTART_PAUSE = 1.0
-"""How long after a worker that could not be prepared the next one is started [s]."""
-STARTS_TRIED = 3
-"""How often a worker may fail to start while a job waits for it, or end before it begins with a job."""
-REAPED_WITHIN = 1.0
-"""How long a process that tells no more may take to end once it is killed [s]."""
-LAST_WORD = 2.0
-"""How much of a processor a job that is told to end early may use for it when the pool is closed [s]."""
-LAST_WORD_WITHIN = 10.0
-"""How long it may take for that, however little of a busy machine it gets [s]."""
-OWED_WITHIN = 10.0
-"""How long a worker that is no longer needed may take for what it owes [s]."""
-STOPPED_WITHIN = 10.0
-"""How long workers that are killed may take to end, and their tasks to be settled [s]."""
-CLOSING_CHECK = 0.01
-"""How often it is looked whether what is waited for at the end is done [s]."""
+LOOKED_AFTER = 0.05  # how often workers that work and tasks that wait are looked after [s]
+ACTIVE = 1.0  # how long after a task was done the pool still looks up that often, so that nobody has to wake it [s]
+RESTART_PAUSE = 1.0  # how long after a worker that could not be prepared the next one is started [s]
+STARTS_TRIED = 3  # how often a worker may fail to start while a job waits for it, or end before it begins with a job
+REAPED_WITHIN = 1.0  # how long a process that tells no more may take to end once it is killed [s]
+LAST_WORD = 2.0  # how much of a processor a job that is told to end early may use for it when the pool is closed [s]
+LAST_WORD_WITHIN = 10.0  # how long it may take for that, however little of a busy machine it gets [s]
+OWED_WITHIN = 10.0  # how long a worker that is no longer needed may take for what it owes [s]
+STOPPED_WITHIN = 10.0  # how long workers that are killed may take to end, and their tasks to be settled [s]
+CLOSING_CHECK = 0.01  # how often it is looked whether what is waited for at the end is done [s]
 DEFAULT_LIMITS = Limits()
-DEFAULT_MEMORY = 4 << 30
-"""Memory that a worker may have [bytes]."""
+DEFAULT_MEMORY = 4 << 30  # memory that a worker may have [bytes]
 
 _log = logging.getLogger(__name__)
 

@@ -28,10 +28,8 @@ from typing import Any
 from guidefield.errors import GuidefieldError
 from guidefield.pool.waiting import Answer
 
-DATA_ROOM = 2
-"""Address space of a worker as a multiple of its memory limit: one huge allocation fails at once."""
-LONGEST_REASON = 4096
-"""Longest reason that is told of a worker that can't be prepared [characters]."""
+DATA_ROOM = 2  # address space of a worker as a multiple of its memory limit: one huge allocation fails at once
+LONGEST_REASON = 4096  # longest reason that is told of a worker that can't be prepared [characters]
 JOB = struct.Struct("<QQQ")
 """Head of a job's frame: its number, its size when pickled, and that of the buffer behind it, if it has one."""
 TOLD = struct.Struct("<BQdQ")
@@ -40,8 +38,7 @@ READY, UNPREPARED, PROGRESS, REPLY, REFUSAL, SET_BACK, FAILED = range(7)
 """Kinds of what a worker sends: it is prepared; it can't be, and why; progress; outcomes of a job."""
 NOTHING, OPTIONAL, OWED = range(3)
 """Work that remains after an answer: none; work that ends early for the next job; work to be done before that."""
-_PR_SET_PDEATHSIG = 1
-"""Option of Linux's `prctl`: the signal that a process gets when the thread that started it ends."""
+_PR_SET_PDEATHSIG = 1  # option of Linux's `prctl`: the signal that a process gets when the thread that started it ends
 
 _log = logging.getLogger(__name__)
 
@@ -62,17 +59,11 @@ class Numbers(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Line:
-    """A worker's side of what it shares with its parent.
+    """A worker's side of what it shares with its parent."""
 
-    Attributes:
-        numbers: `Numbers`.
-        listened: Whether anybody listens to progress, in shared memory of all workers.
-        socket: The worker's end of their pair of sockets.
-    """
-
-    numbers: Any
-    listened: Any
-    socket: socket.socket
+    numbers: Any  # `Numbers`
+    listened: Any  # whether anybody listens to progress, in shared memory of all workers
+    socket: socket.socket  # the worker's end of their pair of sockets
 
     def tell(self, kind: int, number: int = 0, processor: float = 0.0, what: bytes = b"") -> None:
         """Send one frame, whole though several threads do; return once it is on its way."""

@@ -19,10 +19,8 @@ from guidefield.pool.process import JOB, OWED, TOLD, Line, Numbers, Setup, be_wo
 from guidefield.pool.waiting import Task
 from guidefield.system import processor_time, resident
 
-SENDING_ROOM = 1 << 18
-"""So much may be on its way to a worker or from it [bytes]."""
-READ_AT_ONCE = 1 << 20
-"""So much is read of one worker before the others have their turn [bytes]."""
+SENDING_ROOM = 1 << 18  # so much may be on its way to a worker or from it [bytes]
+READ_AT_ONCE = 1 << 20  # so much is read of one worker before the others have their turn [bytes]
 
 spawn = multiprocessing.get_context("spawn")
 

@@ -27,40 +27,25 @@ from typing import Any, NamedTuple
 from guidefield.errors import ServerBusy
 from guidefield.messages.identities import ANONYMOUS, Asker
 
-Answer = tuple[bool, bytes]
-"""True for a reply, False for an error; and the payload."""
-BACKSTOP = 60.0
-"""A worker that plans longer than its request allows by this is to be stopped [s]."""
-LONGEST_WORK = 600.0
-"""A worker that works longer on anything but a plan is to be stopped [s]."""
-HELD_UP = 0.4
-"""Wait of a user without a worker, after which the worker that stands by takes its task [s]."""
-TRIAL = 0.4
-"""Time for which that one works on a task before another user's may take its place [s]."""
-SOONEST, LATEST = 0.1, 30.0
-"""Bounds of the time after which somebody is told to ask again [s]."""
+Answer = tuple[bool, bytes]  # true for a reply, False for an error; and the payload
+BACKSTOP = 60.0  # a worker that plans longer than its request allows by this is to be stopped [s]
+LONGEST_WORK = 600.0  # a worker that works longer on anything but a plan is to be stopped [s]
+HELD_UP = 0.4  # wait of a user without a worker, after which the worker that stands by takes its task [s]
+TRIAL = 0.4  # time for which that one works on a task before another user's may take its place [s]
+SOONEST, LATEST = 0.1, 30.0  # bounds of the time after which somebody is told to ask again [s]
 HALVED_IN = 30.0
 """Half-life of a user's use of processors [s]: after heavy use a user is served like others again within minutes."""
-FORGOTTEN = 1e-3
-"""Less than this is nothing [s]."""
-MOST_REMEMBERED = 100
-"""Number of users above which those whose use is forgotten are removed."""
-NEWEST = 0.1
-"""Weight of the newest request in the typical time of one."""
+FORGOTTEN = 1e-3  # less than this is nothing [s]
+MOST_REMEMBERED = 100  # number of users above which those whose use is forgotten are removed
+NEWEST = 0.1  # weight of the newest request in the typical time of one
 
 
 class TimedAnswer(NamedTuple):
-    """A time, by `time.monotonic()` [s], and the answer then in a worker's place.
+    """A time, by `time.monotonic()` [s], and the answer then in a worker's place."""
 
-    Attributes:
-        at: The time.
-        answer: Makes the answer.
-        at_last: The same for a worker that is done preparing, and minds its time by itself.
-    """
-
-    at: float
-    answer: Callable[[], Answer]
-    at_last: float = math.inf
+    at: float  # the time
+    answer: Callable[[], Answer]  # makes the answer
+    at_last: float = math.inf  # the same for a worker that is done preparing, and minds its time by itself
 
 
 def _ignore(*_: bytes) -> None:

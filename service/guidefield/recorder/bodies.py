@@ -31,40 +31,29 @@ from guidefield.robot.mesh_files import reading as mesh_files
 from guidefield.robot.model.model import RobotModel, RobotSource
 from guidefield.whole_file import DRAFT, write_whole
 
-SKETCHED_APART = 2
-"""Bodies of one link that are sketched one by one."""
-COLLISION_COLOR = (96, 165, 250, 110)
-"""Colour of collision geometry (RGBA)."""
-FAULT_COLOR = (230, 57, 53, 255)
-"""Colour of what is in collision (RGBA)."""
-OUTSIDE = 0.003
-"""Distance outside of a link at which its red shape is drawn: neither shines through the other [m]."""
+SKETCHED_APART = 2  # bodies of one link that are sketched one by one
+COLLISION_COLOR = (96, 165, 250, 110)  # colour of collision geometry (RGBA)
+FAULT_COLOR = (230, 57, 53, 255)  # colour of what is in collision (RGBA)
+OUTSIDE = 0.003  # distance outside of a link at which its red shape is drawn: neither shines through the other [m]
 MEDIA_TYPE_GLB = "model/gltf-binary"
 
 
 MOST_FILES = 64
 """Robots kept prepared in a folder; recordings of a robot that was dropped leave the store without its meshes."""
-ABANDONED = 3600.0
-"""Age from which a file that was never finished won't be [s]."""
-NAMES = "/prepared"
-"""The entity that tells what a file holds."""
+ABANDONED = 3600.0  # age from which a file that was never finished won't be [s]
+NAMES = "/prepared"  # the entity that tells what a file holds
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A robot ready to be drawn, but for its meshes.
+    """A robot ready to be drawn, but for its meshes."""
 
-    Attributes:
-        file: Its meshes: `/robot/visual/<body>`, `/robot/collision/<body>`, `/robot/spheres/<link>`, in links' frames.
-        links: Links that carry something.
-        sketch: Per link the thinned-out hulls of its collision geometry, in the link's frame.
-        faults: What can't be drawn, or kept.
-    """
-
+    # its meshes: `/robot/visual/<body>`, `/robot/collision/<body>`, `/robot/spheres/<link>`, in links' frames
     file: Path
-    links: tuple[str, ...]
+    links: tuple[str, ...]  # links that carry something
+    # per link the thinned-out hulls of its collision geometry, in the link's frame
     sketch: tuple[tuple[str, Surface], ...]
-    faults: tuple[str, ...]
+    faults: tuple[str, ...]  # what can't be drawn, or kept
 
 
 def prepare(robot: RobotModel, file: Path) -> tuple[Drawn, list[Chunk]]:
@@ -208,8 +197,7 @@ PRIMITIVES: dict[str, Callable[[Any], Any]] = {
     "capsule": lambda c: coal.Capsule(float(c.get("radius")), float(c.get("length"))),
 }
 """Coal shape by URDF element."""
-COLOR = (125, 175, 240, 255)
-"""Colour of the balls (RGBA)."""
+COLOR = (125, 175, 240, 255)  # colour of the balls (RGBA)
 
 
 def known(robot: RobotModel) -> str:

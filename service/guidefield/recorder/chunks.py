@@ -12,14 +12,10 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-PATH_TIME = "path_time"
-"""Timeline of the motion itself [s]."""
-STEP = "step"
-"""Timeline of the planner's accepted steps, counted."""
-PLOTS = "/plots/"
-"""Below it are the curves."""
-GHOST_ENTITY = "/ghosts"
-"""Entity of the robot along its way, translucent."""
+PATH_TIME = "path_time"  # timeline of the motion itself [s]
+STEP = "step"  # timeline of the planner's accepted steps, counted
+PLOTS = "/plots/"  # below it are the curves
+GHOST_ENTITY = "/ghosts"  # entity of the robot along its way, translucent
 PICTURE, PICTURE_AT_START = "/field/picture", "/field/picture_at_start"
 """Entities of the picture of the field: where nothing moves, and where it is that of the obstacles before they do."""
 
@@ -29,8 +25,7 @@ def entity(*parts: str) -> str:
     return "/" + "/".join(rr.escape_entity_path_part(part) for part in parts)
 
 
-WORLD = "tf#/"
-"""Name of the world's coordinate frame: the one that Rerun gives to the root of all entities."""
+WORLD = "tf#/"  # name of the world's coordinate frame: the one that Rerun gives to the root of all entities
 
 
 def link_frame(link: str) -> str:
@@ -79,8 +74,7 @@ def timed(path: str, times: Iterable[rr.TimeColumn], columns: Iterable[rr.Compon
     return Chunk.from_columns(path, times, columns)
 
 
-Color = tuple[int, int, int, int]
-"""RGBA."""
+Color = tuple[int, int, int, int]  # RGBA
 
 
 def rgba(hue: float, lightness: float, saturation: float, alpha: int = 255) -> Color:

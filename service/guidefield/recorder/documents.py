@@ -31,18 +31,14 @@ if TYPE_CHECKING:
     from guidefield.scene.scene import Scene
 
 
-MESSAGE_COMPONENT = "message"
-"""The component of a document's entity that holds the message itself."""
-LEVEL = 1
-"""Of compression: harder ones take three times as long and save nothing on numbers."""
-LARGEST_MESSAGE = 1 << 28
-"""Bytes of a message, unpacked, that are read from a recording at most."""
+MESSAGE_COMPONENT = "message"  # the component of a document's entity that holds the message itself
+LEVEL = 1  # of compression: harder ones take three times as long and save nothing on numbers
+LARGEST_MESSAGE = 1 << 28  # bytes of a message, unpacked, that are read from a recording at most
 
 _M = TypeVar("_M", bound=msgspec.Struct)
 
 
-SCENE = "/documents/scene"
-"""The entity that holds the message of a large scene; the request's own is without it then."""
+SCENE = "/documents/scene"  # the entity that holds the message of a large scene; the request's own is without it then
 LARGE_BYTES = 32 * 1024
 """From this size on [bytes of MessagePack] a scene has an entity, and in stores a file, of its own."""
 
@@ -78,12 +74,9 @@ PROPERTIES, MADE_WITH = "/__properties/plan", "made_with"
 SHORTENED = "*Rounded and shortened to be read; the message itself, exact, is in this entity's component `message`.*"
 LONGEST_LIST = 12
 """Entries of a list that are shown; of a longer one the first and the last, and how many there are between."""
-LONGEST_TEXT = 300
-"""Characters of a text that are shown."""
-COLUMN = 76
-"""Characters of a line in the last column of a table."""
-WIDTH = 110
-"""Characters of a line within which a list of plain values stays."""
+LONGEST_TEXT = 300  # characters of a text that are shown
+COLUMN = 76  # characters of a line in the last column of a table
+WIDTH = 110  # characters of a line within which a list of plain values stays
 
 _to_json = json.JSONEncoder(ensure_ascii=False).encode
 
@@ -94,22 +87,15 @@ _Reply_co = TypeVar("_Reply_co", bound=MotionReply, covariant=True)
 
 @dataclass(frozen=True, eq=False)
 class RecordedRun(Generic[_Request_co, _Reply_co]):
-    """A run as its recording shows it.
+    """A run as its recording shows it."""
 
-    Attributes:
-        group: The joints that move, with the limits that hold for this request.
-        scene: The scene that they move in; of a sequence, with what is carried as it is carried.
-        measured: The clearance along the motion, if there is one.
-        made_with: The packages that it was made with, as `versions.made_with`.
-        anchor: From which group, scene and measures are seen, and all is drawn; None: the world's origin.
-    """
-
-    group: PlanningGroup
-    scene: Scene
+    group: PlanningGroup  # the joints that move, with the limits that hold for this request
+    scene: Scene  # the scene that they move in; of a sequence, with what is carried as it is carried
     request: _Request_co
     reply: _Reply_co
-    measured: ClearanceProfile | None
-    made_with: str
+    measured: ClearanceProfile | None  # the clearance along the motion, if there is one
+    made_with: str  # the packages that it was made with, as `versions.made_with`
+    # from which group, scene and measures are seen, and all is drawn; None: the world's origin
     anchor: Anchor | None = None
 
     def seen(self) -> tuple[_Request_co, _Reply_co]:
@@ -272,8 +258,7 @@ def milliseconds(seconds: float) -> str:
     return f"{1e3 * seconds:.1f} ms"
 
 
-LEAST_TOLD = 5e-5
-"""A shorter time is left out [s]."""
+LEAST_TOLD = 5e-5  # a shorter time is left out [s]
 
 
 def document_plan(run: PlanRun, remarks: Sequence[str]) -> Iterator[Chunk]:

@@ -32,12 +32,9 @@ from guidefield.robot.model.spaces import (
     WireColumns,
 )
 
-SHOWN_SPEED = 1.0
-"""Speed of the quickest joint along a path that has no times [rad/s or m/s]."""
-SHOWN_STEP = 0.05
-"""Largest change of a joint between two frames of such a path [rad or m]."""
-SHOWN_RATE = 30.0
-"""Frames a second of a trajectory [Hz], within `FRAMES`."""
+SHOWN_SPEED = 1.0  # speed of the quickest joint along a path that has no times [rad/s or m/s]
+SHOWN_STEP = 0.05  # largest change of a joint between two frames of such a path [rad or m]
+SHOWN_RATE = 30.0  # frames a second of a trajectory [Hz], within `FRAMES`
 FRAMES = (60, 400)
 
 
@@ -103,16 +100,11 @@ def position_rows(group: PlanningGroup, configurations: Configurations) -> WireC
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """A trajectory as it is plotted, at times (n,) [s].
-
-    Attributes:
-        positions: In the wire's position columns, shape (n, k) [rad, m, or entries of a quaternion].
-        velocities, accelerations: In the tangent space, shape (n, nv) [rad/s or m/s, and per s].
-    """
+    """A trajectory as it is plotted, at times (n,) [s]."""
 
     times: np.ndarray
-    positions: WireColumns
-    velocities: Tangents
+    positions: WireColumns  # in the wire's position columns, shape (n, k) [rad, m, or entries of a quaternion]
+    velocities: Tangents  # in the tangent space, shape (n, nv) [rad/s or m/s, and per s]
     accelerations: Tangents
 
 
@@ -177,17 +169,11 @@ def _untimed(group: PlanningGroup, path: Sequence[Sequence[float]]) -> Motion:
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Placements of a robot's joints and tip at n configurations.
+    """Placements of a robot's joints and tip at n configurations."""
 
-    Attributes:
-        joints: Pinocchio's indices.
-        placements: Position and quaternion (x, y, z, w), shape (n, joints, 7) [m, world].
-        tip: Positions of the tip, shape (n, 3) [m, world].
-    """
-
-    joints: tuple[int, ...]
-    placements: np.ndarray
-    tip: np.ndarray
+    joints: tuple[int, ...]  # pinocchio's indices
+    placements: np.ndarray  # position and quaternion (x, y, z, w), shape (n, joints, 7) [m, world]
+    tip: np.ndarray  # positions of the tip, shape (n, 3) [m, world]
 
 
 def poses(group: PlanningGroup, configurations: Sequence[Configuration] | Configurations) -> Poses:

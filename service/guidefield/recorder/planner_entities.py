@@ -29,8 +29,7 @@ from guidefield.recorder.motion import placed_links
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints
 
-MOST_FRAMES = 60
-"""Steps at which the robot is shown: of more, as many, evenly chosen."""
+MOST_FRAMES = 60  # steps at which the robot is shown: of more, as many, evenly chosen
 STEP_COLORS = {
     StepKind.START: (240, 240, 240, 255),
     StepKind.ADVANCE: (94, 184, 255, 255),
@@ -40,10 +39,8 @@ STEP_COLORS = {
     StepKind.TREE: (150, 150, 150, 255),
 }
 """Colour by kind of step (RGBA)."""
-RELAX_COLOR = (190, 160, 250, 255)
-"""Of a step of the optimisation (RGBA)."""
-POINT_RADIUS = 0.006
-"""Radius of the point that stands for a step, at size 1 [m]."""
+RELAX_COLOR = (190, 160, 250, 255)  # of a step of the optimisation (RGBA)
+POINT_RADIUS = 0.006  # radius of the point that stands for a step, at size 1 [m]
 OTHER_COLOR = (200, 200, 200, 255)
 
 
@@ -97,8 +94,7 @@ def _describe(event: LoggedEvent, planes: Sequence[str]) -> tuple[str, str, tupl
     return "DEBUG", f"{event.kind.value}: {event.message}", STEP_COLORS.get(event.kind, OTHER_COLOR)
 
 
-MOST_WAYPOINTS = 24
-"""Points by which a motion that is being optimised is shown."""
+MOST_WAYPOINTS = 24  # points by which a motion that is being optimised is shown
 TREE_COLOR = (150, 170, 200, 140)
 RELAXED_COLOR = (190, 160, 250, 255)
 

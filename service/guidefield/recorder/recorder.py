@@ -38,12 +38,9 @@ from guidefield.recorder.view import Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configuration, Configurations
 
-CLEAR = 0.10
-"""Distance [m] from which the segment to the closest obstacle is drawn in plain green."""
-PLOTTED = 600
-"""Numbers in a plot of all joints, about."""
-LEAST_PLOTTED = 40
-"""Rows in such a plot, if there are as many."""
+CLEAR = 0.10  # distance [m] from which the segment to the closest obstacle is drawn in plain green
+PLOTTED = 600  # numbers in a plot of all joints, about
+LEAST_PLOTTED = 40  # rows in such a plot, if there are as many
 OBSTACLE_COLOR = (94, 184, 255, 255)
 SELF_COLOR = (190, 160, 250, 255)
 REQUIRED_COLOR = (235, 87, 87, 255)

@@ -38,14 +38,10 @@ from guidefield.scene.field_in_time import Origin, field_in_time
 from guidefield.scene.field_slice import field_slice, planes_along
 from guidefield.scene.scene import Scene, build
 
-MOMENTS = 13
-"""Configurations at which forces are shown, of those at which the robot is shown."""
-LONGEST_ARROW = 0.25
-"""Length of the arrow of the largest force of a recording, at size 1 [m]."""
-FORCE_DECADES = 2.0
-"""Powers of ten of force that the colours of points and the lengths of arrows tell apart."""
-RESOLUTION = 80
-"""Pixels along the longer side of the picture."""
+MOMENTS = 13  # configurations at which forces are shown, of those at which the robot is shown
+LONGEST_ARROW = 0.25  # length of the arrow of the largest force of a recording, at size 1 [m]
+FORCE_DECADES = 2.0  # powers of ten of force that the colours of points and the lengths of arrows tell apart
+RESOLUTION = 80  # pixels along the longer side of the picture
 EVALUATED_EVERY = 3
 """Of the pixels of a row and of a column one in so many has its field evaluated where no wall is near."""
 NOTHING = build(messages.Scene(name="nothing"))
@@ -145,12 +141,9 @@ def _arrows(forces: np.ndarray, origins: np.ndarray, column: rr.TimeColumn, robo
     return timed("/field/forces", [column], columns)
 
 
-GHOSTS = 6
-"""Configurations shown along the motion, both ends included."""
-GHOST_STEP = 0.02
-"""Distance that some point of a part has to move before the part is drawn again, at size 1 [m]."""
-AXES = 0.08
-"""Length of the axes of the tip's frame, at size 1 [m]."""
+GHOSTS = 6  # configurations shown along the motion, both ends included
+GHOST_STEP = 0.02  # distance that some point of a part has to move before the part is drawn again, at size 1 [m]
+AXES = 0.08  # length of the axes of the tip's frame, at size 1 [m]
 
 
 def tip_axes(group: PlanningGroup) -> Chunk:

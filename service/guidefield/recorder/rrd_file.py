@@ -92,8 +92,7 @@ def _disconnected_after(stream: rr.RecordingStream) -> Iterator[Any]:
         bindings.flush_and_cleanup_orphaned_recordings()
 
 
-UNREADABLE = (OSError, ValueError, KeyError, RuntimeError)
-"""Exceptions of reading a file that is missing or damaged."""
+UNREADABLE = (OSError, ValueError, KeyError, RuntimeError)  # exceptions of reading a file that is missing or damaged
 
 
 def read_meshes(file: Path) -> list[Chunk]:

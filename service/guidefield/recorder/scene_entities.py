@@ -27,8 +27,7 @@ GOAL_COLOR = (120, 220, 160, 255)
 FLOOR_COLOR = (118, 122, 130, 255)
 PLANE_HUES = (0.52, 0.60)
 PANE_ALPHA = 40
-SEE_THROUGH_ALPHA = 70
-"""Opacity of an obstacle that stands between the eye and the path, of 255."""
+SEE_THROUGH_ALPHA = 70  # opacity of an obstacle that stands between the eye and the path, of 255
 
 
 def obstacles(

@@ -39,10 +39,8 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene, declared_with
 from guidefield.whole_file import link_shared, remove_unshared
 
-FOLDER = "runs-scenes"
-"""Name of the folder of these files, beside that of the robots."""
-UNUSED_S = 3600.0
-"""Age from which a file without a link goes [s]."""
+FOLDER = "runs-scenes"  # name of the folder of these files, beside that of the robots
+UNUSED_S = 3600.0  # age from which a file without a link goes [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,17 +117,11 @@ def _readers() -> bytes:
 
 @dataclass(frozen=True)
 class Place:
-    """The place of a recording: whole, or for a store, without its robot's meshes and layout.
+    """The place of a recording: whole, or for a store, without its robot's meshes and layout."""
 
-    Attributes:
-        file: The recording.
-        bodies: Folder of robots that are kept prepared.
-        whole: Whether the robot's meshes and the layout are put into the recording.
-    """
-
-    file: Path
-    bodies: Path
-    whole: bool
+    file: Path  # the recording
+    bodies: Path  # folder of robots that are kept prepared
+    whole: bool  # whether the robot's meshes and the layout are put into the recording
 
     def write(
         self,

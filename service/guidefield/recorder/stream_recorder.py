@@ -20,8 +20,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
-STOP_COLOR = (235, 87, 87, 255)
-"""Of the tip where the robot would stand (RGBA)."""
+STOP_COLOR = (235, 87, 87, 255)  # of the tip where the robot would stand (RGBA)
 PLOTS = (
     ("/plots/horizon", "From each update to the proven stop [s]"),
     ("/plots/latency", "How long each update was worked on [ms]"),
@@ -30,40 +29,26 @@ PLOTS = (
 
 @dataclass(frozen=True, eq=False)
 class MovingBody:
-    """An obstacle that was seen.
+    """An obstacle that was seen."""
 
-    Attributes:
-        obstacle: Its shape, in its own frame.
-        times, placements: Position and quaternion (x, y, z, w), shape (n, 7) [m, world], at times (n,) [s].
-        appears, gone: When it was there and had not been before (k,), and was no more (m,) [s].
-    """
-
-    obstacle: Obstacle
-    times: np.ndarray
+    obstacle: Obstacle  # its shape, in its own frame
+    times: np.ndarray  # position and quaternion (x, y, z, w), shape (n, 7) [m, world], at times (n,) [s]
     placements: np.ndarray
-    appears: np.ndarray
+    appears: np.ndarray  # when it was there and had not been before (k,), and was no more (m,) [s]
     gone: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class StreamMotion:
-    """The motion of a stream as its recording shows it, by the client's clock.
+    """The motion of a stream as its recording shows it, by the client's clock."""
 
-    Attributes:
-        times: Of the updates, shape (n,) [s].
-        rows, stops: Where the robot was then, and would have stood, in position columns, shape (n, k) [rad or m].
-        horizon, latency: From each update to that stop, and how long it was worked on, shape (n,) [s].
-        reasons: Time, and why there was no piece, in words.
-        moving: What was seen.
-    """
-
-    times: np.ndarray
-    rows: np.ndarray
+    times: np.ndarray  # of the updates, shape (n,) [s]
+    rows: np.ndarray  # where the robot was then, and would have stood, in position columns, shape (n, k) [rad or m]
     stops: np.ndarray
-    horizon: np.ndarray
+    horizon: np.ndarray  # from each update to that stop, and how long it was worked on, shape (n,) [s]
     latency: np.ndarray
-    reasons: Sequence[tuple[float, str]]
-    moving: Sequence[MovingBody]
+    reasons: Sequence[tuple[float, str]]  # time, and why there was no piece, in words
+    moving: Sequence[MovingBody]  # what was seen
 
 
 def stream_recording(name: str, group: PlanningGroup, scene: Scene, motion: StreamMotion) -> bytes:

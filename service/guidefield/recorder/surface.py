@@ -18,38 +18,25 @@ from guidefield.robot.mesh_files import reading as mesh_files
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.model.shapes import triangulation
 
-CREASE = np.radians(40.0)
-"""Faces that meet at less than this angle are shaded as one smooth surface [rad]."""
-SKETCH_CREASE = np.radians(85.0)
-"""The same for sketches, which have few and coarse faces [rad]."""
-MERGED_DIGITS = 6
-"""Decimals of a metre to which vertices are the same."""
-SKETCH_VERTICES = 32
-"""Most vertices of a body in a sketch."""
-SIDES = 48
-"""Sides of a drawn cylinder."""
+CREASE = np.radians(40.0)  # faces that meet at less than this angle are shaded as one smooth surface [rad]
+SKETCH_CREASE = np.radians(85.0)  # the same for sketches, which have few and coarse faces [rad]
+MERGED_DIGITS = 6  # decimals of a metre to which vertices are the same
+SKETCH_VERTICES = 32  # most vertices of a body in a sketch
+SIDES = 48  # sides of a drawn cylinder
 SAME_EXTENT, SAME_AREA = 1e-3, 0.05
 """Two readings of a file are the same if they differ by at most these shares: polygons may be cut differently."""
-TEXTURE_SIZE = 512
-"""Longest side of a texture, in pixels."""
-GREY = (204, 204, 208, 255)
-"""Colour of a body that has none of its own (RGBA)."""
+TEXTURE_SIZE = 512  # longest side of a texture, in pixels
+GREY = (204, 204, 208, 255)  # colour of a body that has none of its own (RGBA)
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A triangle mesh with normals.
+    """A triangle mesh with normals."""
 
-    Attributes:
-        vertices, normals: Shape (v, 3) [m] and unit normals, float32.
-        triangles: Vertex indices, shape (t, 3), uint32, counter-clockwise from outside.
-        colors: RGBA per vertex, shape (v, 4), uint8; None where the whole body has one colour.
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
+    vertices: np.ndarray  # shape (v, 3) [m] and unit normals, float32
+    triangles: np.ndarray  # vertex indices, shape (t, 3), uint32, counter-clockwise from outside
     normals: np.ndarray
-    colors: np.ndarray | None = None
+    colors: np.ndarray | None = None  # RGBA per vertex, shape (v, 4), uint8; None where the whole body has one colour
 
     def moved(self, placement: Any) -> Surface:
         """The same in another frame, given its placement there (pinocchio.SE3)."""

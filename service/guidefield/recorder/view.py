@@ -15,13 +15,11 @@ from guidefield.recorder.chunks import GHOST_ENTITY, PICTURE, PICTURE_AT_START, 
 if TYPE_CHECKING:
     from guidefield.scene.obstacle import Obstacle
 
-FAINT_GHOSTS = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 18))
-"""Ghosts where the robot itself is shown too."""
+FAINT_GHOSTS = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 18))  # ghosts where the robot itself is shown too
 LOG_COLUMNS = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
 SWITCHED_OFF = {path: rrb.EntityBehavior(visible=False) for path in ("/robot/collision", "/robot/spheres")}
 """Entities that are hidden at first: the shapes that are judged, and their bounding spheres."""
-BACKGROUND = (13, 16, 17)
-"""Colour around the picture of the field (RGB), as that of the viewer."""
+BACKGROUND = (13, 16, 17)  # colour around the picture of the field (RGB), as that of the viewer
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=STEP, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seq=0)
 )
@@ -147,24 +145,15 @@ def scene_view(name: str, eye: Eye, contents: list[str], overrides: dict[str, An
 
 
 AZIMUTHS = 16
-ELEVATIONS = (0.35, 0.65)
-"""Angles above the horizon that are tried [rad]."""
-PREFERRED_AZIMUTH = 1.96
-"""Best azimuth of the eye from the direction of the motion [rad]: to its side, a little behind."""
-TRIED_AT_ONCE = 4
-"""Eyes whose rays are cast together, those of preferred directions first."""
-PREFERENCE = 1.2
-"""Share of hidden points that the preferred direction makes up for."""
-DISTANCE = 1.9
-"""Distance of the eye, as a multiple of the radius of its target."""
-SMALLEST_RADIUS = 0.35
-"""Radius that is looked at even if less moves, at size 1 [m]."""
-SAMPLES = 8
-"""Points of the tip's way that are looked for."""
-MOST_TRIANGLES = 1500
-"""Triangles that may hide something; of more, the largest."""
-HIDING_SHARE = 0.1
-"""Share of the tip's way that an obstacle hides before it is drawn translucent."""
+ELEVATIONS = (0.35, 0.65)  # angles above the horizon that are tried [rad]
+PREFERRED_AZIMUTH = 1.96  # best azimuth of the eye from the direction of the motion [rad]: to its side, a little behind
+TRIED_AT_ONCE = 4  # eyes whose rays are cast together, those of preferred directions first
+PREFERENCE = 1.2  # share of hidden points that the preferred direction makes up for
+DISTANCE = 1.9  # distance of the eye, as a multiple of the radius of its target
+SMALLEST_RADIUS = 0.35  # radius that is looked at even if less moves, at size 1 [m]
+SAMPLES = 8  # points of the tip's way that are looked for
+MOST_TRIANGLES = 1500  # triangles that may hide something; of more, the largest
+HIDING_SHARE = 0.1  # share of the tip's way that an obstacle hides before it is drawn translucent
 
 
 def choose_eye(

@@ -17,52 +17,30 @@ from guidefield.referee.case import Body
 from guidefield.referee.shapes import hull
 from guidefield.referee.solid import distinct
 
-NEAR = 1e-5
-"""Beyond this a point isn't looked for among the corners of a shape [m]."""
-
-CLOSE = 1e-7
-"""A point that is as near to a corner isn't looked for between planes [m]: that is single precision."""
-
-MANY = 200_000
-"""Above so many distances from points to corners the planes about the corners are asked first."""
+NEAR = 1e-5  # beyond this a point isn't looked for among the corners of a shape [m]
+CLOSE = 1e-7  # a point that is as near to a corner isn't looked for between planes [m]: that is single precision
+MANY = 200_000  # above so many distances from points to corners the planes about the corners are asked first
 
 
 class Declared(NamedTuple):
-    """A body as it is declared, in the frame of its shape: hulls of points, to which a disc and a ball are added.
+    """A body as it is declared, in the frame of its shape: hulls of points, to which a disc and a ball are added."""
 
-    Attributes:
-        points: Shape (p, 3) [m].
-        items: Points of each hull, shape (t, k).
-        ball: Radius of the ball [m].
-        disc: Radius of the disc [m].
-        axis: The disc's, shape (3,).
-        plane: Outward normal and offset of a half-space, shape (4,); of what has an end 0.
-    """
-
-    points: np.ndarray
-    items: np.ndarray
-    ball: float
-    disc: float
-    axis: np.ndarray
-    plane: np.ndarray
+    points: np.ndarray  # shape (p, 3) [m]
+    items: np.ndarray  # points of each hull, shape (t, k)
+    ball: float  # radius of the ball [m]
+    disc: float  # radius of the disc [m]
+    axis: np.ndarray  # the disc's, shape (3,)
+    plane: np.ndarray  # outward normal and offset of a half-space, shape (4,); of what has an end 0
 
 
 class Shapes(NamedTuple):
-    """Convex shapes in the frame of a body: hulls of corners, to which a disc and a ball are added.
+    """Convex shapes in the frame of a body: hulls of corners, to which a disc and a ball are added."""
 
-    Attributes:
-        begins: Begin of each shape's corners, and the number of all, shape (h + 1,).
-        balls: Radius of the ball, shape (h,) [m]; infinite of a half-space.
-        discs: Radius of the disc, shape (h,) [m]; of a half-space its offset.
-        axes: The disc's axis, shape (h, 3); of a half-space its outward normal.
-        corners: Shape (c, 3) [m].
-    """
-
-    begins: np.ndarray
-    balls: np.ndarray
-    discs: np.ndarray
-    axes: np.ndarray
-    corners: np.ndarray
+    begins: np.ndarray  # begin of each shape's corners, and the number of all, shape (h + 1,)
+    balls: np.ndarray  # radius of the ball, shape (h,) [m]; infinite of a half-space
+    discs: np.ndarray  # radius of the disc, shape (h,) [m]; of a half-space its offset
+    axes: np.ndarray  # the disc's axis, shape (h, 3); of a half-space its outward normal
+    corners: np.ndarray  # shape (c, 3) [m]
 
 
 def declared(body: Body) -> Declared:

@@ -36,11 +36,8 @@ FORMAT = "guidefield cases 1"
 
 ROOTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 
-LARGEST = 2**29
-"""The largest packed file that is read, unpacked [bytes]: a file of some kB could hold gigabytes."""
-
-MOMENT = 1e-9
-"""Duration of a motion of a single position [s]."""
+LARGEST = 2**29  # the largest packed file that is read, unpacked [bytes]: a file of some kB could hold gigabytes
+MOMENT = 1e-9  # duration of a motion of a single position [s]
 
 Told = Mapping[str, Any]
 

@@ -19,10 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-PREFIX = "cmeel.prefix"
-"""Folder of the packages among which Assimp is, as Coal needs it."""
-SECONDS = 60.0
-"""A file that takes the command longer isn't read [s]."""
+PREFIX = "cmeel.prefix"  # folder of the packages among which Assimp is, as Coal needs it
+SECONDS = 60.0  # a file that takes the command longer isn't read [s]
 HEADER = 512
 SCENE, NODE, MESH = 0x1239, 0x123C, 0x1237
 POSITIONS, NORMALS, TANGENTS = 1, 2, 4

@@ -19,35 +19,21 @@ from guidefield.referee.judge import pieces
 
 
 class ChordBounds(NamedTuple):
-    """The motion's columns in s segments.
+    """The motion's columns in s segments."""
 
-    Attributes:
-        z: In the middles, shape (s, n).
-        chords: D, shape (s, n).
-        shares: The most of the size of l, shape (s,).
-        farthest: The most of each number of x, shape (s, n).
-        aside: The most of each number of e, shape (s, n).
-    """
-
-    z: np.ndarray
-    chords: np.ndarray
-    shares: np.ndarray
-    farthest: np.ndarray
-    aside: np.ndarray
+    z: np.ndarray  # in the middles, shape (s, n)
+    chords: np.ndarray  # d, shape (s, n)
+    shares: np.ndarray  # the most of the size of l, shape (s,)
+    farthest: np.ndarray  # the most of each number of x, shape (s, n)
+    aside: np.ndarray  # the most of each number of e, shape (s, n)
 
 
 class BodyBounds(NamedTuple):
-    """How a body moves in each of s segments.
+    """How a body moves in each of s segments."""
 
-    Attributes:
-        twist: By which it moves along D, linear part first, shape (s, 6) [m and rad, world].
-        bent: How far points are from where a share of that brings them at most, shape (s,) [m].
-        travel: How far they get from where they are in the middle at most, shape (s,) [m].
-    """
-
-    twist: np.ndarray
-    bent: np.ndarray
-    travel: np.ndarray
+    twist: np.ndarray  # by which it moves along D, linear part first, shape (s, 6) [m and rad, world]
+    bent: np.ndarray  # how far points are from where a share of that brings them at most, shape (s,) [m]
+    travel: np.ndarray  # how far they get from where they are in the middle at most, shape (s,) [m]
 
 
 class _Move(NamedTuple):

@@ -17,8 +17,7 @@ from guidefield.referee.loading import UnusableFile
 
 FORMAT = "guidefield proofs 1"
 
-LARGEST = 2**31
-"""The largest proof that is read, unpacked [bytes]: a file of some MB could hold arrays of terabytes."""
+LARGEST = 2**31  # the largest proof that is read, unpacked [bytes]: a file of some MB could hold arrays of terabytes
 
 WIDTHS = {"claims": 4, "segments": 2, "slab_nodes": 2, "slab_axes": 3, "views": 3, "origins": 3, "centres": 3}
 WIDTHS |= {"node_children": 2, "node_shapes": 2, "shape_numbers": 5, "corners": 3}
@@ -29,49 +28,33 @@ LENGTHS += [("node_bodies", "node_children", "node_shapes")]
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """What a proof tells; nothing of it is believed.
+    """What a proof tells; nothing of it is believed."""
 
-    Attributes:
-        claims: Begin, end, 1 for own pairs and 0 for others, and a distance that they keep at least, which counts
-            where it is more than what is required, shape (c, 4) [s, s, -, m].
-        segments: Begin and end of each, shape (s, 2) [s, or knots].
-        slab_segments: The segment of each slab, shape (k,).
-        slab_nodes: The two nodes that it is between, shape (k, 2).
-        slab_axes: Its direction in the world, from the second to the first, shape (k, 3); where it is 0, that between
-            the middles of the spheres about both nodes, and these are meant.
-        joints: Names of joints.
-        views: Two bodies, and the joint that their motion is seen from, shape (p, 3).
-        bodies: Link, held object or obstacle of each body.
-        numbers: Which of the bodies of that name it is, shape (b,).
-        origins: From where its lengths are measured, shape (b, 3) [m]: in the shape's frame, of an obstacle where it is
-            at first, in the world.
-        centres: Middle of a sphere about it, from there, shape (b, 3) [m].
-        node_bodies: The body of each node, shape (n,).
-        node_children: The two nodes that it is divided into, -1 where it isn't, shape (n, 2).
-        node_shapes: A sphere, and another shape, that hold all of it; -1 where none is told, shape (n, 2).
-        shape_begins: Begin of each shape's corners, and the number of all, shape (h + 1,).
-        shape_numbers: Ball and disc that are added to their hull, and the disc's axis, shape (h, 5) [m]; a half-space
-            has an infinite ball, its offset and its normal.
-        corners: Shape (c, 3) [m].
-    """
-
+    # begin, end, 1 for own pairs and 0 for others, and a distance that they keep at least, which counts where it is
+    # more than what is required, shape (c, 4) [s, s, -, m]
     claims: np.ndarray
-    segments: np.ndarray
-    slab_segments: np.ndarray
-    slab_nodes: np.ndarray
+    segments: np.ndarray  # begin and end of each, shape (s, 2) [s, or knots]
+    slab_segments: np.ndarray  # the segment of each slab, shape (k,)
+    slab_nodes: np.ndarray  # the two nodes that it is between, shape (k, 2)
+    # its direction in the world, from the second to the first, shape (k, 3); where it is 0, that between the middles of
+    # the spheres about both nodes, and these are meant
     slab_axes: np.ndarray
-    joints: np.ndarray
-    views: np.ndarray
-    bodies: np.ndarray
-    numbers: np.ndarray
+    joints: np.ndarray  # names of joints
+    views: np.ndarray  # two bodies, and the joint that their motion is seen from, shape (p, 3)
+    bodies: np.ndarray  # link, held object or obstacle of each body
+    numbers: np.ndarray  # which of the bodies of that name it is, shape (b,)
+    # from where its lengths are measured, shape (b, 3) [m]: in the shape's frame, of an obstacle where it is at first,
+    # in the world
     origins: np.ndarray
-    centres: np.ndarray
-    node_bodies: np.ndarray
-    node_children: np.ndarray
-    node_shapes: np.ndarray
-    shape_begins: np.ndarray
+    centres: np.ndarray  # middle of a sphere about it, from there, shape (b, 3) [m]
+    node_bodies: np.ndarray  # the body of each node, shape (n,)
+    node_children: np.ndarray  # the two nodes that it is divided into, -1 where it isn't, shape (n, 2)
+    node_shapes: np.ndarray  # a sphere, and another shape, that hold all of it; -1 where none is told, shape (n, 2)
+    shape_begins: np.ndarray  # begin of each shape's corners, and the number of all, shape (h + 1,)
+    # ball and disc that are added to their hull, and the disc's axis, shape (h, 5) [m]; a half-space has an infinite
+    # ball, its offset and its normal
     shape_numbers: np.ndarray
-    corners: np.ndarray
+    corners: np.ndarray  # shape (c, 3) [m]
 
 
 NAMES = tuple(field.name for field in fields(Proof))

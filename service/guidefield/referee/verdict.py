@@ -25,39 +25,25 @@ class Answer(enum.Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One answer, and where.
+    """One answer, and where."""
 
-    Attributes:
-        answer: The verdict.
-        about: Two bodies, or the joint and its limit, or a constraint, or what can't be judged; empty where all is
-            free.
-        time: When [s]; along a path, how many segments in.
-        distance: Of the bodies there [m]; by how much a limit or constraint is exceeded.
-    """
-
-    answer: Answer
+    answer: Answer  # the verdict
+    # two bodies, or the joint and its limit, or a constraint, or what can't be judged; empty where all is free
     about: tuple[str, ...] = ()
-    time: float = math.nan
-    distance: float = math.nan
+    time: float = math.nan  # when [s]; along a path, how many segments in
+    distance: float = math.nan  # of the bodies there [m]; by how much a limit or constraint is exceeded
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found, and what it rests on.
+    """What was found, and what it rests on."""
 
-    Attributes:
-        finding: The answer, and where.
-        kept: What all pairs are proven to keep beyond what was asked for, as far as they were judged [m].
-        pairs: How many pairs were judged.
-        left_out: Two names and a reason: pairs about which nothing is said.
-        evaluations: Distances that Coal was asked for, or slabs of a proof.
-    """
-
-    finding: Finding
+    finding: Finding  # the answer, and where
+    # what all pairs are proven to keep beyond what was asked for, as far as they were judged [m]
     kept: float = math.inf
-    pairs: int = 0
-    left_out: tuple[tuple[str, str, str], ...] = ()
-    evaluations: int = 0
+    pairs: int = 0  # how many pairs were judged
+    left_out: tuple[tuple[str, str, str], ...] = ()  # two names and a reason: pairs about which nothing is said
+    evaluations: int = 0  # distances that Coal was asked for, or slabs of a proof
 
     @property
     def answer(self) -> Answer:

@@ -26,26 +26,19 @@ FAR = 100.0
 """A robot that is farther from the origin along an axis is seen from an anchor [m]: within it single precision tells
 8 um."""
 
-COARSE = 16384.0
-"""From here on neighbours in single precision are more than a millimetre apart [m]."""
+COARSE = 16384.0  # from here on neighbours in single precision are more than a millimetre apart [m]
 
 _Message = TypeVar("_Message", bound=msgspec.Struct)
 
 
 class Anchor(msgspec.Struct, frozen=True):
-    """An anchor.
+    """An anchor."""
 
-    Attributes:
-        place: In the world, whole metres [m].
-        joint: A planar or floating joint below the world whose place is counted from elsewhere, too; empty: none.
-        values: That elsewhere, in the joint's own directions, whole metres [m].
-        root: The same in the world's, which the robot's root has gone there, shape (3,) [m].
-    """
-
-    place: Vector3
+    place: Vector3  # in the world, whole metres [m]
+    # a planar or floating joint below the world whose place is counted from elsewhere, too; empty: none
     joint: str = ""
-    values: tuple[float, ...] = ()
-    root: Vector3 = ORIGIN
+    values: tuple[float, ...] = ()  # that elsewhere, in the joint's own directions, whole metres [m]
+    root: Vector3 = ORIGIN  # the same in the world's, which the robot's root has gone there, shape (3,) [m]
 
     @classmethod
     def of(cls, request: Any, load: Callable[[Any], Any]) -> Anchor | None:

@@ -14,8 +14,7 @@ from guidefield.scene.content import Content, are_many, changed_content, scene_c
 from guidefield.scene.incremental import Rows
 from guidefield.scene.scene import Scene
 
-MANY = 1000
-"""A scene of fewer obstacles, corners, triangles and points is built within a hundredth of a second or two."""
+MANY = 1000  # a scene of fewer obstacles, corners, triangles and points is built within a hundredth of a second or two
 
 
 class BuiltScenes:

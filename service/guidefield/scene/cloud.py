@@ -17,17 +17,10 @@ from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import memoized
 from guidefield.scene.recipe import Charges
 
-SOFTENING = 0.1
-"""Softening length over the spacing: the field of a point stays finite."""
-
-NEIGHBOURS = 6
-"""So many neighbours tell how densely points lie."""
-
-_HOLE = 16.5
-"""Potential in the middle of a hole of a square grid, times its spacing: that of a wall at 0.38 spacings."""
-
-_AT_ONCE = 512
-"""Points whose distances to all are held in memory."""
+SOFTENING = 0.1  # softening length over the spacing: the field of a point stays finite
+NEIGHBOURS = 6  # so many neighbours tell how densely points lie
+_HOLE = 16.5  # potential in the middle of a hole of a square grid, times its spacing: that of a wall at 0.38 spacings
+_AT_ONCE = 512  # points whose distances to all are held in memory
 
 
 def spacings(points: Floats, least: float, most: Floats | float) -> Floats:
@@ -84,14 +77,9 @@ def leak_limit(spacing: float, charge: float = 1.0) -> float:
     return 0.5 * _HOLE * charge / spacing
 
 
-CELL = 0.04
-"""Sides of the grid's cells [m], where that doesn't make too many."""
-
-MOST_CELLS = 4_000_000
-"""With more, cells are larger: their places have to be whole numbers in float32."""
-
-AROUND_POINTS = 0.1
-"""How far the grid goes beyond the points [m]."""
+CELL = 0.04  # sides of the grid's cells [m], where that doesn't make too many
+MOST_CELLS = 4_000_000  # with more, cells are larger: their places have to be whole numbers in float32
+AROUND_POINTS = 0.1  # how far the grid goes beyond the points [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,23 +128,15 @@ def make_cloud_tables(points: np.ndarray, box: np.ndarray, radius: float) -> Clo
     return CloudTables(tables, pack(tables))
 
 
-MOST_IN_BODIES = 5_000
-"""A cloud of more points isn't turned into bodies with faces."""
-
-CORNERS = 12
-"""Vertices of the body of each point."""
+MOST_IN_BODIES = 5_000  # a cloud of more points isn't turned into bodies with faces
+CORNERS = 12  # vertices of the body of each point
 
 _MOST_CHARGED = 3_000
 """Of a cloud of more points, neighbours stand together as one charge: it is summed at every point of the robot."""
 
-_SPECK = 1e-9
-"""Sides of the triangles that stand for points [m, and a share of how far these are from the origin]."""
-
-_DENSEST = 0.01
-"""Least spacing that a cloud's charges count with, over its radius."""
-
-_SPHERE = math.sqrt(4.0 * math.pi)
-"""Side of the square with the area of a sphere, over its radius."""
+_SPECK = 1e-9  # sides of the triangles that stand for points [m, and a share of how far these are from the origin]
+_DENSEST = 0.01  # least spacing that a cloud's charges count with, over its radius
+_SPHERE = math.sqrt(4.0 * math.pi)  # side of the square with the area of a sphere, over its radius
 
 
 @dataclass(frozen=True, eq=False)

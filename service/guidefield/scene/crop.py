@@ -35,14 +35,9 @@ NOBODY: frozenset[str] = frozenset()
 RELATIVE_ROUNDING = 1e-9
 """Bounds on distances are wider by this, in metres and for each metre that places are from the origin."""
 
-MANY_MOVING = 16
-"""Number of moving obstacles from which some are left out: each is evaluated at many times."""
-
-KEPT_BALLS = 2
-"""Crops of an obstacle that are kept: tables of crops of large meshes are large."""
-
-MAX_CROPPED_SHARE = 0.7
-"""An obstacle of which more is kept is as soon prepared whole."""
+MANY_MOVING = 16  # number of moving obstacles from which some are left out: each is evaluated at many times
+KEPT_BALLS = 2  # crops of an obstacle that are kept: tables of crops of large meshes are large
+MAX_CROPPED_SHARE = 0.7  # an obstacle of which more is kept is as soon prepared whole
 
 
 class Ball(NamedTuple):
@@ -55,18 +50,12 @@ class Ball(NamedTuple):
 
 
 class NearestObstacles(NamedTuple):
-    """The obstacles of a scene that may be nearest to some place in a ball.
+    """The obstacles of a scene that may be nearest to some place in a ball."""
 
-    Attributes:
-        least, most: Bounds on the distance of each obstacle from any place in the ball, at any time, shape (n,) [m].
-        chosen: Those that may be nearest, ascending indices, shape (k,).
-        some: The scene with these alone; None: they are all of it.
-    """
-
-    least: np.ndarray
+    least: np.ndarray  # bounds on the distance of each obstacle from any place in the ball, at any time, shape (n,) [m]
     most: np.ndarray
-    chosen: np.ndarray
-    some: Scene | None
+    chosen: np.ndarray  # those that may be nearest, ascending indices, shape (k,)
+    some: Scene | None  # the scene with these alone; None: they are all of it
 
     def of(self, scene: Scene) -> Scene:
         """Return the kept part of the scene that this was found for."""

@@ -20,35 +20,23 @@ from guidefield.kernels.distance.ray_winding import ANCHOR, BALL, PLACE, REACH, 
 Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
 """Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface; not before they are needed."""
 
-_GOOD_ANCHOR = 0.05
-"""The ball's centre serves as anchor if so large a share of its radius about it is free. Unrecorded."""
-
-ROUNDING = 1e-9
-"""Share by which the ball is larger where it is asked which solids come into it."""
-
-_WINDING_TOLERANCE = 0.01
-"""Distance of a winding number from a whole one."""
+_GOOD_ANCHOR = 0.05  # the ball's centre serves as anchor if so large a share of its radius about it is free. Unrecorded
+ROUNDING = 1e-9  # share by which the ball is larger where it is asked which solids come into it
+_WINDING_TOLERANCE = 0.01  # distance of a winding number from a whole one
 
 
 @dataclass(frozen=True, eq=False)
 class CroppedSurface:
-    """A part of a surface.
+    """A part of a surface."""
 
-    Attributes:
-        parts: The kept triangles of each of its solids that is near, or of the thin surface, with their neighbours; all
-            of the same vertices.
-        anchors: Places outside or inside of each solid, see `Anchor`; zeros of one that is whole.
-        box: Lower and upper corner about all of the surface, shape (2, 3) [m].
-        whole, solids: Make all of the surface, and the triangles of each of its solids.
-        content: The key of the part on disk; empty if it isn't kept there.
-    """
-
+    # the kept triangles of each of its solids that is near, or of the thin surface, with their neighbours; all of the
+    # same vertices
     parts: tuple[Triangulated, ...]
-    anchors: np.ndarray
-    box: np.ndarray
-    whole: Whole
+    anchors: np.ndarray  # places outside or inside of each solid, see `Anchor`; zeros of one that is whole
+    box: np.ndarray  # lower and upper corner about all of the surface, shape (2, 3) [m]
+    whole: Whole  # make all of the surface, and the triangles of each of its solids
     solids: Callable[[], list[np.ndarray]]
-    content: bytes
+    content: bytes  # the key of the part on disk; empty if it isn't kept there
 
     @property
     def count(self) -> int:

@@ -18,17 +18,10 @@ from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.scene.field_in_time import Origin, coarse_tables
 from guidefield.scene.scene import Scene
 
-MARGIN = 0.5
-"""What a plane along a path shows around it, over the path's extent."""
-
-LEAST_MARGIN = 0.3
-"""The least of it [m]."""
-
-STRAIGHT = 0.05
-"""A path is straight if it strays from a line by less than this part of its length."""
-
-_UPRIGHT = 0.3
-"""The world's vertical leads in a plane where at least this part of it lies in the plane."""
+MARGIN = 0.5  # what a plane along a path shows around it, over the path's extent
+LEAST_MARGIN = 0.3  # the least of it [m]
+STRAIGHT = 0.05  # a path is straight if it strays from a line by less than this part of its length
+_UPRIGHT = 0.3  # the world's vertical leads in a plane where at least this part of it lies in the plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,14 +127,9 @@ CONTOURS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 FINE_CONTOURS = (0.015, 0.025, 0.03, 0.04, 0.06, 0.07, 0.08, 0.15, 0.25, 0.3, 0.4, 0.6, 0.7, 0.8, 1.5, 2.5, 3.0, 4.0)
 """The same of fainter lines between: they show the valley of a narrow passage."""
 
-NEAREST = 0.015
-"""Distance of a wall that has the brightest colour; what is nearer has it too [m]."""
-
-LEAST_DECADES = 0.5
-"""The least number of powers of ten that the colours span."""
-
-SOLID_COLOR = (98, 101, 108)
-"""Inside of solids."""
+NEAREST = 0.015  # distance of a wall that has the brightest colour; what is nearer has it too [m]
+LEAST_DECADES = 0.5  # the least number of powers of ten that the colours span
+SOLID_COLOR = (98, 101, 108)  # inside of solids
 
 _VIRIDIS = np.array(
     [(68, 1, 84), (72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142), (31, 158, 137), (53, 183, 121),
@@ -149,24 +137,19 @@ _VIRIDIS = np.array(
 )  # fmt: skip
 """Colours of equal steps from far to near, that differ as much in brightness for every eye."""
 
-_LINE = 0.9
-"""Half width of a contour line [pixels]."""
+_LINE = 0.9  # half width of a contour line [pixels]
 
 _LINE_OPACITY, _FINE_OPACITY = 0.6, 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class FieldSlice:
-    """A picture, and where it belongs.
+    """A picture, and where it belongs."""
 
-    Attributes:
-        image: RGB, shape (rows, columns, 3), uint8; the first row is on top.
-        plane: The rectangle of the world; `plane.corners` go with texture coordinates (0, 0), (1, 0), (1, 1), (0, 1).
-        log_potential: log10 of the potential [1/m], shape (rows, columns); NaN in solids, -inf without charges.
-    """
-
-    image: np.ndarray
+    image: np.ndarray  # RGB, shape (rows, columns, 3), uint8; the first row is on top
+    # the rectangle of the world; `plane.corners` go with texture coordinates (0, 0), (1, 0), (1, 1), (0, 1)
     plane: SlicePlane
+    # log10 of the potential [1/m], shape (rows, columns); NaN in solids, -inf without charges
     log_potential: np.ndarray
 
     @property

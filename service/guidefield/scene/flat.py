@@ -14,11 +14,8 @@ from guidefield.geometry.surfaces import ears
 from guidefield.kernels.distance.triangle_rows import touching_edges_of_each
 from guidefield.scene.recipe import Charges
 
-PLANARITY = 1e-6
-"""How far from their plane the corners of a flat polygon may lie, as a fraction of its size."""
-
-SMALLEST_AREA = 1e-9
-"""Smallest area of a polygon, as a fraction of its size squared."""
+PLANARITY = 1e-6  # how far from their plane the corners of a flat polygon may lie, as a fraction of its size
+SMALLEST_AREA = 1e-9  # smallest area of a polygon, as a fraction of its size squared
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,22 +24,16 @@ class FlatPolygon:
 
     The plane of corners (k, 3) [m, world] goes through their mean, the origin, with a unit normal about which they turn
     counter-clockwise (as a whole) and two unit axes (2, 3), ``axes[0] x axes[1] = normal``.
-
-    Attributes:
-        corners: The vertices in those axes about the origin, shape (k, 2) [m].
-        size: Diagonal of the box about the corners [m].
-        deviation: Largest distance of a corner from the plane [m].
-        area: Signed sum of the enclosed area [m^2]; positive for a simple polygon.
     """
 
     vertices: np.ndarray
     normal: np.ndarray
     origin: np.ndarray
     axes: np.ndarray
-    corners: np.ndarray
-    size: float
-    deviation: float
-    area: float
+    corners: np.ndarray  # the vertices in those axes about the origin, shape (k, 2) [m]
+    size: float  # diagonal of the box about the corners [m]
+    deviation: float  # largest distance of a corner from the plane [m]
+    area: float  # signed sum of the enclosed area [m^2]; positive for a simple polygon
 
     def from_plane(self, corners: np.ndarray) -> np.ndarray:
         """Points in the world (n, 3) of points (n, 2) in the plane's axes about its origin [m]."""

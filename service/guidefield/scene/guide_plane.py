@@ -13,8 +13,7 @@ from guidefield.kernels.distance.convex_polygon import inradius
 from guidefield.messages import scene as messages
 from guidefield.scene.flat import PLANARITY, FlatPolygon, centroid, flat_polygons, flatness_faults
 
-SLACK = 1e-8
-"""Rounding that `contains` forgives, as a fraction of the size: a closest point is contained."""
+SLACK = 1e-8  # rounding that `contains` forgives, as a fraction of the size: a closest point is contained
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,22 +22,16 @@ class GuidePlane:
 
     The *inset* polygon holds the points of the polygon that are at least a given distance from its edges [m]. An inset
     beyond the inradius stands for the inradius: what is left then is the deepest point, or the deepest stretch.
-
-    Attributes:
-        vertices: Corners, shape (k, 3) [m, world], counter-clockwise about the unit normal (3,).
-        centroid: Of the area, shape (3,) [m, world].
-        inradius: Radius of the largest circle inside [m].
-        flat: The polygon in its plane.
-        inward, offsets: ``inward[i] . x - offsets[i]`` is the height of x in the plane over edge i, from corner i to
-            i + 1 [m]; shapes (k, 2) and (k,).
     """
 
     name: str
-    vertices: np.ndarray
+    vertices: np.ndarray  # corners, shape (k, 3) [m, world], counter-clockwise about the unit normal (3,)
     normal: np.ndarray
-    centroid: np.ndarray
-    inradius: float
-    flat: FlatPolygon
+    centroid: np.ndarray  # of the area, shape (3,) [m, world]
+    inradius: float  # radius of the largest circle inside [m]
+    flat: FlatPolygon  # the polygon in its plane
+    # ``inward[i] . x - offsets[i]`` is the height of x in the plane over edge i, from corner i to i + 1 [m]; shapes (k,
+    # 2) and (k,)
     inward: np.ndarray
     offsets: np.ndarray
 

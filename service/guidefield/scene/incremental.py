@@ -19,14 +19,9 @@ import numpy as np
 
 from guidefield.memo import MISSING, Answers
 
-FEW = 0.25
-"""Where more of the obstacles than this share are others, all is sooner made anew."""
-
-MANY = 256
-"""Tables of fewer obstacles are as soon made anew."""
-
-MANY_RUNS = 64
-"""More runs are sooner taken row by row than run by run."""
+FEW = 0.25  # where more of the obstacles than this share are others, all is sooner made anew
+MANY = 256  # tables of fewer obstacles are as soon made anew
+MANY_RUNS = 64  # more runs are sooner taken row by row than run by run
 
 Rest = ParamSpec("Rest")
 Table = TypeVar("Table")
@@ -221,8 +216,7 @@ def note_change(scene: Any, before: Any, rows: Rows) -> None:
     vars(scene)[_BEFORE] = weakref.ref(before), rows
 
 
-_BEFORE = "_before"
-"""The attribute of a scene that refers to the scene before its change, which it doesn't keep alive."""
+_BEFORE = "_before"  # the attribute of a scene that refers to the scene before its change, which it doesn't keep alive
 
 
 def incremental(

@@ -19,11 +19,8 @@ from guidefield.scene.motion import ObstacleMotion, ball_rates
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
-ROUNDING = 1e-6
-"""Margin of the boxes, of a metre, and of each metre of distance from the origin and of travel."""
-
-EVERYWHERE = np.repeat([-np.inf, np.inf], 3)
-"""The box about a half-space."""
+ROUNDING = 1e-6  # margin of the boxes, of a metre, and of each metre of distance from the origin and of travel
+EVERYWHERE = np.repeat([-np.inf, np.inf], 3)  # the box about a half-space
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
@@ -36,17 +33,13 @@ class MovingBall(NamedTuple):
 
 
 class Swept(NamedTuple):
-    """The swept volumes of moving obstacles.
+    """The swept volumes of moving obstacles."""
 
-    Attributes:
-        boxes: Boxes along the world's axes that they stay in: before one moves, between each of its placements and the
-            next, and after that, one obstacle behind the other, lower then upper corners (n, 6) [m]; half-spaces: all.
-        first: Index of the first box of each obstacle, shape (m,).
-        speeds: The largest speed at which each loses distance during that, shape (n,); 0 for a half-space [m/s].
-    """
-
+    # boxes along the world's axes that they stay in: before one moves, between each of its placements and the next, and
+    # after that, one obstacle behind the other, lower then upper corners (n, 6) [m]; half-spaces: all
     boxes: np.ndarray
-    first: np.ndarray
+    first: np.ndarray  # index of the first box of each obstacle, shape (m,)
+    # the largest speed at which each loses distance during that, shape (n,); 0 for a half-space [m/s]
     speeds: np.ndarray
 
 

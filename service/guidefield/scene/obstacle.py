@@ -33,23 +33,15 @@ from guidefield.scene.recipe import Charges, Facets, Recipe
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """An obstacle at rest; one that moves, where it is at first.
-
-    Attributes:
-        placed: Its row `PLACED` for kernels, if it is a primitive, or a mesh that is a box; else empty.
-        warnings: Harmless oddities of it.
-        motion: Its motion; None at rest.
-        cloud: Its points and their radius, if it is a cloud.
-        cropped: Its surface, if it is a part of another obstacle's; see `crop`.
-    """
+    """An obstacle at rest; one that moves, where it is at first."""
 
     message: messages.Obstacle
     recipe: Recipe
-    placed: bytes = b""
-    warnings: tuple[str, ...] = ()
-    motion: ObstacleMotion | None = None
-    cloud: Cloud | None = None
-    cropped: CroppedSurface | None = None
+    placed: bytes = b""  # its row `PLACED` for kernels, if it is a primitive, or a mesh that is a box; else empty
+    warnings: tuple[str, ...] = ()  # harmless oddities of it
+    motion: ObstacleMotion | None = None  # its motion; None at rest
+    cloud: Cloud | None = None  # its points and their radius, if it is a cloud
+    cropped: CroppedSurface | None = None  # its surface, if it is a part of another obstacle's; see `crop`
 
     @property
     def name(self) -> str:
@@ -333,8 +325,7 @@ def _surface(message: messages.Obstacle, mesh: JudgedMesh, placement: Any) -> Ob
     return Obstacle(message, recipe, placed, warnings)
 
 
-HARDLY_METRES = 100.0
-"""An obstacle that is larger was probably meant in millimetres [m]."""
+HARDLY_METRES = 100.0  # an obstacle that is larger was probably meant in millimetres [m]
 
 
 def size_warnings(message: messages.Obstacle, declared_extent: float | None) -> tuple[str, ...]:

@@ -17,8 +17,7 @@ from guidefield.messages import scene as messages
 from guidefield.scene.flat import axes_across
 from guidefield.scene.recipe import Charges, Recipe
 
-HALF_SPACE_PATCH = 4.0
-"""Side of the square that represents a half-space in drawings [m]."""
+HALF_SPACE_PATCH = 4.0  # side of the square that represents a half-space in drawings [m]
 
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 

@@ -16,12 +16,10 @@ from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.distance.triangle_rows import corner_sums, runs_of_triangles
 from guidefield.memo import memoized
 
-PATCH = 8192
-"""Most triangles in one tree; a call of Coal's for so many takes some hundredths of a second."""
+PATCH = 8192  # most triangles in one tree; a call of Coal's for so many takes some hundredths of a second
 
 
-Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
-"""Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface."""
+Whole = Callable[[], tuple[np.ndarray, np.ndarray]]  # makes the vertices (v, 3) [m] and triangles (t, 3) of a surface
 
 
 class Facets:
@@ -131,25 +129,16 @@ class Charges:
 
 
 class Recipe(NamedTuple):
-    """The makers of an obstacle's parts.
+    """The makers of an obstacle's parts."""
 
-    Attributes:
-        body: Of its message: Coal geometry in its own frame, and ``T_world_shape``, a pinocchio.SE3.
-        surface: Of its message: a triangulation in its own frame, vertices (v, 3) [m] and triangles (t, 3).
-        charged: Of its message and ``T_world_shape``: its share of the field.
-        convex: True if Coal judges it as one convex body: distances are signed then.
-        facets: The triangles that Coal judges; None for a convex body.
-        placement: ``T_world_shape``, if it is known before the body is made.
-        extent: Largest extent along an axis of its own frame [m], if it is declared by points.
-        content: Hash of the geometry of a large mesh or cloud, whose results are kept on disk; else empty.
-    """
-
+    # of its message: Coal geometry in its own frame, and ``T_world_shape``, a pinocchio.SE3
     body: Callable[[Any], tuple[Any, Any]]
+    # of its message: a triangulation in its own frame, vertices (v, 3) [m] and triangles (t, 3)
     surface: Callable[[Any], tuple[np.ndarray, np.ndarray]]
-    charged: Callable[[Any, Any], Charges]
+    charged: Callable[[Any, Any], Charges]  # of its message and ``T_world_shape``: its share of the field
     solid: bool = True
-    convex: bool = True
-    facets: Facets | None = None
-    placement: Any | None = None
-    extent: float | None = None
-    content: bytes = b""
+    convex: bool = True  # true if Coal judges it as one convex body: distances are signed then
+    facets: Facets | None = None  # the triangles that Coal judges; None for a convex body
+    placement: Any | None = None  # ``T_world_shape``, if it is known before the body is made
+    extent: float | None = None  # largest extent along an axis of its own frame [m], if it is declared by points
+    content: bytes = b""  # hash of the geometry of a large mesh or cloud, whose results are kept on disk; else empty

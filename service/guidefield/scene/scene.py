@@ -24,8 +24,7 @@ from guidefield.scene.incremental import Rows, incremental, note_change
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.obstacle import Obstacle
 
-OPENING = 0.2
-"""Parts of large meshes count as wholes from where they are this times their distance: good to 5e-4."""
+OPENING = 0.2  # parts of large meshes count as wholes from where they are this times their distance: good to 5e-4
 
 NO_CONTENTS: Mapping[int, Content] = MappingProxyType({})
 
@@ -186,8 +185,7 @@ def _held_at(scene: Scene, time: float) -> Scene:
     return scene.with_moved(lambda one, motion: posed(one, motion.at(time)))
 
 
-HELD = 2
-"""Number of times at which scenes with held obstacles are kept: the first and the last are asked for often."""
+HELD = 2  # number of times at which scenes with held obstacles are kept: the first and the last are asked for often
 
 _held = memoized_by(lambda scene: scene, _held_at, HELD)
 

@@ -16,12 +16,10 @@ from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.ply import read_ply
 from guidefield.robot.mesh_files.reading import content_of
 
-MAX_BYTES = 2**30
-"""A file that unpacks to more bytes is refused."""
+MAX_BYTES = 2**30  # a file that unpacks to more bytes is refused
 _HEADER_BYTES = 65_536
 _FACES = re.compile(rb"^element[ \t]+(?:face|tristrips)[ \t]+0*[1-9]", re.MULTILINE)
-_WIDTHS = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
-"""Bytes that a value of each type of PCD may have."""
+_WIDTHS = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}  # bytes that a value of each type of PCD may have
 
 
 def is_cloud(suffix: str, content: bytes) -> bool:
@@ -74,21 +72,13 @@ def _read_npz(content: bytes) -> np.ndarray:
 
 
 class _Header(NamedTuple):
-    """The header of a PCD file.
+    """The header of a PCD file."""
 
-    Attributes:
-        points: Their number.
-        form: `ascii`, `binary` or `binary_compressed`.
-        fields: Type, bytes of a value and number of values of each field.
-        axes: Index of the fields x, y and z.
-        end: Where the points begin.
-    """
-
-    points: int
-    form: str
-    fields: list[tuple[str, int, int]]
-    axes: list[int]
-    end: int
+    points: int  # their number
+    form: str  # `ascii`, `binary` or `binary_compressed`
+    fields: list[tuple[str, int, int]]  # type, bytes of a value and number of values of each field
+    axes: list[int]  # index of the fields x, y and z
+    end: int  # where the points begin
 
 
 def _pcd_header(content: bytes) -> _Header:

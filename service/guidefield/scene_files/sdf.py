@@ -29,10 +29,8 @@ from guidefield.robot.urdf.xml import Element, fault, name_of, read_xml, root_of
 from guidefield.scene_files.builder import Kind, SceneBuilder, cone, ellipsoid, located
 
 SUFFIXES = (".sdf", ".world")
-ROOTS = ("sdf", "gazebo")
-"""Names of the root element; the second one is that of Gazebo's first files."""
-MAX_INCLUDES = 10_000
-"""A file with more, those of included files counted, is refused."""
+ROOTS = ("sdf", "gazebo")  # names of the root element; the second one is that of Gazebo's first files
+MAX_INCLUDES = 10_000  # a file with more, those of included files counted, is refused
 GAZEBO_MODELS = {
     "model://sun": ("it is a light", "<model name='sun'/>"),
     "model://ground_plane": (
@@ -42,25 +40,19 @@ GAZEBO_MODELS = {
     ),
 }
 """Models that most worlds include and each Gazebo has: what is said of one that isn't there, and what it is."""
-MAX_DEPTH = 32
-"""Models nested or included deeper are refused."""
-OWN = ("", "__model__", "__root__", "world")
-"""Names of the frame of a world or model itself; of a model the first two."""
+MAX_DEPTH = 32  # models nested or included deeper are refused
+OWN = ("", "__model__", "__root__", "world")  # names of the frame of a world or model itself; of a model the first two
 
 
 @dataclass
 class _Scope:
-    """The frames of a world or model.
-
-    Attributes:
-        file: The file that it is in, for its meshes.
-        frames: By name: the frame that it is relative to, and its placement there.
-        models: Name of each nested model, the frame that it is relative to, its placement there, and its own frames.
-    """
+    """The frames of a world or model."""
 
     element: Element
-    file: Path
+    file: Path  # the file that it is in, for its meshes
+    # by name: the frame that it is relative to, and its placement there
     frames: dict[str, tuple[str, Any]] = field(default_factory=dict)
+    # name of each nested model, the frame that it is relative to, its placement there, and its own frames
     models: list[tuple[str, str, Any, _Scope]] = field(default_factory=list)
     _known: dict[str, Any] = field(default_factory=dict)
 

@@ -18,8 +18,7 @@ from guidefield.stores.runs import NoRuns, RunDatabase, Runs
 from guidefield.stores.scenes import SceneStore
 from guidefield.whole_file import write_whole
 
-MOST_USERS = 1_000
-"""The most users who may have something stored."""
+MOST_USERS = 1_000  # the most users who may have something stored
 Kind = Literal["runs", "scenes", "robots", "requests"]
 """Kinds of things that belong to a user; requests can't be shared."""
 

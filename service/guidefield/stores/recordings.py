@@ -21,18 +21,14 @@ from guidefield.whole_file import link_shared, remove_unshared, write_whole
 
 RECORDING, LOG, LOST = ".rrd", ".log", ".lost"
 """Endings of file names: a recording, the log of one that isn't rendered yet, the reason why one never will be."""
-PROOF = ".npz"
-"""Ending of the file of a run's proof."""
-SCENE_LINK = ".drawn"
-"""Ending of a recording's link to the file of its scene, where that is large."""
+PROOF = ".npz"  # ending of the file of a run's proof
+SCENE_LINK = ".drawn"  # ending of a recording's link to the file of its scene, where that is large
 SCENE, ROBOT, OBSTACLES = ".scene", ".robot", (".obstacle1", ".obstacle2", ".obstacle3", ".obstacle4")
 """Endings of the links from a log to the scene and the robot that it needs, and to the largest obstacles."""
-NEEDED = (SCENE, ROBOT, *OBSTACLES)
-"""Endings of all links from a log to what it shares with others."""
+NEEDED = (SCENE, ROBOT, *OBSTACLES)  # endings of all links from a log to what it shares with others
 OWED, LOST_BEFORE = ".owed", "the process that wrote it ended"
 """The ending of the mark of earlier versions for a recording that is being written, and what became of it."""
-SHARED_UNUSED_S = 600.0
-"""Time after its last use for which a shared scene or robot is kept though no log needs it [s]."""
+SHARED_UNUSED_S = 600.0  # time after its last use for which a shared scene or robot is kept though no log needs it [s]
 Kind = Literal["none", "owed", "rendered", "lost"]
 """The state of a recording: none; its log alone; rendered; lost, with the reason."""
 
@@ -47,17 +43,11 @@ class Kept:
 
 @dataclass(frozen=True)
 class SharedFile:
-    """Content that many logs need.
+    """Content that many logs need."""
 
-    Attributes:
-        digest: Hash that it is known by.
-        ending: The ending of a log's link to it, one of `NEEDED`.
-        content: Gives the content itself, which is asked for where the folder doesn't have it.
-    """
-
-    digest: str
-    ending: str
-    content: Callable[[], bytes]
+    digest: str  # hash that it is known by
+    ending: str  # the ending of a log's link to it, one of `NEEDED`
+    content: Callable[[], bytes]  # gives the content itself, which is asked for where the folder doesn't have it
 
 
 class Recordings:

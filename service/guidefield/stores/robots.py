@@ -28,8 +28,7 @@ from guidefield.stores.files import alone, checked_name, decoded, read_if_any
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
 
 MAX_ROBOTS = 200
-MAX_BYTES = 4 * 2**30
-"""What all stored robots may take on disk."""
+MAX_BYTES = 4 * 2**30  # what all stored robots may take on disk
 
 _DESCRIPTION = "robot.json"
 _CONTENT = re.compile(r"[0-9a-f]{64}")
@@ -173,8 +172,7 @@ class RobotStore:
         return self._names / checked_name(name, "robot")
 
 
-Robots = NoRobots | RobotStore
-"""What an engine keeps clients' robots in."""
+Robots = NoRobots | RobotStore  # what an engine keeps clients' robots in
 
 
 def _unknown(name: str, names: list[str]) -> RobotInvalid:

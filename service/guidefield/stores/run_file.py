@@ -17,14 +17,10 @@ from pathlib import Path
 
 from guidefield.errors import DiskRefused
 
-FILE = "runs.sqlite"
-"""Its name in the data folder."""
-VERSION = 2
-"""The version of its tables."""
-LARGEST_WAL = 16_384
-"""With more pages than this in the write-ahead log a commit checkpoints by itself [pages of 4 KiB]."""
-LONGEST_LOCK_S = 5.0
-"""Longest wait for another program that writes to the file [s]."""
+FILE = "runs.sqlite"  # its name in the data folder
+VERSION = 2  # the version of its tables
+LARGEST_WAL = 16_384  # with more pages than this in the write-ahead log a commit checkpoints by itself [pages of 4 KiB]
+LONGEST_LOCK_S = 5.0  # longest wait for another program that writes to the file [s]
 
 _TABLES = """
 BEGIN;

@@ -27,8 +27,7 @@ from guidefield.messages.store_requests import RUNNING, UNREADABLE
 from guidefield.stores.files import decoded, read_if_any
 from guidefield.stores.recordings import LOST, OWED, RECORDING, Kept, Recordings
 
-AT_ONCE = 100
-"""Folders that are taken over in one transaction."""
+AT_ONCE = 100  # folders that are taken over in one transaction
 KEPT_ERRORS = (Status.CRASH.name, Status.FAILURE.name, Status.DISK_REFUSED.name)
 """Errors that are no fault of the request: the run that ended so is kept."""
 
@@ -37,31 +36,18 @@ Kind = Literal["plan", "certify"]
 
 @dataclass
 class NewRun:
-    """A run that is to be kept.
+    """A run that is to be kept."""
 
-    Attributes:
-        owner: Its user.
-        run_id: Its name.
-        kind: The kind of request.
-        request: As it came.
-        encoding: The encoding of the request and of its reply.
-        began: Time of its beginning [s since 1970].
-        begun: The writing of its first row, once that is asked for.
-        ended: Time of its end [s since 1970].
-        reply: The reply that ended it, as it is sent.
-        error: JSON of the error in its place.
-    """
-
-    owner: str
-    run_id: str
-    kind: Kind
-    request: bytes
-    encoding: Encoding = Encoding.JSON
-    began: float = field(default_factory=time.time)
-    begun: Future[int] | None = None
-    ended: float | None = None
-    reply: bytes | None = None
-    error: bytes | None = None
+    owner: str  # its user
+    run_id: str  # its name
+    kind: Kind  # the kind of request
+    request: bytes  # as it came
+    encoding: Encoding = Encoding.JSON  # the encoding of the request and of its reply
+    began: float = field(default_factory=time.time)  # time of its beginning [s since 1970]
+    begun: Future[int] | None = None  # the writing of its first row, once that is asked for
+    ended: float | None = None  # time of its end [s since 1970]
+    reply: bytes | None = None  # the reply that ended it, as it is sent
+    error: bytes | None = None  # JSON of the error in its place
 
 
 class _SceneHead(msgspec.Struct):

@@ -58,8 +58,7 @@ from guidefield.stores.run_writer import RunWriter
 FORGET = "DELETE FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
 MOST_DROPPED = 100
 """The most runs that make room for one: where far fewer are to be kept than there are, no answer waits for all."""
-AGED_EVERY_S = 60.0
-"""Time between two searches for runs that are too old, and for files that nobody needs [s]."""
+AGED_EVERY_S = 60.0  # time between two searches for runs that are too old, and for files that nobody needs [s]
 
 
 @dataclass(frozen=True)
@@ -392,8 +391,7 @@ class UserRuns:
         return RunSummary(name, status, robot, scene, began, **about)
 
 
-Runs = NoRuns | UserRuns
-"""The source of an engine's answers about runs."""
+Runs = NoRuns | UserRuns  # the source of an engine's answers about runs
 
 
 _KINDS: dict[str, tuple[type[MotionRequest], type[MotionReply], type[AnyRunReply]]] = {

@@ -26,8 +26,7 @@ MOST_LINES = 4 * MAX_VERSIONS
 """So many changes stand behind a whole scene before the files are written again, if they are longer than it is."""
 MOST_SHORT_LINES = 64 * MAX_VERSIONS
 """So many if they are shorter: to write and read 10,000 boxes takes every process as long as a hundred changes."""
-READ_AGAIN = 5
-"""How often the files are read again that somebody else writes meanwhile."""
+READ_AGAIN = 5  # how often the files are read again that somebody else writes meanwhile
 
 
 class _Whole(msgspec.Struct):
@@ -47,23 +46,14 @@ class _Line(msgspec.Struct):
 
 @dataclass
 class _Known:
-    """What was read of a scene.
+    """What was read of a scene."""
 
-    Attributes:
-        file: Which file it was, and when it was written.
-        size: Length of that file [bytes].
-        first: The version in that file.
-        changes: Which file of changes; 0: there was none.
-        end: How far that was read [bytes].
-        versions: The last ones, the newest at the end; nobody changes them.
-    """
-
-    file: tuple[int, int]
-    size: int
-    first: int
-    changes: int
-    end: int
-    versions: dict[int, Scene]
+    file: tuple[int, int]  # which file it was, and when it was written
+    size: int  # length of that file [bytes]
+    first: int  # the version in that file
+    changes: int  # which file of changes; 0: there was none
+    end: int  # how far that was read [bytes]
+    versions: dict[int, Scene]  # the last ones, the newest at the end; nobody changes them
 
     @property
     def newest(self) -> tuple[Scene, int]:

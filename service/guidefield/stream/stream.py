@@ -56,8 +56,7 @@ TRAVELLED_IN = 20  # in so many parts it is added up how far the robot goes befo
 SLACK = 1e-6  # joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]
 
 
-KERNELS = (dodge, judge, room, way)
-"""What the first update would wait for, 30 to 60 ms: loaded when a stream opens."""
+KERNELS = (dodge, judge, room, way)  # what the first update would wait for, 30 to 60 ms: loaded when a stream opens
 
 
 @dataclass(frozen=True)

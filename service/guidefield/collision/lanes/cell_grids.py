@@ -19,14 +19,12 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
     LaneJoints,
 )
 
-LARGEST = (1, 1 << 12, 1 << 18, 1 << 18)
-"""The largest cells of a grid over so many coordinates, at most."""
+LARGEST = (1, 1 << 12, 1 << 18, 1 << 18)  # the largest cells of a grid over so many coordinates, at most
 
 MOST_LARGEST = 1 << 22
 """The largest cells of all grids of a robot, at most, but for such as have few: many grids have fewer each."""
 
-FEW = 1 << 10
-"""As many a grid may always have."""
+FEW = 1 << 10  # as many a grid may always have
 
 DIVIDED = (0, 6, 3, 2)
 """By how many powers of 2 a cell's sides are divided, by how many coordinates there are: into `CHILDREN` children."""
@@ -34,11 +32,8 @@ DIVIDED = (0, 6, 3, 2)
 SMALLEST, MOST_LEVELS = 5e-4, 4
 """Cells in which bodies move less than this past each other [m] aren't divided, nor any more often than this."""
 
-ROOM = 1 << 22
-"""Room for that many cells that others are divided into; when it is used up, no more are."""
-
-SLACK = 1.001
-"""By how much the motion within a cell is taken to be larger: places on the grid are rounded to float32."""
+ROOM = 1 << 22  # room for that many cells that others are divided into; when it is used up, no more are
+SLACK = 1.001  # by how much the motion within a cell is taken to be larger: places on the grid are rounded to float32
 
 
 class Grids(NamedTuple):

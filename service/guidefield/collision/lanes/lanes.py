@@ -27,11 +27,8 @@ from guidefield.memo import memoized
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.spaces import ChartPoints
 
-MOST_JUDGED_CELLS = 2000
-"""Cells of a grid that are judged to remove a pair of links: a millisecond or two."""
-
-TRIES = 60
-"""Straight ways between places on a path that are looked at, unless told otherwise."""
+MOST_JUDGED_CELLS = 2000  # cells of a grid that are judged to remove a pair of links: a millisecond or two
+TRIES = 60  # straight ways between places on a path that are looked at, unless told otherwise
 
 
 def prepare_robot(world: World) -> None:

@@ -47,55 +47,37 @@ from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.frames import joint_table
 from guidefield.robot.model.shapes import hull_vertices, triangulation
 
-KINDS = np.empty(6, np.int64)
-"""Lanes' kind of each of `JointTable`'s."""
+KINDS = np.empty(6, np.int64)  # lanes' kind of each of `JointTable`'s
 KINDS[[forward_kinematics.REVOLUTE, forward_kinematics.CONTINUOUS]] = TURNING
 KINDS[forward_kinematics.PRISMATIC] = SLIDING
 KINDS[forward_kinematics.PLANAR] = PLANAR
 KINDS[forward_kinematics.SPHERICAL] = BALL
 KINDS[forward_kinematics.FLOATING] = FLOATING
 
-SURFACE_POINTS = 24
-"""Points of its surface that stand for an open mesh's inside, which it doesn't have."""
-
-SPREAD_POINTS = 48
-"""Most points that stand for the surface of a piece."""
+SURFACE_POINTS = 24  # points of its surface that stand for an open mesh's inside, which it doesn't have
+SPREAD_POINTS = 48  # most points that stand for the surface of a piece
 
 MOST_PLANES = 64
 """A triangle comes into a piece if none of the planes of so many of its faces, the largest, has it beyond."""
 
-ROUNDING = 1e-6
-"""By how much a triangle has to be beyond a piece's plane to be left out [m]."""
-
-_QUARTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""The rotation about x by a right angle."""
-
-_SAME = 3e-8
-"""Directions that differ less are the same in float32."""
+ROUNDING = 1e-6  # by how much a triangle has to be beyond a piece's plane to be left out [m]
+_QUARTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # the rotation about x by a right angle
+_SAME = 3e-8  # directions that differ less are the same in float32
 
 
 @dataclass(frozen=True, eq=False)
 class LinkTables(SharedAnswer):
-    """The collision shapes of a group as the kernels read them, whichever pairs of them must not touch.
+    """The collision shapes of a group as the kernels read them, whichever pairs of them must not touch."""
 
-    Attributes:
-        joints: Its joints; rotation vectors start from the identity, see `turned_from`.
-        parts: Hulls of the shapes and of their pieces, in the turned frames of joints.
-        roots: The node of each shape's hull, shape (n,).
-        pieces: Nodes of each shape that are nearly convex, and together about all of it.
-        surfaces, surface_frames: The shapes themselves in the frames of joints; these in the turned ones, (n, 12).
-        balls: Bounding spheres, inscribed ones, groups of the first, one about each shape; arrays (k, 4) [m].
-        sizes: How many bounding spheres each group has.
-    """
-
-    joints: LaneJoints
-    parts: Parts
-    roots: np.ndarray
-    pieces: list[np.ndarray]
-    surfaces: BodyParts
+    joints: LaneJoints  # its joints; rotation vectors start from the identity, see `turned_from`
+    parts: Parts  # hulls of the shapes and of their pieces, in the turned frames of joints
+    roots: np.ndarray  # the node of each shape's hull, shape (n,)
+    pieces: list[np.ndarray]  # nodes of each shape that are nearly convex, and together about all of it
+    surfaces: BodyParts  # the shapes themselves in the frames of joints; these in the turned ones, (n, 12)
     surface_frames: np.ndarray
+    # bounding spheres, inscribed ones, groups of the first, one about each shape; arrays (k, 4) [m]
     balls: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]
-    sizes: list[np.ndarray]
+    sizes: list[np.ndarray]  # how many bounding spheres each group has
 
 
 @memoized_for_alike

@@ -46,36 +46,26 @@ MOST_SOLIDS = 512
 
 
 class _Tables(NamedTuple):
-    """Tables of some obstacles, as if there were no other.
+    """Tables of some obstacles, as if there were no other."""
 
-    Attributes:
-        places: Kind, whether the primitive is the obstacle itself, root of each stand-in, and the address of the words
-            of a cloud, else 0, shape (k, 4).
-        primitives, boxes: Their numbers (k, PRIMITIVE), and boxes along the world's axes (k, 6), float32.
-    """
-
+    # kind, whether the primitive is the obstacle itself, root of each stand-in, and the address of the words of a
+    # cloud, else 0, shape (k, 4)
     places: np.ndarray
-    primitives: np.ndarray
+    primitives: np.ndarray  # their numbers (k, PRIMITIVE), and boxes along the world's axes (k, 6), float32
     boxes: np.ndarray
     parts: Parts
 
 
 @dataclass(frozen=True, eq=False)
 class LaneScene:
-    """Obstacles for SIMD batches, primitives first.
+    """Obstacles for SIMD batches, primitives first."""
 
-    Attributes:
-        owners: Which obstacle of the scene each of them stands for, shape (n,).
-        roots: Root of each obstacle of the scene in the parts, shape (o,); a cloud's is one ball at the origin.
-        words: Obstacles and parts, packed: true as long as this is held.
-        made: Makes the same as arrays; holds their memory.
-        memory: That memory, and where in it the first array is [bytes]; None where there are others than primitives.
-    """
-
-    owners: np.ndarray
+    owners: np.ndarray  # which obstacle of the scene each of them stands for, shape (n,)
+    # root of each obstacle of the scene in the parts, shape (o,); a cloud's is one ball at the origin
     roots: np.ndarray
-    words: Words
-    made: Callable[[], tuple[LaneObstacles, Parts]]
+    words: Words  # obstacles and parts, packed: true as long as this is held
+    made: Callable[[], tuple[LaneObstacles, Parts]]  # makes the same as arrays; holds their memory
+    # that memory, and where in it the first array is [bytes]; None where there are others than primitives
     memory: tuple[np.ndarray, int] | None = None
 
     @cached_property
@@ -204,13 +194,11 @@ def prepare_scene(scene: Scene, deadline: Deadline, told: Told = lambda _: None)
     _prepared.add(scene)
 
 
-TOGETHER = 256
-"""Most polygons whose tables are made at one time, which takes some milliseconds."""
+TOGETHER = 256  # most polygons whose tables are made at one time, which takes some milliseconds
 
 _prepared = MemoSet()
 
-_MADE = Answers[_Tables]()
-"""Tables of obstacles that are no primitives."""
+_MADE = Answers[_Tables]()  # tables of obstacles that are no primitives
 
 
 def _tables(obstacle: Obstacle) -> _Tables:

@@ -40,14 +40,9 @@ from guidefield.read_only import read_only
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.obstacle import Obstacle
 
-CLUSTER = 1
-"""Which of the mesh trees' `CLUSTERS` stand behind one box each."""
-
-SOME = 32
-"""Of so many triangles of a large node the corners tell along which axes its box is. Unrecorded."""
-
-SINGLE = 2.0**-20
-"""By which share of the largest length in it a box of vertices in single precision is made larger."""
+CLUSTER = 1  # which of the mesh trees' `CLUSTERS` stand behind one box each
+SOME = 32  # of so many triangles of a large node the corners tell along which axes its box is. Unrecorded
+SINGLE = 2.0**-20  # by which share of the largest length in it a box of vertices in single precision is made larger
 
 
 def large_surface(obstacle: Obstacle) -> Arrays:

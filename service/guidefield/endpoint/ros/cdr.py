@@ -19,10 +19,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from guidefield.endpoint.ros.options import Distribution
 
-MOST_BYTES = 8 * 2**20
-"""Largest payload that is looked at: as objects it takes tens of times as much."""
-MOST_ENTRIES = 2_000_000
-"""Most entries of one sequence that are looked at."""
+MOST_BYTES = 8 * 2**20  # largest payload that is looked at: as objects it takes tens of times as much
+MOST_ENTRIES = 2_000_000  # most entries of one sequence that are looked at
 
 _NUMBERS = {
     "bool": np.bool_, "byte": np.uint8, "int8": np.int8, "uint8": np.uint8, "int16": np.int16, "uint16": np.uint16,
@@ -31,8 +29,7 @@ _NUMBERS = {
 }  # fmt: skip
 PACKAGES = ("builtin_interfaces", "std_msgs", "geometry_msgs", "sensor_msgs", "trajectory_msgs", "shape_msgs")
 """Packages whose messages are as rosbags has them."""
-_UNLIKE_ZERO = {("geometry_msgs/msg/Quaternion", "w"): 1.0}
-"""Fields whose value is not zero where nobody gives one."""
+_UNLIKE_ZERO = {("geometry_msgs/msg/Quaternion", "w"): 1.0}  # fields whose value is not zero where nobody gives one
 
 
 class Unreadable(ValueError):

@@ -21,27 +21,19 @@ from guidefield.endpoint.ros.refusals import ObjectRefused
 from guidefield.geometry.placements import wire_pose
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
 
-BOX, SPHERE, CYLINDER = 1, 2, 3
-"""Kinds of shape_msgs/SolidPrimitive that are served; a cone is 4, a prism 5."""
-LONGEST_NAME = 200
-"""Of an object, in characters: a shape's name has its number behind it."""
+BOX, SPHERE, CYLINDER = 1, 2, 3  # kinds of shape_msgs/SolidPrimitive that are served; a cone is 4, a prism 5
+LONGEST_NAME = 200  # of an object, in characters: a shape's name has its number behind it
 
 Shape = Box | Sphere | Cylinder | Mesh | HalfSpace
 
 
 @dataclass(frozen=True)
 class SceneObject:
-    """An object of the scene.
+    """An object of the scene."""
 
-    Attributes:
-        pose: In the world, or in the link that holds it; pinocchio.SE3.
-        shapes: Each without a name and at the origin, and where it is in the object.
-        frames: Named frames in it.
-    """
-
-    pose: Any
-    shapes: tuple[tuple[Shape, Any], ...]
-    frames: MappingProxyType[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    pose: Any  # in the world, or in the link that holds it; pinocchio.SE3
+    shapes: tuple[tuple[Shape, Any], ...]  # each without a name and at the origin, and where it is in the object
+    frames: MappingProxyType[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # named frames in it
 
     def obstacles(self, name: str) -> Iterator[Obstacle]:
         """Its shapes as obstacles, in the frame of its pose; named as the object, and numbered where they are many."""

@@ -25,12 +25,9 @@ from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal, Tolera
 from guidefield.messages.scene import Box, Sphere
 from guidefield.messages.values import Vector3
 
-EULER, ROTATION_VECTOR = 0, 1
-"""How an orientation's error is measured: intrinsic x, y, z angles, or a rotation vector."""
-ANY_TURN = math.pi
-"""A tolerance of so much leaves an angle free [rad]."""
-MOST_REGIONS = 64
-"""Of one position constraint: for each of them configurations are looked for."""
+EULER, ROTATION_VECTOR = 0, 1  # how an orientation's error is measured: intrinsic x, y, z angles, or a rotation vector
+ANY_TURN = math.pi  # a tolerance of so much leaves an angle free [rad]
+MOST_REGIONS = 64  # of one position constraint: for each of them configurations are looked for
 FREE: Tolerance3 = (None, None, None)
 
 Goal = JointsGoal | JointSetGoal | PoseGoal
@@ -38,18 +35,12 @@ Goal = JointsGoal | JointSetGoal | PoseGoal
 
 @dataclass(frozen=True)
 class AskedGoal:
-    """A goal, the frame that it is about (None: joints alone), and what to tell of it.
+    """A goal, the frame that it is about (None: joints alone), and what to tell of it."""
 
-    Attributes:
-        goal: The goal; where there are several, the first of them.
-        tip: The frame.
-        notes: What was read otherwise than it stands there.
-        others: The other ones where any of several will do and some are poses, which our requests don't have.
-    """
-
-    goal: Goal
-    tip: str | None
-    notes: tuple[str, ...] = ()
+    goal: Goal  # the goal; where there are several, the first of them
+    tip: str | None  # the frame
+    notes: tuple[str, ...] = ()  # what was read otherwise than it stands there
+    # the other ones where any of several will do and some are poses, which our requests don't have
     others: tuple[AskedGoal, ...] = ()
 
 

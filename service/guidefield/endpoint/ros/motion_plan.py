@@ -21,30 +21,21 @@ from guidefield.messages.plan_reply import PlanReply
 from guidefield.messages.requests import InverseKinematics, PlanRequest, TargetPose
 from guidefield.messages.values import LONGEST_TIME
 
-UNSET_TIME = 1.0
-"""The planning time where a request has none, as in MoveIt [s]."""
+UNSET_TIME = 1.0  # the planning time where a request has none, as in MoveIt [s]
 RESTING = 1e-3
 """A joint slower than this at the start is at rest: velocities that a robot measures are never 0 [rad/s or m/s]."""
-SOLUTIONS = 8
-"""How many configurations are looked for at each of several poses."""
+SOLUTIONS = 8  # how many configurations are looked for at each of several poses
 
 
 @dataclass(frozen=True)
 class AskedPlan:
-    """What is asked.
+    """What is asked."""
 
-    Attributes:
-        request: As a plan request of ours.
-        start: Robot and scene when it begins.
-        group: The group's name.
-        notes: What was read otherwise than it stands there.
-        choices: Goals of which any one will do, where some are poses; empty where the request has them all.
-    """
-
-    request: PlanRequest
-    start: Snapshot
-    group: str
-    notes: tuple[str, ...]
+    request: PlanRequest  # as a plan request of ours
+    start: Snapshot  # robot and scene when it begins
+    group: str  # the group's name
+    notes: tuple[str, ...]  # what was read otherwise than it stands there
+    # goals of which any one will do, where some are poses; empty where the request has them all
     choices: tuple[AskedGoal, ...] = ()
 
 

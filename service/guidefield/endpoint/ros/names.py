@@ -12,12 +12,9 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-GRAPH = "@ros2_lv"
-"""The first chunk of every token."""
-DEFAULT_QOS = "::,10:,:,:,,"
-"""Reliable, volatile, the last ten: what rmw_zenoh leaves out is its default."""
-LATCHED_QOS = ":1:,1:,:,:,,"
-"""Reliable, transient local, the last one: who comes later gets it, too."""
+GRAPH = "@ros2_lv"  # the first chunk of every token
+DEFAULT_QOS = "::,10:,:,:,,"  # reliable, volatile, the last ten: what rmw_zenoh leaves out is its default
+LATCHED_QOS = ":1:,1:,:,:,,"  # reliable, transient local, the last one: who comes later gets it, too
 
 
 class Kind(enum.StrEnum):
@@ -96,8 +93,7 @@ class Seen:
         )
 
 
-MOST_NAMED = 100
-"""How many strangers the log names."""
+MOST_NAMED = 100  # how many strangers the log names
 _COUNTERPARTS = {Kind.SERVICE: Kind.CLIENT, Kind.SUBSCRIPTION: Kind.PUBLISHER, Kind.PUBLISHER: Kind.SUBSCRIPTION}
 
 

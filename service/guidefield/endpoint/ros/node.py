@@ -41,14 +41,10 @@ from guidefield.robot.urdf.xml import read_xml
 _log = logging.getLogger(__name__)
 
 NAME = "guidefield"
-MOST_UNDER_WAY = 64
-"""How many queries may be under way."""
-MOST_UPDATES = 64
-"""How many scenes that were published may wait."""
-LAST_ANSWERS = 5.0
-"""How long the last answers may take to be read at the end [s]."""
-COMPLAINTS_EVERY = 1.0
-"""What can't be read is logged at most so often [s]."""
+MOST_UNDER_WAY = 64  # how many queries may be under way
+MOST_UPDATES = 64  # how many scenes that were published may wait
+LAST_ANSWERS = 5.0  # how long the last answers may take to be read at the end [s]
+COMPLAINTS_EVERY = 1.0  # what can't be read is logged at most so often [s]
 PUBLISHED = {
     "display_planned_path": "moveit_msgs/msg/DisplayTrajectory",
     "guidefield/plans": "std_msgs/msg/String",

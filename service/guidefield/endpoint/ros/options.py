@@ -5,8 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-IDENTITY = "ros"
-"""The user that all nodes are together."""
+IDENTITY = "ros"  # the user that all nodes are together
 LATCHING = ("timestamping/enabled", "true")
 """What Zenoh's configuration needs, so that a message is kept for who comes later."""
 
@@ -21,17 +20,11 @@ class Distribution(enum.StrEnum):
 
 @dataclass(frozen=True)
 class RosSettings:
-    """How the service is offered to ROS 2 nodes.
+    """How the service is offered to ROS 2 nodes."""
 
-    Attributes:
-        robot: The one robot that is offered; a name that the service knows.
-        domain: ROS domain.
-        distribution: Of the nodes.
-        connect: Zenoh endpoint of a router, rmw_zenohd's, that nodes are reached through, in a session of its own as
-            its client; None: nodes reach the service's own session.
-    """
-
-    robot: str
-    domain: int = 0
-    distribution: Distribution = Distribution.JAZZY
+    robot: str  # the one robot that is offered; a name that the service knows
+    domain: int = 0  # ROS domain
+    distribution: Distribution = Distribution.JAZZY  # of the nodes
+    # zenoh endpoint of a router, rmw_zenohd's, that nodes are reached through, in a session of its own as its client;
+    # None: nodes reach the service's own session
     connect: str | None = None

@@ -7,8 +7,7 @@ from typing import Any
 
 from guidefield.errors import Status
 
-SOURCE = "guidefield"
-"""Who speaks, in every error code."""
+SOURCE = "guidefield"  # who speaks, in every error code
 
 
 class MoveItCode(enum.IntEnum):

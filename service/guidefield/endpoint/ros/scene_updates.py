@@ -13,10 +13,8 @@ from guidefield.endpoint.ros.poses import number, placement
 from guidefield.endpoint.ros.refusals import FrameRefused, ObjectRefused, Refused, StateRefused
 from guidefield.endpoint.ros.snapshot import Held, Matrix, Snapshot
 
-ADD, REMOVE, APPEND, MOVE = range(4)
-"""Operations of a CollisionObject."""
-MOST_OBJECTS = 10_000
-"""Objects in a scene."""
+ADD, REMOVE, APPEND, MOVE = range(4)  # operations of a CollisionObject
+MOST_OBJECTS = 10_000  # objects in a scene
 
 
 def updated(before: Snapshot, message: Any) -> Snapshot:

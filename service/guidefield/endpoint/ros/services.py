@@ -38,8 +38,7 @@ from guidefield.messages.requests import Clearance, ForwardKinematics, InverseKi
 from guidefield.messages.values import LONGEST_TIME, Reply
 from guidefield.pool.waiting import Answer
 
-UNSET_TIME = 1.0
-"""How long is looked for a solution where a request doesn't say it [s]."""
+UNSET_TIME = 1.0  # how long is looked for a solution where a request doesn't say it [s]
 
 
 def asked_solution(message: Any, now: Snapshot) -> tuple[InverseKinematics, Snapshot]:
@@ -129,8 +128,7 @@ def _allowed(timeout: Any) -> float:
     return number(min(seconds, LONGEST_TIME), "ik_request.timeout")
 
 
-ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
-"""Kinds of bodies in a contact."""
+ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)  # kinds of bodies in a contact
 (SETTINGS, STATE, ATTACHED, OBJECT_NAMES, GEOMETRY, OCTOMAP, TRANSFORMS, MATRIX, PADDING, COLORS) = (
     1 << bit for bit in range(10)
 )
@@ -175,18 +173,13 @@ class Answered:
 
 @dataclass(frozen=True)
 class Service:
-    """One service.
+    """One service."""
 
-    Attributes:
-        name: Without the first slash.
-        type_name: Its type.
-        answer: The response to a request that came at a time, by `time.monotonic()` [s]; raises Refused.
-        with_error: The response with an error code; None: it has no place for one, and the reason is logged.
-    """
-
-    name: str
-    type_name: str
+    name: str  # without the first slash
+    type_name: str  # its type
+    # the response to a request that came at a time, by `time.monotonic()` [s]; raises Refused
     answer: Callable[[Any, float], Answered]
+    # the response with an error code; None: it has no place for one, and the reason is logged
     with_error: Callable[[dict[str, Any]], dict[str, Any]] | None = None
 
     def refuse(self, code: MoveItCode, sentence: str) -> Answered:

@@ -23,8 +23,7 @@ from guidefield.messages.values import Placement
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import Joint, RobotModel
 
-WORLD = "world"
-"""The frame of obstacles, where the robot has no link of that name: that of its root."""
+WORLD = "world"  # the frame of obstacles, where the robot has no link of that name: that of its root
 
 
 class KnownRobot:
@@ -85,8 +84,7 @@ class KnownRobot:
         return (lower, upper) if math.isfinite(lower) and math.isfinite(upper) else (-math.inf, math.inf)
 
 
-MOST_NAMES = 2_000
-"""Names in a matrix."""
+MOST_NAMES = 2_000  # names in a matrix
 
 
 @dataclass(frozen=True)
@@ -145,12 +143,10 @@ class Matrix:
         }
 
 
-NOBODY = Matrix(MappingProxyType({}), MappingProxyType({}))
-"""Nobody may touch anybody."""
+NOBODY = Matrix(MappingProxyType({}), MappingProxyType({}))  # nobody may touch anybody
 
 
-SCENE = "planning_scene"
-"""The name of the scene in requests; the whole scene goes with each."""
+SCENE = "planning_scene"  # the name of the scene in requests; the whole scene goes with each
 
 
 @dataclass(frozen=True)
@@ -164,25 +160,15 @@ class Held:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Robot and scene at one moment.
+    """Robot and scene at one moment."""
 
-    Attributes:
-        robot: Which robot.
-        positions: Values that were heard, by joint [rad or m].
-        objects: What stands in the scene, by id.
-        held: What links hold, by id.
-        matrix: Who may touch whom.
-        colors: Of objects, as they came.
-        name: Of the scene.
-    """
-
-    robot: KnownRobot
-    positions: Mapping[str, float] = field(default_factory=dict)
-    objects: Mapping[str, SceneObject] = field(default_factory=dict)
-    held: Mapping[str, Held] = field(default_factory=dict)
-    matrix: Matrix = NOBODY
-    colors: Mapping[str, Any] = field(default_factory=dict)
-    name: str = ""
+    robot: KnownRobot  # which robot
+    positions: Mapping[str, float] = field(default_factory=dict)  # values that were heard, by joint [rad or m]
+    objects: Mapping[str, SceneObject] = field(default_factory=dict)  # what stands in the scene, by id
+    held: Mapping[str, Held] = field(default_factory=dict)  # what links hold, by id
+    matrix: Matrix = NOBODY  # who may touch whom
+    colors: Mapping[str, Any] = field(default_factory=dict)  # of objects, as they came
+    name: str = ""  # of the scene
     _places: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property

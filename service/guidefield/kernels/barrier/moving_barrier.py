@@ -44,28 +44,19 @@ from guidefield.kernels.jit.arrays import (
 from guidefield.kernels.jit.decorators import compiled, counted, uncounted
 from guidefield.kernels.kinematics.poses import moved_by, turned_by
 
-SMALL = 1e-3
-"""Below this angle the factors of a screw are series [rad]: they are exact to 1e-14 there."""
+SMALL = 1e-3  # below this angle the factors of a screw are series [rad]: they are exact to 1e-14 there
 
 
 class MovingBodies(NamedTuple):
-    """Bodies of obstacles that move: n of m motions.
+    """Bodies of obstacles that move: n of m motions."""
 
-    Attributes:
-        bodies: Each placed in the frame of its motion, without a tree.
-        motions: Which motion is each one's, shape (n,).
-        spans: First row of each motion, and the one past its last, shape (m, 2).
-        times: When a motion is on its placements, shape (r,) [s].
-        placements: These, rotation and translation of the frame in the world, shape (r, 3, 4) [m].
-        twists: Velocity of the frame in itself from there to the next, linear part first, 0 from the last one on; shape
-            (r, 6) [m/s and rad/s].
-    """
-
-    bodies: DistanceTables
-    motions: Indices
-    spans: IndexRows
-    times: Row
-    placements: Blocks
+    bodies: DistanceTables  # each placed in the frame of its motion, without a tree
+    motions: Indices  # which motion is each one's, shape (n,)
+    spans: IndexRows  # first row of each motion, and the one past its last, shape (m, 2)
+    times: Row  # when a motion is on its placements, shape (r,) [s]
+    placements: Blocks  # these, rotation and translation of the frame in the world, shape (r, 3, 4) [m]
+    # velocity of the frame in itself from there to the next, linear part first, 0 from the last one on; shape (r, 6)
+    # [m/s and rad/s]
     twists: Rows
 
 
@@ -73,27 +64,16 @@ MOVING = numba_type(MovingBodies)
 
 
 class MovedBodies(NamedTuple):
-    """Scratch: bodies where they are at a time, and what gathers of how the barrier changes with it.
+    """Scratch: bodies where they are at a time, and what gathers of how the barrier changes with it."""
 
-    Attributes:
-        bodies: Placed in the world.
-        frames: Placements of the motions' frames, shape (m, 3, 4) [m].
-        velocities: Of what each frame carries at the world's origin, then angular, shape (m, 6) [m/s and rad/s].
-        placed: What the bodies are placed by, shape (n, 3, 4) [m].
-        candidates: Bodies near a group of points.
-        forces: Derivatives by time of what has gathered at each joint, shape (joints, 6) [1/s].
-        row: The same by the chart coordinates of the model, shape (nv,).
-        by_time: First and second derivative of the barrier by time [1/s and 1/s²].
-    """
-
-    bodies: DistanceTables
-    frames: Floats
-    velocities: Floats
-    placed: Floats
-    candidates: np.ndarray
-    forces: Floats
-    row: Floats
-    by_time: Floats
+    bodies: DistanceTables  # placed in the world
+    frames: Floats  # placements of the motions' frames, shape (m, 3, 4) [m]
+    velocities: Floats  # of what each frame carries at the world's origin, then angular, shape (m, 6) [m/s and rad/s]
+    placed: Floats  # what the bodies are placed by, shape (n, 3, 4) [m]
+    candidates: np.ndarray  # bodies near a group of points
+    forces: Floats  # derivatives by time of what has gathered at each joint, shape (joints, 6) [1/s]
+    row: Floats  # the same by the chart coordinates of the model, shape (nv,)
+    by_time: Floats  # first and second derivative of the barrier by time [1/s and 1/s²]
 
 
 @counted

@@ -42,25 +42,16 @@ from guidefield.kernels.jit.decorators import compiled, uncounted
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64, Vector, load, store, total as total_of
 
-MARGIN = 0.04
-"""A group may move this far before bodies are looked for anew [m], at size 1."""
-
-MOST = 24
-"""With more bodies about it than this, a group looks for them anew each time."""
+MARGIN = 0.04  # a group may move this far before bodies are looked for anew [m], at size 1
+MOST = 24  # with more bodies about it than this, a group looks for them anew each time
 
 
 class NearBodies(NamedTuple):
-    """Bodies near s configurations of a motion, by group; overwritten by every look at them.
+    """Bodies near s configurations of a motion, by group; overwritten by every look at them."""
 
-    Attributes:
-        centres: Where each group's ball was when bodies were looked for, shape (s, g, 3) [m].
-        counts: How many there were, shape (s, g); -1 where nothing is remembered.
-        bodies: Their indices, shape (s, g, `MOST`).
-    """
-
-    centres: BlocksOut
-    counts: IndexRowsOut
-    bodies: IndexBlocksOut
+    centres: BlocksOut  # where each group's ball was when bodies were looked for, shape (s, g, 3) [m]
+    counts: IndexRowsOut  # how many there were, shape (s, g); -1 where nothing is remembered
+    bodies: IndexBlocksOut  # their indices, shape (s, g, `MOST`)
 
 
 NEAR_BODIES = numba_type(NearBodies)
@@ -112,8 +103,7 @@ def remembered_bodies(
     return count
 
 
-_NOWHERE = 1e6
-"""Coordinates of lanes without a point: too far away to be measured to anything but what is as large [m]."""
+_NOWHERE = 1e6  # coordinates of lanes without a point: too far away to be measured to anything but what is as large [m]
 
 
 @uncounted

@@ -21,11 +21,8 @@ from guidefield.kernels.kinematics.forward_kinematics import (
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64, select
 
-SOFT = 0.01
-"""Below this distance the barrier is its parabola [m], at size 1; below half the range where that is less."""
-
-STEEPNESS = 100.0
-"""Cost of a point on top of the barrier where nothing of the floor remains."""
+SOFT = 0.01  # below this distance the barrier is its parabola [m], at size 1; below half the range where that is less
+STEEPNESS = 100.0  # cost of a point on top of the barrier where nothing of the floor remains
 
 
 @inlined
@@ -66,88 +63,55 @@ JOINT, FIRST, PAST, PAST_FEW = range(4)
 """Columns of a group of points: their joint, the first point, the one past the last, and the one past the few that
 stand for all against links."""
 
-RADIUS = 3
-"""Row of the balls about blocks, after those of their centres."""
+RADIUS = 3  # row of the balls about blocks, after those of their centres
 
 SUMS = 28
 """Numbers summed over a group's points: their barrier, their force (6), and their inertia's upper triangle (21)."""
 
 
 class SampledRobot(NamedTuple):
-    """A robot as points on the surface of its links, and as the links themselves.
+    """A robot as points on the surface of its links, and as the links themselves."""
 
-    Attributes:
-        joints: Joints of the robot's model, and the coordinates that move them.
-        points: (3, p) on moving links, in the frame of their joint [m]; those of a group stand together, and
-            `LANES_64` after one another from a group's first on, a block, near each other.
-        weights: (p,) how much each counts.
-        groups: (g, 4).
-        balls: (g, 4) centre and radius of a ball about a group's points, in the frame of the joint [m].
-        blocks: (4, n) the same about each block of points, by rows.
-        first_blocks: (g,) the first block of each group.
-        ignored: (g, obstacles) whether a group's distance to an obstacle doesn't count.
-        links: Bodies of all collision shapes, in the frame of their joint.
-        link_joints: (b,) joint of each of them; 0 is the world.
-        link_balls: (b, 4) centre and radius of a ball about each, in the frame of its joint [m].
-        pairs: (k, 2) group and body of links that are kept apart.
-        pair_ranges: (k,) range of the barrier between them [m], positive.
-        size: The robot's.
-    """
-
-    joints: GroupJoints
+    joints: GroupJoints  # joints of the robot's model, and the coordinates that move them
+    # (3, p) on moving links, in the frame of their joint [m]; those of a group stand together, and `LANES_64` after one
+    # another from a group's first on, a block, near each other
     points: Rows
-    weights: Row
-    groups: IndexRows
-    balls: Rows
-    blocks: Rows
-    first_blocks: Indices
-    ignored: Flags
-    links: DistanceTables
-    link_joints: Indices
-    link_balls: Rows
-    pairs: IndexRows
-    pair_ranges: Row
-    size: float
+    weights: Row  # (p,) how much each counts
+    groups: IndexRows  # (g, 4)
+    balls: Rows  # (g, 4) centre and radius of a ball about a group's points, in the frame of the joint [m]
+    blocks: Rows  # (4, n) the same about each block of points, by rows
+    first_blocks: Indices  # (g,) the first block of each group
+    ignored: Flags  # (g, obstacles) whether a group's distance to an obstacle doesn't count
+    links: DistanceTables  # bodies of all collision shapes, in the frame of their joint
+    link_joints: Indices  # (b,) joint of each of them; 0 is the world
+    link_balls: Rows  # (b, 4) centre and radius of a ball about each, in the frame of its joint [m]
+    pairs: IndexRows  # (k, 2) group and body of links that are kept apart
+    pair_ranges: Row  # (k,) range of the barrier between them [m], positive
+    size: float  # the robot's
 
 
 ROBOT = numba_type(SampledRobot)
 
 
 class Workspace(NamedTuple):
-    """Scratch of `barrier_at`, overwritten by every call; n joints, nv tangents of the model.
+    """Scratch of `barrier_at`, overwritten by every call; n joints, nv tangents of the model."""
 
-    Attributes:
-        joints: Placements of the joints, and how they move.
-        row: Gradient of one distance by them, shape (nv,).
-        gradient, hessian: Sums by them, shapes (nv,) and (nv, nv).
-        links: Placements of the bodies of the links, shape (b, 3, 4) [m], filled where they are looked at.
-        centres, link_centres: Centres of the balls about groups and bodies, shapes (g, 3) and (b, 3) [m].
-        columns: Twists by local coordinates of the model, by columns, shape (6, nv).
-        forces, inertias: What has gathered at each joint, shapes (n, 6) and (n, 6, 6), its upper triangle.
-        candidates: Bodies near a group.
-        gaps: Square of the distance from a group's points to the nearest box about a body [m^2].
-        block_gaps: The same of the centres of blocks [m^2].
-        block: One of which some lanes are empty: coordinates and weights, shape (4 times lanes,).
-        lanes: For distances lane by lane.
-        sums: Of a group, in lanes, shape (`SUMS` times lanes,).
-    """
-
-    joints: JointPlaces
-    row: Floats
-    gradient: Floats
+    joints: JointPlaces  # placements of the joints, and how they move
+    row: Floats  # gradient of one distance by them, shape (nv,)
+    gradient: Floats  # sums by them, shapes (nv,) and (nv, nv)
     hessian: Floats
-    links: Floats
-    centres: Floats
+    links: Floats  # placements of the bodies of the links, shape (b, 3, 4) [m], filled where they are looked at
+    centres: Floats  # centres of the balls about groups and bodies, shapes (g, 3) and (b, 3) [m]
     link_centres: Floats
-    columns: Floats
-    forces: Floats
+    columns: Floats  # twists by local coordinates of the model, by columns, shape (6, nv)
+    forces: Floats  # what has gathered at each joint, shapes (n, 6) and (n, 6, 6), its upper triangle
     inertias: Floats
-    candidates: np.ndarray
-    gaps: Floats
-    block_gaps: Floats
-    block: Floats
-    lanes: Floats
-    sums: Floats
+    candidates: np.ndarray  # bodies near a group
+    gaps: Floats  # square of the distance from a group's points to the nearest box about a body [m^2]
+    block_gaps: Floats  # the same of the centres of blocks [m^2]
+    block: Floats  # one of which some lanes are empty: coordinates and weights, shape (4 times lanes,)
+    lanes: Floats  # for distances lane by lane
+    sums: Floats  # of a group, in lanes, shape (`SUMS` times lanes,)
 
 
 @counted

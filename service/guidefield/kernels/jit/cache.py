@@ -26,8 +26,7 @@ from numba.core.caching import UserProvidedCacheLocator
 from guidefield.first_start import KERNELS, cache_parent, kernel_compiler, kernels_fingerprint
 from guidefield.whole_file import write_whole
 
-Symbol = tuple[str, str]
-"""A name that a file defines: the file's own name, with dots, and that name."""
+Symbol = tuple[str, str]  # a name that a file defines: the file's own name, with dots, and that name
 
 
 @dataclass(frozen=True)
@@ -293,8 +292,7 @@ def kernel_folder(name: str) -> Path:
     return cache_folder() / f"{name}-{_fingerprints()[name]}"
 
 
-_OTHERS: dict[str, Sources] = {}
-"""Other packages whose kernels are kept, by name."""
+_OTHERS: dict[str, Sources] = {}  # other packages whose kernels are kept, by name
 
 
 def _folder_of(file: Path) -> Path | None:

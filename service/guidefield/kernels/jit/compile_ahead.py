@@ -19,8 +19,7 @@ from guidefield.kernels.jit.cache import sources, uncompiled
 from guidefield.kernels.jit.compilers import load, quicken
 from guidefield.system import usable_processors
 
-Told = Callable[[str], None]
-"""Told, in one sentence, how far it is."""
+Told = Callable[[str], None]  # told, in one sentence, how far it is
 
 _CHILD = "--child"
 

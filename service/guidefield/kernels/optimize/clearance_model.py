@@ -45,60 +45,35 @@ from guidefield.kernels.jit.decorators import compiled, uncounted
 
 
 class MotionSamples(NamedTuple):
-    """Places on a motion where the clearance is measured.
+    """Places on a motion where the clearance is measured."""
 
-    Attributes:
-        pieces: (s,) piece of each.
-        places: (s,) the same with the fraction of it.
-        basis: (s, 4) the basis there, of the piece's four control points.
-        weights: (s,) how much each counts.
-        ranges: (s,) range of the barrier against obstacles there [m].
-        floors: (s,) distance below which points cost more there [m].
-        shares: (s,) factor of the barrier between links there; where it is 0 that isn't looked at.
-    """
-
-    pieces: Indices
-    places: Row
-    basis: Rows
-    weights: Row
-    ranges: Row
-    floors: Row
-    shares: Row
+    pieces: Indices  # (s,) piece of each
+    places: Row  # (s,) the same with the fraction of it
+    basis: Rows  # (s, 4) the basis there, of the piece's four control points
+    weights: Row  # (s,) how much each counts
+    ranges: Row  # (s,) range of the barrier against obstacles there [m]
+    floors: Row  # (s,) distance below which points cost more there [m]
+    shares: Row  # (s,) factor of the barrier between links there; where it is 0 that isn't looked at
 
 
 SAMPLES = numba_type(MotionSamples)
 
 
 class ClearanceModel(NamedTuple):
-    """The clearance of a motion about control points at which it was looked at.
+    """The clearance of a motion about control points at which it was looked at."""
 
-    Attributes:
-        value: There.
-        points: These control points, shape (n, nv) [rad or m].
-        step: Length of pieces there [s].
-        begin: Departure there [s].
-        gradient: By the control points, shape (n, nv).
-        places: Of how many places on the motion there is a Hessian, at most s.
-        pieces: The piece of each, which is the first of its four control points, shape (s,).
-        basis: The basis there, shape (s, 4).
-        hessians: Gauss and Newton's Hessian of each by z, weighted, shape (s, nv, nv).
-        border: The same by control points and (u, t0), shape (2, n, nv).
-        by_times: Gradient by (u, t0), shape (2,).
-        corner: Hessian by these, shape (2, 2).
-    """
-
-    value: float
-    points: Rows
-    step: float
-    begin: float
-    gradient: Rows
-    places: int
-    pieces: Indices
-    basis: Rows
-    hessians: Blocks
-    border: Blocks
-    by_times: Row
-    corner: Rows
+    value: float  # there
+    points: Rows  # these control points, shape (n, nv) [rad or m]
+    step: float  # length of pieces there [s]
+    begin: float  # departure there [s]
+    gradient: Rows  # by the control points, shape (n, nv)
+    places: int  # of how many places on the motion there is a Hessian, at most s
+    pieces: Indices  # the piece of each, which is the first of its four control points, shape (s,)
+    basis: Rows  # the basis there, shape (s, 4)
+    hessians: Blocks  # Gauss and Newton's Hessian of each by z, weighted, shape (s, nv, nv)
+    border: Blocks  # the same by control points and (u, t0), shape (2, n, nv)
+    by_times: Row  # gradient by (u, t0), shape (2,)
+    corner: Rows  # hessian by these, shape (2, 2)
 
 
 CLEARANCE = numba_type(ClearanceModel)

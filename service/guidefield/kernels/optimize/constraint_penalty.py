@@ -37,27 +37,16 @@ from guidefield.kernels.tree.path_constraints import KeptFrames, Measured, numbe
 
 
 class KeptSamples(NamedTuple):
-    """Places on a motion where path constraints are measured.
+    """Places on a motion where path constraints are measured."""
 
-    Attributes:
-        frames: The constraints; none: nothing is looked at.
-        pieces: (s,) piece of each sample.
-        basis: (s, 4) the basis there, of the piece's four control points.
-        groups: (k,) which group of alternatives each constraint is of, in ascending order; -1: it has none.
-        asked: (s, k) whether each constraint is looked at there: 1, or 0.
-        room: Share of a limit up to which a number costs nothing.
-        weight: w.
-        tight: Limits up to this count in Newton's steps all through [rad or m].
-    """
-
-    frames: KeptFrames
-    pieces: Indices
-    basis: Rows
-    groups: Indices
-    asked: IndexRows
-    room: float
-    weight: float
-    tight: float
+    frames: KeptFrames  # the constraints; none: nothing is looked at
+    pieces: Indices  # (s,) piece of each sample
+    basis: Rows  # (s, 4) the basis there, of the piece's four control points
+    groups: Indices  # (k,) which group of alternatives each constraint is of, in ascending order; -1: it has none
+    asked: IndexRows  # (s, k) whether each constraint is looked at there: 1, or 0
+    room: float  # share of a limit up to which a number costs nothing
+    weight: float  # w
+    tight: float  # limits up to this count in Newton's steps all through [rad or m]
 
 
 KEPT_SAMPLES = numba_type(KeptSamples)

@@ -26,26 +26,19 @@ from guidefield.kernels.jit.decorators import compiled, uncounted
 
 
 class MotionLimits(NamedTuple):
-    """Limits of every coordinate, each of shape (nv,); infinite where there is none.
+    """Limits of every coordinate, each of shape (nv,); infinite where there is none."""
 
-    Attributes:
-        velocity, acceleration, jerk: Positive [rad/s, rad/s², rad/s³; or with m].
-        lower, upper: Range of positions; one that is a single value does not count here [rad or m].
-        sizes: How many times as far as at size 1 a coordinate goes: 1 for angles.
-    """
-
-    velocity: Row
+    velocity: Row  # positive [rad/s, rad/s², rad/s³; or with m]
     acceleration: Row
     jerk: Row
-    lower: Row
+    lower: Row  # range of positions; one that is a single value does not count here [rad or m]
     upper: Row
-    sizes: Row
+    sizes: Row  # how many times as far as at size 1 a coordinate goes: 1 for angles
 
 
 LIMITS = numba_type(MotionLimits)
 
-REACHED = 1.0 + 1e-9
-"""Share of a limit up to which the velocity next to an end may go, for rounding."""
+REACHED = 1.0 + 1e-9  # share of a limit up to which the velocity next to an end may go, for rounding
 
 
 @uncounted
@@ -163,19 +156,12 @@ def add_limit_barrier(
 
 
 class TimeLimits(NamedTuple):
-    """Limits of a motion's times of departure and arrival.
+    """Limits of a motion's times of departure and arrival."""
 
-    Attributes:
-        departs: How many departures there are to choose from: 1, or 0 where it is given.
-        latest: It departs before [s].
-        earliest: It arrives after [s].
-        unit: T [s].
-    """
-
-    departs: int
-    latest: float
-    earliest: float
-    unit: float
+    departs: int  # how many departures there are to choose from: 1, or 0 where it is given
+    latest: float  # it departs before [s]
+    earliest: float  # it arrives after [s]
+    unit: float  # t [s]
 
 
 TIMES = numba_type(TimeLimits)

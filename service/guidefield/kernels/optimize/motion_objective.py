@@ -51,22 +51,15 @@ from guidefield.kernels.optimize.limit_barrier import (
     time_barrier,
 )
 
-ENDS = 3
-"""Control points at each end that are the end's."""
+ENDS = 3  # control points at each end that are the end's
 
 
 class MotionEnds(NamedTuple):
-    """The states in which a motion begins and ends, each of shape (2, nv).
+    """The states in which a motion begins and ends, each of shape (2, nv)."""
 
-    Attributes:
-        positions: [rad or m].
-        velocities: [rad/s or m/s].
-        accelerations: [rad/s² or m/s²].
-    """
-
-    positions: Rows
-    velocities: Rows
-    accelerations: Rows
+    positions: Rows  # [rad or m]
+    velocities: Rows  # [rad/s or m/s]
+    accelerations: Rows  # [rad/s² or m/s²]
 
 
 STATES = numba_type(MotionEnds)

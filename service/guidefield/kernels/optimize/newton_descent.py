@@ -62,48 +62,32 @@ def coupled_groups(model: ClearanceModel, constrained: bool, groups_out: Integer
 
 
 class DescentRules(NamedTuple):
-    """Settings of the steps.
+    """Settings of the steps."""
 
-    Attributes:
-        steps: At most so many.
-        tries: So often at most a step is shortened until it is within limits and brings something.
-        shorter: By this factor.
-        settled: A step that promises less than this share of the objective is not taken. Nor is a further one after a
-            whole step that brought what it would of a quadratic function, up to this share: it would promise as little.
-        little: After a step that brought less than this share of the objective no further one is taken.
-        longest: Most that a coordinate of a control point [rad, or m at size 1] and the departure [s] move in one step.
-        most_stretched: Most that u changes in one step.
-        trusted: Where a coordinate is further from where the clearance was looked at, as counted there, no further step
-            is taken.
-        damping: Added to the Hessian's diagonal, as a share of it.
-    """
-
-    steps: int
-    tries: int
-    shorter: float
+    steps: int  # at most so many
+    tries: int  # so often at most a step is shortened until it is within limits and brings something
+    shorter: float  # by this factor
+    # a step that promises less than this share of the objective is not taken. Nor is a further one after a whole step
+    # that brought what it would of a quadratic function, up to this share: it would promise as little
     settled: float
-    little: float
+    little: float  # after a step that brought less than this share of the objective no further one is taken
+    # most that a coordinate of a control point [rad, or m at size 1] and the departure [s] move in one step
     longest: float
-    most_stretched: float
+    most_stretched: float  # most that u changes in one step
+    # where a coordinate is further from where the clearance was looked at, as counted there, no further step is taken
     trusted: float
-    damping: float
+    damping: float  # added to the Hessian's diagonal, as a share of it
 
 
 RULES = numba_type(DescentRules)
 
 
 class DescentRoom(NamedTuple):
-    """Memory of a descent, overwritten by each step: new one would cost as much as a third of a step.
+    """Memory of a descent, overwritten by each step: new one would cost as much as a third of a step."""
 
-    Attributes:
-        blocks: Of the Hessian by all n control points, shape (n, nv, 4 nv).
-        groups: Of coordinates that are coupled.
-        factor: Of the factors of the free ones'.
-    """
-
-    blocks: BlocksOut
-    groups: IndicesOut
-    factor: BorderedFactor
+    blocks: BlocksOut  # of the Hessian by all n control points, shape (n, nv, 4 nv)
+    groups: IndicesOut  # of coordinates that are coupled
+    factor: BorderedFactor  # of the factors of the free ones'
 
 
 def room_for_descent(n: int, nv: int, times: TimeLimits) -> DescentRoom:

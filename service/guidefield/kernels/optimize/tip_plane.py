@@ -24,22 +24,15 @@ from guidefield.kernels.kinematics.forward_kinematics import CarriedPoint, frame
 from guidefield.kernels.optimize.clearance_model import add_gradient
 from guidefield.kernels.timing.hermite import spline_points, spline_slopes
 
-SAMPLES = 5
-"""About a place, the third of them there."""
+SAMPLES = 5  # about a place, the third of them there
 
 
 class TipPlane(NamedTuple):
-    """A robot's tip, and a guide plane's heights: over the plane, and over its inset edges, where it is one side of it.
+    """A robot's tip, and a guide plane's heights: over it, and over its inset edges, where it is one side of it."""
 
-    Attributes:
-        tip: The tip.
-        directions: Along which heights are taken, the plane's first, shape (k, 3).
-        heights: Of the plane and its inset edges along them, shape (k,) [m].
-    """
-
-    tip: CarriedPoint
-    directions: Rows
-    heights: Row
+    tip: CarriedPoint  # the tip
+    directions: Rows  # along which heights are taken, the plane's first, shape (k, 3)
+    heights: Row  # of the plane and its inset edges along them, shape (k,) [m]
 
 
 TIP_PLANE = numba_type(TipPlane)

@@ -40,8 +40,7 @@ class ShapeTask(NamedTuple):
         return cls(f"{doing} {link}, shape {index + 1} of {len(shapes)}", extent, find)
 
 
-Progress = Callable[[ShapeTask], None]
-"""Called before each task is begun, by one thread at a time."""
+Progress = Callable[[ShapeTask], None]  # called before each task is begun, by one thread at a time
 
 
 def logged(task: ShapeTask) -> None:
@@ -132,14 +131,8 @@ class ByShape(Generic[Found]):
 
 
 class Search(NamedTuple, Generic[Found]):
-    """Results about a robot's shapes, in the geometry's order.
+    """Results about a robot's shapes, in the geometry's order."""
 
-    Attributes:
-        tasks: Work that finds those that aren't known.
-        found: Returns those that are known by now, None elsewhere.
-        keep: Returns them once all are found, and keeps them with the robot.
-    """
-
-    tasks: list[ShapeTask]
-    found: Callable[[], tuple[Found | None, ...]]
-    keep: Callable[[], tuple[Found | None, ...]]
+    tasks: list[ShapeTask]  # work that finds those that aren't known
+    found: Callable[[], tuple[Found | None, ...]]  # returns those that are known by now, None elsewhere
+    keep: Callable[[], tuple[Found | None, ...]]  # returns them once all are found, and keeps them with the robot

@@ -21,11 +21,8 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.self_contacts import collision_pairs, scratch_space
 from guidefield.robot.model.shapes import triangulation
 
-POINTS = 200
-"""About how many points a robot gets at most."""
-
-POINTS_PER_SHAPE = 33
-"""About how many a robot of few shapes gets for each: the thesis' links need eight rings of four."""
+POINTS = 200  # about how many points a robot gets at most
+POINTS_PER_SHAPE = 33  # about how many a robot of few shapes gets for each: the thesis' links need eight rings of four
 
 SPREAD = 0.76
 """Spacing of spread points over the side of the square that is their share, so that they are as many as meant."""
@@ -33,11 +30,8 @@ SPREAD = 0.76
 LEAST_SPACING = 1e-3
 """Points of a link are no denser than this for its thinness [m]: a link can be as thin as a line. At size 1."""
 
-ALWAYS_CLOSE = 2.0
-"""Links whose gap at rest is below this many radii of their capsules don't repel each other."""
-
-ROUNDING = 1e-9
-"""By how much balls are taken to be larger than they are, as a share."""
+ALWAYS_CLOSE = 2.0  # links whose gap at rest is below this many radii of their capsules don't repel each other
+ROUNDING = 1e-9  # by how much balls are taken to be larger than they are, as a share
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,20 +181,14 @@ def _closes(vertices: np.ndarray, triangles: np.ndarray) -> bool:
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) > 0.0
 
 
-SPACING = 0.036
-"""Largest spacing of the points [m], at size 1."""
+SPACING = 0.036  # largest spacing of the points [m], at size 1
 
 SPACING_OF_RADIUS = 0.3
 """Largest spacing as a share of the radius of the capsule about a shape: what is slim goes where it is narrow."""
 
-SMALLEST_SPACING = 0.008
-"""No finer than this [m], at size 1."""
-
-MOST = 1500
-"""About how many points a robot gets at most; beyond, all spacings grow alike."""
-
-_POINTS_PER_SQUARE = 0.6
-"""About how many points of a spacing there are on an area of its square."""
+SMALLEST_SPACING = 0.008  # no finer than this [m], at size 1
+MOST = 1500  # about how many points a robot gets at most; beyond, all spacings grow alike
+_POINTS_PER_SQUARE = 0.6  # about how many points of a spacing there are on an area of its square
 
 
 @memoized

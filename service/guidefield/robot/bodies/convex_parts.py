@@ -16,11 +16,8 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
 from guidefield.robot.model.size import scale
 
-TIGHT = 0.005
-"""A part that stands off its mesh by no more isn't halved [m], at size 1."""
-
-MOST = 4
-"""Most parts of a mesh for a plan, which asks its triangles next. With 8, connections of a UR5 take as long."""
+TIGHT = 0.005  # a part that stands off its mesh by no more isn't halved [m], at size 1
+MOST = 4  # most parts of a mesh for a plan, which asks its triangles next. With 8, connections of a UR5 take as long
 
 
 def convex_parts(robot: RobotModel, most: int = MOST) -> tuple[Decomposition | None, ...]:
@@ -86,5 +83,4 @@ def _restored(arrays: Arrays, unit: float) -> Decomposition | None:
     return Decomposition(tuple(parts), hull)
 
 
-PARTS = ByShape("cutting", _question, _restored)
-"""By robot and by how many parts a mesh may have."""
+PARTS = ByShape("cutting", _question, _restored)  # by robot and by how many parts a mesh may have

@@ -30,8 +30,7 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
 from guidefield.robot.model.size import scale
 
-DELTA = 0.015
-"""By how much covers may leave the shapes, unless told otherwise [m], at size 1."""
+DELTA = 0.015  # by how much covers may leave the shapes, unless told otherwise [m], at size 1
 
 LARGE = 3_000.0
 """A surface of more squares of delta than these gets a cover that may leave it further: as if it had as many.
@@ -59,14 +58,11 @@ class ShapeCoverage:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Balls of every shape of a robot, in the geometry's order.
-
-    Attributes:
-        delta: By how much the covers may leave the shapes, at size 1 [m]; those of `LARGE` ones and of small robots may
-            leave them further.
-    """
+    """Balls of every shape of a robot, in the geometry's order."""
 
     shapes: tuple[ShapeCoverage, ...]
+    # by how much the covers may leave the shapes, at size 1 [m]; those of `LARGE` ones and of small robots may leave
+    # them further
     delta: float
 
     @property

@@ -45,10 +45,8 @@ from guidefield.robot.urdf.xacro_files import ArgumentValue, Expanded, expand, i
 from guidefield.robot.urdf.xml import read_xml
 
 MOVABLE = ("revolute", "continuous", "prismatic", "planar", "floating")
-ROOT_KINDS = {"planar": "planar", "free": "floating"}
-"""Kind of the joint between the world and a root that moves."""
-DEGREES = {**JOINT_DOF, "spherical": 3}
-"""Degrees of freedom by kind of joint."""
+ROOT_KINDS = {"planar": "planar", "free": "floating"}  # kind of the joint between the world and a root that moves
+DEGREES = {**JOINT_DOF, "spherical": 3}  # degrees of freedom by kind of joint
 
 
 def summarize(entry: Entry) -> RobotSummary:
@@ -152,8 +150,7 @@ def _expanded(path: Path, args: Mapping[str, ArgumentValue], resolver: MeshResol
     return expanded
 
 
-_Stamp = tuple[int, int, int, int]
-"""When a file was written, its size, and which one it is."""
+_Stamp = tuple[int, int, int, int]  # when a file was written, its size, and which one it is
 
 
 @dataclass(frozen=True)

@@ -16,22 +16,14 @@ from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, catalog_share
 
 @dataclass(frozen=True)
 class SentRobot:
-    """A robot as a client sent it.
+    """A robot as a client sent it."""
 
-    Attributes:
-        name: The client's name of it.
-        content: Hash of all that was sent; the same content is the same robot.
-        urdf, srdf: Its texts.
-        meshes: Files on disk by the URIs that the URDF has for them.
-        root_joint: How it stands in the world.
-    """
-
-    name: str
-    content: str
-    urdf: str
+    name: str  # the client's name of it
+    content: str  # hash of all that was sent; the same content is the same robot
+    urdf: str  # its texts
     srdf: str | None
-    meshes: Mapping[str, Path]
-    root_joint: RootJoint
+    meshes: Mapping[str, Path]  # files on disk by the URIs that the URDF has for them
+    root_joint: RootJoint  # how it stands in the world
 
 
 OURS = "guidefield"
@@ -41,20 +33,13 @@ _CARD = ".card.json"
 
 @dataclass(frozen=True)
 class Entry:
-    """One name of the catalog.
-
-    Attributes:
-        card: Its files and defaults.
-        folder: Folder of the card's paths.
-        source: The package that it comes from.
-        family: Short name of the folder that its URDF is in; several URDFs of one are variants of a robot.
-    """
+    """One name of the catalog."""
 
     name: str
-    card: RobotCard
-    folder: Path
-    source: str
-    family: str
+    card: RobotCard  # its files and defaults
+    folder: Path  # folder of the card's paths
+    source: str  # the package that it comes from
+    family: str  # short name of the folder that its URDF is in; several URDFs of one are variants of a robot
 
 
 @functools.cache

@@ -53,8 +53,7 @@ def load_mjcf(name: str, compiled: CompiledModel, srdf_text: str | None, root_jo
 
 SAME = 1e-9
 """Placements that differ by more than this [m, or 1], for each metre from the world's origin, are not the same."""
-TRIALS = 3
-"""Random configurations at which placements are compared, beside the one at rest."""
+TRIALS = 3  # random configurations at which placements are compared, beside the one at rest
 
 
 def check_placements(

@@ -16,10 +16,8 @@ from guidefield.memo import memoized_by_value
 from guidefield.messages.faults import find_nearest
 from guidefield.messages.requests import ROBOT_DESCRIPTIONS, UrdfFile
 
-MAX_DOWNLOAD_SECONDS = 300.0
-"""Time that the loader may take: the first time it downloads a Git repository [s]."""
-STALLED_SECONDS = 20
-"""Git gives up where less than 1 kB/s has come for this time [s]."""
+MAX_DOWNLOAD_SECONDS = 300.0  # time that the loader may take: the first time it downloads a Git repository [s]
+STALLED_SECONDS = 20  # git gives up where less than 1 kB/s has come for this time [s]
 
 _LOADER = """
 import importlib, json, sys

@@ -22,13 +22,11 @@ from guidefield.errors import RobotInvalid
 
 MAX_MESHES = 1_000
 MAX_MESH_BYTES = 32 * 2**20
-MAX_DEPTH = 3
-"""A file may name files that name files: an .obj materials, these textures."""
+MAX_DEPTH = 3  # a file may name files that name files: an .obj materials, these textures
 
 MESHES = (".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Kinds of mesh file that are taken from a client; a .3mf is a packed archive and isn't."""
-COMPANIONS = (".bin", ".bmp", ".jpeg", ".jpg", ".mtl", ".png", ".tga")
-"""Kinds of file that a mesh may name."""
+COMPANIONS = (".bin", ".bmp", ".jpeg", ".jpg", ".mtl", ".png", ".tga")  # kinds of file that a mesh may name
 
 _OBJ_NAMES = re.compile(rb"^([ \t]*mtllib[ \t]+)([^\n]+)", re.MULTILINE | re.IGNORECASE)
 _MTL_NAMES = re.compile(rb"^([ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+)([^\n]+)", re.MULTILINE | re.IGNORECASE)

@@ -76,8 +76,7 @@ def _travel(joint: Joint, size: float) -> float:
     return size if joint.kind is JointKind.PRISMATIC else max(size, 1.0)
 
 
-LONGEST_TURN = 3.0
-"""How far a rotation vector may go between two rows on the wire [rad]: less than half a turn."""
+LONGEST_TURN = 3.0  # how far a rotation vector may go between two rows on the wire [rad]: less than half a turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,44 +86,29 @@ class PlanningGroup:
     Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
     planned one move with it. In the *chart* ``z`` (nv,), joint by joint as `chart` has it, straight lines and
     splines are drawn. It is the door between these spaces, see `spaces`.
-
-    Attributes:
-        robot: The whole robot.
-        model: Pinocchio model of the planned joints and their followers; the placement in the world is folded in.
-        geometry: Collision geometry on that model, with the pairs that count.
-        space: Pinocchio model of the planned joints alone, for integrate and difference.
-        joints: Planned joints; their indices are those of this group's q and v.
-        tip: Name of the frame that goals are about.
-        tip_id: Its index in `model`.
-        q_reference: Configuration of the whole robot, shape (robot.model.nq,), from which the others are taken.
-        q_origin: The planned joints' part of it, shape (nq,): where the chart's rotation vectors start.
-        lower, upper: Chart limits, shape (nv,) [rad or m]; infinite where there are none.
-        velocity_limits, acceleration_limits: Shape (nv,).
-        expand_velocity: Matrix (model.nv, nv) from this group's tangents to those of `model`.
-        expand_offset: Shape (model.nv,): chart values of `model` are expand_velocity @ z + expand_offset.
-        places: Where the planned joints' values stand in a configuration of the whole robot, shape (nq,).
-        alike: What groups share that differ in q_reference, q_origin, whole_turns and the limits of their rates only.
-        whole_turns: Whole turns that the wire adds to the chart's angles, shape (nv,) [rad]: where the start was given
-            beyond (-pi, pi]; None: none.
     """
 
-    robot: RobotModel
-    model: Any
-    geometry: Any
-    space: Any
-    joints: tuple[Joint, ...]
-    tip: str
-    tip_id: int
+    robot: RobotModel  # the whole robot
+    model: Any  # pinocchio model of the planned joints and their followers; the placement in the world is folded in
+    geometry: Any  # collision geometry on that model, with the pairs that count
+    space: Any  # pinocchio model of the planned joints alone, for integrate and difference
+    joints: tuple[Joint, ...]  # planned joints; their indices are those of this group's q and v
+    tip: str  # name of the frame that goals are about
+    tip_id: int  # its index in `model`
+    # configuration of the whole robot, shape (robot.model.nq,), from which the others are taken
     q_reference: RobotConfiguration
-    q_origin: Configuration
-    lower: ChartPoint
+    q_origin: Configuration  # the planned joints' part of it, shape (nq,): where the chart's rotation vectors start
+    lower: ChartPoint  # chart limits, shape (nv,) [rad or m]; infinite where there are none
     upper: ChartPoint
-    velocity_limits: ChartRate
+    velocity_limits: ChartRate  # shape (nv,)
     acceleration_limits: ChartRate
-    expand_velocity: np.ndarray
-    expand_offset: ModelChartPoint
-    places: np.ndarray
+    expand_velocity: np.ndarray  # matrix (model.nv, nv) from this group's tangents to those of `model`
+    expand_offset: ModelChartPoint  # shape (model.nv,): chart values of `model` are expand_velocity @ z + expand_offset
+    places: np.ndarray  # where the planned joints' values stand in a configuration of the whole robot, shape (nq,)
+    # what groups share that differ in q_reference, q_origin, whole_turns and the limits of their rates only
     alike: Alike
+    # whole turns that the wire adds to the chart's angles, shape (nv,) [rad]: where the start was given beyond (-pi,
+    # pi]; None: none
     whole_turns: ChartPoint | None = None
 
     @cached_property

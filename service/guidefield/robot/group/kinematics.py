@@ -24,8 +24,7 @@ from guidefield.robot.model.chart import TRANSLATION
 from guidefield.robot.model.frames import joint_indices, joint_table
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
-MOST = 3
-"""Of alike groups no more are kept that nobody has: a plan needs as many."""
+MOST = 3  # of alike groups no more are kept that nobody has: a plan needs as many
 
 
 def lent_data(group: PlanningGroup, borrower: object) -> Any:
@@ -148,10 +147,8 @@ def _alike_tip(group: PlanningGroup, tip_id: int) -> CarriedPoint:
     return CarriedPoint(joints._replace(table=chain), len(chain.parents) - 1, point)
 
 
-LARGEST_TURN = np.deg2rad(15.0)
-"""No joint turns more than this in one step of a descent [rad]."""
-LARGEST_SLIDE = 0.1
-"""None slides more than this in one step [m], at size 1."""
+LARGEST_TURN = np.deg2rad(15.0)  # no joint turns more than this in one step of a descent [rad]
+LARGEST_SLIDE = 0.1  # none slides more than this in one step [m], at size 1
 
 
 @memoized_for_alike

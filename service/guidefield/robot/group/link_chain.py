@@ -17,29 +17,20 @@ from guidefield.robot.model.frames import joint_table
 from guidefield.robot.model.model import JointKind
 from guidefield.robot.model.spaces import Configuration
 
-SAME_PLACE = 1e-9
-"""Two revolute joints whose origins are nearer than this are one universal joint [m]."""
-
-SQUARE = 1e-6
-"""Axes of a universal joint are square to each other, and the second one to its link, up to this cosine."""
+SAME_PLACE = 1e-9  # two revolute joints whose origins are nearer than this are one universal joint [m]
+SQUARE = 1e-6  # axes of a universal joint are square to each other, and the second one to its link, up to this cosine
 
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """A group of joints as a chain of links.
-
-    Attributes:
-        joints: The joints of the group's model.
-        table: The chain as the kernels read it.
-        leads: Whether its first joint is the tip, and nothing holds it (a moving base); else the last link ends in it.
-        carriers: Index in the group's model of the joint that carries each link, shape (n,).
-    """
+    """A group of joints as a chain of links."""
 
     group: PlanningGroup
-    joints: JointTable
-    table: LinkChain
+    joints: JointTable  # the joints of the group's model
+    table: LinkChain  # the chain as the kernels read it
+    # whether its first joint is the tip, and nothing holds it (a moving base); else the last link ends in it
     leads: bool
-    carriers: np.ndarray
+    carriers: np.ndarray  # index in the group's model of the joint that carries each link, shape (n,)
 
     @property
     def n(self) -> int:

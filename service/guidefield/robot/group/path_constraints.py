@@ -61,18 +61,13 @@ class Cone:
 
 @dataclass(frozen=True, eq=False)
 class Near:
-    """A frame's origin stays near a point, or a plane or line through it.
-
-    Attributes:
-        point: The point, shape (3,) [m, world].
-        across: Directions in which distance counts, orthonormal rows: of a plane one, of a line two, of a point three.
-        limit: The largest distance [m].
-    """
+    """A frame's origin stays near a point, or a plane or line through it."""
 
     frame: str
-    point: np.ndarray
+    point: np.ndarray  # the point, shape (3,) [m, world]
+    # directions in which distance counts, orthonormal rows: of a plane one, of a line two, of a point three
     across: np.ndarray
-    limit: float
+    limit: float  # the largest distance [m]
 
     def value(self, placement: Any) -> float:
         """Distance of the origin from the plane, line or point [m]."""
@@ -115,20 +110,15 @@ def point(frame: str, place: np.ndarray, tolerance: float) -> Near:
 
 @dataclass(frozen=True, eq=False)
 class EvenTurn:
-    """A frame turns evenly while its origin goes from one point to another.
-
-    Attributes:
-        begin: Where it is at first, a pinocchio.SE3 [m, world].
-        shift: From there to where its origin is in the end, shape (3,) [m, world]; zero: it is turned as at first.
-        turn: Rotation vector from how it is turned at first to how it is in the end, in the world's axes, shape (3,).
-        limit: The largest angle by which it may be turned away from the even turn [rad].
-    """
+    """A frame turns evenly while its origin goes from one point to another."""
 
     frame: str
-    begin: Any
+    begin: Any  # where it is at first, a pinocchio.SE3 [m, world]
+    # from there to where its origin is in the end, shape (3,) [m, world]; zero: it is turned as at first
     shift: np.ndarray
+    # rotation vector from how it is turned at first to how it is in the end, in the world's axes, shape (3,)
     turn: np.ndarray
-    limit: float
+    limit: float  # the largest angle by which it may be turned away from the even turn [rad]
 
     @property
     def by_place(self) -> np.ndarray:

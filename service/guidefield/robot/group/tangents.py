@@ -24,8 +24,7 @@ from guidefield.robot.model.spaces import ChartPoints, ChartRates, Tangents
 SERIES_BELOW = 0.25
 """Of smaller angles f, g and their derivatives are taken from their series; terms left out are below 1e-15 [rad]."""
 
-_TERMS = 6
-"""Terms of these series."""
+_TERMS = 6  # terms of these series
 
 
 def tangents(group: PlanningGroup, zs: ChartPoints, rates: ChartRates) -> Tangents:

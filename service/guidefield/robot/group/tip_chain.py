@@ -19,29 +19,20 @@ from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.chart import ROTATION
 from guidefield.robot.model.model import JointKind
 
-DISTINCT = 0.1
-"""Two solutions are distinct if a joint differs by this, by the group's metric [rad]."""
+DISTINCT = 0.1  # two solutions are distinct if a joint differs by this, by the group's metric [rad]
 
 _Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class ChainToTip:
-    """The part of a group that moves its tip.
+    """The part of a group that moves its tip."""
 
-    Attributes:
-        table: The chain; its first placement is in the world.
-        moving: Which chart coordinates move the tip, shape (nv,).
-        measure: How far chart points are from each other; one unit makes solutions distinct.
-        turning: Coordinates that have room for more than a turn, shape (k,).
-        reach: The farthest that the tip can be from where the chain begins [m].
-    """
-
-    table: TipChain
-    moving: np.ndarray
-    measure: Measure
-    turning: np.ndarray
-    reach: float
+    table: TipChain  # the chain; its first placement is in the world
+    moving: np.ndarray  # which chart coordinates move the tip, shape (nv,)
+    measure: Measure  # how far chart points are from each other; one unit makes solutions distinct
+    turning: np.ndarray  # coordinates that have room for more than a turn, shape (k,)
+    reach: float  # the farthest that the tip can be from where the chain begins [m]
 
     def from_target(self, T_world_target: Any) -> TipChain:
         """The chain in a target's frame (pinocchio.SE3), so that the tip's placement is its offset from the target."""

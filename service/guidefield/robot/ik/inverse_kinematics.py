@@ -133,30 +133,22 @@ def _limit_in_the_way(
 Accept = Callable[[ChartPoints], np.ndarray]
 """Which of some chart points, shape (n, nv), may be solutions: shape (n,), bool."""
 
-Refine = Callable[[ChartPoints], ChartPoints]
-"""Moves chart points, shape (n, nv), to others."""
+Refine = Callable[[ChartPoints], ChartPoints]  # moves chart points, shape (n, nv), to others
 
 
 @dataclass(frozen=True, eq=False)
 class IkResult(ReadOnly):
-    """The solutions of inverse kinematics.
+    """The solutions of inverse kinematics."""
 
-    Attributes:
-        solutions: Chart points (nv,) of distinct configurations in the limits and accepted; first those reached from
-            the given starts, in their order, then each as far as can be from those before.
-        reason: Why there are fewer than asked for; else empty.
-        details: The values in the reason.
-        rejected: Those found that were not accepted.
-        cause: The obstacle if nothing was found, not even something that was not accepted.
-        exhausted: Whether nothing was accepted, the last starts led to nothing new, and all that was found is in
-            `rejected`: the same search with another rule for what is accepted finds the same.
-    """
-
+    # chart points (nv,) of distinct configurations in the limits and accepted; first those reached from the given
+    # starts, in their order, then each as far as can be from those before
     solutions: tuple[ChartPoint, ...]
-    reason: str
-    details: dict[str, Any] = field(default_factory=dict)
-    rejected: tuple[ChartPoint, ...] = ()
-    cause: Cause | None = None
+    reason: str  # why there are fewer than asked for; else empty
+    details: dict[str, Any] = field(default_factory=dict)  # the values in the reason
+    rejected: tuple[ChartPoint, ...] = ()  # those found that were not accepted
+    cause: Cause | None = None  # the obstacle if nothing was found, not even something that was not accepted
+    # whether nothing was accepted, the last starts led to nothing new, and all that was found is in `rejected`: the
+    # same search with another rule for what is accepted finds the same
     exhausted: bool = False
 
     @classmethod

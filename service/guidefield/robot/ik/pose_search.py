@@ -18,8 +18,7 @@ from guidefield.robot.group.tip_chain import ChainToTip, chain_to_tip
 from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
-EXACT = 1e-6
-"""A tolerance of zero, or any smaller than this, means this [m, rad]."""
+EXACT = 1e-6  # a tolerance of zero, or any smaller than this, means this [m, rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,35 +53,23 @@ class PoseTarget:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Of the search for configurations that reach a pose.
+    """Of the search for configurations that reach a pose."""
 
-    Attributes:
-        aim: The middle part of a tolerance that is aimed at, so that an approach from outside ends inside. Unrecorded.
-        round: Random starts of a round. Unrecorded.
-        first_round: The same of the first rounds where one solution is asked for. Unrecorded.
-        large_round: The same where nothing was accepted for so many: poses in narrow places need many starts. The value
-            is unrecorded.
-        choice: Accepted solutions for each that is asked for, from which those farthest apart are chosen. Unrecorded.
-        most_unreached: Random starts after which a pose counts as unreachable. With it all of 1000 reachable poses of
-            a Panda are solved.
-        most_rejected: The same after which it counts as reachable only by what isn't accepted. Unrecorded.
-        most_per_solution: The same for each solution asked for, where there are some. Unrecorded.
-        most_kept: Distinct solutions that are kept of those not accepted: they tell what stands in the way.
-        why_starts: Random starts for each question that is asked after a failure. Unrecorded.
-        why_halvings: How often half a turn is halved to find the nearest orientation in reach: to 0.7 degrees.
-    """
-
+    # the middle part of a tolerance that is aimed at, so that an approach from outside ends inside. Unrecorded
     aim: float = 0.9
-    round: int = 64
-    first_round: int = 16
+    round: int = 64  # random starts of a round. Unrecorded
+    first_round: int = 16  # the same of the first rounds where one solution is asked for. Unrecorded
+    # the same where nothing was accepted for so many: poses in narrow places need many starts. The value is unrecorded
     large_round: int = 512
+    # accepted solutions for each that is asked for, from which those farthest apart are chosen. Unrecorded
     choice: int = 2
+    # random starts after which a pose counts as unreachable. With it all of 1000 reachable poses of a Panda are solved
     most_unreached: int = 256
-    most_rejected: int = 1024
-    most_per_solution: int = 64
-    most_kept: int = 256
-    why_starts: int = 64
-    why_halvings: int = 8
+    most_rejected: int = 1024  # the same after which it counts as reachable only by what isn't accepted. Unrecorded
+    most_per_solution: int = 64  # the same for each solution asked for, where there are some. Unrecorded
+    most_kept: int = 256  # distinct solutions that are kept of those not accepted: they tell what stands in the way
+    why_starts: int = 64  # random starts for each question that is asked after a failure. Unrecorded
+    why_halvings: int = 8  # how often half a turn is halved to find the nearest orientation in reach: to 0.7 degrees
 
 
 SEARCH = SearchSettings()

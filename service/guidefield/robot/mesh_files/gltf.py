@@ -23,8 +23,7 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 """Extensions under which geometry is packed in ways that aren't read."""
 INSTANCED = "EXT_mesh_gpu_instancing"
-MAX_ZEROS = 1_000_000
-"""An accessor of more values without a buffer, which are 0, is refused."""
+MAX_ZEROS = 1_000_000  # an accessor of more values without a buffer, which are 0, is refused
 
 
 def read_gltf(content: bytes, folder: Path | None) -> Objects:

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import mapbox_earcut
 import numpy as np
 
-AREA_TOLERANCE = 1e-9
-"""Triangles fill a simple polygon to this share of its area."""
+AREA_TOLERANCE = 1e-9  # triangles fill a simple polygon to this share of its area
 
 
 def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
@@ -121,8 +120,7 @@ class Objects(NamedTuple):
     firsts: tuple[tuple[str, int], ...] = ()
 
 
-Element = Any
-"""An element of lxml, for which there are no types."""
+Element = Any  # an element of lxml, for which there are no types
 
 STRICT_XML = {
     "resolve_entities": False,
@@ -194,10 +192,8 @@ def _is_number(word: bytes) -> bool:
 
 MAX_TRIANGLES = 20_000_000
 """A file of more triangles, instances counted, is refused: nested instances can double with each level."""
-MAX_DEPTH = 1_000
-"""A deeper nesting of nodes is refused."""
-MAX_NODES = 100_000
-"""A file of more nodes, instances counted, is refused."""
+MAX_DEPTH = 1_000  # a deeper nesting of nodes is refused
+MAX_NODES = 100_000  # a file of more nodes, instances counted, is refused
 
 
 class Collected:

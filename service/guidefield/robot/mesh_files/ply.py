@@ -19,8 +19,7 @@ TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-OUTLINES = ("vertex_indices", "vertex_index")
-"""Names of the list of a face's vertices."""
+OUTLINES = ("vertex_indices", "vertex_index")  # names of the list of a face's vertices
 
 
 @dataclass

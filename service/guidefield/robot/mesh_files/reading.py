@@ -51,8 +51,7 @@ _MARKS: dict[str, re.Pattern[bytes]] = {
 }
 """How files of each kind begin."""
 
-_BEGINNING = 65_536
-"""The number of bytes in which a mark is looked for."""
+_BEGINNING = 65_536  # the number of bytes in which a mark is looked for
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
@@ -61,15 +60,11 @@ PAGES = (b"<!doctype html", b"<html")
 
 
 class FileMesh(NamedTuple):
-    """The triangles of a mesh file, read-only.
+    """The triangles of a mesh file, read-only."""
 
-    Attributes:
-        vertices: Shape (v, 3) [m], those that triangles use, each once.
-        triangles: Indices of vertices, shape (t, 3), each with three different ones; counter-clockwise from outside as
-            in the file, also where a negative scale mirrors it.
-    """
-
-    vertices: np.ndarray
+    vertices: np.ndarray  # shape (v, 3) [m], those that triangles use, each once
+    # indices of vertices, shape (t, 3), each with three different ones; counter-clockwise from outside as in the file,
+    # also where a negative scale mirrors it
     triangles: np.ndarray
 
 
@@ -209,8 +204,7 @@ _COMMENT = re.compile(rb"#[^\n]*")
 _FREE = re.compile(rb"^[ \t]*(curv2?|surf)[ \t]", re.MULTILINE)
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]+([^\n]*)", re.MULTILINE)
 _FACE = re.compile(rb"^[ \t]*fo?[ \t]+([^\n]*)", re.MULTILINE)
-_OTHERS = re.compile(rb"/[^\s]*")
-"""Texture coordinates and normals of a corner."""
+_OTHERS = re.compile(rb"/[^\s]*")  # texture coordinates and normals of a corner
 _OBJECT = re.compile(rb"^[ \t]*o[ \t]+([^\n]*)", re.MULTILINE)
 _GROUP = re.compile(rb"^[ \t]*g[ \t]+([^\n]*)", re.MULTILINE)
 

@@ -28,8 +28,7 @@ from guidefield.robot.mesh_files.numbers import (
     local_name,
 )
 
-MAX_BYTES = 2**30
-"""An unpacked part of more bytes is refused."""
+MAX_BYTES = 2**30  # an unpacked part of more bytes is refused
 START = "3D/3dmodel.model"
 START_KIND = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}

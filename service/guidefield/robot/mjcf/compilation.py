@@ -22,22 +22,16 @@ INSTALL_IT = "MuJoCo reads MJCF: install the extra `mujoco` (pip install 'guidef
 
 _ROOT = re.compile(r"(?:\ufeff|\s+|<\?.*?\?>|<!--.*?-->)*+<mujoco(?:include)?[\s/>]", re.DOTALL)
 _FILE = re.compile(r"""\bfile[a-z]*\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-MOST_ELEMENTS = 20_000
-"""Elements that an MJCF sent as text may have once MuJoCo has repeated what it repeats."""
-MOST_FILE_ELEMENTS = 100_000
-"""The same of one in a file, and of each file that it includes."""
-MOST_SAMPLES = 2**22
-"""Pixels or heights that an element of it may make MuJoCo compute."""
+MOST_ELEMENTS = 20_000  # elements that an MJCF sent as text may have once MuJoCo has repeated what it repeats
+MOST_FILE_ELEMENTS = 100_000  # the same of one in a file, and of each file that it includes
+MOST_SAMPLES = 2**22  # pixels or heights that an element of it may make MuJoCo compute
 MOST_PARAMETER = 200
 """Largest parameter of a built-in mesh; its facets grow with the square, and MuJoCo takes their hull."""
-_REPEATED = ("replicate", "composite", "flexcomp")
-"""Elements that stand for `count` times what is in them."""
+_REPEATED = ("replicate", "composite", "flexcomp")  # elements that stand for `count` times what is in them
 _COMPUTED = {"texture": ("width", "height"), "hfield": ("nrow", "ncol")}
 """Attributes whose product is the size of what is computed."""
-_BUFFERS = ("size", "custom")
-"""Sections of an MJCF that ask for memory and say nothing about a robot."""
-_ALONE = threading.Lock()
-"""MuJoCo has one handler of warnings for the process."""
+_BUFFERS = ("size", "custom")  # sections of an MJCF that ask for memory and say nothing about a robot
+_ALONE = threading.Lock()  # muJoCo has one handler of warnings for the process
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +150,7 @@ def _compiled(name: str, load: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]
     return model, tuple(f"MuJoCo: {' '.join(text.split())}" for text in dict.fromkeys(warnings))
 
 
-WORLD = "world"
-"""MuJoCo's name of its body 0, the root link of the URDF."""
+WORLD = "world"  # MuJoCo's name of its body 0, the root link of the URDF
 
 
 class UniqueNames:

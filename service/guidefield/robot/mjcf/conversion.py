@@ -24,11 +24,8 @@ from guidefield.robot.mjcf.kinematic_tree import add_origin, joint_laws, kinemat
 from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
 from guidefield.robot.urdf.xml import Element
 
-VISIBLE_GROUPS = 3
-"""MuJoCo shows geoms of the groups below this one, unless somebody switches others on."""
-
-SUBDIVISIONS = 3
-"""Of the icosahedron that stands about an ellipsoid: it is at most 0.9 % larger."""
+VISIBLE_GROUPS = 3  # muJoCo shows geoms of the groups below this one, unless somebody switches others on
+SUBDIVISIONS = 3  # of the icosahedron that stands about an ellipsoid: it is at most 0.9 % larger
 
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -161,8 +158,7 @@ def circumscribed_ball() -> Any:
     return ball
 
 
-AT_REFERENCE = "reference"
-"""The state in which every joint has its reference value."""
+AT_REFERENCE = "reference"  # the state in which every joint has its reference value
 
 
 def disabled_pairs(
@@ -289,25 +285,15 @@ def positions(model: Any, joints: Mapping[int, str], q: np.ndarray) -> Positions
 
 @dataclass(frozen=True, eq=False)
 class MjcfRobot:
-    """The URDF of an MJCF.
+    """The URDF of an MJCF."""
 
-    Attributes:
-        urdf: The URDF, with a link for each body and named site, below the link `world`.
-        semantics: Pairs of links that aren't tested, and keyframes, in the words of an SRDF.
-        meshes: Files by the names that the URDF has for them.
-        balls: Names of ball joints; the URDF calls them floating.
-        joints: Name of each joint that moves, by MuJoCo's index.
-        geoms: MuJoCo's indices of the geoms behind each link's <collision>, in their order.
-        warnings: What isn't kept, or differs from what MuJoCo does.
-    """
-
-    urdf: str
-    semantics: Srdf
-    meshes: Mapping[str, Path]
-    balls: tuple[str, ...]
-    joints: Mapping[int, str]
-    geoms: Mapping[str, Sequence[int]]
-    warnings: tuple[str, ...]
+    urdf: str  # the URDF, with a link for each body and named site, below the link `world`
+    semantics: Srdf  # pairs of links that aren't tested, and keyframes, in the words of an SRDF
+    meshes: Mapping[str, Path]  # files by the names that the URDF has for them
+    balls: tuple[str, ...]  # names of ball joints; the URDF calls them floating
+    joints: Mapping[int, str]  # name of each joint that moves, by MuJoCo's index
+    geoms: Mapping[str, Sequence[int]]  # muJoCo's indices of the geoms behind each link's <collision>, in their order
+    warnings: tuple[str, ...]  # what isn't kept, or differs from what MuJoCo does
 
 
 def convert(compiled: CompiledModel, name: str, root_joint: str) -> MjcfRobot:

@@ -81,23 +81,17 @@ def tendon_warnings(model: Any) -> list[str]:
     return [f"what tendons couple isn't kept{limits}: {some}"]
 
 
-ENDLESS = 1e6
-"""Range of a sliding joint without one [m]: a URDF has to name one, and the loader narrows it."""
+ENDLESS = 1e6  # range of a sliding joint without one [m]: a URDF has to name one, and the loader narrows it
 
 
 @dataclass(frozen=True, eq=False)
 class KinematicTree:
-    """The <robot> of a compiled MJCF, without shapes, and the <link> of each body.
-
-    Attributes:
-        joints: Name of each joint that moves, by MuJoCo's index.
-        balls: Names of ball joints; a URDF calls them floating.
-    """
+    """The <robot> of a compiled MJCF, without shapes, and the <link> of each body."""
 
     robot: Element
     links: tuple[Element, ...]
-    joints: dict[int, str]
-    balls: tuple[str, ...]
+    joints: dict[int, str]  # name of each joint that moves, by MuJoCo's index
+    balls: tuple[str, ...]  # names of ball joints; a URDF calls them floating
 
 
 class _Tree:

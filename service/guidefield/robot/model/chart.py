@@ -18,8 +18,7 @@ from guidefield.robot.model.model import Joint, JointKind
 ROAM = 2.0
 """How far from the origin's position `PlanningGroup.random` goes where a translation has no limits [m], at size 1."""
 
-WIND = 2.0 * np.pi
-"""The same for an angle without limits whose whole turns count [rad]."""
+WIND = 2.0 * np.pi  # the same for an angle without limits whose whole turns count [rad]
 
 POSITION_SUFFIXES = {
     JointKind.PLANAR: (".x", ".y", ".theta"),
@@ -35,14 +34,12 @@ VELOCITY_SUFFIXES = {
 }
 """The same for velocities: tangents in the moved frame."""
 
-_SMALL = 1e-4
-"""Below this angle a series stands for a sine [rad]: off by less than rounding."""
+_SMALL = 1e-4  # below this angle a series stands for a sine [rad]: off by less than rounding
 
 ROTATION = {JointKind.SPHERICAL: slice(0, 3), JointKind.FLOATING: slice(3, 6)}
 """Which of a joint's chart coordinates are a rotation vector."""
 
-ANGLE = {JointKind.CONTINUOUS: 0, JointKind.PLANAR: 2}
-"""Which of a joint's chart coordinates is an angle that wraps."""
+ANGLE = {JointKind.CONTINUOUS: 0, JointKind.PLANAR: 2}  # which of a joint's chart coordinates is an angle that wraps
 
 TRANSLATION = {JointKind.PRISMATIC: slice(0, 1), JointKind.PLANAR: slice(0, 2), JointKind.FLOATING: slice(0, 3)}
 """Which of a joint's chart coordinates are lengths [m]."""

@@ -26,11 +26,8 @@ from guidefield.robot.urdf.facts import UrdfFacts
 from guidefield.robot.urdf.links import THICKNESS
 from guidefield.system import usable_processors
 
-HARDLY_METRES = 10.0
-"""A link's mesh that is longer was probably drawn in millimetres [m]."""
-
-SLIVER = 1e-12
-"""Twice the area of a triangle over its longest edge's square, up to which it is a line."""
+HARDLY_METRES = 10.0  # a link's mesh that is longer was probably drawn in millimetres [m]
+SLIVER = 1e-12  # twice the area of a triangle over its longest edge's square, up to which it is a line
 
 Meshes = Mapping[str, tuple[Path, np.ndarray, FileMesh]]
 """File, scale (3,) and triangles of each mesh, by the name of its collision shape."""

@@ -18,8 +18,7 @@ from guidefield.robot.model.spaces import IndexedConfiguration, RobotConfigurati
 LIMIT_TOLERANCE = 1e-5 + 1e-11
 """A value beyond its limit by at most this [rad or m] is clamped, with a warning: 1e-5, and room for rounding."""
 
-FURTHEST = 1e4
-"""Largest value of a joint [rad or m]: a motion further than that could not be judged in any time."""
+FURTHEST = 1e4  # largest value of a joint [rad or m]: a motion further than that could not be judged in any time
 
 LENGTHS = {JointKind.PLANAR: 3, JointKind.SPHERICAL: 4, JointKind.FLOATING: 7}
 """How many numbers the wire has for a joint, where it isn't one."""

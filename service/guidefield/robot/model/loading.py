@@ -75,14 +75,10 @@ def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -
     return members
 
 
-DEFAULT_ROTATION_SPEED = 1.0
-"""Velocity limit of a rotation for which nobody names one [rad/s]."""
-DEFAULT_TRANSLATION_SPEED = 0.5
-"""Velocity limit of a translation for which nobody names one [m/s]."""
-NO_SPEED_LIMIT = 1e6
-"""A velocity limit of this or more stands for none [rad/s or m/s]."""
-TIME_TO_SPEED = 0.5
-"""Acceleration limits that nobody names let a joint reach its velocity limit in this time [s]."""
+DEFAULT_ROTATION_SPEED = 1.0  # velocity limit of a rotation for which nobody names one [rad/s]
+DEFAULT_TRANSLATION_SPEED = 0.5  # velocity limit of a translation for which nobody names one [m/s]
+NO_SPEED_LIMIT = 1e6  # a velocity limit of this or more stands for none [rad/s or m/s]
+TIME_TO_SPEED = 0.5  # acceleration limits that nobody names let a joint reach its velocity limit in this time [s]
 FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
 """No joint is planned for further than this from its zero [rad or m]: limits beyond stand for none, and a motion of
 millions of turns could not be judged."""
@@ -307,8 +303,7 @@ def default_tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:
     return str(bodies[max(range(len(bodies)), key=lambda i: (depth[i], i))].name)
 
 
-NEARLY_ALONG_X = 0.9
-"""If the axis has a larger share of x, its plane is spanned from the joint frame's y axis."""
+NEARLY_ALONG_X = 0.9  # if the axis has a larger share of x, its plane is spanned from the joint frame's y axis
 
 
 def plane_rotation(axis: np.ndarray) -> np.ndarray:

@@ -16,8 +16,7 @@ from guidefield.kernels.kinematics.forward_kinematics import JointTable
 from guidefield.robot.model.frames import frame_index, joint_table
 from guidefield.robot.model.spaces import RobotConfiguration
 
-ROOT_JOINT = "root_joint"
-"""Name of the joint by which a robot moves in the world, unless its root is fixed."""
+ROOT_JOINT = "root_joint"  # name of the joint by which a robot moves in the world, unless its root is fixed
 
 NO_GEOMETRY = "has no collision geometry, so nothing can be said about collisions"
 """The fault of a robot that can be asked for kinematics alone."""
@@ -54,37 +53,27 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """One movable joint.
-
-    Attributes:
-        index: Pinocchio's joint index.
-        idx_q, nq: Where its values stand in a configuration, and how many they are.
-        idx_v, nv: The same in the tangent space.
-        lower, upper: Limits, shape (nv,) [rad or m]; infinite where there are none. A revolute joint without limits is
-            one that turns on and on, but isn't the same after a whole turn, for others follow it.
-        velocity, acceleration: Largest magnitudes, shape (nv,) [rad or m, per s and s^2].
-        velocity_source, acceleration_source: Where those come from.
-        mimic: The joint that it follows, if it does; then it can't be planned for.
-        passive: Whether the SRDF says that nothing drives it; it is planned for only where a request names it.
-        velocity_owner, acceleration_owner: The mimic joint whose limit those are, where it binds this joint.
-    """
+    """One movable joint."""
 
     name: str
     kind: JointKind
-    index: int
-    idx_q: int
+    index: int  # pinocchio's joint index
+    idx_q: int  # where its values stand in a configuration, and how many they are
     nq: int
-    idx_v: int
+    idx_v: int  # the same in the tangent space
     nv: int
+    # limits, shape (nv,) [rad or m]; infinite where there are none. A revolute joint without limits is one that turns
+    # on and on, but isn't the same after a whole turn, for others follow it
     lower: np.ndarray
     upper: np.ndarray
-    velocity: np.ndarray
+    velocity: np.ndarray  # largest magnitudes, shape (nv,) [rad or m, per s and s^2]
     acceleration: np.ndarray
-    velocity_source: LimitSource
+    velocity_source: LimitSource  # where those come from
     acceleration_source: LimitSource
-    mimic: Mimic | None = None
+    mimic: Mimic | None = None  # the joint that it follows, if it does; then it can't be planned for
+    # whether the SRDF says that nothing drives it; it is planned for only where a request names it
     passive: bool = False
-    velocity_owner: str | None = None
+    velocity_owner: str | None = None  # the mimic joint whose limit those are, where it binds this joint
     acceleration_owner: str | None = None
 
     @property
@@ -110,73 +99,47 @@ class PairLeftOut:
 
 @dataclass(frozen=True)
 class GeometryChoice:
-    """How a collision shape is judged.
+    """How a collision shape is judged."""
 
-    Attributes:
-        name: `<link>_<number>`.
-        shape: The URDF's: box, cylinder, sphere, mesh.
-        judged_as: primitive, convex hull or triangle mesh.
-        stand_off: How far the hull stands off the mesh [m]; 0 for a primitive.
-    """
-
-    name: str
+    name: str  # `<link>_<number>`
     link: str
-    shape: str
-    judged_as: str
-    stand_off: float = 0.0
+    shape: str  # the URDF's: box, cylinder, sphere, mesh
+    judged_as: str  # primitive, convex hull or triangle mesh
+    stand_off: float = 0.0  # how far the hull stands off the mesh [m]; 0 for a primitive
 
 
 @dataclass(frozen=True)
 class RobotSource:
-    """Where a robot came from.
+    """Where a robot came from."""
 
-    Attributes:
-        urdf_text: Its text; once loaded, with meshes as absolute paths. Of an MJCF, the URDF that was made from it.
-        files: Files that the text was made from, beside those that it names.
-    """
-
-    urdf_text: str
+    urdf_text: str  # its text; once loaded, with meshes as absolute paths. Of an MJCF, the URDF that was made from it
     urdf_path: Path | None
     root_joint: str = "fixed"
-    files: tuple[Path, ...] = ()
+    files: tuple[Path, ...] = ()  # files that the text was made from, beside those that it names
 
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """A robot, frozen after loading.
+    """A robot, frozen after loading."""
 
-    Attributes:
-        name: Its name in the catalog, or the URDF's own.
-        model: Pinocchio model of every joint (mimic joints are joints of their own here).
-        geometry: Collision geometry with the pairs of links that count.
-        joints, links: Movable joints, and link names, in Pinocchio's order.
-        tip: Frame that goals and guide planes are about, unless a request says otherwise.
-        groups: Named sets of joints, from the SRDF.
-        rest: Configuration, shape (model.nq,), of joints that a request leaves out.
-        rest_state: Name of the SRDF's state that it is, as far as that goes.
-        geometry_choices: How each shape is judged, in the geometry's order.
-        warnings: What was odd but harmless, for every reply about it.
-        remarks: The same about a robot that comes with guidefield, told where it is described: its users can't mend it.
-        held: Names of the links that are objects it holds.
-        size: Of its reach over a usual one, 1 where that is usual: lengths that are chosen for it are that many times
-            as large (`size`).
-    """
-
-    name: str
-    model: Any
-    geometry: Any
-    joints: tuple[Joint, ...]
+    name: str  # its name in the catalog, or the URDF's own
+    model: Any  # pinocchio model of every joint (mimic joints are joints of their own here)
+    geometry: Any  # collision geometry with the pairs of links that count
+    joints: tuple[Joint, ...]  # movable joints, and link names, in Pinocchio's order
     links: tuple[str, ...]
-    tip: str
-    groups: Mapping[str, tuple[str, ...]]
-    rest: RobotConfiguration
-    geometry_choices: tuple[GeometryChoice, ...]
+    tip: str  # frame that goals and guide planes are about, unless a request says otherwise
+    groups: Mapping[str, tuple[str, ...]]  # named sets of joints, from the SRDF
+    rest: RobotConfiguration  # configuration, shape (model.nq,), of joints that a request leaves out
+    geometry_choices: tuple[GeometryChoice, ...]  # how each shape is judged, in the geometry's order
     pairs_left_out: tuple[PairLeftOut, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...]  # what was odd but harmless, for every reply about it
     source: RobotSource
+    # the same about a robot that comes with guidefield, told where it is described: its users can't mend it
     remarks: tuple[str, ...] = ()
-    rest_state: str | None = None
-    held: tuple[str, ...] = ()
+    rest_state: str | None = None  # name of the SRDF's state that it is, as far as that goes
+    held: tuple[str, ...] = ()  # names of the links that are objects it holds
+    # of its reach over a usual one, 1 where that is usual: lengths that are chosen for it are that many times as large
+    # (`size`)
     size: float = 1.0
 
     def joint(self, name: str) -> Joint | None:

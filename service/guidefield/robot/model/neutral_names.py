@@ -20,8 +20,7 @@ from typing import Any
 
 from lxml import etree
 
-MAX_CAUGHT_BYTES = 64 * 1024
-"""Only so much of what was written is kept, from its beginning."""
+MAX_CAUGHT_BYTES = 64 * 1024  # only so much of what was written is kept, from its beginning
 
 _STDERR = 2
 _FIRST_ORDINARY = 3

@@ -16,10 +16,8 @@ from guidefield.robot.model.model import Joint, JointKind, PairLeftOut
 from guidefield.robot.model.self_contacts import SelfContacts, collision_pairs
 from guidefield.robot.model.spaces import RobotConfiguration
 
-SAMPLES = 200
-"""Random configurations that tell whether two links always touch."""
-ROAM = 1.0
-"""How far sliding joints are drawn from their zero at most [m], at size 1."""
+SAMPLES = 200  # random configurations that tell whether two links always touch
+ROAM = 1.0  # how far sliding joints are drawn from their zero at most [m], at size 1
 TOUCH = 1e-4
 """Links this close count as touching [m], at size 1: faces that slide on each other, which no motion could be certified
 for."""

@@ -21,12 +21,9 @@ from guidefield.robot.model.size import MARGIN
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
 
-SHARES = np.linspace(0.05, 1.0, 20)
-"""How much of the way to random values is tried, nearest first."""
-DRAWS = 25
-"""Random directions for each of them."""
-MOST = np.pi
-"""Joints without limits are drawn within this of their zero [rad or m]."""
+SHARES = np.linspace(0.05, 1.0, 20)  # how much of the way to random values is tried, nearest first
+DRAWS = 25  # random directions for each of them
+MOST = np.pi  # joints without limits are drawn within this of their zero [rad or m]
 
 
 @dataclass(frozen=True)

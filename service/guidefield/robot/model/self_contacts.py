@@ -51,11 +51,8 @@ def _alike(requests: Any, one: Any, count: int) -> Any:
     return requests
 
 
-ROUNDING = 1e-9
-"""By how much spheres about shapes are believed larger than they are, as a share."""
-
-SLACK = 1e-6
-"""Hulls have to be this much further apart than a margin to tell the meshes in them apart [m]."""
+ROUNDING = 1e-9  # by how much spheres about shapes are believed larger than they are, as a share
+SLACK = 1e-6  # hulls have to be this much further apart than a margin to tell the meshes in them apart [m]
 
 
 class SelfContacts:

@@ -29,8 +29,7 @@ ROUGHLY = 5e-4
 """How much too large a stand-off may be given at first [m], for each metre of a mesh and for one at least: where faces
 of hull and mesh coincide it takes the square of what is saved."""
 
-LEAST_FILLED = 0.01
-"""An opening's hollow is worth telling if the hull gains more than this share of its volume by it."""
+LEAST_FILLED = 0.01  # an opening's hollow is worth telling if the hull gains more than this share of its volume by it
 
 WIDEST_GAP = 0.02
 """Gaps of a mesh's surface up to this extent are cracks, and closed; a mesh with wider ones has no inside [m]."""

@@ -14,8 +14,7 @@ import numpy as np
 
 from guidefield.geometry.cache import Arrays
 
-USUAL_REACH = 1.15
-"""Reach of a robot of size 1 [m]."""
+USUAL_REACH = 1.15  # reach of a robot of size 1 [m]
 
 LEAST_USUAL, MOST_USUAL = 0.75, 2.5
 """Robots that reach no less and no more than this have that size, too [m]: those that lengths were chosen with."""
@@ -24,8 +23,7 @@ USUAL_RADIUS, LEAST_RADIUS, MOST_RADIUS = 0.25, 0.05, 1.0
 """The same of robots of which nothing but the root turns, such as a gantry, a box that slides or one that flies: how
 far the corners of their largest body are from its middle [m]. How far they go is no matter of their size."""
 
-POINT = 1e-5
-"""Robots that extend less far are points, as bodies of size zero are, and have the size 1 [m]."""
+POINT = 1e-5  # robots that extend less far are points, as bodies of size zero are, and have the size 1 [m]
 
 MARGIN = 2e-3
 """What bodies keep from each other beyond the distance that is asked for, wherever this house chooses [m], at size 1.
@@ -51,8 +49,7 @@ def find_size(model: Any, geometry: Any, meshes: Mapping[str, np.ndarray]) -> fl
     return 1.0 if reach < POINT or LEAST_USUAL <= reach <= MOST_USUAL else reach / USUAL_REACH
 
 
-FREE = ("JointModelPlanar", "JointModelFreeFlyer")
-"""Pinocchio's names of joints that turn a whole robot."""
+FREE = ("JointModelPlanar", "JointModelFreeFlyer")  # Pinocchio's names of joints that turn a whole robot
 
 
 def _find_reach(model: Any, geometry: Any, meshes: Mapping[str, np.ndarray]) -> float:

@@ -37,28 +37,24 @@ RobotConfiguration = np.ndarray[tuple[RobotAxis], np.dtype[np.float64]]
 """q of every joint of a robot, followers included, shape (robot.model.nq,) [rad, m, cosine and sine of a continuous or
 planar joint's angle, or entries of a quaternion (x, y, z, w)]."""
 
-RobotConfigurations = np.ndarray[tuple[int, RobotAxis], np.dtype[np.float64]]
-"""Several, shape (n, robot.model.nq)."""
+RobotConfigurations = np.ndarray[tuple[int, RobotAxis], np.dtype[np.float64]]  # several, shape (n, robot.model.nq)
 
 Configuration = np.ndarray[tuple[ConfigurationAxis], np.dtype[np.float64]]
 """q of a group's planned joints alone, shape (group.nq,), with the units of a `RobotConfiguration`."""
 
-Configurations = np.ndarray[tuple[int, ConfigurationAxis], np.dtype[np.float64]]
-"""Several, shape (n, group.nq)."""
+Configurations = np.ndarray[tuple[int, ConfigurationAxis], np.dtype[np.float64]]  # several, shape (n, group.nq)
 
 ModelConfiguration = np.ndarray[tuple[ModelAxis], np.dtype[np.float64]]
 """q of a group's planned joints and those that follow them, shape (group.model.nq,): what Pinocchio and the kernels of
 forward kinematics take. The same units."""
 
-ModelConfigurations = np.ndarray[tuple[int, ModelAxis], np.dtype[np.float64]]
-"""Several, shape (n, group.model.nq)."""
+ModelConfigurations = np.ndarray[tuple[int, ModelAxis], np.dtype[np.float64]]  # several, shape (n, group.model.nq)
 
 ChartPoint = np.ndarray[tuple[ChartAxis], np.dtype[np.float64]]
 """z of a group's planned joints, shape (group.nv,) [rad or m]: unwrapped angles, lengths and rotation vectors, in which
 straight lines and splines are drawn (`robot/model/chart.py`)."""
 
-ChartPoints = np.ndarray[tuple[int, ChartAxis], np.dtype[np.float64]]
-"""Several, shape (n, group.nv)."""
+ChartPoints = np.ndarray[tuple[int, ChartAxis], np.dtype[np.float64]]  # several, shape (n, group.nv)
 
 ChartCurves = np.ndarray[tuple[int, int, ChartAxis], np.dtype[np.float64]]
 """Bezier curves in the chart, by their control points, shape (m, k, group.nv); k - 1 is their degree."""
@@ -90,8 +86,7 @@ WireColumns = np.ndarray[tuple[int, WireAxis], np.dtype[np.float64]]
 """Positions as they travel, shape (n, len(group.position_names)): those of chart points, but quaternions (x, y, z, w)
 for rotation vectors [rad, m, or entries of a quaternion]."""
 
-WireRow = list[float]
-"""One row of them. A plain alias: messages hold lists of numbers."""
+WireRow = list[float]  # one row of them. A plain alias: messages hold lists of numbers
 
 IndexedConfiguration = RobotConfiguration | Configuration
 """q of joints that say by their own indices where their values stand: a robot's, or a group's."""

@@ -17,10 +17,8 @@ from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import RobotConfiguration
 
-SAME = 1e-6
-"""Placements of links that differ by more than this [m, or 1] are not the same."""
-MOST_TOLD = 5
-"""Of so many differences a sentence is made each; of the rest, how many they are."""
+SAME = 1e-6  # placements of links that differ by more than this [m, or 1] are not the same
+MOST_TOLD = 5  # of so many differences a sentence is made each; of the rest, how many they are
 BENT = 0.3
 """Where in its range each joint stands while placements are compared; the value of those without limits [rad or m]."""
 _UNREAD = ("visual", "collision", "transmission", "gazebo")

@@ -15,26 +15,19 @@ SCALAR_JOINTS = ("revolute", "continuous", "prismatic")
 
 @dataclass(frozen=True)
 class JointFacts:
-    """One joint as written.
-
-    Attributes:
-        kind: Its type, a key of `JOINT_DOF`.
-        line: Where it stands in the text.
-        lower, upper: Its `<limit>` [rad or m], 0 where an entry is left out; None without `<limit>`, and for types that
-            have no range.
-        velocity, effort: The same [rad/s or m/s; N m or N], 0 where they are negative or left out.
-        axis: Normal of the plane of a planar joint, of any length; None for other types.
-    """
+    """One joint as written."""
 
     name: str
-    kind: str
+    kind: str  # its type, a key of `JOINT_DOF`
     parent: str
     child: str
-    line: int
+    line: int  # where it stands in the text
+    # its `<limit>` [rad or m], 0 where an entry is left out; None without `<limit>`, and for types that have no range
     lower: float | None
     upper: float | None
-    velocity: float | None
+    velocity: float | None  # the same [rad/s or m/s; N m or N], 0 where they are negative or left out
     effort: float | None
+    # normal of the plane of a planar joint, of any length; None for other types
     axis: tuple[float, float, float] | None = None
 
 
@@ -50,27 +43,18 @@ class CollisionFacts:
 
 @dataclass(frozen=True)
 class UrdfFacts:
-    """A URDF that has been checked.
-
-    Attributes:
-        root: The link that has no parent.
-        links: Link names in the order of the text.
-        joints: Joints by name, in the order of the text.
-        collisions: Collision shapes by link; links without any are left out.
-        mimics: Followers: name to (name of the joint followed, multiplier, offset). A joint that is followed may itself
-            follow another; there are no cycles.
-        warnings: What is odd but harmless.
-        meshes: The URI of each mesh file, by the path that stands in `text` now.
-        text: The URDF as checked, for the parsers that come next: without comments, numbers separated by single
-            spaces, mesh files as absolute paths, and without those `<visual>` whose mesh can't be read.
-    """
+    """A URDF that has been checked."""
 
     name: str
-    root: str
-    links: tuple[str, ...]
-    joints: Mapping[str, JointFacts]
-    collisions: Mapping[str, tuple[CollisionFacts, ...]]
+    root: str  # the link that has no parent
+    links: tuple[str, ...]  # link names in the order of the text
+    joints: Mapping[str, JointFacts]  # joints by name, in the order of the text
+    collisions: Mapping[str, tuple[CollisionFacts, ...]]  # collision shapes by link; links without any are left out
+    # followers: name to (name of the joint followed, multiplier, offset). A joint that is followed may itself follow
+    # another; there are no cycles
     mimics: Mapping[str, tuple[str, float, float]]
-    warnings: tuple[str, ...]
-    meshes: Mapping[str, str]
+    warnings: tuple[str, ...]  # what is odd but harmless
+    meshes: Mapping[str, str]  # the URI of each mesh file, by the path that stands in `text` now
+    # the URDF as checked, for the parsers that come next: without comments, numbers separated by single spaces, mesh
+    # files as absolute paths, and without those `<visual>` whose mesh can't be read
     text: str

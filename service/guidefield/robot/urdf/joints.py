@@ -20,12 +20,10 @@ from guidefield.robot.urdf.xml import (
 
 PLAIN_AXIS = (1e-3, 1e3)
 """Smallest and largest entry of an axis that parsers are given as it is; the squares of others may overflow."""
-LARGEST_FACTOR = 1e6
-"""Largest multiplier of a mimic joint, and its largest offset [rad or m]."""
+LARGEST_FACTOR = 1e6  # largest multiplier of a mimic joint, and its largest offset [rad or m]
 LEAST_SPEED = 1e-9
 """Least velocity limit but zero, which says none [rad/s or m/s]; no motion with a smaller one would end."""
-DEFAULT_AXIS = (1.0, 0.0, 0.0)
-"""Axis of a joint without `<axis>`."""
+DEFAULT_AXIS = (1.0, 0.0, 0.0)  # axis of a joint without `<axis>`
 
 _UNUSED_NUMBERS = {
     "dynamics": ("damping", "friction"),

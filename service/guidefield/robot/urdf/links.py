@@ -32,18 +32,14 @@ SHAPES = {
 }
 """What a `<geometry>` can be, and how many numbers each of its required attributes has (0: it is a name)."""
 
-THICKNESS = 2e-6
-"""Thickness of a collision body that has none [m]."""
-
-NO_LENGTH = 1e-9
-"""A length below this is taken as zero [m]: areas of the like of 1e-150 are."""
+THICKNESS = 2e-6  # thickness of a collision body that has none [m]
+NO_LENGTH = 1e-9  # a length below this is taken as zero [m]: areas of the like of 1e-150 are
 
 NEVER_JUDGED = "a <visual> is never judged"
 NOT_DRAWN = "this <visual> will not be drawn"
 MASSLESS = "is left out: the link has no mass"
 THIN = f"what is zero is judged as {1e3 * THICKNESS:g} mm"
-REPEATED = (NEVER_JUDGED, NOT_DRAWN, THIN)
-"""Ends of warnings that a robot may have for each of its links."""
+REPEATED = (NEVER_JUDGED, NOT_DRAWN, THIN)  # ends of warnings that a robot may have for each of its links
 
 CAPSULE_SINCE = (1, 1)
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

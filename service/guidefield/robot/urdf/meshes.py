@@ -23,15 +23,13 @@ from guidefield.robot.urdf.nearby_files import (
     same_bytes,
 )
 
-MESH_SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
-"""Kinds of mesh files that are read."""
+MESH_SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")  # kinds of mesh files that are read
 
 PACKAGE_SCHEMES = ("package", "model")
 FOLDERS_OF_ENVIRONMENT = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
 """Variables that name folders of packages or models."""
 CATALOG_PACKAGE = "example-robot-data"
-MAX_LISTED = 6
-"""Files that an error lists."""
+MAX_LISTED = 6  # files that an error lists
 
 SEND_IT = "send it with the robot: `meshes` of `Client.store_robot`"
 NAME_ITS_FOLDER = "name the folder of its package: `package_dirs`, or --package-dir"
@@ -54,30 +52,23 @@ class Remark:
 
 @dataclass(frozen=True)
 class MeshResolver:
-    """Finds the file that a mesh URI means, if it lies in an allowed folder; `..` or a link is judged by where it ends.
+    """Finds the file that a mesh URI means, if it is in an allowed folder; links are judged by where they end."""
 
-    Attributes:
-        package_dirs: Folders that hold packages, or are packages, in the order in which they are searched.
-        base: Folder that relative paths start from.
-        packages: Folder of each package that is known by name; these are looked in first.
-        given: Files that came with the robot, by the URIs that it has for them; these come before all others.
-        enclosing: The folders about the URDF that may hold packages too, the nearest first.
-        nearby: Files that are searched by the end of their path for what isn't where its URI says; None: no search.
-        folders: Every allowed folder: those of the other attributes.
-        told: What an error says is allowed; None: the folders. Who asks over the wire is told no folder of ours.
-        advice: What an error says to do about a mesh that isn't there.
-        remarks: Files found elsewhere than their URIs say, or ambiguous, by URI: for a warning.
-    """
-
+    # folders that hold packages, or are packages, in the order in which they are searched
     package_dirs: tuple[Path, ...] = ()
-    base: Path | None = None
+    base: Path | None = None  # folder that relative paths start from
+    # folder of each package that is known by name; these are looked in first
     packages: Mapping[str, Path] = field(default_factory=dict)
+    # files that came with the robot, by the URIs that it has for them; these come before all others
     given: Mapping[str, Path] = field(default_factory=dict)
-    enclosing: tuple[Path, ...] = ()
+    enclosing: tuple[Path, ...] = ()  # the folders about the URDF that may hold packages too, the nearest first
+    # files that are searched by the end of their path for what isn't where its URI says; None: no search
     nearby: NearbyFiles | None = None
+    # what an error says is allowed; None: the folders. Who asks over the wire is told no folder of ours
     told: tuple[str, ...] | None = None
-    advice: str = ""
-    folders: tuple[Path, ...] = field(init=False)
+    advice: str = ""  # what an error says to do about a mesh that isn't there
+    folders: tuple[Path, ...] = field(init=False)  # every allowed folder: those of the other attributes
+    # files found elsewhere than their URIs say, or ambiguous, by URI: for a warning
     remarks: dict[str, Remark] = field(init=False, default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:

@@ -14,8 +14,7 @@ from itertools import takewhile
 from pathlib import Path
 
 MANIFEST = "package.xml"
-MAX_BYTES = 1 << 20
-"""No manifest is larger."""
+MAX_BYTES = 1 << 20  # no manifest is larger
 
 
 def package_name(manifest: Path) -> str | None:
@@ -29,21 +28,15 @@ def package_name(manifest: Path) -> str | None:
     return found.group(1) if found else None
 
 
-MAX_ENTRIES = 20_000
-"""Entries of folders that one search reads; a larger tree is no package."""
-MAX_SECONDS = 10.0
-"""Time that one search reads folders for [s]."""
-MAX_LEVELS = 3
-"""Folders above the URDF's that are searched where no package and no repository encloses it."""
-MIN_DEPTH = 2
-"""Folders of fewer names, such as / and /opt, are never searched."""
+MAX_ENTRIES = 20_000  # entries of folders that one search reads; a larger tree is no package
+MAX_SECONDS = 10.0  # time that one search reads folders for [s]
+MAX_LEVELS = 3  # folders above the URDF's that are searched where no package and no repository encloses it
+MIN_DEPTH = 2  # folders of fewer names, such as / and /opt, are never searched
 REPOSITORY_MARKS = (".git", ".hg", ".svn")
 INNER_FOLDERS = ("cfg", "config", "description", "model", "models", "robot", "robots", "sdf", "urdf", "urdfs", "xacro")
 """Names of folders within a package that hold URDFs."""
-MIN_COMMON = 3
-"""Names that a path outside the robot's package must share with one that names no package."""
-SKIPPED = ("node_modules", "__pycache__")
-"""Folders that hold no robots; nor do those that are hidden."""
+MIN_COMMON = 3  # names that a path outside the robot's package must share with one that names no package
+SKIPPED = ("node_modules", "__pycache__")  # folders that hold no robots; nor do those that are hidden
 
 
 def enclosing_folders(folder: Path) -> list[Path]:

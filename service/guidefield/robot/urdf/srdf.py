@@ -47,29 +47,20 @@ class SrdfState:
 
 @dataclass(frozen=True)
 class Srdf:
-    """The parts of an SRDF that planning needs.
-
-    Attributes:
-        end_effectors: Parent link and group of each end effector.
-        disabled: Pair of links to the reason given.
-        untested: Links that are tested against nothing but what `enabled` names.
-        enabled: Pairs of links to test although one of them is untested.
-        virtual: Type of each virtual joint, by which the robot stands in the world, by name.
-        passive: Joints that nothing drives.
-        warnings: What is odd but harmless.
-        said_by: The format that this was read from. An MJCF says of every pair whether it is tested, an SRDF that
-            disables none says nothing about pairs.
-    """
+    """The parts of an SRDF that planning needs."""
 
     groups: dict[str, SrdfGroup] = field(default_factory=dict)
     states: tuple[SrdfState, ...] = ()
-    end_effectors: tuple[tuple[str, str], ...] = ()
-    disabled: dict[frozenset[str], str] = field(default_factory=dict)
-    untested: tuple[str, ...] = ()
-    enabled: frozenset[frozenset[str]] = frozenset()
+    end_effectors: tuple[tuple[str, str], ...] = ()  # parent link and group of each end effector
+    disabled: dict[frozenset[str], str] = field(default_factory=dict)  # pair of links to the reason given
+    untested: tuple[str, ...] = ()  # links that are tested against nothing but what `enabled` names
+    enabled: frozenset[frozenset[str]] = frozenset()  # pairs of links to test although one of them is untested
+    # type of each virtual joint, by which the robot stands in the world, by name
     virtual: dict[str, str] = field(default_factory=dict)
-    passive: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    passive: tuple[str, ...] = ()  # joints that nothing drives
+    warnings: tuple[str, ...] = ()  # what is odd but harmless
+    # the format that this was read from. An MJCF says of every pair whether it is tested, an SRDF that disables none
+    # says nothing about pairs
     said_by: Literal["SRDF", "MJCF"] = "SRDF"
 
     def disabled_among(self, links: Iterable[str]) -> dict[frozenset[str], str]:

@@ -18,8 +18,7 @@ from guidefield.robot.urdf.links import REPEATED, check_link
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.xml import Element, fault, name_of, parse, warning
 
-UNNAMED = "robot"
-"""Name of a robot that has none."""
+UNNAMED = "robot"  # name of a robot that has none
 MAX_LINKS = 2_000
 MAX_DOF = 300
 """Most degrees of freedom: Pinocchio's working memory grows with their cube (200: 0.1 GB; 1000: no memory left)."""
@@ -203,8 +202,7 @@ ATTRIBUTES = {
 }
 """Attributes that do the same."""
 
-SIMILAR = 0.8
-"""Least similarity of a misspelt name to the one that is meant, as `difflib` has it."""
+SIMILAR = 0.8  # least similarity of a misspelt name to the one that is meant, as `difflib` has it
 
 
 def warn_of_misspelt(root: Element, warnings: list[str]) -> None:

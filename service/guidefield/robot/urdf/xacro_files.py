@@ -17,8 +17,7 @@ from guidefield.errors import RobotInvalid
 SUFFIX = ".xacro"
 ArgumentValue = str | bool | int | float
 
-_LOCK = threading.Lock()
-"""The package keeps its state in its module, so that one file is expanded at a time."""
+_LOCK = threading.Lock()  # the package keeps its state in its module, so that one file is expanded at a time
 _DECLARED = re.compile(r"""<xacro:arg\s[^>]*?\bname\s*=\s*["']([^"']+)["']""")
 _USED = re.compile(r"""\$\(arg\s+([^\s)]+)\s*\)|xacro\.arg\(\s*["']([^"']+)["']\s*\)""")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)

@@ -26,8 +26,7 @@ MARKS = (
 )
 """Byte order marks, the longer ones before those that they begin with, and the encoding that each means."""
 
-WIDE = {b"<\x00": "utf-16-le", b"\x00<": "utf-16-be"}
-"""First bytes of XML in UTF-16 without a mark."""
+WIDE = {b"<\x00": "utf-16-le", b"\x00<": "utf-16-be"}  # first bytes of XML in UTF-16 without a mark
 
 _DECLARED = re.compile(r"""(?:\s|<!--.*?-->)*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""", re.DOTALL)
 _LONGEST_DECLARATION = 1024
@@ -89,8 +88,7 @@ def _encoding_of(content: bytes, path: Path) -> str:
     return wide if wide and encoding.startswith("utf-16") else encoding
 
 
-Element = Any
-"""An element of lxml, for which there are no types."""
+Element = Any  # an element of lxml, for which there are no types
 
 LARGEST_LENGTH = 1e6
 """No part of a robot is larger, or further from the next one [m]; beyond, placements would lose all digits."""
@@ -107,8 +105,7 @@ _XACRO = "http://www.ros.org/wiki/xacro"
 _XACRO_DEFINITIONS = ("macro", "property", "arg")
 _XACRO_CONTENT = ("include", "if", "unless", "insert_block", "call", "element", "attribute")
 """Elements of xacro that stand for parts of the robot."""
-_UNDECLARED = "NS_ERR_UNDEFINED_NAMESPACE"
-"""libxml2's name of the fault that a prefix isn't declared."""
+_UNDECLARED = "NS_ERR_UNDEFINED_NAMESPACE"  # libxml2's name of the fault that a prefix isn't declared
 _STRICT = {
     "encoding": "utf-8",
     "resolve_entities": False,
