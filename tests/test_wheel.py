@@ -28,8 +28,8 @@ def test_every_room_is_named() -> None:
 
 @pytest.mark.parametrize("package", ["guidefield", "guidefield.docs", "guidefield.robots", "guidefield.scenes"])
 def test_every_file_that_is_no_code_goes_along(package: str) -> None:
-    folder = _folder(package)
-    matched = {path for pattern in SETUPTOOLS["package-data"][package] for path in folder.glob(pattern)}
+    folder, shipped = _folder(package), SETUPTOOLS["package-data"].items()
+    matched = {path for owner, patterns in shipped for pattern in patterns for path in _folder(owner).glob(pattern)}
     data = {path for path in folder.rglob("*") if path.is_file() and path.suffix not in {".py", ".pyc"}}
     assert data
     assert data <= matched

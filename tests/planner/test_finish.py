@@ -76,7 +76,7 @@ def test_a_refused_motion_is_optimised_again_looking_closer(monkeypatch: pytest.
 
 def test_a_motion_of_many_coordinates_is_optimised_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     made, path = over_the_wall()
-    monkeypatch.setattr(optimized_motion, "MANY", made.group.nv - 1)
+    monkeypatch.setattr(optimized_motion.presets, "MANY", made.group.nv - 1)
     asked = misled(monkeypatch, [through_the_wall(made, path)])
     assert finish(made, PathSoFar(path, proven=False), Stages(made)).verdict.free
     assert asked == [of_many(BALANCED), closer(of_many(BALANCED))]

@@ -27,7 +27,7 @@ def test_the_pairs_that_always_touch_are_those_that_do_at_all_samples(name: str)
     counts, rng = dict.fromkeys(names, 0), np.random.default_rng(0)
     for q in [
         model.rest,
-        *(pairs._random_configuration(model.model, model.joints, rng, model.size) for _ in range(pairs.SAMPLES)),
+        *(pairs.random_configuration(model.model, model.joints, rng, model.size) for _ in range(pairs.SAMPLES)),
     ]:
         pin.computeCollisions(model.model, data, geometry, geometry_data, q, False)
         results = zip(names, geometry_data.collisionResults, strict=True)

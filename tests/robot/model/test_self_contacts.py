@@ -24,7 +24,7 @@ def test_contacts_are_those_of_all_pairs(name: str, margin: float) -> None:
     contacts, rng = SelfContacts(model.model, geometry), np.random.default_rng(5)
     touching = 0
     for _ in range(10):
-        q = pairs._random_configuration(model.model, model.joints, rng, model.size)
+        q = pairs.random_configuration(model.model, model.joints, rng, model.size)
         pin.computeCollisions(model.model, data, geometry, geometry_data, q, False)
         expected = {k for k, result in enumerate(geometry_data.collisionResults) if result.isCollision()}
         contacts.place(q)
