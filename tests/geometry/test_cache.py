@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-import functools
 import ast
+import functools
 import logging
 import os
 import subprocess
