@@ -31,3 +31,4 @@ def test_long_lists_and_texts_say_how_much_they_leave_out():
     assert "[99, 0]" in shown
     assert "[50, 0]" not in shown
     assert "… 700 more characters" in readable("x" * (LONGEST_TEXT + 700))
+    assert "… 700 more characters" in readable({"float32": bytes(3 * (LONGEST_TEXT + 700) // 4)})

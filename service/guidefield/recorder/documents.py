@@ -181,6 +181,8 @@ def readable(value: Any, indent: int = 0) -> str:
     """A message or plain data as JSON for a person: six digits, short lists on one line, long ones cut and counted."""
     if isinstance(value, float):
         return f"{value:.6g}"
+    if isinstance(value, bytes):
+        value = msgspec.to_builtins(value)
     if isinstance(value, str):
         if len(value) > LONGEST_TEXT:
             return f"{json.dumps(value[:LONGEST_TEXT])} … {len(value) - LONGEST_TEXT} more characters"
@@ -188,8 +190,6 @@ def readable(value: Any, indent: int = 0) -> str:
     inner = " " * (indent + 2)
     if isinstance(value, msgspec.Struct):  # field by field: of a long list only what is shown becomes plain
         value = _fields(value)
-    if isinstance(value, bytes):
-        value = msgspec.to_builtins(value)
     if isinstance(value, dict) and value:
         rows = [f"{inner}{json.dumps(key)}: {readable(one, indent + 2)}" for key, one in value.items()]
         return "{\n" + ",\n".join(rows) + "\n" + " " * indent + "}"
