@@ -144,6 +144,7 @@ def test_close_to_contact_too(name: str) -> None:
                 assert abs(narrowest(world, row)) <= BAND
 
 
+@pytest.mark.usefixtures("own_memory")
 def test_groups_that_start_elsewhere_share_what_carries_over() -> None:
     model = of(BALLS[1])
     first, second = (BatchCollision.build(World.build(away(model, seed), zoo())) for seed in (1, 2))

@@ -217,6 +217,7 @@ def test_an_empty_scene() -> None:
     np.testing.assert_array_equal(BatchCollision.build(world).touching(zs), [world.in_collision(z) for z in zs])
 
 
+@pytest.mark.usefixtures("own_memory")
 def test_groups_of_one_robot_share_their_tables_if_these_are_the_same() -> None:
     robot, names = group("panda").robot, [joint.name for joint in group("panda").joints]
     scene = build(messages.Scene(name="test"))

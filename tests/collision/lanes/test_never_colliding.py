@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield import memo
-from guidefield.bounded_map import FOUND, BoundedMap
 from guidefield.collision.lanes.lanes import BatchCollision, without_never_colliding
 from guidefield.collision.lanes.robot_tables import lane_robot
 from guidefield.collision.world import World
@@ -63,9 +61,9 @@ def test_what_comes_within_a_millimetre_is_kept(x: float, touch: bool) -> None:
     assert out == (set() if touch else every)
 
 
-def test_worlds_with_other_pairs_share_the_shapes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Megabytes of parts are there once, whatever may touch, but for what had to make room in between."""
-    monkeypatch.setattr(memo, "_FOUND", BoundedMap(FOUND))
+@pytest.mark.usefixtures("own_memory")
+def test_worlds_with_other_pairs_share_the_shapes() -> None:
+    """Megabytes of parts are there once, whatever may touch."""
     planned, scene = group("panda"), build(messages.Scene(name="nothing"))
     worlds = [World.build(planned, scene, pairs) for pairs in ((), [("panda_link1", "panda_link5")])]
     one, other = (BatchCollision.build(world).robot for world in worlds)

@@ -94,6 +94,7 @@ def test_the_hull_of_a_flat_mesh_is_about_it() -> None:
         assert (points_of(parts, 0) @ direction).max() >= (there @ direction).max() - 1e-6
 
 
+@pytest.mark.usefixtures("own_memory")
 def test_bodies_themselves_are_those_that_proofs_read() -> None:
     """Megabytes of triangles are there once."""
     world = World.build(group("ur5"), build(messages.Scene(name="empty", obstacles=[])))
