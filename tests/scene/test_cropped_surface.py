@@ -9,11 +9,20 @@ from guidefield.geometry.curve_order import along_curve
 from guidefield.geometry.surface_rows import box_nodes
 from guidefield.kernels.cover.crop_to_ball import distance_to_triangles
 from guidefield.kernels.distance.ray_winding import BALL, PLACE, REACH, ROOM, TURNS, surely_outside_seen
-from guidefield.kernels.distance.triangle_distance import SurfaceTables
+from guidefield.kernels.distance.triangle_distance import Span, SurfaceTables
+from guidefield.kernels.jit.arrays import Rows
+from guidefield.kernels.jit.decorators import kernel
 from guidefield.read_only import read_only
 from guidefield.scene.cropped_surface import anchor_of
 from tests.geometry import solids
 from tests.kernels.distance.test_closed_meshes import voxels
+
+
+@kernel
+def outside_seen(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, anchors: Rows, row: int) -> bool:
+    """The machine code that only kernels call."""
+    return surely_outside_seen(x, y, z, surfaces, span, anchors, row)
+
 
 SOLIDS = {
     "ring": solids.torus(),
@@ -60,7 +69,7 @@ def test_sides_within_the_ball_are_those_that_all_of_the_surface_tells(mesh: sol
     points = np.concatenate([centre + away, centre + 0.99 * radius * np.eye(3), anchor[None, PLACE:ROOM]])
     points = points[solids.distance(points, mesh) > 1e-9]
     outside = np.rint(solids.winding(points, mesh)) == 0.0
-    told = [surely_outside_seen.py_func(*point, tables, span, anchor[None], 0) for point in points.tolist()]
+    told = [outside_seen(*point, tables, span, anchor[None], 0) for point in points.tolist()]
     np.testing.assert_array_equal(told, outside)
 
 
@@ -69,9 +78,9 @@ def test_beyond_the_ball_and_without_room_nothing_is_certain() -> None:
     tables = seen_in(mesh, centre, 1.0)
     span, anchor = (0, (len(tables.nodes) + 1) // 2, 0, len(tables.corners)), anchor_of(*mesh, centre, 0.5)
     for place, wanted in (((0.0, 0.01, 0.3), True), ((0.0, 0.01, 0.6), False), ((0.1, 0.0, 0.0), False)):
-        assert surely_outside_seen.py_func(*place, tables, span, anchor[None], 0) == wanted
+        assert outside_seen(*place, tables, span, anchor[None], 0) == wanted
     anchor[ROOM] = 0.0
-    assert not surely_outside_seen.py_func(0.0, 0.01, 0.3, tables, span, anchor[None], 0)
+    assert not outside_seen(0.0, 0.01, 0.3, tables, span, anchor[None], 0)
 
 
 @pytest.mark.parametrize("mesh", SOLIDS.values(), ids=SOLIDS)
