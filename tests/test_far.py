@@ -32,6 +32,7 @@ from guidefield.messages.scene import HalfSpace, ObstacleTrajectory, PointCloud,
 from guidefield.messages.streams import Observation, StreamObstacle, StreamOpen, StreamUpdate
 from guidefield.messages.values import Float32Array, Placement
 from guidefield.recorder.reading import read_recording
+from guidefield.recorder.rrd_file import read_chunks
 from guidefield.referee.replay import replay_file
 from guidefield.referee.verdict import Answer
 from guidefield.rendering import Renderings
@@ -165,6 +166,10 @@ def test_a_recording_and_a_proof_speak_of_the_world(tmp_path: Path, deferred: bo
     Renderings().render(Recordings(tmp_path), "run", whole=True)
     assert reply.status.name == "SUCCESS"
     assert reply.proof is not None, reply.warnings
+    chunks = {chunk.entity_path: chunk.to_record_batch() for chunk in read_chunks(file)}
+    assert "/" not in chunks, "a transform of all would have the view look at the world's origin"
+    (drawn_from,) = chunks["/__properties/plan"].column("drawn_from").to_pylist()
+    assert drawn_from == [round(x) for x in PLACES[-1]]
     kept = read_recording(file)
     assert msgspec.json.encode(msgspec.structs.replace(kept.request, proof=False)) == msgspec.json.encode(request)
     assert kept.reply.trajectory == reply.trajectory

@@ -22,7 +22,7 @@ from guidefield.messages.certify_reply import describe_certificate, describe_pla
 from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, StepFigures, to_plain_data
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene as SceneMessage
-from guidefield.recorder.chunks import WORLD, still
+from guidefield.recorder.chunks import still
 
 if TYPE_CHECKING:
     from guidefield.planner.quality import ClearanceProfile
@@ -125,11 +125,11 @@ def _document_run(run: Run, figures: Mapping[str, Any], parts: Sequence[str], re
     if reply.clearance is not None and reply.clearance.minimum is not None:
         known["clearance"] = reply.clearance.minimum
     known[MADE_WITH] = run.made_with
-    yield Chunk.from_property(PROPERTIES.rpartition("/")[2], rr.AnyValues(**known))
     if run.anchor is not None:
+        known["drawn_from"] = run.anchor.place
         x, y, z = run.anchor.place
-        yield still("/", rr.Transform3D(translation=run.anchor.place, child_frame=WORLD, parent_frame="earth"))
-        parts = [*parts, "", f"Drawn from a point of the world: ({x:.0f}, {y:.0f}, {z:.0f}) m."]
+        parts = [f"Drawn as seen from the point ({x:.0f}, {y:.0f}, {z:.0f}) m of the world.", "", *parts]
+    yield Chunk.from_property(PROPERTIES.rpartition("/")[2], rr.AnyValues(**known))
     summary = "\n".join([*_headline(reply), *parts])
     yield still(SUMMARY, rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN))
     if large_scene(request) is None:
