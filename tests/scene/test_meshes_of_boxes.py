@@ -106,3 +106,10 @@ def test_the_field_of_paired_faces_is_that_of_the_triangles(shape: str) -> None:
     expected = field_at_points(field_tables(vertices[triangles]), points)
     for value, other in zip(paired, expected, strict=True):
         assert np.allclose(value, other, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_sliver_across_does_not_turn_the_triangle_beside_it(turned: bool) -> None:
+    vertices = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.5, 1.0, 0.0), (0.5, -1e-6, 9e-8)])
+    triangles = np.array([(0, 1, 2), (1, 0, 3)])[:: -1 if turned else 1]
+    assert not len(pair_faces(vertices, triangles)[0])

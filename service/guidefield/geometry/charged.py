@@ -261,7 +261,7 @@ def convex_quads(vertices: Floats) -> tuple[Floats, Floats]:
 
 
 _FLAT_PAIR = 1e-7
-"""Two triangles are one quadrilateral if one's far corner is at most this share of their edge off the other's plane."""
+"""Two triangles are one quadrilateral if each far corner is at most this share of their edge off the other's plane."""
 
 _MOST_ROUNDS = 16  # so often triangles are paired with a neighbour that isn't yet: all but a few are after two or three
 
@@ -285,9 +285,10 @@ def pair_faces(vertices: Floats, triangles: Integers) -> tuple[Floats, Floats]:
     first, second = first[opposed] // 3, second[opposed] // 3
     a, b, c, d = (vertices[corners[k][opposed]] for k in (0, 1, 2, 5))
     normal, other, length = np.cross(b - a, c - a), np.cross(d - a, b - a), np.linalg.norm(b - a, axis=1)
-    height = np.abs(np.einsum("ij,ij->i", normal, d - a))
+    heights = [np.abs(np.einsum("ij,ij->i", *sides)) for sides in ((normal, d - a), (other, c - a))]
     turns = [np.einsum("ij,ij->i", normal, np.cross(x, y)) for x, y in ((a - c, d - a), (b - d, c - b))]
-    joins = height <= _FLAT_PAIR * length * np.linalg.norm(normal, axis=1)
+    joins = heights[0] <= _FLAT_PAIR * length * np.linalg.norm(normal, axis=1)
+    joins &= heights[1] <= _FLAT_PAIR * length * np.linalg.norm(other, axis=1)  # of a sliver any corner is near
     joins &= (np.einsum("ij,ij->i", normal, other) > 0.0) & (turns[0] > 0.0) & (turns[1] > 0.0)
     waiting = np.flatnonzero(joins)
     waiting = waiting[np.argsort(length[waiting], kind="stable")]
