@@ -442,12 +442,49 @@ def test_steps_are_planned_from_when_they_begin_among_what_moves_by_itself(tmp_p
     np.testing.assert_allclose(recorded.times, reply.trajectory.times)
 
 
-@pytest.mark.parametrize(
-    ("more", "says"), [({"attach": {"object": "door"}}, "'door' moves by itself"), ({"stop": False}, "`stop: false`")]
-)
-def test_what_moves_by_itself_is_not_picked_up_and_nothing_is_passed_beside_it(more: dict[str, Any], says: str) -> None:
-    with pytest.raises(MalformedRequest, match=says):
-        ask([joints() | more, joints()], scene="door")
+def test_what_moves_is_picked_up_where_it_comes_to_rest_and_put_down_on_what_moves() -> None:
+    """The can slides out between the fingers on its board; the table comes later, and goes on after that."""
+    request, declared = json.loads(example("kitchen")), to_builtins(library.read("kitchen"))
+    shelf, arrives = [{"position": [0.08, 0.0, 0.0]}, {"position": [0.0, 0.0, 0.0]}], [3.0, 6.0]
+    table = [{"position": [0.0, 0.3, 0.0]}, {"position": [0.0, 0.0, 0.0]}]
+    slides = dict.fromkeys(("can", "board2"), ([2.0, 5.0], shelf)) | {"table_top": (arrives, table)}
+    for one in declared["obstacles"]:
+        if one["name"] in slides:
+            times, ways = slides[one["name"]]
+            places = [{"position": np.add(one["position"], way["position"]).tolist()} for way in ways]
+            one["trajectory"] = {"times": times, "placements": places}
+    reply = ask(request["steps"], scene=declared, start=request["start"])
+    assert reply.status.name == "SUCCESS", reply.status.message
+    assert reply.certificate.collision_free
+    assert reply.steps[GRASP].end == 5.0
+    assert [one.obstacle for step in reply.steps for one in step.permissions] == ["board2"] * 2 + ["table_top"] * 2
+    scene, bare = build(msgspec.convert(declared, messages.Scene)), Bare(reply)
+    can = scene.obstacle("can")
+    assert can is not None
+    bare.stand(states(reply, np.array([5.0]))[0])
+    in_hand, put = bare.frame("panda_hand").actInv(can.placement_at(5.0)), reply.steps[OPEN].end
+    for step in reply.steps:
+        for now in np.linspace(step.begin, step.end, 12).tolist():
+            bare.stand(states(reply, np.array([now]))[0])
+            held = bare.frame("panda_hand") * in_hand
+            placed = can.placement_at(now) if now <= 5.0 else held if now <= put else None
+            may = {one.obstacle for one in step.permissions if one.begin <= now <= one.end}
+            for one in (one for one in scene.obstacles if one.name != "can"):
+                there = one.placement_at(now)
+                assert all(distance(shape, at, one.shape, there) > 0.0 for _, shape, at in bare.bodies()), one.name
+                if step.held and one.name not in may:
+                    assert distance(can.shape, held, one.shape, there) > 0.0, one.name
+            fingers = () if now <= 5.0 else ("panda_hand", "panda_link7", *FINGERS)
+            if placed is not None:
+                apart = [
+                    distance(shape, at, can.shape, placed) for link, shape, at in bare.bodies() if link not in fingers
+                ]
+                assert min(apart) > 0.0
+
+
+def test_nothing_is_passed_beside_what_moves() -> None:
+    with pytest.raises(MalformedRequest, match="`stop: false`"):
+        ask([joints() | {"stop": False}, joints()], scene="door")
 
 
 @pytest.mark.parametrize(

@@ -58,12 +58,12 @@ class SequenceMotion:
         """The motion of a sequence, from its steps and what was packed."""
         standings, at = list[Standing](), course.start
         for index, leg in enumerate(packed.legs):
-            at = course.after(index - 1, at, _configuration(leg.q)) if index else at
+            at = course.after(index - 1, at, _configuration(leg.q), leg.begin) if index else at
             standings.append(at)
         failed_at = None
         if packed.failed_at is not None:
             q = _configuration(packed.failed_at)
-            failed_at = course.after(len(standings) - 1, at, q) if standings else at
+            failed_at = course.after(len(standings) - 1, at, q, packed.legs[-1].end) if standings else at
         trajectory = None if packed.knots is None else packed.knots.trajectory()
         measured, conditions, last = [], dict[int, Conditions](), None
         for one in packed.stretches:

@@ -82,26 +82,34 @@ class Standing:
         in_link = se3(attached.placement.position, attached.placement.quaternion_xyzw)
         return posed(attached.obstacle, self.frame(attached.link) * in_link * own)
 
-    def moved(self, q: RobotConfiguration, min_clearance: float) -> Standing:
-        """The same with the robot at a configuration, shape (nq,); what has left what it stood on is known to have."""
+    def moved(self, q: RobotConfiguration, time: float, min_clearance: float) -> Standing:
+        """The same with the robot at a configuration, shape (nq,), at a time [s].
+
+        What has left what it stood on by then is known to have.
+        """
         there = dataclasses.replace(self, q=q)
         objects = [
-            dataclasses.replace(one, near=frozenset(name for name in one.near if there.gap(one, name) < away))
+            dataclasses.replace(one, near=frozenset(name for name in one.near if there.gap(one, name, time) < away))
             for away in [max(AWAY, min_clearance)]
             for one in self.objects
         ]
         return dataclasses.replace(there, objects=tuple(objects))
 
-    def gap(self, one: Held, other: str) -> float:
-        """Distance of a held object from an obstacle [m]; 0 or less in contact."""
+    def gap(self, one: Held, other: str, time: float) -> float:
+        """Distance of a held object from an obstacle at a time [s]; 0 or less in contact [m]."""
         against = self.scene.obstacle(other)
         assert against is not None, "what may be touched is an obstacle"
         body = obstacle.build(self.place(one), 0)
-        placed = [coal.Transform3s(o.placement.rotation, o.placement.translation) for o in (body, against)]
+        placed = [coal.Transform3s(at.rotation, at.translation) for at in (body.placement, against.placement_at(time))]
         result = coal.DistanceResult()
         shapes = as_met(body.shape, against.shape)
         coal.distance(shapes[0], placed[0], shapes[1], placed[1], coal.DistanceRequest(), result)
         return float(result.min_distance) - against.rounding
+
+    def rests_from(self, name: str) -> float:
+        """When an obstacle comes to rest [s]; 0 if it doesn't move, or isn't there."""
+        found = self.scene.obstacle(name)
+        return 0.0 if found is None or found.motion is None else found.motion.end
 
     def without(self, name: str) -> Standing:
         """The same with a held object put down where it is; raises UnknownObject if no such object is held."""
@@ -120,7 +128,7 @@ class Standing:
         return dataclasses.replace(self, scene=_with(self.scene, obstacles), objects=objects)
 
     def holding(self, asked: Attach, link: str) -> Standing:
-        """The same with an obstacle picked up where it is.
+        """The same with an obstacle picked up where it is; one that moves, where it comes to rest.
 
         Raises UnknownObject if there is no such obstacle, or one that it may touch; UnknownFrame if a link isn't one of
         the robot's; MalformedRequest if it is of a kind that can't be picked up.
@@ -138,12 +146,6 @@ class Standing:
         if not isinstance(found.message, CARRIED):
             kind = type(found.message).__struct_config__.tag
             raise MalformedRequest(f"{asked.object!r} is a {kind}: nothing can pick it up", object=asked.object)
-        for name in (asked.object, *asked.touch_objects):
-            if (declared := self.scene.obstacle(name)) is not None and declared.motion is not None:
-                raise MalformedRequest(
-                    f"{name!r} moves by itself: nothing can pick it up, and nothing that is held may touch it",
-                    object=name,
-                )
         holder = asked.link or link
         for name in (holder, *asked.touch_links):
             if name not in self.robot.links:
@@ -152,7 +154,8 @@ class Standing:
                     f"the robot has no link {name!r}; it has {', '.join(available)}", link=name, available=available
                 )
         placement = Placement(*wire_pose(self.frame(holder).inverse()))
-        attached = AttachedObject(found.message, holder, placement, asked.touch_links)
+        message = found.message if found.motion is None else posed(found.message, found.motion.at(found.motion.end))
+        attached = AttachedObject(message, holder, placement, asked.touch_links)
         others = tuple(name for name in asked.touch_objects if name != asked.object)
         held = Held(attached, others, frozenset(others))
         left = [one for one in self.scene.message.obstacles if one.name != asked.object]

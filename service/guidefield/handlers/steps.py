@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -91,11 +92,11 @@ class Steps:
         way = _way(step, asked, problem) if step.linear else None
         return StepMotion(problem, self._planned(asked, way), way)
 
-    def after(self, index: int, at: Standing, q: RobotConfiguration) -> Standing:
+    def after(self, index: int, at: Standing, q: RobotConfiguration, time: float) -> Standing:
         """As in `Course`."""
         step = self._request.steps[index]
         with _in_step(index):
-            then = at.moved(q, self._request.min_clearance)
+            then = at.moved(q, time, self._request.min_clearance)
             if step.detach is not None:
                 with at_path("$.detach"):
                     then = then.without(step.detach)
@@ -120,9 +121,10 @@ class Steps:
                 counters=self.counters,
             )
 
-    def pause(self, index: int) -> float:
+    def leaves_at(self, index: int, at: Standing, arrival: float) -> float:
         """As in `Course`."""
-        return self._request.steps[index].pause
+        step = self._request.steps[index]
+        return max(arrival + step.pause, 0.0 if step.attach is None else at.rests_from(step.attach.object))
 
     def passes(self, index: int) -> float | None:
         """As in `Course`."""
@@ -281,7 +283,7 @@ class Steps:
             if self._deadline.expired():
                 return
             self.motion(index, at, 0.0)
-            at = self.after(index, at, at.q)
+            at = self.after(index, at, at.q, math.inf)
 
 
 def _require_served(request: PlanRequest) -> None:

@@ -112,6 +112,8 @@ StepGoal = JointsGoal | JointSetGoal | PoseGoal | GuidePlaneGoal | RelativeGoal
 class Attach(Message):
     """Attach an obstacle of the scene, where it stands, to a link from the end of a step on.
 
+    One that moves is attached where it comes to rest; the robot waits for that.
+
     Attributes:
         object: Name of the obstacle: a box, ball, cylinder, capsule or mesh.
         link: The link that holds it; null: the link that carries the step's tip.

@@ -128,7 +128,7 @@ class ClosestPairs:
         world.place(q)
         own, obstacle = (
             min(
-                (_measure(world, index_of_pair(world, pair), time) for pair in kind if pair >= 0),
+                (measure(world, index_of_pair(world, pair), time) for pair in kind if pair >= 0),
                 key=lambda one: one[0],
                 default=None,
             )
@@ -137,7 +137,7 @@ class ClosestPairs:
         return ClearanceAt.of(world, own, obstacle)
 
 
-def _measure(world: World, pair: int, time: float | None) -> tuple[float, int, Any]:
+def measure(world: World, pair: int, time: float | None) -> tuple[float, int, Any]:
     """Distance [m], index and Coal's result of a pair; of an obstacle that moves at a time [s]."""
     if time is not None:
         put_obstacle(world, pair, time)

@@ -95,7 +95,7 @@ def _keep_possible(
 ) -> list[ChartPoint]:
     kept: list[ChartPoint] = []
     for z in _nearest_first(problem, goals):
-        after = course.after(index, at, whole_configuration(problem.group, problem.group.from_chart(z)))
+        after = course.after(index, at, whole_configuration(problem.group, problem.group.from_chart(z)), math.inf)
         search.looks = 0
         if _possible(course, index + 1, after, search):
             kept.append(z)
@@ -115,7 +115,7 @@ def _possible(course: Course[S], index: int, at: S, search: _Search) -> bool:
         return True
     motion = course.motion(index, at, math.inf)
     if motion is None:
-        return _possible(course, index + 1, course.after(index, at, at.q), search)
+        return _possible(course, index + 1, course.after(index, at, at.q, math.inf), search)
     search.looks += 1
     if search.looks > AHEAD.looks or motion.problem.deadline.expired():
         return True
@@ -124,7 +124,12 @@ def _possible(course: Course[S], index: int, at: S, search: _Search) -> bool:
         return True
     group = motion.problem.group
     return any(
-        _possible(course, index + 1, course.after(index, at, whole_configuration(group, group.from_chart(z))), search)
+        _possible(
+            course,
+            index + 1,
+            course.after(index, at, whole_configuration(group, group.from_chart(z)), math.inf),
+            search,
+        )
         for z in ends
     )
 

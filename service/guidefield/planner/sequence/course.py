@@ -13,6 +13,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Conditions, Problem
+from guidefield.prove.closest import measure
 from guidefield.robot.model.spaces import RobotConfiguration
 
 Touch = tuple[str, str]
@@ -66,16 +67,22 @@ class Course(Protocol[S]):
         """
         ...
 
-    def after(self, index: int, at: S, q: RobotConfiguration) -> S:
-        """The situation after a step that began in one and led to a configuration of the whole robot, shape (nq,)."""
+    def after(self, index: int, at: S, q: RobotConfiguration, time: float) -> S:
+        """The situation after a step that began in one and led to a configuration of the whole robot, shape (nq,).
+
+        It ended at a time [s]; at an infinite time all obstacles have come to rest.
+        """
         ...
 
     def conditions(self, index: int, at: S) -> Conditions:
         """What the motion of all joints is judged by during a step that begins in a situation."""
         ...
 
-    def pause(self, index: int) -> float:
-        """For how long the robot waits after a step's motion [s]."""
+    def leaves_at(self, index: int, at: S, arrival: float) -> float:
+        """When a step ends that began in a situation and whose motion ends at a time [s].
+
+        The robot waits there for the step's pause, and until what it picks up has come to rest.
+        """
         ...
 
     def passes(self, index: int) -> float | None:
@@ -169,7 +176,7 @@ def _gaps(holding: Holding, trajectory: Trajectory) -> Iterator[tuple[float, flo
         for time, z in zip(times.tolist(), trajectory.evaluate(times)[0], strict=True):
             q = world.group.expand_from_chart(z)
             world.place(q)
-            yield time, min(world.distance(pair)[0] for pair in pairs)
+            yield time, min(measure(world, pair, time)[0] for pair in pairs)
 
 
 def _pairs(world: World, touch: Touch) -> list[int]:

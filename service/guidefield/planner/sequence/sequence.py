@@ -139,7 +139,7 @@ class _Planning(Generic[S]):
             ending = Ending(status, f"{end_reason(status)} before it was planned", {"stage": "ends"})
             return self._make_refusal(Refused(index, ending), index, at)
         began = time.perf_counter()
-        conditions, motion = course.conditions(index, at), course.motion(index, at, self._composition.end)
+        conditions, motion = course.conditions(index, at), course.motion(index, at, self._now)
         self._spend("load", began)
         path, q = self._z[None], at.q
         if motion is not None:
@@ -158,12 +158,17 @@ class _Planning(Generic[S]):
         way, problem = (None, None) if motion is None else (motion.way, motion.problem)
         now = self._composition.end
         self._legs.append(Leg(index, at, (now, now), conditions, path, way, (now, now), problem))
-        began = time.perf_counter()
-        self._at = course.after(index, at, q)
-        self._spend("load", began)
         if course.passes(index) is None:
             self._composed(index)
+        began = time.perf_counter()
+        self._at = course.after(index, at, q, self._now)
+        self._spend("load", began)
         return None
+
+    @property
+    def _now(self) -> float:
+        """When the next step begins [s]: those that are passed are yet to be joined."""
+        return self._composition.end + sum(one.trajectory.duration for one in self._moved)
 
     def _composed(self, index: int) -> None:
         begin, moved = self._composition.end, self._moved
@@ -172,7 +177,7 @@ class _Planning(Generic[S]):
         elif moved:
             self._composition.move(moved[0].trajectory, moved[0].embedding)
             self._legs[-1] = dataclasses.replace(self._legs[-1], straight=(begin, self._composition.end))
-        self._composition.wait(self._course.pause(index))
+        self._composition.wait(self._course.leaves_at(index, self._at, self._composition.end))
         last = self._legs[-1]
         self._legs[-1] = dataclasses.replace(
             last, span=(begin if len(moved) < 2 else last.span[0], self._composition.end)

@@ -103,10 +103,10 @@ class Composition:
         self._velocities += list(embedding.rates(motion.velocities)[1:])
         return self._times[first:]
 
-    def wait(self, seconds: float) -> None:
-        """Stay for some time."""
-        if seconds > 0.0:
-            self._times.append(self.end + seconds)
+    def wait(self, until: float) -> None:
+        """Stay until a time [s]."""
+        if until > self.end:
+            self._times.append(until)
             self._positions.append(self.z)
             self._velocities.append(cast(ChartRate, np.zeros(len(self.z))))
 
