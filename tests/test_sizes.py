@@ -73,14 +73,20 @@ def problem(size: float = 1.0, by: Sequence[float] = (0.0, 0.0, 0.0), turn: floa
     )
 
 
-def plan(request: PlanRequest, size: float) -> tuple[float, float]:
-    """Duration [s] and smallest distance over the size of a certified plan."""
+def ask(request: PlanRequest) -> PlanReply:
+    """A certified plan, without warnings."""
     reply = answer(request)
     assert isinstance(reply, PlanReply)
     assert reply.status.name == "SUCCESS", reply.status.message
     assert not reply.warnings
     assert reply.metrics is not None
     assert reply.clearance is not None
+    return reply
+
+
+def plan(request: PlanRequest, size: float) -> tuple[float, float]:
+    """Duration [s] and smallest distance over the size of a certified plan."""
+    reply = ask(request)
     assert reply.clearance.minimum is not None
     return reply.metrics.duration, reply.clearance.minimum / size
 
@@ -105,6 +111,15 @@ def test_everything_so_many_times_as_large_has_the_same_answer(size: float) -> N
     (duration, kept), (expected, distance) = plan(problem(size), size), as_it_is()
     assert duration == pytest.approx(expected, rel=0.03)
     assert kept >= 0.95 * distance
+
+
+def test_twice_as_large_has_the_same_answer_to_the_last_digits() -> None:
+    """Doubling rounds nothing: what differs was chosen by a length that isn't a share of the robot's size."""
+    small, large = (ask(problem(size)) for size in (4.0, 8.0))
+    assert small.trajectory.times == pytest.approx(large.trajectory.times, rel=1e-12)
+    assert small.metrics.smoothness == pytest.approx(large.metrics.smoothness, rel=1e-9)
+    assert 2.0 * small.clearance.mean == pytest.approx(large.clearance.mean, rel=1e-6)
+    assert 2.0 * small.clearance.inner == pytest.approx(large.clearance.inner, rel=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,8 @@ def answer_certify(
         problem = crop_to_reach(problem, deadline, limited=False)
     prepare_plan(None, problem.scene, deadline)
     deadline.check("the motion was laid out")
-    _ = problem.motion.pieces, travelled_way(_motion(problem))  # laid out for all that is asked about it
+    sizes = tuple(problem.group.sizes.tolist())
+    _ = problem.motion.pieces, travelled_way(_motion(problem), sizes)  # laid out for all that is asked about it
     uses = limit_shares(problem.motion, problem.group, problem.jerk_limits)
     recording = record(problem.group, scene)
     problem = dataclasses.replace(problem, observer=recording or Silent())

@@ -30,7 +30,7 @@ from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
-SPACING = 0.005  # between samples at which what touches is measured [rad or m]
+SPACING = 0.005  # between samples at which what touches is measured [rad, or m at size 1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def _way_out(
     distances, enough = distances_of(world, pairs), max(LEFT_DISTANCE, conditions.min_clearance)
     before = distances(pieces[0, 0])
     for piece, controls in enumerate(pieces):
-        length = float(np.linalg.norm(np.diff(controls, axis=0), axis=1).sum())
+        length = float(np.linalg.norm(np.diff(controls, axis=0) / conditions.group.sizes, axis=1).sum())
         count = max(1, math.ceil(length / SPACING))
         for share in (k / count for k in range(1, count + 1)):
             now = distances(_part(controls, share, share)[0])

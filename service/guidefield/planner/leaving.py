@@ -26,7 +26,7 @@ SLIGHT_DEPTH = 0.01  # a contact deeper than this is not slight [m]: what the pa
 LEFT_DISTANCE = 1e-3  # distance that what touched keeps in the end, at least [m]. Unrecorded
 
 WAY_OUT_LENGTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
-"""Of the motions that are tried, short ones first [rad or m]. Unrecorded."""
+"""Of the motions that are tried, short ones first [rad, or m at size 1]. Unrecorded."""
 
 DIRECTIONS = 48  # directions that are tried with each length. Unrecorded
 DISTANCE_ERROR = 1e-6  # a distance that becomes smaller by less has not become smaller [m]: the error of Coal's answers
@@ -67,7 +67,7 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
         leads_out = _judge(problem, contacts, start)
         for length in WAY_OUT_LENGTHS:
             for direction in rng.normal(size=(DIRECTIONS, group.nv)):
-                way = length * direction / np.linalg.norm(direction)
+                way = length * direction / np.linalg.norm(direction) * group.sizes
                 end = np.clip(start + way, group.lower, group.upper)
                 if leads_out(end):
                     stage.outcome = f"{length:g} rad lead out of the contact"

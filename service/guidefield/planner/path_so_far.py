@@ -41,7 +41,7 @@ def rounded_spline(problem: Problem, path: ChartPoints, limits: Limits, finer: i
         keeper = Keeper(problem, problem.constrained_frames)
         back = [z if (kept := keeper.brought_back(z)) is None else kept for z in places[1:-1]]
         places = distinct(cast(ChartPoints, np.array([places[0], *back, places[-1]])))
-    return parameterize(PathCurve.along(places), limits, finer)
+    return parameterize(PathCurve.along(places, problem.group.sizes), limits, finer)
 
 
 def motion_along(problem: Problem, path: ChartPoints, finer: int = 1) -> Trajectory:
@@ -70,8 +70,9 @@ def stopping_along(problem: Problem, path: ChartPoints) -> tuple[Trajectory, lis
         if len(distinct(line)) == 1:
             parts.append(standing(begin))
         else:
-            places = subdivided(line, CURVE.spacing, problem.group.sizes)
-            parts.append(executed(parameterize(PathCurve.along(places), limits), limits))
+            sizes = problem.group.sizes
+            curve = PathCurve.along(subdivided(line, CURVE.spacing, sizes), sizes)
+            parts.append(executed(parameterize(curve, limits), limits))
     knots = np.r_[0, np.cumsum([len(part.times) - 1 for part in parts])]
     return one_after_another(parts), knots.tolist()
 

@@ -49,13 +49,13 @@ by 3e-7 at most."""
 LENGTH_LEVELS = 10  # divisions at most: a piece is 1000 times shorter by then, and so is what is missing
 
 SAMPLE_SPACING = 0.05
-"""Joint distance between samples of the clearance [rad or m]: a choice, as the next five, that decides what a figure
-means."""
+"""Joint distance between samples of the clearance [rad, or m at size 1]: a choice, as the next five, that decides what
+a figure means."""
 
 MAX_SAMPLES = 100  # samples at most
 SAMPLE_RATE_HZ = 10.0  # least rate of samples among obstacles that move, within the most
 COARSE_STRIDE = 3  # the mean is over one sample of this number; the search of the smallest distances begins there
-END_LENGTH = 0.3  # joint distance at each end that the inner clearance leaves out [rad or m]
+END_LENGTH = 0.3  # joint distance at each end that the inner clearance leaves out [rad, or m at size 1]
 TIMES_A_KNOT = 20  # times at which the travelled length is computed, for each knot. Unrecorded
 MAX_TIMES = 100_000  # such times at most. Unrecorded
 TIMES_BETWEEN = 100  # times between two close ones, to find when exactly a length has been travelled. Unrecorded
@@ -112,7 +112,7 @@ class Clearance(ReadOnly):
     inner: Closest | None  # the same less `END_LENGTH` of the way at each end; None if nothing is left
     own: Closest
     times: np.ndarray  # of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move
-    lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad or m]
+    lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad, or m at size 1]
     mean: float  # mean distance from obstacles over every third sample [m]
     ends: float  # the smaller of the distances from obstacles at start and goal [m]
     curve: Curve
@@ -125,7 +125,7 @@ class ClearanceProfile(ReadOnly):
 
     times: np.ndarray  # shape (n,) [s]; those at which distances are smallest are among them
     configurations: Configurations  # of the group, shape (n, nq)
-    lengths: np.ndarray  # joint distance travelled, shape (n,) [rad or m]
+    lengths: np.ndarray  # joint distance travelled, shape (n,) [rad, or m at size 1]
     obstacle_distance: np.ndarray  # from moving links to obstacles, shape (n,) [m]; infinite without obstacles
     obstacle_pair: tuple[tuple[str, str] | None, ...]  # names of the closest pair (link, obstacle), or None
     witness: np.ndarray  # the closest points, shape (n, 2, 3) [m, world]
@@ -227,7 +227,7 @@ class _AskedAlong(NamedTuple):
     """What is asked for along a motion."""
 
     times: np.ndarray  # of samples, shape (k,) [s]
-    lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad or m]
+    lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad, or m at size 1]
     coarse: np.ndarray  # those at which distances are asked for, shape (l,) [s]
     spans: list[tuple[float, float]]  # the whole motion, and the inner span if there is one [s]
     curve: Curve
@@ -319,7 +319,8 @@ def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     """Length, duration and smoothness of a trajectory."""
     steps, lengths = 4 * math.ceil(max(1.0, 0.25 * LENGTH_STEPS / max(1, len(trajectory.times) - 1))), np.empty(WAYS)
     way_lengths(*trajectory.tables, kinematics.tip, steps, LENGTH_SHARE, LENGTH_LEVELS, lengths)
-    way, bending = travelled_way(trajectory), 0.0  # the integral of the squared curvature by length, times the length
+    way = travelled_way(trajectory, tuple(kinematics.group.sizes.tolist()))
+    bending = 0.0  # the integral of the squared curvature by length, times the length
     if way.length > 0.0 and len(way.evenly) > 2:
         bending = squared_turns(way.pieces, way.begins, way.evenly) / way.stride * way.length
     return Figures(
@@ -332,25 +333,25 @@ def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
 
 
 class TravelledWay(NamedTuple):
-    """A motion as curves, and how far it has travelled."""
+    """A motion as curves, and how far it has travelled, of coordinates over their sizes."""
 
-    pieces: ChartCurves  # control points of the curves, shape (m, k, nv) [rad or m]
+    pieces: ChartCurves  # control points of the curves, shape (m, k, nv) [rad, or m at size 1]
     begins: np.ndarray  # when they begin and the last one ends, shape (m + 1,) [s]
     times: np.ndarray  # many times along it, shape (n,) [s]
-    lengths: np.ndarray  # joint distance travelled by then, shape (n,) [rad or m]
-    stride: float  # equal joint distances up to its length are so far apart [rad or m]
+    lengths: np.ndarray  # joint distance travelled by then, shape (n,) [rad, or m at size 1]
+    stride: float  # equal joint distances up to its length are so far apart [rad, or m at size 1]
     evenly: np.ndarray  # when it has travelled them, shape (k,) [s]
 
     @property
     def length(self) -> float:
-        """Joint distance of all of it [rad or m]."""
+        """Joint distance of all of it [rad, or m at size 1]."""
         return float(self.lengths[-1])
 
 
 @memoized
-def travelled_way(trajectory: MotionInTime) -> TravelledWay:
-    """Lay out a motion by how far it has travelled, once: of many rows it takes a tenth of a second."""
-    pieces, begins = np.ascontiguousarray(trajectory.bezier(), float), np.array(trajectory.piece_times(), float)
+def travelled_way(trajectory: MotionInTime, sizes: tuple[float, ...]) -> TravelledWay:
+    """Lay out a motion by how far it has travelled by sizes of coordinates, once: of many rows it takes 0.1 s."""
+    pieces, begins = np.ascontiguousarray(trajectory.bezier() / sizes), np.array(trajectory.piece_times(), float)
     many = min(TIMES_A_KNOT * len(trajectory.times) + 2, MAX_TIMES)
     times = np.linspace(trajectory.times[0], trajectory.times[-1], many)
     lengths = np.empty(many)
@@ -369,7 +370,7 @@ def _samples(
     trajectory: MotionInTime, problem: Conditions
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
     """Times of samples, the distances travelled by then, and between which times the inner way is, if there is one."""
-    way, inside = travelled_way(trajectory), None
+    way, inside = travelled_way(trajectory, tuple(problem.group.sizes.tolist())), None
     if way.length > 2.0 * END_LENGTH:
         ends = np.array([END_LENGTH, way.length - END_LENGTH])
         when_travelled(way.pieces, way.begins, way.times, way.lengths, TIMES_BETWEEN, ends)

@@ -15,6 +15,7 @@ from guidefield.kernels.collide.layout import LaneWorld, world_of
 from guidefield.kernels.jit.arrays import Indices, Rows, RowsOut, SingleRows
 from guidefield.kernels.jit.decorators import lane_kernel, lane_part
 from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.simd.vector_model import LANES
 
 _PATH = types.Array(types.float32, 2, "C")
 
@@ -23,20 +24,20 @@ _STEP_X, _STEP_Y = 0.7548776662466927, 0.5698402909980532
 
 
 @lane_part
-def _length(path: np.ndarray, segment: int) -> float:
-    """Length of a segment of a path."""
+def _length(world: LaneWorld, path: np.ndarray, segment: int) -> float:
+    """Length of a segment of a path, each coordinate as it counts."""
     square = 0.0
     for j in range(path.shape[1]):
-        square += (path[segment + 1, j] - path[segment, j]) ** 2
+        square += ((path[segment + 1, j] - path[segment, j]) * world.fractions[LANES + j]) ** 2
     return math.sqrt(square)
 
 
 @lane_part
-def _total(path: np.ndarray, count: int) -> float:
+def _total(world: LaneWorld, path: np.ndarray, count: int) -> float:
     """Length of a path of so many points."""
     total = 0.0
     for segment in range(count - 1):
-        total += _length(path, segment)
+        total += _length(world, path, segment)
     return total
 
 
@@ -50,13 +51,13 @@ def _move(path: np.ndarray, first: int, count: int, by: int) -> None:
 
 
 @lane_part
-def _place(path: np.ndarray, count: int, along: float, point: int) -> int:
+def _place(world: LaneWorld, path: np.ndarray, count: int, along: float, point: int) -> int:
     """Write the place so far along a path into one of its rows; the segment that it is on."""
     segment = 0
-    while segment < count - 2 and along > _length(path, segment):
-        along -= _length(path, segment)
+    while segment < count - 2 and along > _length(world, path, segment):
+        along -= _length(world, path, segment)
         segment += 1
-    share = np.float32(min(along / max(_length(path, segment), 1e-12), 1.0))
+    share = np.float32(min(along / max(_length(world, path, segment), 1e-12), 1.0))
     for j in range(path.shape[1]):
         path[point, j] = path[segment, j] + share * (path[segment + 1, j] - path[segment, j])
     return segment
@@ -84,20 +85,20 @@ def _with_shortcuts(
 
     Each try may need one row more; the last two are for looking ahead.
     """
-    low, high, total = len(path) - 2, len(path) - 1, _total(path, count)
+    low, high, total = len(path) - 2, len(path) - 1, _total(world, path, count)
     for k in range(tries):
         if count < 3:
             break
         x, y = (0.5 + k * _STEP_X) % 1.0, (0.5 + k * _STEP_Y) % 1.0
-        start = _place(path, count, min(x, y) * total, low)
-        end = _place(path, count, max(x, y) * total, high)
+        start = _place(world, path, count, min(x, y) * total, low)
+        end = _place(world, path, count, max(x, y) * total, high)
         if start < end and motion_free(world, clearance, pointers(path[low]), pointers(path[high]), resolution):
             more = 2 + start - end
             _move(path, end + 1, count, more)
             count += more
             for j in range(path.shape[1]):
                 path[start + 1, j], path[start + 2, j] = path[low, j], path[high, j]
-            total = _total(path, count)
+            total = _total(world, path, count)
     return count
 
 

@@ -65,7 +65,7 @@ ROUNDS = RoundSettings()
 class EscapeSettings:
     """Of the question whether a configuration can be left at all."""
 
-    lengths: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01)  # how far the motions go that are tried [rad or m]. Unrecorded
+    lengths: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01)  # how far the motions go that are tried [rad, or m at size 1]
     directions: int = 1024  # how many of each length, beside those along one coordinate. Unrecorded
 
 

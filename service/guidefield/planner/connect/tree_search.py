@@ -339,11 +339,11 @@ def can_be_left(
     """Return whether any of many short motions out of some free roots (k, nv) is free; see `grow`."""
     group, along = lanes.world.group, np.eye(lanes.world.group.nv)
     drawn = rng.normal(size=(ESCAPE.directions, group.nv))
-    directions = np.concatenate([along, -along, drawn / np.linalg.norm(drawn, axis=1)[:, None]])
+    directions = np.concatenate([along, -along, drawn / np.linalg.norm(drawn, axis=1)[:, None]]) * group.sizes
     for root in roots:
         for length in ESCAPE.lengths:
             ends = np.clip(root + length * directions, group.lower, group.upper)
-            ends = ends[np.linalg.norm(ends - root, axis=1) > 0.5 * length]
+            ends = ends[np.linalg.norm((ends - root) / group.sizes, axis=1) > 0.5 * length]
             for end in ends[~lanes.touching(ends, clearance)]:
                 if lanes.free_until(np.array([root, end]), resolution, clearance):
                     return True

@@ -33,12 +33,13 @@ class PathCurve(ReadOnly):
     """A curve by a parameter without a unit, that grows by 1 on each piece."""
 
     points: ChartPoints  # control points, shape (m + 3, nv), m pieces; the first and the last stand for the ends' bends
+    sizes: np.ndarray | float = 1.0  # by which coordinates count in its length, shape (nv,)
 
     @classmethod
-    def along(cls, places: ChartPoints) -> PathCurve:
+    def along(cls, places: ChartPoints, sizes: np.ndarray | float = 1.0) -> PathCurve:
         """Along places on a path, shape (m + 1, nv), m >= 1, no two consecutive ones the same."""
         first, last = 2.0 * places[:1] - places[1:2], 2.0 * places[-1:] - places[-2:-1]
-        return cls(cast(ChartPoints, np.concatenate([first, places, last])))
+        return cls(cast(ChartPoints, np.concatenate([first, places, last])), sizes)
 
     @property
     def pieces(self) -> int:
@@ -141,11 +142,11 @@ def fastest(curve: PathCurve, limits: Limits) -> Progress:
     first, second = curve.derivatives(2 * steps)
     first, between, second = first[::2], first[1::2], second[::2]
     # the steps of the grid count in r, with (dr/du)² = 1 + (weight |q'| / its mean)²: nearly the length
-    places = curve.points[1:-1]
-    mean = float(lengths_of(places).mean())
+    places, counted, bends = (of / curve.sizes for of in (curve.points[1:-1], first, second))
+    mean = float(lengths_of(cast(ChartPoints, places)).mean())
     scale = TIMING.length_weight / mean
-    rate, rate_between = (np.sqrt(1.0 + ((scale * of) ** 2).sum(axis=1)) for of in (first, between))
-    bend = scale**2 * (first * second).sum(axis=1) / rate**2  # (d²r/du²) / (dr/du)
+    rate, rate_between = (np.sqrt(1.0 + ((scale * of) ** 2).sum(axis=1)) for of in (counted, between / curve.sizes))
+    bend = scale**2 * (counted * bends).sum(axis=1) / rate**2  # (d²r/du²) / (dr/du)
     speeds = _speeds(
         cast(ChartRates, first / rate[:, None]),
         cast(ChartRates, (second - first * bend[:, None]) / (rate**2)[:, None]),
