@@ -23,15 +23,18 @@ from guidefield import (
     answer,
 )
 from guidefield.messages.kinematics_requests import TargetPose
+from tests.recorder.runs import Recording
 
 URDFS = Path(os.environ.get("GUIDEFIELD_URDFS", "no such folder"))
 """Folder of public robots, which has the one of the SO-100 with its meshes as `so100/so100.urdf`."""
 
 
-def certified(robot: UrdfText | UrdfFile, scene: Scene, goal: dict[str, float], **more: Any) -> PlanReply:
+def certified(
+    robot: UrdfText | UrdfFile, scene: Scene, goal: dict[str, float], record_to: Path | None = None, **more: Any
+) -> PlanReply:
     """A certified plan that is as it was optimised."""
     more = {"guide_planes": [], "allowed_planning_time": 60.0, **more}
-    reply = answer(PlanRequest(robot, scene, JointsGoal(goal), **more))
+    reply = answer(PlanRequest(robot, scene, JointsGoal(goal), **more), record_to=record_to)
     assert isinstance(reply, PlanReply)
     assert reply.status.name == "SUCCESS", reply.status.message
     assert reply.certificate.collision_free
@@ -81,7 +84,7 @@ HAND = f"""<robot name="hand" version="1.1"><link name="base"/><link name="sled"
 {finger("index", -0.025)}{finger("middle", 0.0)}{finger("ring", 0.025)}</robot>"""
 
 
-def test_a_hand_of_eight_centimetres_goes_between_two_pegs() -> None:
+def test_a_hand_of_eight_centimetres_goes_between_two_pegs(tmp_path: Path) -> None:
     sides = {"left": -0.046, "right": 0.046}
     pegs = [Cylinder(name=n, radius=0.004, length=0.3, position=(x, 0.0, 0.05)) for n, x in sides.items()]
     bar: list[Any] = [Capsule(name="bar", radius=0.003, length=0.06, position=(0.0, 0.0, 0.12))]
@@ -91,9 +94,12 @@ def test_a_hand_of_eight_centimetres_goes_between_two_pegs() -> None:
         {"along": 0.08, "across": 0.0},
         group=["along", "across", "middle0", "middle1", "middle2"],
         start={"along": -0.08, "across": 0.03},
+        record_to=tmp_path / "pegs.rrd",
     )
     assert reply.clearance is not None
     assert reply.clearance.minimum > 2e-4
+    (radius,) = Recording(tmp_path / "pegs.rrd").one("/path/tip", "LineStrips3D:radii")
+    assert 0.0 < radius < 0.001, "a line as fine as the hand is small"
 
 
 CRANE = """<robot name="crane"><link name="base"><collision><origin xyz="0 0 6"/><geometry><box size="1.5 1.5 12"/>

@@ -5,17 +5,21 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Iterator
+from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+import guidefield
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.constrained import Keeper
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.optimize import interior_point
 from guidefield.planner.optimize.interior_point import Descent, Look
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage, PlanePlace
@@ -522,3 +526,48 @@ def test_path_constraints_are_kept_between_samples_too(of: str, tolerance: float
     zs = trajectory.evaluate(np.linspace(0.0, trajectory.duration, 1000))[0]
     assert max(float(made.constrained_frames.values(z)[0]) for z in zs) <= tolerance
     np.testing.assert_array_equal(trajectory.positions[[0, -1]], path[[0, -1]])
+
+
+UPRIGHT = {
+    "type": "orientation_cone",
+    "frame": "panda_hand_tcp",
+    "axis": [0, 0, 1],
+    "target_axis": [0, 0, -1],
+    "half_angle": 0.9,
+}
+POST = {"type": "box", "name": "post", "size": [0.06, 0.06, 1.0], "position": [0.55, 0.0, 0.5]}
+PASSING = {
+    **POST,
+    "trajectory": {
+        "times": [0.0, 4.0],
+        "placements": [{"position": [0.55, -0.6, 0.5]}, {"position": [0.55, 0.6, 0.5]}],
+    },
+}
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"scene": {"name": "post", "obstacles": [POST]}},
+        {"scene": {"name": "post", "obstacles": [POST]}, "path_constraints": [UPRIGHT]},
+        {"scene": {"name": "passing", "obstacles": [PASSING]}},
+    ],
+    ids=["still", "constrained", "moving"],
+)
+def test_a_kernel_that_checks_its_arguments_once_gets_them_of_the_same_types_each_time(
+    more: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken: dict[str, set[tuple]] = {}
+    call = interior_point._CheckedOnce.__call__
+
+    def noted(kernel: Any, *arguments: Any) -> Any:
+        types = tuple(numba.typeof(argument) for argument in arguments)
+        taken.setdefault(kernel._kernel.__name__, set()).add(types)
+        return call(kernel, *arguments)
+
+    monkeypatch.setattr(interior_point._CheckedOnce, "__call__", noted)
+    start = {f"panda_joint{i + 1}": q for i, q in enumerate([-0.7, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8])}
+    goal = {"type": "joints", "positions": {**start, "panda_joint1": 0.7}}
+    reply = guidefield.answer({"robot": "panda", "start": start, "goal": goal, "allowed_planning_time": 60.0, **more})
+    assert reply.status.name == "SUCCESS"
+    assert {name: len(types) for name, types in taken.items()} == {"clearance_along": 1, "newton_descent": 1}
