@@ -93,12 +93,15 @@ def test_path_constraints_are_judged_with_a_proof(tmp_path: Path) -> None:
     assert [one.answer.value for one in replay_file(file, seconds=0.0)] == ["undecided"]
 
 
-def test_a_motion_that_leaves_a_contact_is_proved_in_two_parts(tmp_path: Path) -> None:
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_motion_that_leaves_a_contact_is_proved_in_two_parts(moves: bool, tmp_path: Path) -> None:
     at = guidefield.answer(
         {"type": "forward_kinematics", "robot": "panda", "frames": ["panda_leftfinger"], "configurations": [{}]}
     )
     tip = at.placements[0][0].position
-    scene = {"name": "lid", "obstacles": [LID | {"position": [tip[0], tip[1], tip[2] - 0.06]}]}
+    places = [[tip[0] + aside, tip[1], tip[2] - 0.06] for aside in (0.0, 0.2)]
+    slides = {"times": [0.0, 3.0], "placements": [{"position": place} for place in places]}
+    scene = {"name": "lid", "obstacles": [LID | {"position": places[0]} | ({"trajectory": slides} if moves else {})]}
     request = PLAN | {"scene": scene, "leave_start_contact": True}
     file = tmp_path / "leaving.npz"
     reply = guidefield.answer(request, proof_to=file)

@@ -9,14 +9,6 @@ import pytest
 import guidefield
 from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, SceneInvalid
 
-DOOR = {
-    "type": "box",
-    "name": "door",
-    "size": (0.1, 0.1, 0.1),
-    "position": (3, 0, 0),
-    "trajectory": {"times": (0.0, 1.0), "placements": ({"position": (3, 0, 0)}, {"position": (3, 1, 0)})},
-}
-MOVING = {"name": "moving", "obstacles": [DOOR]}
 STILL: dict[str, Any] = {"name": "still", "obstacles": []}
 JOINTS = {"type": "joints", "positions": {}}
 PLANE = {"type": "guide_plane"}
@@ -25,11 +17,6 @@ PLANE = {"type": "guide_plane"}
 @pytest.mark.parametrize(
     ("fields", "error", "words"),
     [
-        (
-            {"scene": MOVING, "goal": JOINTS, "leave_start_contact": True},
-            MalformedRequest,
-            r"move \('door'\) `leave_start_contact` is not served: leave it out",
-        ),
         ({"scene": STILL, "goal": PLANE}, InvalidGoal, "the scene has none; give some in `guide_planes`"),
         ({"scene": STILL, "goal": PLANE, "guide_planes": []}, InvalidGoal, "is empty; null takes the scene's"),
         ({"scene": STILL, "goal": PLANE, "planner": "tree"}, InvalidGoal, "planner 'tree' uses none"),

@@ -2,6 +2,8 @@
 
 import dataclasses
 
+import coal
+import msgspec
 import numpy as np
 import pytest
 
@@ -9,12 +11,17 @@ from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
+from guidefield.planner.judgement import GivenProblem, Judgement, judge
+from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
+from guidefield.planner.motion.limit_load import limit_shares
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import plan
-from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.prove.certificate import certify
 from guidefield.robot.group.group import Alike
 from tests.planner.limit_attack import extremes
 from tests.planner.problems import problem, scene_of, to_configuration
+from tests.planner.schedule.test_schedule import flight
 from tests.robots import group, rest
 
 
@@ -62,6 +69,72 @@ def test_a_slight_contact_is_left_and_the_rest_certified() -> None:
     k = int(np.searchsorted(motion.times, result.judged_from))
     np.testing.assert_array_equal(motion.velocities[k], 0.0)
     assert certify(made.world, motion.bezier()[k:]).free
+
+
+def among(made: Problem, times: list[float], *ways: tuple[float, float, float]) -> Problem:
+    """The same with the board on its way from where it stands."""
+    (board,) = made.scene.message.obstacles
+    assert isinstance(board, messages.Box)
+    places = [tuple(np.add(board.position, way).tolist()) for way in ways]
+    moving = msgspec.structs.replace(board, trajectory=flight(times, *places))
+    return problem(made.group, scene_of(moving), made.goal, planes=(), leave_start_contact=True)
+
+
+@pytest.mark.parametrize(
+    ("times", "way"), [([0.0, 2.0], (0.3, 0.0, 0.0)), ([0.2, 1.5], (0.3, 0.0, 0.2)), ([-1.0, 2.0], (0.0, 0.0, -0.1))]
+)
+def test_a_contact_with_what_moves_is_left_and_the_rest_certified_in_time(
+    times: list[float], way: tuple[float, float, float]
+) -> None:
+    still = pressed(0.003)
+    since = np.multiply(way, max(-times[0], 0.0) / (times[1] - times[0]))  # where it is at time 0 it is touched
+    made = among(still, times, tuple(-since), tuple(np.subtract(way, since)))
+    result = plan(made)
+    assert result.status is Status.SUCCESS, result.message
+    assert "board" in result.warnings[0]
+    motion = result.trajectory
+    assert motion is not None
+    until = result.judged_from
+    assert 0.0 < until < motion.duration
+    samples, apart = np.linspace(0.0, motion.duration + 0.5, 400), []
+    for now, q in zip(samples.tolist(), motion.evaluate(np.minimum(samples, motion.times[-1]))[0], strict=True):
+        (board,), robot = made.scene.at(now).obstacles, made.world
+        robot.place(q)
+        links = [robot.exact.shape(body) for body in range(robot.pairs.links)]
+        there = coal.Transform3s(board.placement.rotation, board.placement.translation)
+        distances = []
+        for body in robot.pairs.moving.tolist():
+            at, result_of = robot.placement(body), coal.DistanceResult()
+            here = coal.Transform3s(at.rotation, at.translation)
+            distances.append(coal.distance(links[body], here, board.shape, there, coal.DistanceRequest(), result_of))
+        apart.append(min(distances))
+    left = samples > until
+    assert apart[0] < 0.0 < min(np.array(apart)[left])
+    assert (np.diff(np.array(apart)[~left]) > -1e-5).all()
+    judged = certify_as_given(made, motion)
+    assert judged.verdict.free
+    assert judged.leaving is not None
+    assert judged.leaving.leaves
+
+
+def certify_as_given(made: Problem, motion: Trajectory) -> Judgement:
+    """A motion of a problem, judged as anybody's."""
+    fields = {field.name: getattr(made, field.name) for field in dataclasses.fields(Conditions)}
+    rows = np.arange(len(motion.times))
+    given = GivenMotion(CurveKind.HERMITE, motion.positions, rows, motion.times, motion.velocities)
+    return judge(GivenProblem(**fields, motion=given), limit_shares(given, made.group, None))
+
+
+def test_what_presses_on_the_robot_is_refused() -> None:
+    made = among(pressed(0.003), [0.0, 0.5], (0.0, 0.0, 0.0), (0.0, 0.0, 0.01))
+    result = plan(made)
+    assert result.status is Status.START_STATE_IN_COLLISION
+    assert "no short motion leads out of it" in result.message
+    still = plan(pressed(0.003)).trajectory
+    assert still is not None
+    refused = certify_as_given(made, still)
+    assert refused.leaving is not None
+    assert not refused.leaving.leaves
 
 
 def test_a_deep_contact_is_refused_with_its_depth() -> None:

@@ -160,7 +160,7 @@ def motion_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> Motio
     `certify_problem` does, where the question is ill-posed.
     """
     problem, _ = certify_problem(request, robot, scene, Deadline(time.monotonic() + request.allowed_time))
-    leaving = judge_leaving(problem, problem.motion.pieces) if request.leave_start_contact else None
+    leaving = judge_leaving(problem) if request.leave_start_contact else None
     return _declared(request, problem, leaving if leaving is not None and leaving.leaves else None)
 
 

@@ -94,9 +94,6 @@ def _require_served(request: CertifyRequest, scene: Scene) -> None:
         raise MalformedRequest(
             f"obstacles move ({', '.join(moving)}), and a `path` has no times: give a `trajectory`", obstacles=moving
         )
-    if scene.moves and request.leave_start_contact:
-        what = "leave_start_contact among obstacles that move"
-        raise MalformedRequest(f"this version does not serve {what} yet; leave it out", unserved=what)
 
 
 def _first(

@@ -138,7 +138,8 @@ def _motion(request: PlanRequest, problem: Problem, made: Plan) -> Motion:
     """A plan's trajectory for the referee."""
     trajectory = made.trajectory
     assert trajectory is not None, "it was measured"
-    contacts = contacts_at(problem.world, problem.group.expand_from_chart(problem.z_start)) if made.judged_from else []
+    q_start = problem.group.expand_from_chart(problem.z_start)
+    contacts = contacts_at(problem.world_at(0.0), q_start) if made.judged_from else []
     return Motion(
         world=problem.world,
         placement=request.robot_placement,

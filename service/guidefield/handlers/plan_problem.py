@@ -121,7 +121,6 @@ def problem_of(
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
     group = limited(group.starting_at(request.start), request)
     planes = given_planes(request, scene, deadline)
-    _require_served(request, scene)
     if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
         raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
     if in_motion(request):
@@ -155,18 +154,6 @@ def problem_of(
         *clamped_goals(request.goal, robot),
         *many_turns_warnings(request, robot),
     )
-
-
-def _require_served(request: PlanRequest, scene: Scene) -> None:
-    """Refuse what is part of the wire but not served among obstacles that move, by name."""
-    if not scene.moves:
-        return
-    if request.leave_start_contact:
-        moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
-        raise MalformedRequest(
-            f"among obstacles that move ({moving}) `leave_start_contact` is not served: leave it out",
-            unserved="leave_start_contact",
-        )
 
 
 def in_motion(request: PlanRequest) -> bool:

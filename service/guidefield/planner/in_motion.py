@@ -18,7 +18,7 @@ from guidefield.planner.finish import found_motion
 from guidefield.planner.held_paths import connect_to_goal
 from guidefield.planner.motion.limit_load import TOLERANCE
 from guidefield.planner.motion.profiles import backwards, jerks_apart, jerks_of, stopping
-from guidefield.planner.motion.trajectory import Trajectory, one_after_another
+from guidefield.planner.motion.trajectory import Trajectory, led_to, one_after_another
 from guidefield.planner.motion_certificate import Finished, certify_motion, judge
 from guidefield.planner.optimized_motion import optimize_motion
 from guidefield.planner.path_so_far import PathSoFar, soonest_along
@@ -100,12 +100,6 @@ def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> Fini
             break
     assert finished is not None, "it was connected"
     return finished
-
-
-def led_to(first: Trajectory, then: Trajectory) -> Trajectory:
-    """A motion with as many whole turns as another that begins where it ends."""
-    turns = np.round((then.positions[0] - first.positions[-1]) / (2.0 * np.pi))
-    return Trajectory(first.times, cast(ChartPoints, first.positions + 2.0 * np.pi * turns), first.velocities)
 
 
 def _finish_between(problem: Problem, resting: Problem, ends: MovingEnds, found: PathSoFar, stages: Stages) -> Finished:

@@ -28,9 +28,10 @@ from guidefield.prove.certificate import certify, certify_constraints
 from guidefield.prove.curve import restricted
 from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
-from guidefield.robot.model.spaces import ChartCurves, ChartPoints
+from guidefield.robot.model.spaces import ChartPoints
 
 SPACING = 0.005  # between samples at which what touches is measured [rad, or m at size 1]
+INTERVAL = 0.01  # and between them at most, where obstacles move [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,59 +45,61 @@ class Leaving:
     leaves: bool
 
 
-def judge_leaving(conditions: Conditions, pieces: ChartCurves) -> Leaving | None:
-    """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `SLIGHT_DEPTH`.
-
-    Args:
-        pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
-    """
-    contacts = tuple(contacts_at(conditions.world, conditions.group.expand_from_chart(pieces[0, 0])))
+def judge_leaving(problem: GivenProblem) -> Leaving | None:
+    """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `SLIGHT_DEPTH`."""
+    pieces, begin = problem.motion.pieces, problem.motion.along(0, 0.0)[1] or 0.0
+    contacts = tuple(contacts_at(problem.world_at(begin), problem.group.expand_from_chart(pieces[0, 0])))
     if not contacts or any(one.depth is not None and one.depth > SLIGHT_DEPTH for one in contacts):
         return None
-    piece, share, closer = _way_out(conditions, contacts, pieces)
+    piece, share, closer = _way_out(problem, contacts)
     if closer is not None:
-        names, z = conditions.world.pair_names(closer), _part(pieces[piece], share, share)[0]
-        reason = Reason.STOPPED if conditions.deadline.expired() else Reason.CONTACT
+        names, z = problem.world.pair_names(closer), _part(pieces[piece], share, share)[0]
+        reason = Reason.STOPPED if problem.deadline.expired() else Reason.CONTACT
         verdict = Verdict(reason, 1, piece, share, (0, 0.0), names, z)
         return Leaving(verdict, contacts, piece, share, leaves=False)
-    return Leaving(_judge_parts(conditions, contacts, pieces, piece, share), contacts, piece, share, leaves=True)
+    return Leaving(_judge_parts(problem, contacts, piece, share), contacts, piece, share, leaves=True)
 
 
-def _way_out(
-    conditions: Conditions, contacts: tuple[Contact, ...], pieces: ChartCurves
-) -> tuple[int, float, int | None]:
-    world = conditions.world
+def _way_out(problem: GivenProblem, contacts: tuple[Contact, ...]) -> tuple[int, float, int | None]:
+    world, motion = problem.world, problem.motion
     pairs = touching_pairs(world, contacts)
-    distances, enough = distances_of(world, pairs), max(LEFT_DISTANCE, conditions.min_clearance)
-    before = distances(pieces[0, 0])
-    for piece, controls in enumerate(pieces):
-        length = float(np.linalg.norm(np.diff(controls, axis=0) / conditions.group.sizes, axis=1).sum())
-        count = max(1, math.ceil(length / SPACING))
+    distances, enough = distances_of(world, pairs), max(LEFT_DISTANCE, problem.min_clearance)
+    before = distances(motion.start, motion.along(0, 0.0)[1])
+    for piece, controls in enumerate(motion.pieces):
+        length = float(np.linalg.norm(np.diff(controls, axis=0) / problem.group.sizes, axis=1).sum())
+        count = max(1, math.ceil(length / SPACING), _moments(problem, piece))
         for share in (k / count for k in range(1, count + 1)):
-            now = distances(_part(controls, share, share)[0])
-            if (now < before - DISTANCE_ERROR).any() or conditions.deadline.expired():
+            now = distances(_part(controls, share, share)[0], motion.along(piece, share)[1])
+            if (now < before - DISTANCE_ERROR).any() or problem.deadline.expired():
                 return piece, share, pairs[int(np.argmin(now - before))]
             if (now >= enough).all():
                 return piece, share, None
             before = now
-    return len(pieces) - 1, 1.0, pairs[int(np.argmin(before))]
+    return len(motion.pieces) - 1, 1.0, pairs[int(np.argmin(before))]
 
 
-def _judge_parts(
-    conditions: Conditions, contacts: tuple[Contact, ...], pieces: ChartCurves, piece: int, share: float
-) -> Verdict:
-    deadline = conditions.deadline
-    allowed = (*conditions.allowed_collisions, *(one.pair for one in contacts))
-    others = World.build(conditions.group, conditions.scene, allowed)
+def _moments(problem: GivenProblem, piece: int) -> int:
+    """At so many moments of a piece what moves is measured, whether the robot moves or not."""
+    begin, end = (problem.motion.along(piece, share)[1] for share in (0.0, 1.0))
+    return 0 if not problem.scene.moves or begin is None or end is None else math.ceil((end - begin) / INTERVAL)
+
+
+def _judge_parts(problem: GivenProblem, contacts: tuple[Contact, ...], piece: int, share: float) -> Verdict:
+    deadline, pieces, times = problem.deadline, problem.motion.pieces, problem.motion.times
+    at = problem.motion.along(piece, share)[1]
+    allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
+    others = World.build(problem.group, problem.scene, allowed)
     out = np.concatenate([pieces[:piece], _part(pieces[piece], 0.0, share)[None]])
-    leaving = certify(others, out, deadline=deadline)
+    until = None if times is None or at is None else np.append(times[: piece + 1], at)
+    leaving = certify(others, out, deadline=deadline, times=until)
     if not leaving.free:
         return _on_the_whole(leaving, 0, piece, 0.0, share)
     z = _part(pieces[piece], share, share)[0]
-    if (inside := enclosed(conditions.world, conditions.group.expand_from_chart(z))) is not None:
+    if (inside := enclosed(problem.world_at(at or 0.0), problem.group.expand_from_chart(z))) is not None:
         return Verdict(Reason.CONTACT, leaving.evaluations, piece, share, (0, 0.0), inside, z)
     rest = np.concatenate([_part(pieces[piece], share, 1.0)[None], pieces[piece + 1 :]])
-    left = certify(conditions.world, rest, conditions.min_clearance, deadline=deadline)
+    since = None if times is None or at is None else np.append(at, times[piece + 1 :])
+    left = certify(problem.world, rest, problem.min_clearance, deadline=deadline, times=since)
     return replace(_on_the_whole(left, piece, piece, share, 1.0), evaluations=leaving.evaluations + left.evaluations)
 
 
@@ -161,7 +164,7 @@ def judge(problem: GivenProblem, uses: Uses) -> Judgement:
         return Judgement(inside, uses, enclosed=True)
     kept, leaving = _constraints(problem), None
     if problem.leave_start_contact:
-        leaving = judge_leaving(problem, problem.motion.pieces)
+        leaving = judge_leaving(problem)
     verdict = first_refused(kept, _freedom(problem, kept) if leaving is None else leaving.verdict)
     problem.counters.collision_checks += verdict.evaluations
     return Judgement(verdict, uses, leaving=leaving)

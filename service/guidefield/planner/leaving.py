@@ -13,12 +13,13 @@ from guidefield.collision.blocking_pairs import Contact, contacts_at
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.motion.trajectory import one_after_another
+from guidefield.planner.motion.trajectory import Trajectory, led_to, one_after_another
 from guidefield.planner.motion_certificate import Finished
 from guidefield.planner.path_so_far import motion_along
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
-from guidefield.prove.certificate import motion_free
+from guidefield.prove.certificate import certify
+from guidefield.prove.closest import measure
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint
 
@@ -37,8 +38,7 @@ WAY_OUT_SAMPLES = 24  # places on the motion where what touches is measured. Unr
 class Left(ReadOnly):
     """A contact that is left."""
 
-    start: ChartPoint  # chart points of the straight motion, shape (nv,); the end is free
-    end: ChartPoint
+    motion: Trajectory  # straight, from rest to rest; its end is free
     contacts: tuple[Contact, ...]
 
     @property
@@ -55,7 +55,7 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
     Raises:
         StageFailed: START_STATE_IN_COLLISION if a contact is deep, or no short motion leads out of all of them.
     """
-    contacts = tuple(contacts_at(problem.world, problem.group.expand_from_chart(problem.z_start)))
+    contacts = tuple(contacts_at(problem.world_at(0.0), problem.group.expand_from_chart(problem.z_start)))
     if not contacts:
         return None
     with stages.entered("ends", "out of the contact at the start") as stage:
@@ -64,20 +64,20 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
                 raise _refusal(one, f"deeper than the {1000 * SLIGHT_DEPTH:.0f} mm that can be planned away from")
         start, group = problem.z_start, problem.group
         rng = np.random.default_rng([problem.seed, 3])
-        leads_out = _judge(problem, contacts, start)
+        ways = _Ways(problem, contacts)
         for length in WAY_OUT_LENGTHS:
             for direction in rng.normal(size=(DIRECTIONS, group.nv)):
                 way = length * direction / np.linalg.norm(direction) * group.sizes
                 end = np.clip(start + way, group.lower, group.upper)
-                if leads_out(end):
+                if (motion := ways.along(end)) is not None:
                     stage.outcome = f"{length:g} rad lead out of the contact"
-                    return Left(start, end, contacts)
+                    return Left(motion, contacts)
             if problem.deadline.expired():
                 break
         raise _refusal(contacts[0], "and no short motion leads out of it")
 
 
-def join_way_out(problem: Problem, left: Left, rest: Finished) -> Finished:
+def join_way_out(left: Left, rest: Finished) -> Finished:
     """The motion out of contact, from rest to rest, and after it the rest of the motion, from where it was left.
 
     Args:
@@ -86,38 +86,46 @@ def join_way_out(problem: Problem, left: Left, rest: Finished) -> Finished:
     warnings = (left.warning, *rest.warnings)
     if rest.trajectory is None:
         return dataclasses.replace(rest, warnings=warnings)
-    end = rest.trajectory.positions[0]  # whole turns may have been added
-    first = motion_along(problem, np.array([left.start + (end - left.end), end]))
-    trajectory = one_after_another([first, rest.trajectory])
+    trajectory = one_after_another([led_to(left.motion, rest.trajectory), rest.trajectory])
     return dataclasses.replace(
         rest,
         trajectory=trajectory,
         path=np.concatenate([trajectory.positions[:1], rest.path]),
         crossings={plane: index + 1 for plane, index in rest.crossings.items()},
         warnings=warnings,
-        judged_from=first.duration,
+        judged_from=left.motion.duration,
     )
 
 
-def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -> Callable[[ChartPoint], bool]:
-    world, group = problem.world, problem.group
-    allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
-    others = World.build(group, problem.scene, allowed)
-    distances = distances_of(world, touching_pairs(world, contacts))
-    enough = max(LEFT_DISTANCE, problem.min_clearance)
+class _Ways:
+    """Straight motions from rest to rest out of contacts at a start."""
 
-    def leads_out(end: ChartPoint) -> bool:
-        q = group.expand_from_chart(end)
-        if (distances(end) < enough).any() or world.in_collision(q):
-            return False
-        if problem.min_clearance > 0.0 and clearance_at(world, q).obstacle_distance < problem.min_clearance:
-            return False
-        along = np.array([distances(start + t * (end - start)) for t in np.linspace(0.0, 1.0, WAY_OUT_SAMPLES)])
-        if (np.diff(along, axis=0) < -DISTANCE_ERROR).any():
-            return False
-        return motion_free(others, start, end).free
+    def __init__(self, problem: Problem, contacts: tuple[Contact, ...]) -> None:
+        self._problem = problem
+        self._distances = distances_of(problem.world, touching_pairs(problem.world, contacts))
+        allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
+        self._others = World.build(problem.group, problem.scene, allowed)
 
-    return leads_out
+    def along(self, end: ChartPoint) -> Trajectory | None:
+        """The motion to a chart point (nv,) if it leads out of the contacts, and touches nothing else; None if not.
+
+        It leads out of them even if nothing that moves makes way.
+        """
+        problem, least = self._problem, self._problem.min_clearance
+        enough = max(LEFT_DISTANCE, least)
+        if (self._distances(end, 0.0) < enough).any():
+            return None
+        motion = motion_along(problem, np.array([problem.z_start, end]))
+        arrival = motion.duration
+        there, q = problem.world_at(arrival), problem.group.expand_from_chart(end)
+        if there.in_collision(q) or (least > 0.0 and clearance_at(there, q).obstacle_distance < least):
+            return None
+        times = np.linspace(0.0, arrival, WAY_OUT_SAMPLES)
+        places = zip(motion.evaluate(times)[0], times.tolist(), strict=True)
+        distances = np.array([self._distances(z, time) for z, time in places])
+        if (distances[-1] < enough).any() or (np.diff(distances, axis=0) < -DISTANCE_ERROR).any():
+            return None
+        return motion if certify(self._others, motion.bezier(), times=motion.piece_times()).free else None
 
 
 def touching_pairs(world: World, contacts: Sequence[Contact]) -> list[int]:
@@ -128,13 +136,15 @@ def touching_pairs(world: World, contacts: Sequence[Contact]) -> list[int]:
     return [k for k in np.concatenate([own, mixed]).tolist() if world.pair_names(k) in names]
 
 
-def distances_of(world: World, pairs: Sequence[int]) -> Callable[[ChartPoint], np.ndarray]:
-    """Measures, at a chart point (nv,), how far some pairs are apart: (k,) [m], signed or 0 in contact."""
+def distances_of(world: World, pairs: Sequence[int]) -> Callable[[ChartPoint, float | None], np.ndarray]:
+    """Measures how far some pairs are apart at a chart point (nv,) and a time [s]: (k,) [m], signed or 0 in contact.
 
-    def distances(z: ChartPoint) -> np.ndarray:
-        q = world.group.expand_from_chart(z)
-        world.place(q)
-        return np.array([world.distance(k)[0] for k in pairs])
+    Without a time obstacles rest.
+    """
+
+    def distances(z: ChartPoint, time: float | None) -> np.ndarray:
+        world.place(world.group.expand_from_chart(z))
+        return np.array([measure(world, k, time)[0] for k in pairs])
 
     return distances
 
@@ -156,5 +166,6 @@ def _depth(contact: Contact) -> str:
 
 
 def continue_after(problem: Problem, left: Left) -> Problem:
-    """The problem from where the contact is left."""
-    return dataclasses.replace(problem, q_start=problem.group.from_chart(left.end), leave_start_contact=False)
+    """The problem from when and where the contact is left."""
+    end = problem.group.from_chart(left.motion.positions[-1])
+    return dataclasses.replace(problem.since(left.motion.duration, end), leave_start_contact=False)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from guidefield.collision.enclosure import enclosed
-from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_so_far import PathSoFar
@@ -103,9 +102,7 @@ def enclosed_start(conditions: Conditions, z: ChartPoint, time: float = 0.0) -> 
     None where nothing is, or it touches. A certificate of what comes after the start doesn't see it: a mesh is a
     surface to Coal.
     """
-    world = conditions.world
-    if conditions.scene.moves:
-        world = World.build(conditions.group, conditions.scene.at(time), conditions.allowed_collisions)
+    world = conditions.world_at(time)
     q = conditions.group.expand_from_chart(z)
     inside = enclosed(world, q)  # of most worlds known at once: it is asked first
     if inside is None or world.in_collision(q):

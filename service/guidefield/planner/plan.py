@@ -17,9 +17,9 @@ from guidefield.planner.goal_among_movers import reach_among_movers
 from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.held_paths import connect_to_goal
-from guidefield.planner.in_motion import STOPS, finish_in_motion, led_to, moving_ends
+from guidefield.planner.in_motion import STOPS, finish_in_motion, moving_ends
 from guidefield.planner.leaving import continue_after, join_way_out, leave
-from guidefield.planner.motion.trajectory import Trajectory, one_after_another
+from guidefield.planner.motion.trajectory import Trajectory, led_to, one_after_another
 from guidefield.planner.motion_certificate import Finished, certify_motion
 from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
 from guidefield.planner.task.problem import Problem, TipGoal
@@ -64,7 +64,7 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
     except StageFailed as failed:
         return _make_plan(problem, _refuse_start(problem, failed.ending, stages), stages)
     finished = _plan_from_start(continue_after(problem, left) if left else problem, planner, attempts, stages)
-    return _make_plan(problem, join_way_out(problem, left, finished) if left else finished, stages)
+    return _make_plan(problem, join_way_out(left, finished) if left else finished, stages)
 
 
 def make_refused_plan(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:

@@ -143,6 +143,12 @@ def one_after_another(parts: Sequence[Trajectory]) -> Trajectory:
     )
 
 
+def led_to(first: Trajectory, then: Trajectory) -> Trajectory:
+    """A motion with as many whole turns as another that begins where it ends."""
+    turns = np.round((then.positions[0] - first.positions[-1]) / (2.0 * np.pi))
+    return Trajectory(first.times, cast(ChartPoints, first.positions + 2.0 * np.pi * turns), first.velocities)
+
+
 def piece_accelerations(
     times: np.ndarray, positions: ChartPoints, velocities: ChartRates
 ) -> tuple[ChartRates, ChartRates]:

@@ -57,6 +57,12 @@ class Conditions(ReadOnly):
         """The path constraints on the group."""
         return ConstrainedFrames(self.group, self.path_constraints)
 
+    def world_at(self, time: float) -> World:
+        """The world with every obstacle at rest where it is at a time [s]."""
+        if not self.scene.moves:
+            return self.world
+        return World.build(self.group, self.scene.at(time), self.allowed_collisions)
+
     @property
     def is_observed(self) -> bool:
         """True if somebody watches: events that cost something are made then."""
@@ -148,24 +154,20 @@ class Problem(Conditions):
         """The same with every obstacle at rest where it is at a time [s]."""
         if not self.scene.moves:
             return self
-        scene = self.scene.at(time)
+        world = self.world_at(time)
         return dataclasses.replace(
-            self,
-            scene=scene,
-            world=World.build(self.group, scene, self.allowed_collisions),
-            robot_field=self.robot_field.among(scene),
+            self, scene=world.scene, world=world, robot_field=self.robot_field.among(world.scene)
         )
 
     def since(self, time: float, q: Configuration) -> Problem:
         """The same, from rest to rest, from a time on [s], which is its time 0, and a configuration (nq,) on."""
+        resting = dataclasses.replace(self, q_start=q, start_velocity=None, start_acceleration=None, end_velocity=None)
+        if not self.scene.moves:
+            return resting
         scene = self.scene.since(time)
         return dataclasses.replace(
-            self,
-            q_start=q,
+            resting,
             scene=scene,
             world=World.build(self.group, scene, self.allowed_collisions),
             robot_field=self.robot_field.among(scene),
-            start_velocity=None,
-            start_acceleration=None,
-            end_velocity=None,
         )
