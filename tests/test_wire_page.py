@@ -17,7 +17,8 @@ from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, DEFAULT_STREAMS, limits_of
 from guidefield.errors import ERRORS, Status
 from guidefield.handlers.info import Figures, Rules, info
-from guidefield.messages import codec, requests
+from guidefield.messages import codec, requests, schemas
+from guidefield.messages.schemas import describe_message, json_schemas, write_schemas
 from guidefield.messages.served import CODES, KEYS, MEANINGS
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION
@@ -35,54 +36,65 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return wire
 
 
-@pytest.fixture
-def fields(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(HOUSE / "tools"))
-    from pages import fields
-
-    return fields
-
-
 def test_the_tables_are_those_of_the_code(wire: ModuleType) -> None:
     assert set(re.findall(r"made from the code: ([a-z]+)", PAGE)) == set(wire.PARTS)
     assert wire.filled(PAGE) == PAGE, "`tools/wire_page` makes them again"
 
 
-def test_every_field_of_every_message_has_a_row(wire: ModuleType) -> None:
-    """The rows of a message are the properties of its JSON Schema, which msgspec makes by itself."""
-    schemas = codec.json_schemas()["$defs"]
+def test_the_schemas_beside_the_page_are_those_of_the_code() -> None:
+    kept = HOUSE / "service" / "docs" / "wire.schema.json"
+    assert kept.read_text() == write_schemas(), "`tools/wire_page` makes them again"
+    assert json.loads(kept.read_text())["$defs"] == json.loads(json.dumps(json_schemas()["$defs"]))
+
+
+def test_every_message_that_a_key_takes_or_gives_is_named_on_the_page_and_described() -> None:
     named = {name for key in KEYS for name in (*key.takes, *key.gives)}
-    sections = dict(re.findall(r"^#### (\w+)\n(.*?)(?=^###|^<!-- end)", PAGE, re.MULTILINE | re.DOTALL))
-    assert named <= set(sections)
-    for name, text in sections.items():
-        rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| (`[^`]*`|) \|", text.replace("\\|", "/"), re.MULTILINE)
-        schema = schemas[name]
-        assert {row for row, _ in rows} == set(schema.get("properties", {})), name
-        assert {row for row, default in rows if not default} == set(schema.get("required", [])), name
+    told = set(re.findall(r"`(\w+)`", PAGE.partition("<!-- made from the code: messages -->")[2]))
+    assert named <= told
+    for name in told:
+        schema, text = json_schemas()["$defs"][name], describe_message(name)
+        rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| (`[^`]*`|) \| (.*) \|$", text.replace("\\|", "/"), re.MULTILINE)
+        assert {row for row, *_ in rows} == set(schema.get("properties", {})), name
+        assert {row for row, default, _ in rows if not default} == set(schema.get("required", [])), name
+
+
+def test_every_field_of_a_plan_request_says_what_it_means() -> None:
+    properties = json_schemas()["$defs"]["PlanRequest"]["properties"]
+    assert [name for name, one in properties.items() if not one.get("description")] == []
 
 
 def test_a_page_without_its_tables_gets_them_and_one_with_others_is_mended(wire: ModuleType) -> None:
     bare = re.sub(r"(<!-- made[^\n]+ -->\n).*?(<!-- end)", r"\1\2", PAGE, flags=re.DOTALL)
-    assert len(bare) < len(PAGE) // 2
+    assert len(bare) < 0.8 * len(PAGE)
     assert wire.filled(bare) == PAGE
     assert wire.filled(PAGE.replace("| `queue` | 64", "| `queue` | 65")) == PAGE
     with pytest.raises(KeyError, match="moons"):
         wire.filled("<!-- made from the code: moons -->\n<!-- end -->")
 
 
-@pytest.mark.parametrize(
-    ("kind", "words"),
-    [
-        (int, "integer"),
-        (str | None, "text or null"),
-        (list[int | None], "list of (integer or null)"),
-        (list[requests.Name] | None, "list of (text (1 to 256 characters)) or null"),
-        (dict[str, bool], "object of names to true or false"),
-    ],
-)
-def test_kinds_in_words(fields: ModuleType, kind: Any, words: str) -> None:
-    told = fields.in_words(msgspec.inspect.type_info(kind))
-    assert told == words.replace("to true or false", "to (true or false)")
+class Odd(msgspec.Struct):
+    """One of each kind."""
+
+    whole: int
+    maybe: str | None
+    several: list[int | None]
+    names: list[requests.Name] | None
+    by_name: dict[str, bool]
+    either: (requests.PlaneConstraint | requests.LineConstraint) | None
+    anything: Any
+
+
+def test_kinds_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(schemas, "json_schemas", lambda: {"$defs": schemas.schema_of([Odd])[1]})
+    assert dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", describe_message("Odd"), re.MULTILINE)) == {
+        "whole": "integer",
+        "maybe": "text or null",
+        "several": "list of (integer or null)",
+        "names": "list of (text (1 to 256 characters)) or null",
+        "by_name": "object of names to (true or false)",
+        "either": "PlaneConstraint or LineConstraint or null",
+        "anything": "anything",
+    }
 
 
 def test_every_code_has_its_meaning_and_says_how_it_travels() -> None:

@@ -67,3 +67,10 @@ def test_an_unknown_subject_is_told_what_may_have_been_meant() -> None:
     done = CliRunner().invoke(app, ["docs", "wyre"])
     assert done.exit_code != 0
     assert "did you mean wire?" in str(done.exception)
+
+
+def test_a_message_is_shown_with_what_each_field_may_be_and_means() -> None:
+    done = CliRunner().invoke(app, ["docs", "PlanRequest"])
+    assert done.exit_code == 0
+    assert "min_clearance" in done.output
+    assert "did you mean PlanReply" in str(CliRunner().invoke(app, ["docs", "PlanRepli"]).exception)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from guidefield.messages import codec, keys, stream_keys
+from guidefield.messages import keys, stream_keys
 from guidefield.messages.codec import Encoding
+from guidefield.messages.schemas import json_schemas
 from guidefield.messages.served import KEYS, SERVED, KeyInfo
 
 QUERIED = [key for key in KEYS if key.how == "query"]
@@ -21,7 +22,7 @@ def _check(query: keys.Query) -> None:
 
 
 def test_every_message_has_its_schema() -> None:
-    messages = codec.json_schemas()
+    messages = json_schemas()
     known = {*messages["messages"], *messages["$defs"]}
     assert {name for key in KEYS for name in (*key.takes, *key.gives)} <= known
 

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Iterator
-
-import msgspec
+from typing import Any
 
 from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, DEFAULT_STREAMS, limits_of
-from guidefield.messages import replies, requests, scene, scene_changes, stream_requests, streams
+from guidefield.messages.schemas import json_schemas, table
 from guidefield.messages.served import CODES, KEYS, KeyInfo
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION
-from pages.fields import fields, parts, summary
 
 BLOCK = re.compile(r"(<!-- made from the code: (?P<name>[a-z ]+) -->\n)(?P<text>.*?)(<!-- end -->)", re.DOTALL)
 """A part of the page that is made here."""
-ROOMS = (requests, replies, scene, scene_changes, streams, stream_requests)
 
 
 def filled(page: str) -> str:
@@ -31,7 +29,7 @@ def filled(page: str) -> str:
 
 def keys() -> str:
     """Every key: what it is for, its parameters, what it takes and gives, and whether it waits for a worker."""
-    return _table(
+    return table(
         ("key", "what", "parameters", "takes", "gives", "needs a worker"),
         (
             (
@@ -57,12 +55,12 @@ def _gives(key: KeyInfo) -> str:
 
 
 def _named(names: Iterable[str]) -> str:
-    return ", ".join(f"[{name}](#{name.lower()})" for name in names)
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def codes() -> str:
     """Every code."""
-    return _table(
+    return table(
         ("code", "name", "travels as", "exception", "meaning"),
         (
             (str(one.code), f"`{one.name}`", one.travels, f"`{one.exception}`" if one.exception else "", one.meaning)
@@ -74,7 +72,7 @@ def codes() -> str:
 def limits() -> str:
     """Every limit of a service that was started without options."""
     told = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE, DEFAULT_STREAMS)
-    return _table(
+    return table(
         ("limit", "value", "what"), ((f"`{one.name}`", f"{_figure(one.value)} {one.unit}", one.what) for one in told)
     )
 
@@ -90,40 +88,27 @@ def delivery() -> str:
 
 def messages() -> str:
     """Every message that a key takes or gives, and what they are made of."""
-    taken = [_message(name) for key in KEYS for name in key.takes]
-    given = [_message(name) for key in KEYS for name in key.gives] + [replies.ErrorReply]
-    known = {*taken, *given}
-    within = _within(known) - known
-    groups = (("Requests", taken), ("Replies", given), ("What they are made of", within))
-    return "\n\n".join(
-        f"### {title}\n\n" + "\n\n".join(map(_described, sorted(set(group), key=lambda kind: kind.__name__)))
+    schemas = json_schemas()["$defs"]
+    taken = {name for key in KEYS for name in key.takes}
+    given = {name for key in KEYS for name in key.gives} | {"ErrorReply"}
+    known = _within(taken | given, schemas)
+    groups = (("requests", taken), ("replies", given - taken), ("what they are made of", known - taken - given))
+    return "\n".join(
+        "\n  ".join(_lines(f"- **{title}**: {', '.join(f'`{name}`' for name in sorted(group))}", 116))
         for title, group in groups
     )
 
 
-def _message(name: str) -> type[msgspec.Struct]:
-    return next(getattr(room, name) for room in ROOMS if hasattr(room, name))
-
-
-def _within(kinds: set[type[msgspec.Struct]]) -> set[type[msgspec.Struct]]:
-    """The messages that others are made of, all the way down."""
-    found: set[type[msgspec.Struct]] = set()
-    left = list(kinds)
+def _within(names: set[str], schemas: dict[str, Any]) -> set[str]:
+    """Messages with all that they are made of."""
+    found: set[str] = set()
+    left = [*names]
     while left:
-        for part in parts(left.pop()):
-            if part not in found:
-                found.add(part)
-                left.append(part)
+        name = left.pop()
+        if name not in found:
+            found.add(name)
+            left += re.findall(r'"#/\$defs/(\w+)"', json.dumps(schemas[name]))
     return found
-
-
-def _described(kind: type[msgspec.Struct]) -> str:
-    head = "\n".join((f"#### {kind.__name__}", "", *_lines(summary(kind), 118)))
-    told = fields(kind)
-    if not told:
-        return head
-    rows = [(f"`{one.name}`", one.kind, one.default, one.meaning) for one in told]
-    return f"{head}\n\n{_table(('field', 'is', 'default', 'meaning'), rows)}"
 
 
 def _lines(text: str, width: int) -> Iterator[str]:
@@ -135,11 +120,6 @@ def _lines(text: str, width: int) -> Iterator[str]:
         else:
             line = f"{line} {word}".strip()
     yield line
-
-
-def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    lines = [head, tuple("---" for _ in head), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 PARTS = {"keys": keys, "codes": codes, "limits": limits, "delivery": delivery, "messages": messages}

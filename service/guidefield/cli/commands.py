@@ -492,7 +492,9 @@ def _format_finding(finding: Finding) -> Text:
 
 @app.command()
 def docs(
-    subject: Annotated[str | None, typer.Argument(help="What to read about; without it the pages are listed.")] = None,
+    subject: Annotated[
+        str | None, typer.Argument(help="A page or a message, such as PlanRequest; without it the pages are listed.")
+    ] = None,
 ) -> None:
     """Read the documentation: how plans are made, what is certified, the service, the wire, robots, scenes."""
     if subject is None:

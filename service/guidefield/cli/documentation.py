@@ -1,4 +1,4 @@
-"""`guidefield docs`: list the pages of the documentation, or show one in the terminal."""
+"""`guidefield docs`: list the pages of the documentation, or show one, or a message, in the terminal."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rich.table import Table
 
 from guidefield.errors import UnknownObject
 from guidefield.messages.faults import MAX_QUOTED_CHARACTERS, suggest
+from guidefield.messages.schemas import describe_message, json_schemas
 
 _PACKAGE = "guidefield.docs"
 
@@ -26,12 +27,19 @@ def list_subjects() -> tuple[str, ...]:
 
 
 def read_page(subject: str) -> str:
-    """Read the page about a subject, in Markdown; raises UnknownObject, with the subjects, if there is none."""
-    available = list_subjects()
+    """Read the page about a subject, or describe a message such as PlanRequest, in Markdown.
+
+    Raises:
+        UnknownObject: if there is no such page or message; with the subjects.
+    """
+    available, messages = list_subjects(), json_schemas()["$defs"]
+    if subject in messages:
+        return describe_message(subject)
     if subject not in available:
+        hint = suggest(subject, available) or suggest(subject, messages)
         raise UnknownObject(
-            f"there is no page about {subject[:MAX_QUOTED_CHARACTERS]!r}; {suggest(subject, available)}"
-            f"there are {', '.join(available)}",
+            f"there is no page about {subject[:MAX_QUOTED_CHARACTERS]!r}; {hint}"
+            f"there are {', '.join(available)}; and messages, such as PlanRequest",
             subject=subject[:MAX_QUOTED_CHARACTERS],
             available=list(available),
         )

@@ -23,6 +23,7 @@ from guidefield.messages.replies import (
     LimitInfo,
     UserFigures,
 )
+from guidefield.messages.schemas import json_schemas
 from guidefield.messages.served import CODES, KEYS
 from guidefield.system import resident
 
@@ -66,7 +67,7 @@ def info(figures: Figures, rules: Rules | None = None) -> InfoReply:
         codes=list(CODES),
         limits=list(kept.limits),
         delivery=list(kept.delivery),
-        schemas=_schemas(),
+        schemas=json_schemas(),
     )
 
 
@@ -103,4 +104,3 @@ def disk_of(folder: Path) -> Disk | None:
 
 
 _version = functools.cache(version)
-_schemas = functools.cache(codec.json_schemas)

@@ -23,6 +23,7 @@ from guidefield.messages.replies import (
     to_plain_data,
 )
 from guidefield.messages.requests import CertifyRequest, Clearance, InverseKinematics, PlanRequest
+from guidefield.messages.schemas import schema_of
 
 
 @dataclass(frozen=True)
@@ -67,25 +68,13 @@ def _trajectory_figures(reply: PlanReply) -> dict[str, Any]:
 
 def _schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
     """JSON Schema of a message, without the tag, which the tool's name stands for."""
-    (root,), parts = msgspec.json.schema_components([kind])
-    name = root["$ref"].rpartition("/")[2]
-    whole = dict(parts.pop(name))
+    (root,), parts = schema_of([kind])
+    whole = dict(parts.pop(root["$ref"].rpartition("/")[2]))
     tag = kind.__struct_config__.tag_field
     whole["properties"] = {field: what for field, what in whole["properties"].items() if field != tag}
     whole["required"] = [field for field in whole["required"] if field != tag]
     whole["description"] = f"{whole['description']} (a message of `guidefield docs wire`)"
-    referring: dict[str, Any] = _referring({**whole, "$defs": parts})
-    return referring
-
-
-def _referring(schema: Any) -> Any:
-    """A schema whose references lead to its own definitions."""
-    if isinstance(schema, dict):
-        return {
-            key: value.replace("#/components/schemas/", "#/$defs/") if key == "$ref" else _referring(value)
-            for key, value in schema.items()
-        }
-    return [_referring(one) for one in schema] if isinstance(schema, list) else schema
+    return {**whole, "$defs": parts}
 
 
 def _named(field: str, what: str) -> dict[str, Any]:

@@ -9,18 +9,8 @@ from typing import Any
 import msgspec
 
 from guidefield.errors import MalformedRequest, RequestTooLarge
-from guidefield.messages import faults, replies, requests
+from guidefield.messages import faults, requests
 from guidefield.messages.scene import Scene
-from guidefield.messages.scene_changes import SceneChanged, SceneDiff
-from guidefield.messages.stream_requests import (
-    StreamAim,
-    StreamAimed,
-    StreamJudge,
-    StreamJudged,
-    StreamReply,
-    StreamsReply,
-)
-from guidefield.messages.streams import Piece, StreamOpen, StreamState, StreamUpdate
 
 MAX_REQUEST_BYTES = 64 * 2**20
 """Largest payload that is decoded."""
@@ -159,34 +149,6 @@ def encode(message: object, encoding: Encoding = Encoding.JSON) -> bytes:
     """Encode a reply, or any message."""
     encoded: bytes = _ENCODERS[encoding].encode(message)
     return encoded
-
-
-def json_schemas() -> dict[str, Any]:
-    """JSON Schema of every message that travels."""
-    kinds = [
-        requests.PlanRequest,
-        *requests.TaggedRequest.__args__,
-        *replies.AnyReply.__args__,
-        replies.ErrorReply,
-        Scene,
-        SceneDiff,
-        SceneChanged,
-        StreamOpen,
-        StreamUpdate,
-        StreamAim,
-        StreamJudge,
-        Piece,
-        StreamState,
-        StreamReply,
-        StreamAimed,
-        StreamJudged,
-        StreamsReply,
-    ]
-    schemas, components = msgspec.json.schema_components(kinds)
-    return {
-        "messages": {kind.__name__: schema for kind, schema in zip(kinds, schemas, strict=True)},
-        "$defs": components,
-    }
 
 
 def _make_decode_error(error: Exception, data: bytes, kind: Any, encoding: Encoding) -> MalformedRequest:

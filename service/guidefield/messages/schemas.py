@@ -1,0 +1,218 @@
+"""JSON Schema of every message, with what each field means, and a message as a table for people."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+import msgspec
+
+from guidefield.messages import replies, requests
+from guidefield.messages.scene import Scene
+from guidefield.messages.scene_changes import SceneChanged, SceneDiff
+from guidefield.messages.stream_requests import (
+    StreamAim,
+    StreamAimed,
+    StreamJudge,
+    StreamJudged,
+    StreamReply,
+    StreamsReply,
+)
+from guidefield.messages.streams import Piece, StreamOpen, StreamState, StreamUpdate
+
+MESSAGES: tuple[type[msgspec.Struct], ...] = (
+    requests.PlanRequest,
+    *requests.TaggedRequest.__args__,
+    *replies.AnyReply.__args__,
+    replies.ErrorReply,
+    Scene,
+    SceneDiff,
+    SceneChanged,
+    StreamOpen,
+    StreamUpdate,
+    StreamAim,
+    StreamJudge,
+    Piece,
+    StreamState,
+    StreamReply,
+    StreamAimed,
+    StreamJudged,
+    StreamsReply,
+)
+"""All that travels."""
+
+_MEANING = re.compile(r"^ {4}(\w+(?:, \w+)*): (.*)$")
+
+
+@functools.cache
+def json_schemas() -> dict[str, Any]:
+    """Make the JSON Schema of every message that travels: references under ``messages``, all parts under ``$defs``."""
+    references, parts = schema_of(MESSAGES)
+    return {
+        "messages": {kind.__name__: one for kind, one in zip(MESSAGES, references, strict=True)},
+        "$defs": parts,
+    }
+
+
+def schema_of(kinds: Sequence[type[msgspec.Struct]]) -> tuple[tuple[dict[str, Any], ...], dict[str, Any]]:
+    """Make references to the schemas of messages, and all that these are made of, by name.
+
+    A schema's description is what the docstring says before it comes to fields; a field's is what it says of the field.
+    """
+    references, parts = msgspec.json.schema_components(kinds)
+    by_name = {kind.__name__: kind for kind in _find_structs(msgspec.inspect.multi_type_info(kinds))}
+    for name, schema in parts.items():
+        schema["description"] = _summarize(by_name[name])
+        meanings = _read_meanings(by_name[name])
+        if (tag := by_name[name].__struct_config__.tag_field) is not None:
+            meanings.setdefault(tag, "says which message it is")
+        for field, value in schema.get("properties", {}).items():
+            if field in meanings:
+                value["description"] = meanings[field]
+    return references, parts
+
+
+def write_schemas() -> str:
+    """Write the schemas as JSON, a line for each message, so that a change shows where it is."""
+    schemas = json_schemas()
+    lines = (
+        f"{json.dumps(name)}: {json.dumps(one, ensure_ascii=False)}" for name, one in sorted(schemas["$defs"].items())
+    )
+    head = json.dumps({"$schema": "https://json-schema.org/draft/2020-12/schema"})[1:-1]
+    return f'{{{head}, "messages": {json.dumps(schemas["messages"])}, "$defs": {{\n' + ",\n".join(lines) + "\n}}\n"
+
+
+def describe_message(name: str) -> str:
+    """Describe a message, and each field of it, in Markdown; raises KeyError where there is no such message."""
+    schema = json_schemas()["$defs"][name]
+    required = schema.get("required", ())
+    rows = [
+        (
+            f"`{field}`",
+            _word(one),
+            ""
+            if field in required or "default" not in one
+            else f"`{json.dumps(one['default'], separators=(',', ':'))}`",
+            one.get("description", "says which message it is" if list(one) == ["enum"] else ""),
+        )
+        for field, one in schema.get("properties", {}).items()
+    ]
+    return f"# {name}\n\n{schema['description']}\n" + (
+        f"\n{table(('field', 'is', 'default', 'meaning'), rows)}\n" if rows else ""
+    )
+
+
+def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    """Make a table in Markdown."""
+    lines = [head, tuple("---" for _ in head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def _find_structs(kinds: Sequence[msgspec.inspect.Type]) -> set[type[msgspec.Struct]]:
+    found: set[type[msgspec.Struct]] = set()
+    left: list[Any] = list(kinds)
+    while left:
+        kind = left.pop()
+        if isinstance(kind, msgspec.inspect.StructType):
+            if kind.cls in found:
+                continue
+            found.add(kind.cls)
+            left += [field.type for field in kind.fields]
+        for inner in ("type", "item_type", "value_type", "item_types", "types"):
+            below = getattr(kind, inner, ())
+            left += below if isinstance(below, tuple) else [below]
+    return found
+
+
+def _summarize(message: type) -> str:
+    """What the docstring of a message says before it comes to its fields."""
+    text = re.split(r"\n(?:Attributes|Example):\n", inspect.cleandoc(message.__doc__ or ""))[0]
+    return re.sub(r"\s*\n\s*", " ", text).replace("``", "`").strip()
+
+
+def _read_meanings(message: type) -> dict[str, str]:
+    """What the docstrings of a message, and of those that it extends, say about its fields."""
+    found: dict[str, str] = {}
+    for kind in reversed(message.__mro__):
+        if kind.__doc__ and kind.__module__.startswith("guidefield"):
+            section = inspect.cleandoc(kind.__doc__).partition("Attributes:\n")[2].partition("\nExample:")[0]
+            names: list[str] = []
+            for line in section.splitlines():
+                if match := _MEANING.match(line):
+                    names = match[1].split(", ")
+                    found.update(dict.fromkeys(names, match[2]))
+                elif line.strip():
+                    for name in names:
+                        found[name] += f" {line.strip()}"
+                else:
+                    names = []
+    return found
+
+
+def _word(schema: dict[str, Any]) -> str:
+    """What a value may be, in words."""
+    if "$ref" in schema:
+        return str(schema["$ref"].rpartition("/")[2])
+    if "enum" in schema:
+        return " or ".join(f"`{value}`" for value in schema["enum"])
+    if "anyOf" in schema:
+        words = [_word(one) for one in sorted(_alternatives(schema), key=lambda one: one.get("type") == "null")]
+        return " or ".join(f"({one})" if " or " in one else one for one in words)
+    return _WORDS[schema.get("type", "anything")](schema)
+
+
+def _alternatives(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    for one in schema["anyOf"]:
+        yield from _alternatives(one) if "anyOf" in one else (one,)
+
+
+def _word_default(schema: dict[str, Any]) -> str:
+    return f"`{json.dumps(schema['default'], separators=(',', ':'))}`" if "default" in schema else ""
+
+
+def _word_text(schema: dict[str, Any]) -> str:
+    if "pattern" in schema:
+        return f"`{schema['pattern']}`"
+    if "contentEncoding" in schema:
+        return "bytes (base64 in JSON)"
+    return f"text{_word_lengths(schema.get('minLength', 0), schema.get('maxLength'), ' characters')}"
+
+
+def _word_list(schema: dict[str, Any]) -> str:
+    if "prefixItems" in schema:
+        return f"[{', '.join(map(_word, schema['prefixItems']))}]"
+    lengths = _word_lengths(schema.get("minItems", 0), schema.get("maxItems"), "")
+    return f"list of {_bracket(_word(schema.get('items', {})))}{lengths}"
+
+
+def _word_number(schema: dict[str, Any]) -> str:
+    signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+    bounds = (f" {sign} {schema[key]:.15g}" for key, sign in signs.items() if key in schema)
+    return f"{schema['type']}{','.join(bounds)}"
+
+
+def _bracket(words: str) -> str:
+    return f"({words})" if " or " in words or " (" in words else words
+
+
+def _word_lengths(least: int, most: int | None, what: str) -> str:
+    if most is not None:
+        return f" ({least} to {most:,}{what})"
+    return f" (at least {least}{what})" if least else ""
+
+
+_WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "anything": lambda _: "anything",
+    "array": _word_list,
+    "boolean": lambda _: "true or false",
+    "integer": _word_number,
+    "null": lambda _: "null",
+    "number": _word_number,
+    "object": lambda schema: f"object of names to {_bracket(_word(schema.get('additionalProperties') or {}))}",
+    "string": _word_text,
+}
+"""How each kind of value is told."""
