@@ -18,8 +18,10 @@ import numpy as np
 from guidefield.case_file import Motion, write
 from guidefield.collision.pairs import PairNames
 from guidefield.collision.world import World
+from guidefield.errors import MalformedRequest
 from guidefield.geometry import cache
 from guidefield.messages.requests import MotionRequest
+from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.planner.quality import Clearance
 from guidefield.prove.closest import put_obstacle
 from guidefield.prove.curve import Curve
@@ -74,6 +76,16 @@ def _make_motion(request: MotionRequest, world: World, curve: Curve, min_clearan
         min_clearance=min_clearance,
         limited=replace(world.group, velocity_limits=endless, acceleration_limits=endless),
     )
+
+
+def require_declarable(motion: GivenMotion) -> None:
+    """Raise MalformedRequest if a motion is drawn in another way than proofs and the referee can tell."""
+    if motion.tube is not None or motion.kind is CurveKind.QUINTIC:
+        raise MalformedRequest(
+            "proofs and the referee are about cubic and straight pieces that are followed exactly: not about an"
+            f" `execution` with a tolerance, or with the curve {motion.kind.value!r}",
+            unserved="execution",
+        )
 
 
 class Certified(NamedTuple):

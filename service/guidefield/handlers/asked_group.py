@@ -11,6 +11,7 @@ from guidefield.messages import requests
 from guidefield.messages.goals import JointSetGoal, JointsGoal
 from guidefield.messages.requests import Goal, MotionRequest, Positions, RelativeGoal
 from guidefield.messages.streams import StreamOpen
+from guidefield.planner.task.problem import ControllerModel, Interpolation
 from guidefield.robot.group import path_constraints
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import Cone, PathConstraint
@@ -124,6 +125,43 @@ def jerk_limits(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Ch
         if name in asked and law.multiplier != 0.0:
             asked[law.driver] = min(asked.get(law.driver, np.inf), asked[name] / abs(law.multiplier))
     return np.concatenate([np.full(joint.nv, asked.get(joint.name, np.inf)) for joint in group.joints])
+
+
+def execution_of(request: MotionRequest, group: PlanningGroup) -> ControllerModel | None:
+    """How a controller executes the motion of a group; None where a request doesn't say.
+
+    Raises:
+        MalformedRequest: if a contact at the start may be left.
+        InvalidConfiguration: if a joint has several coordinates, or a tolerance names one that the group doesn't move.
+    """
+    asked = request.execution
+    if asked is None:
+        return None
+    if request.leave_start_contact:
+        raise MalformedRequest(
+            "with `execution` `leave_start_contact` is not served: leave it out", unserved="leave_start_contact"
+        )
+    if not group.is_euclidean:
+        several = [joint.name for joint in group.joints if joint.nv > 1]
+        raise InvalidConfiguration(
+            f"`execution` is served for joints of one coordinate; {', '.join(several)} has several", joints=several
+        )
+    tolerance = np.zeros(group.nv)
+    if isinstance(asked.tolerance, dict):
+        places = {joint.name: joint.idx_v for joint in group.joints}
+        for name, value in asked.tolerance.items():
+            if name not in places:
+                raise InvalidConfiguration(
+                    f"`execution.tolerance` names joint {name!r}, which the group doesn't move; it moves"
+                    f" {', '.join(places)}",
+                    joint=name,
+                    available=list(places),
+                    path=f"$.execution.tolerance.{name}",
+                )
+            tolerance[places[name]] = value
+    else:
+        tolerance[:] = asked.tolerance
+    return ControllerModel(Interpolation(asked.interpolation), asked.rate, tolerance)
 
 
 def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathConstraint, ...]:

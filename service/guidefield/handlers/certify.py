@@ -15,7 +15,7 @@ from guidefield.collision.enclosure import closed_bodies
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
-from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement
+from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement, require_declarable
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.certify_problem import certify_problem, planning_group
 from guidefield.handlers.certify_reply import reply_to
@@ -73,6 +73,8 @@ def answer_certify(
     began = time.monotonic() if began is None else began
     deadline = Deadline(received + request.allowed_time) if deadline is None else deadline
     problem, warnings = certify_problem(request, robot, scene, deadline)
+    if request.proof:
+        _ = _declared(request, problem, None)  # is refused before it is judged
     if not request.proof:  # that is about the scene as it is declared
         problem = crop_to_reach(problem, deadline, limited=False)
     prepare_plan(None, problem.scene, deadline)
@@ -141,8 +143,7 @@ def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], Robo
 
 def _motion(problem: GivenProblem) -> MotionInTime:
     """Return the motion to measure: in time among obstacles that move."""
-    motion = problem.motion
-    return motion.scheduled if problem.scene.moves else motion.measured
+    return problem.motion.measured_among(problem.scene)
 
 
 def _since(problem: GivenProblem, judgement: Judgement) -> float | None:
@@ -165,8 +166,13 @@ def motion_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> Motio
 
 
 def _declared(request: CertifyRequest, problem: GivenProblem, leaving: Leaving | None) -> Motion:
-    """The motion of a problem for the referee, and how it leaves a contact at the start."""
+    """The motion of a problem for the referee, and how it leaves a contact at the start.
+
+    Raises:
+        MalformedRequest: if a controller draws it in another way than the referee can judge.
+    """
     given = problem.motion
+    require_declarable(given)
     return Motion(
         world=problem.world,
         placement=request.robot_placement,

@@ -10,7 +10,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGroup, MalformedRequest
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import constraints_of, jerk_limits, limited, start_of
+from guidefield.handlers.asked_group import constraints_of, execution_of, jerk_limits, limited, start_of
 from guidefield.handlers.attached import holding
 from guidefield.handlers.given_columns import (
     Columns,
@@ -23,8 +23,16 @@ from guidefield.handlers.given_columns import (
 )
 from guidefield.messages.requests import CertifyRequest, GivenTrajectory
 from guidefield.planner.judgement import GivenProblem
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, spline_rates
+from guidefield.planner.motion.drawn_motion import DrawnMotion, draw
+from guidefield.planner.motion.given_motion import (
+    CurveKind,
+    GivenMotion,
+    QuinticMotion,
+    StraightMotion,
+    spline_rates,
+)
 from guidefield.planner.motion.trajectory import piece_accelerations
+from guidefield.planner.task.problem import ControllerModel, Interpolation
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model import chart
@@ -34,6 +42,7 @@ from guidefield.robot.model.spaces import ChartPoints, ChartRates, RobotConfigur
 from guidefield.scene.scene import Scene
 
 LEAST_STEP = 1e-9  # between two times at least [s]
+READS_RATES = (Interpolation.CUBIC, Interpolation.QUINTIC)  # of a trajectory with velocities
 SAME = 1e-6  # accelerations that differ by less than this share, or by this [rad/s² or m/s²], are the same
 
 
@@ -52,7 +61,9 @@ def certify_problem(
     columns.require_width(_field(request), rows)
     group, warnings = _planning_group(request, columns, rows, robot)
     _require_in_group(columns, group)
-    motion, odd = _motion(request, columns, rows, group)
+    planned, odd = _motion(request, columns, rows, group)
+    execution = execution_of(request, group)
+    drawn = None if execution is None else _draw(planned, execution)
     problem = GivenProblem(
         group=group,
         scene=scene,
@@ -63,7 +74,10 @@ def certify_problem(
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),
         deadline=deadline,
-        motion=motion,
+        motion=planned if drawn is None else drawn.motion,
+        planned=None if drawn is None else planned,
+        execution=execution,
+        drawn=drawn,
     )
     return problem, (*robot.warnings, *scene.warnings, *warnings, *odd)
 
@@ -167,12 +181,25 @@ def _motion(
     if rates is not None:
         motion = GivenMotion(CurveKind.HERMITE, points, end, times, rates[kept])
         told = _accelerations(request, given, columns, group, given_points)
-        if told is not None and motion.is_point:
-            motion = dataclasses.replace(motion, accelerations=told)
+        if told is not None and (motion.is_point or request.execution is not None):
+            motion = dataclasses.replace(motion, accelerations=told if motion.is_point else told[kept])
         return motion, warnings + ([] if told is None else _other_accelerations(motion, told[kept]))
     if request.interpolation == "linear":
         return GivenMotion(CurveKind.LINEAR, points, end, times), warnings
     return GivenMotion(CurveKind.SPLINE, points, end, times, spline_rates(times, points)), warnings
+
+
+def _draw(planned: GivenMotion, execution: ControllerModel) -> DrawnMotion:
+    """What a controller draws of a motion."""
+    given = planned.scheduled
+    assert not isinstance(given, QuinticMotion), "rows that are given are cubic or straight"
+    if execution.interpolation in READS_RATES and isinstance(given, StraightMotion):
+        raise MalformedRequest(
+            f"`execution.interpolation` {execution.interpolation.value!r} needs velocities, and the trajectory's"
+            " `interpolation` 'linear' has none: leave it out",
+            path="$.execution.interpolation",
+        )
+    return draw(given, planned.rows, execution, accelerations=planned.accelerations)
 
 
 def _accelerations(

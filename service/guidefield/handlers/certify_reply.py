@@ -11,12 +11,20 @@ import numpy as np
 
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
-from guidefield.handlers.plan_reply import CERTIFICATE, clearance_figures, outcome, self_figures, unmeasured
+from guidefield.handlers.plan_reply import (
+    CERTIFICATE,
+    clearance_figures,
+    execution_figures,
+    outcome,
+    self_figures,
+    unmeasured,
+)
 from guidefield.messages import replies
 from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply
 from guidefield.planner.judgement import GivenProblem, Judgement, Leaving
 from guidefield.planner.leaving import left_contacts
+from guidefield.planner.motion.given_motion import QuinticMotion
 from guidefield.planner.motion.limit_load import Use
 from guidefield.planner.quality import UNMEASURED, Clearance
 from guidefield.planner.task.stages import Ending, refused_at
@@ -58,7 +66,16 @@ def reply_to(
         timing=replies.Timing(**seconds, total=time.monotonic() - received),
         counters=replies.Counters(collision_checks=problem.counters.collision_checks),
         recording=None,
+        execution=_execution(problem),
     )
+
+
+def _execution(problem: GivenProblem) -> replies.ExecutionFigures | None:
+    if problem.drawn is None or problem.execution is None or problem.planned is None:
+        return None
+    planned = problem.planned.scheduled
+    assert not isinstance(planned, QuinticMotion), "rows that are given are cubic or straight"
+    return execution_figures(problem.execution, planned, problem.drawn, problem.group)
 
 
 def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
@@ -98,6 +115,11 @@ def _why(problem: GivenProblem, judgement: Judgement) -> str:
         case Reason.PATH_CONSTRAINT:
             return "the motion violates a path constraint"
         case _:
+            if problem.motion.tube is not None:
+                return (
+                    f"where the execution may be, it can't be told that {pair} keep"
+                    f" {1000 * problem.min_clearance:g} mm: the tolerance or the steps between ticks are too large"
+                )
             kept = f"keep {1000 * problem.min_clearance:g} mm" if problem.min_clearance > 0.0 else "touch"
             return f"the motion brings {pair} so close that it can't be told whether they {kept}"
 

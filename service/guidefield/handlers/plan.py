@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError, Status
 from guidefield.geometry.placements import se3
-from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement
+from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement, require_declarable
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.plan_problem import Derivation, problem_of, with_derived_planes
@@ -28,13 +28,16 @@ from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.planner.guide.guide import ATTEMPTS, PROJECTED
+from guidefield.planner.motion.drawn_motion import DrawnMotion, draw_plan
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion_certificate import settle_execution
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
-from guidefield.planner.quality import UNMEASURED, Clearance, clearance_profile, clearances
+from guidefield.planner.quality import UNMEASURED, Clearance, MotionInTime, clearance_profile, clearances
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import LimitFault, limit_faults
 from guidefield.robot.model.model import JointKind, RobotModel
+from guidefield.robot.model.spaces import ChartRates
 from guidefield.scene.scene import Scene, build
 
 
@@ -75,6 +78,9 @@ def answer_plan(
     deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
     problem, warnings = problem_of(request, robot, scene, deadline)
     guided = _is_guided(request, problem)
+    if request.proof and problem.execution is not None:  # is refused before it is planned
+        still = Trajectory(np.zeros(1), problem.z_start[None], cast(ChartRates, np.zeros((1, problem.group.nv))))
+        require_declarable(draw_plan(still, problem.execution, 1).motion)
     if not (guided or request.proof):  # a proof is about the scene as it is declared
         problem = crop_to_reach(problem, deadline)
     attempts = ATTEMPTS[request.minimizer](problem.group) if guided or request.minimizer == "univariate" else PROJECTED
@@ -88,22 +94,27 @@ def answer_plan(
     others = [*(refusal.seconds.values() if refusal else ()), *([derivation.left.seconds] if derivation.left else ())]
     load_seconds = time.monotonic() - began - sum(others)
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
-    measured = None if made.trajectory is None else clearances([(made.trajectory, problem)])
+    drawn = None
+    if made.trajectory is not None and problem.execution is not None:
+        drawn = settle_execution(problem, made.trajectory).drawn
+    motion = made.trajectory if drawn is None else drawn.motion.measured_among(problem.scene)
+    measured = None if motion is None else clearances([(motion, problem)])
     if made.trajectory is not None and measured is None:
         warnings = (*warnings, UNMEASURED)
     found = measured[0] if measured else None
     if found is not None and made.verdict.free:
         since = made.judged_from or None
         require_agreement(
-            run_id, [Certified(found, problem.min_clearance, lambda: _motion(request, problem, made), since)]
+            run_id, [Certified(found, problem.min_clearance, lambda: _motion(request, problem, made, drawn), since)]
         )
     if request.proof:
         certified = made.trajectory is not None and made.verdict.free
-        prove([_motion(request, problem, made)] if certified else [], deadline)
+        prove([_motion(request, problem, made, drawn)] if certified else [], deadline)
     seconds = {"queue": began - received, "load": load_seconds}
-    reply = reply_to(request, problem, made, found, run_id, received, seconds, warnings)
+    reply = reply_to(request, problem, made, drawn, found, run_id, received, seconds, warnings)
     if recording is not None:
-        recording.finish(reply, _recorded(scene, problem, made.trajectory, found))
+        parts = 1 if drawn is None else drawn.parts
+        recording.finish(reply, _recorded(scene, problem, made.trajectory, found, parts))
     return reply
 
 
@@ -115,38 +126,49 @@ def restore_plan(request: PlanRequest, robot: RobotModel, scene: Scene, packed: 
     trajectory = None if packed.knots is None else packed.knots.trajectory()
     found = None
     if packed.found is not None and trajectory is not None:
-        found = packed.found.clearance(trajectory, problem)
-    return _recorded(scene, problem, trajectory, found)
+        motion: MotionInTime = trajectory
+        if problem.execution is not None:
+            motion = draw_plan(trajectory, problem.execution, packed.parts).motion.measured_among(problem.scene)
+        found = packed.found.clearance(motion, problem)
+    return _recorded(scene, problem, trajectory, found, packed.parts)
 
 
 def _is_guided(request: PlanRequest, problem: Problem) -> bool:
     return bool(problem.guide_planes) or request.guide_planes == "auto"
 
 
-def _recorded(scene: Scene, problem: Problem, trajectory: Trajectory | None, found: Clearance | None) -> PlainMotion:
+def _recorded(
+    scene: Scene, problem: Problem, trajectory: Trajectory | None, found: Clearance | None, parts: int
+) -> PlainMotion:
     """A plan's motion as a recording shows it."""
 
     def packed() -> PackedMotion:
         knots = None if trajectory is None else PackedKnots.of(trajectory)
-        return PackedMotion(knots, None if found is None else PackedClearance.of(found))
+        return PackedMotion(knots, None if found is None else PackedClearance.of(found), parts=parts)
 
     measure = lambda: None if found is None else clearance_profile((found, problem, scene))  # noqa: E731
     return PlainMotion(problem.group, scene, measure, packed)
 
 
-def _motion(request: PlanRequest, problem: Problem, made: Plan) -> Motion:
-    """A plan's trajectory for the referee."""
+def _motion(request: PlanRequest, problem: Problem, made: Plan, drawn: DrawnMotion | None) -> Motion:
+    """A plan's trajectory for the referee, as it is executed.
+
+    Raises:
+        MalformedRequest: if a controller draws it in another way than the referee can judge.
+    """
     trajectory = made.trajectory
     assert trajectory is not None, "it was measured"
+    if drawn is not None:
+        require_declarable(drawn.motion)
     q_start = problem.group.expand_from_chart(problem.z_start)
     contacts = contacts_at(problem.world_at(0.0), q_start) if made.judged_from else []
     return Motion(
         world=problem.world,
         placement=request.robot_placement,
         held=request.attached_objects,
-        times=trajectory.times,
-        positions=trajectory.positions,
-        velocities=trajectory.velocities,
+        times=trajectory.times if drawn is None else drawn.motion.times,
+        positions=trajectory.positions if drawn is None else drawn.motion.positions,
+        velocities=trajectory.velocities if drawn is None else drawn.motion.velocities,
         jerk_limits=problem.jerk_limits,
         min_clearance=problem.min_clearance,
         path_constraints=request.path_constraints,

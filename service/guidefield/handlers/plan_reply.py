@@ -13,10 +13,12 @@ from guidefield.messages import replies
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import GuidePlane
+from guidefield.planner.motion.drawn_motion import Deviations, DrawnMotion, deviations
+from guidefield.planner.motion.given_motion import StraightMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan
 from guidefield.planner.quality import Clearance, Closest, figures
-from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.problem import ControllerModel, Problem
 from guidefield.robot.group.group import LONGEST_TURN, PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.tangents import tangent_accelerations, tangents
@@ -33,6 +35,7 @@ def reply_to(
     request: PlanRequest,
     problem: Problem,
     made: Plan,
+    drawn: DrawnMotion | None,
     measured: Clearance | None,
     run_id: str,
     received: float,
@@ -41,8 +44,9 @@ def reply_to(
 ) -> PlanReply:
     """Put a plan into the wire's words.
 
-    `measured` is how far the trajectory keeps from everything, None without one; `received` is as in `answer_plan`;
-    `seconds` is the time of waiting and loading [s]: what came after the planner's stages is measuring.
+    `drawn` is what a controller draws of its motion, None where that isn't asked for; `measured` is how far that, or
+    the trajectory, keeps from everything, None without one; `received` is as in `answer_plan`; `seconds` is the time of
+    waiting and loading [s]: what came after the planner's stages is measuring.
     """
     group, whole = problem.group, made.verdict.free and made.judged_from == 0.0
     kept = problem.min_clearance if whole else -np.inf
@@ -68,7 +72,7 @@ def reply_to(
         certificate=replies.CertificateFigures(
             collision_free=made.verdict.free,
             method=CERTIFICATE,
-            covers=_covered(made),
+            covers=_covered(made, drawn),
             evaluations=made.verdict.evaluations,
         ),
         metrics=metrics,
@@ -81,6 +85,7 @@ def reply_to(
         planner=request.planner,
         objective=request.objective,
         recording=None,
+        execution=_execution(problem, made, drawn),
         timing=replies.Timing(total=total, measure=max(0.0, total - sum(spent.values())), **spent),
     )
 
@@ -95,8 +100,16 @@ def wire_planes(planes: Iterable[guide_plane.GuidePlane]) -> list[GuidePlane]:
     return [GuidePlane(name=one.name, vertices=[tuple(v) for v in one.vertices.tolist()]) for one in planes]
 
 
-def _covered(made: Plan) -> str:
+def _execution(problem: Problem, made: Plan, drawn: DrawnMotion | None) -> replies.ExecutionFigures | None:
+    if drawn is None or made.trajectory is None or problem.execution is None or not made.verdict.free:
+        return None
+    return execution_figures(problem.execution, made.trajectory, drawn, problem.group)
+
+
+def _covered(made: Plan, drawn: DrawnMotion | None) -> str:
     """Name the subject of the certificate."""
+    if drawn is not None:
+        return "trajectory as executed"
     if made.trajectory is None:
         return "path"
     return "trajectory" if made.judged_from == 0.0 else f"trajectory after {made.judged_from:.6f} s"
@@ -119,6 +132,35 @@ def wire_trajectory(
         positions=group.wire_rows(states.positions),
         velocities=tangents(group, *along).tolist(),
         accelerations=tangent_accelerations(group, *along, states.accelerations).tolist(),
+    )
+
+
+def execution_figures(
+    execution: ControllerModel, planned: Trajectory | StraightMotion, drawn: DrawnMotion, group: PlanningGroup
+) -> replies.ExecutionFigures:
+    """The rows that a controller is sent, and how far what it draws of them leaves the planned motion."""
+    velocities, accelerations = drawn.velocities, drawn.accelerations
+    return replies.ExecutionFigures(
+        interpolation=execution.interpolation.value,
+        rate=execution.rate,
+        tolerance=execution.tolerance.tolist(),
+        deviation=wire_deviation(deviations(planned, drawn.motion), group),
+        times=drawn.times.tolist(),
+        positions=group.wire_rows(drawn.positions),
+        velocities=None if velocities is None else velocities.tolist(),
+        accelerations=None if accelerations is None else accelerations.tolist(),
+        end=float(drawn.motion.scheduled.piece_times()[-1]),
+    )
+
+
+def wire_deviation(found: Deviations, group: PlanningGroup) -> replies.MotionDeviation:
+    """How far a motion of joints of one coordinate leaves another, in the wire's words."""
+    worst = int(np.argmax(found.values))
+    return replies.MotionDeviation(
+        largest=float(found.values[worst]),
+        joint=group.position_names[worst],
+        time=float(found.times[worst]),
+        joints=dict(zip(group.position_names, found.values.tolist(), strict=True)),
     )
 
 

@@ -129,6 +129,7 @@ class PackedMotion(msgspec.Struct, array_like=True, frozen=True):
     legs: Sequence[PackedLeg] = ()  # the steps of a sequence that were planned
     failed_at: PackedArray | None = None  # configuration (nq,) of the robot when the step began that failed
     stretches: Sequence[PackedStretch] = ()  # the parts of a sequence that were measured
+    parts: int = 1  # into which the span between two rows that a controller is sent is divided
 
 
 @dataclass(frozen=True, eq=False)

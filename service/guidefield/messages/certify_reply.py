@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from guidefield.messages.execution import ExecutionFigures
 from guidefield.messages.plan_reply import (
     CertificateFigures,
     ClearanceFigures,
@@ -110,7 +111,8 @@ class CertifyReply(Reply):
         run_id: Name of the run.
         status: The verdict.
         curve: The curve that was certified: "hermite", cubic through knots with velocities; "spline", cubic and twice
-            continuously differentiable through samples; "linear", straight pieces.
+            continuously differentiable through samples; "linear", straight pieces; "quintic", of degree 5; "steps":
+            anything between one command and the next.
         position_names: Columns of configurations, in the robot's order.
         velocity_names: Columns of rates.
         certificate: Whether the motion is free, and up to which place.
@@ -123,6 +125,7 @@ class CertifyReply(Reply):
         schema: Version of this message.
         warnings: Harmless peculiarities of the request.
         proof: Key or file of the proof, if the request asks for one and there is one; else `warnings` says why not.
+        execution: The rows of the curve that was judged, if the request has an `execution`.
 
     Example:
         >>> import guidefield
@@ -148,6 +151,7 @@ class CertifyReply(Reply):
     schema: int = 1
     warnings: list[str] = []
     proof: str | None = None
+    execution: ExecutionFigures | None = None
 
 
 def describe_place(row: float, time: float | None) -> str:

@@ -18,6 +18,7 @@ from guidefield.messages.conditions import (
     SceneReference,
     settle_scene,
 )
+from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.goals import Positions, require_finite_positions
 from guidefield.messages.values import (
     LARGEST,
@@ -113,6 +114,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         allowed_time: From the request's arrival [s].
         recording: Extent of the recording.
         proof: Whether to keep a proof with the run that the motion is free; anybody can check it (`referee.md`).
+        execution: The curve that a controller draws of the trajectory, which is judged instead of it (`execution.md`).
 
     Example:
         >>> from guidefield import CertifyRequest
@@ -149,6 +151,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
     allowed_time: AllowedTime = PLANNING_TIME
     recording: Literal["full", "summary", "off"] = "full"
     proof: bool = False
+    execution: ExecutionOptions | None = None
 
     def __post_init__(self) -> None:
         settle_scene(self)
@@ -161,6 +164,8 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         if (self.path is None) == (self.trajectory is None):
             raise ValueError("give either a `path` or a `trajectory`")
         if self.trajectory is None:
+            if self.execution is not None:
+                raise ValueError("a `path` has no times: `execution` is for a `trajectory`")
             if self.time_step is not None:
                 raise ValueError("a `path` has no times: `time_step` is for a `trajectory`")
             if self.velocity_names is not None:

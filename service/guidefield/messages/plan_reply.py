@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from guidefield.messages.execution import ExecutionFigures
 from guidefield.messages.scene import GuidePlane
 from guidefield.messages.values import Reply
 
@@ -239,6 +240,8 @@ class PlanReply(Reply):
         steps: The steps of a sequence. If one failed, those before it; `path` is then the failed step's, and
             `status.details` has its number as `step`.
         proof: Key or file of the proof, if the request asks for one and there is one; else `warnings` says why not.
+        execution: The rows to send to a controller, if the request has an `execution` and the motion is certified: the
+            certificate and the clearances are those of the curve that it draws.
 
     Example:
         >>> import guidefield
@@ -275,3 +278,4 @@ class PlanReply(Reply):
     objective: str = "balanced"
     steps: list[StepFigures] = []
     proof: str | None = None
+    execution: ExecutionFigures | None = None

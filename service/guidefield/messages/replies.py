@@ -17,6 +17,7 @@ from guidefield.messages.certify_reply import (
     MotionClearance as MotionClearance,
     Place as Place,
 )
+from guidefield.messages.execution import ExecutionFigures as ExecutionFigures, MotionDeviation as MotionDeviation
 from guidefield.messages.kinematics_replies import (
     ClearanceReply as ClearanceReply,
     DynamicsReply as DynamicsReply,

@@ -25,6 +25,7 @@ from guidefield.messages.conditions import (
     UrdfText as UrdfText,
     settle_scene,
 )
+from guidefield.messages.execution import ExecutionOptions as ExecutionOptions
 from guidefield.messages.goals import (
     Goal as Goal,
     GuidePlaneGoal as GuidePlaneGoal,
@@ -244,6 +245,7 @@ class PlanRequest(Message):
         seed: Of all randomness.
         steps: Steps in order, instead of a goal, as one motion; guide planes are then the steps' own.
         proof: Whether to keep a proof with the run that the motion is free; anybody can check it (`referee.md`).
+        execution: The curve that a controller draws of the motion, which is certified instead of it (`execution.md`).
 
     Example:
         >>> from guidefield import Box, JointsGoal, PlanRequest, Scene
@@ -287,11 +289,14 @@ class PlanRequest(Message):
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
     steps: Annotated[list[PlanStep], msgspec.Meta(max_length=MOST_STEPS)] = []
     proof: bool = False
+    execution: ExecutionOptions | None = None
 
     def __post_init__(self) -> None:
         settle_scene(self)
         if (self.goal is None) == (not self.steps):
             raise ValueError(f"give a `goal` or `steps`, got {'both' if self.steps else 'neither'}")
+        if self.execution is not None and self.steps:
+            raise ValueError("`execution` is served for a `goal`, not for `steps`")
         require_finite_positions("start", self.start)
         for field in ("start_velocities", "start_accelerations", "end_velocities"):
             for joint, rate in getattr(self, field).items():

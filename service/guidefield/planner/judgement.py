@@ -19,10 +19,10 @@ from guidefield.collision.blocking_pairs import Contact, contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.planner.leaving import DISTANCE_ERROR, LEFT_DISTANCE, SLIGHT_DEPTH, distances_of, touching_pairs
+from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_load import Uses
-from guidefield.planner.motion_certificate import enclosed_start
-from guidefield.planner.quality import certify_and_measure
+from guidefield.planner.motion_certificate import certify_given, enclosed_start
 from guidefield.planner.task.problem import Conditions
 from guidefield.prove.certificate import certify, certify_constraints
 from guidefield.prove.curve import restricted
@@ -123,6 +123,8 @@ class GivenProblem(Conditions):
     """A motion that somebody else made, and what it is judged by."""
 
     motion: GivenMotion
+    planned: GivenMotion | None = None  # the motion that `motion` is to follow, if there is another one
+    drawn: DrawnMotion | None = None  # what a controller is sent to draw `motion`; None: it is the one that was given
 
     @cached_property
     def still_fault(self) -> LimitFault | None:
@@ -174,15 +176,11 @@ def _constraints(problem: GivenProblem) -> Verdict:
     if not problem.path_constraints:
         return Verdict(Reason.FREE, 0)
     turns = problem.world.bodies.turns
-    return certify_constraints(problem.constrained_frames, turns, problem.motion.pieces, problem.deadline)
+    motion = problem.motion
+    return certify_constraints(problem.constrained_frames, turns, motion.pieces, problem.deadline, motion.tube)
 
 
 def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
     motion, deadline = problem.motion, problem.deadline
     count = len(motion.pieces) if kept.piece is None else kept.piece + 1
-    if count == len(motion.pieces) and motion.velocities is not None:  # it is measured by the very same pieces
-        return certify_and_measure(motion.scheduled if problem.scene.moves else motion.measured, problem, deadline)
-    if not problem.scene.moves:
-        return certify(problem.world, motion.pieces[:count], problem.min_clearance, deadline=deadline)
-    pieces, times = motion.scheduled.bezier()[:count], motion.scheduled.piece_times()[: count + 1]
-    return certify(problem.world, pieces, problem.min_clearance, deadline=deadline, times=times)
+    return certify_given(problem, motion, deadline, count)

@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from guidefield.collision.enclosure import enclosed
+from guidefield.collision.world import World
 from guidefield.deadline import Deadline
+from guidefield.memo import MISSING, Answers
+from guidefield.planner.motion.drawn_motion import DrawnMotion, draw_plan
+from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
+from guidefield.planner.motion.limit_load import limit_shares
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
-from guidefield.planner.task.problem import Conditions, Problem
+from guidefield.planner.task.problem import Conditions, Interpolation, Problem
 from guidefield.planner.task.stages import Ending, Stages
-from guidefield.prove.certificate import certify, certify_constraints
-from guidefield.prove.verdict import Reason, Verdict
+from guidefield.prove.certificate import certify, certify_constraints, judge_limits
+from guidefield.prove.curve import point_on
+from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.read_only import ReadOnly
+from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 LAST_JUDGEMENT = 0.03
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
+
+MOST_PARTS = 64  # into which the span between two rows is divided until what a controller draws is certified, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +49,96 @@ class Finished(ReadOnly):
 def judge(problem: Problem, trajectory: Trajectory) -> Verdict:
     """Judge whether a motion from a free start is free of what rests and what moves, and keeps the path constraints."""
     deadline = problem.deadline.at_least(LAST_JUDGEMENT)
+    if problem.execution is not None:
+        return settle_execution(problem, trajectory).verdict
     pieces, times = trajectory.bezier(), trajectory.piece_times()
     if problem.scene.moves:  # a better one may follow, so that only the last is measured
         verdict = certify(problem.world, pieces, problem.min_clearance, deadline=deadline, times=times)
     else:
         verdict = certify_and_measure(trajectory, problem, deadline)
     return _with_constraints(problem, verdict, pieces, deadline)
+
+
+@dataclass(frozen=True, eq=False)
+class Settled(ReadOnly):
+    """What a controller is sent of a motion, and the certificate's verdict about what it draws."""
+
+    drawn: DrawnMotion
+    verdict: Verdict
+
+
+_SETTLED = Answers[tuple[Settled, "weakref.ref[World]"]](1)
+"""What was settled about a trajectory, and in which world."""
+
+
+def settle_execution(problem: Problem, trajectory: Trajectory) -> Settled:
+    """Choose the rows that a controller is sent of a motion: more of them until what it draws is certified.
+
+    Where the motion itself, within the tolerance, isn't certified, no more are tried.
+    """
+    execution, deadline = problem.execution, problem.deadline.at_least(LAST_JUDGEMENT)
+    assert execution is not None, "it is asked for"
+    known = _SETTLED.of(trajectory, execution)
+    if known is not MISSING and known[1]() is problem.world:
+        return known[0]
+    _SETTLED.forget(trajectory, execution)
+    parts, refines = 1, execution.interpolation in (Interpolation.LINEAR, Interpolation.QUINTIC)
+    while True:
+        drawn = draw_plan(trajectory, execution, parts)
+        settled = Settled(drawn, _judge_drawn(problem, drawn.motion, deadline))
+        if settled.verdict.free or not refines or parts >= MOST_PARTS or deadline.expired():
+            break
+        if parts == 1:
+            tube = execution.tolerance if execution.tolerance.any() else None
+            knots = np.arange(len(trajectory.times))
+            itself = GivenMotion(
+                CurveKind.HERMITE, trajectory.positions, knots, trajectory.times, trajectory.velocities, tolerance=tube
+            )
+            if not _judge_drawn(problem, itself, deadline).free:
+                break
+        parts *= 2
+    _SETTLED.keep(trajectory, execution, (settled, weakref.ref(problem.world)))
+    return settled
+
+
+def _judge_drawn(problem: Problem, motion: GivenMotion, deadline: Deadline) -> Verdict:
+    verdict = certify_given(problem, motion, deadline)
+    if verdict.free and problem.path_constraints:
+        turns = problem.world.bodies.turns
+        kept = certify_constraints(problem.constrained_frames, turns, motion.pieces, deadline, motion.tube)
+        verdict = replace(kept, evaluations=verdict.evaluations + kept.evaluations)
+    if not verdict.free:
+        return verdict
+    group, uses = problem.group, limit_shares(motion, problem.group, problem.jerk_limits)
+    rates = (
+        (Reason.BEYOND_VELOCITY, uses.velocity, group.velocity_limits),
+        (Reason.BEYOND_ACCELERATION, uses.acceleration, group.acceleration_limits),
+        (Reason.BEYOND_JERK, uses.jerk, problem.jerk_limits),
+    )
+    for reason, use, limits in rates:
+        if use.is_within or use.coordinate is None or limits is None:
+            continue
+        joint, limit = group.joints[use.coordinate].name, float(limits[use.coordinate])
+        fault = LimitFault(joint, np.inf if use.share is None else use.share * limit, -limit, limit)
+        place = use.piece, use.at
+        z = point_on(motion.pieces[use.piece], use.at)
+        return Verdict(reason, verdict.evaluations, *place, (0, 0.0), None, z, fault)
+    return verdict
+
+
+def certify_given(conditions: Conditions, motion: GivenMotion, deadline: Deadline, count: int | None = None) -> Verdict:
+    """Judge whether a motion, or its first pieces, is free, within the tube about it, and within joint limits."""
+    pieces, world = motion.pieces[:count], conditions.world
+    if len(pieces) == len(motion.pieces) and motion.velocities is not None and motion.tube is None:
+        # it is measured by the very same pieces
+        return certify_and_measure(motion.measured_among(conditions.scene), conditions, deadline)
+    tube = None if motion.tube is None else motion.tube[:count]
+    times = motion.scheduled.piece_times()[: len(pieces) + 1] if conditions.scene.moves else None
+    verdict = certify(world, pieces, conditions.min_clearance, deadline=deadline, times=times, tube=tube)
+    if motion.kind is not CurveKind.STEPS:
+        return verdict
+    beyond = judge_limits(world, motion.straight[:count])  # where a step is, and not in the middle of its box
+    return verdict if beyond is None else first_refused(beyond, verdict)
 
 
 Judge = Callable[[Problem, Trajectory], Verdict]  # judges a motion from time 0 on

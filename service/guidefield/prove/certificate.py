@@ -33,9 +33,16 @@ from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 
 def certify_constraints(
-    frames: ConstrainedFrames, turns: np.ndarray, pieces: ChartCurves, deadline: Deadline = UNLIMITED
+    frames: ConstrainedFrames,
+    turns: np.ndarray,
+    pieces: ChartCurves,
+    deadline: Deadline = UNLIMITED,
+    tube: np.ndarray | None = None,
 ) -> Verdict:
-    """Judge whether a motion, pieces (m, k, nv), keeps path constraints; the first place where it doesn't is told."""
+    """Judge whether a motion, pieces (m, k, nv), keeps path constraints, within the tube (m, nv) about it.
+
+    The first place where it doesn't is told.
+    """
     widths = np.abs(frames.group.expand_velocity)
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
     evaluations = 0
@@ -45,9 +52,10 @@ def certify_constraints(
             return Verdict(Reason.STOPPED, evaluations, index, start, (index, start), None, control[0])
         evaluations += 1
         low, high = control.min(axis=0), control.max(axis=0)
-        middle, e = 0.5 * (low + high), widths @ (0.5 * (high - low))
+        beyond = 0.0 if tube is None else tube[index]
+        middle, e = 0.5 * (low + high), widths @ (0.5 * (high - low) + beyond)
         chord, off = _beside_chord(control - middle)
-        along, beside, placed = frames.group.expand_velocity @ chord, widths @ off, frames.placements(middle)
+        along, beside, placed = frames.group.expand_velocity @ chord, widths @ (off + beyond), frames.placements(middle)
         reached = [
             constraint.value(place)
             + constraint.change(*_most_motion(J, constraint.project_velocity(place), turns, e, along, beside))
@@ -102,6 +110,7 @@ def certify(
     resolution: float = RESOLUTION_FLOOR,
     deadline: Deadline = UNLIMITED,
     times: np.ndarray | None = None,
+    tube: np.ndarray | None = None,
 ) -> Verdict:
     """Judge a motion among obstacles where they are at first, or as they move.
 
@@ -115,6 +124,8 @@ def certify(
         resolution: See `RESOLUTION_FLOOR` [m].
         times: Begin of each piece, and the end of the last one, shape (m + 1,) [s]; None: obstacles rest where they are
             at first.
+        tube: Half widths about each piece in which the robot is, shape (m, nv) [rad or m]; None: it is on the curve.
+            Limits of joints are judged of the curve.
 
     Raises:
         ValueError: if a control point is not finite.
@@ -124,7 +135,7 @@ def certify(
         return Verdict(Reason.FREE, 0)
     knots = np.arange(len(pieces) + 1.0) if times is None else np.asarray(times, float)
     goal = Goal(min_clearance, resolution, in_time=times is not None)
-    return certify_curve(world, Curve(pieces, knots), goal, deadline).verdict
+    return certify_curve(world, Curve(pieces, knots, tube), goal, deadline).verdict
 
 
 def motion_free(world: World, z0: ChartPoint, z1: ChartPoint, min_clearance: float = 0.0) -> Verdict:
@@ -167,8 +178,7 @@ def certify_curve(world: World, curve: Curve, goal: Goal, deadline: Deadline = U
         return search(world, curve, goal, deadline)
     count, verdict = beyond.piece or 0, Verdict(Reason.FREE, 0)
     if count:
-        before = Curve(pieces[:count], curve.times[: count + 1])
-        verdict = search(world, before, goal._replace(spans=(), samples=np.empty(0)), deadline).verdict
+        verdict = search(world, curve.up_to(count), goal._replace(spans=(), samples=np.empty(0)), deadline).verdict
     return found_nothing(replace(beyond, evaluations=verdict.evaluations) if verdict.free else verdict)
 
 

@@ -152,5 +152,5 @@ def put_obstacle(world: World, pair: int, time: float) -> None:
         world.move(other + world.pairs.links, world.scene.obstacles[other].placement_at(time))
 
 
-_NO_MOTION = BezierCurve(np.empty(0), np.empty(0), np.empty((0, 0, 0)))
+_NO_MOTION = BezierCurve(np.empty(0), np.empty(0), np.empty((0, 0, 0)), np.empty((0, 0)))
 read_only(*_NO_MOTION)

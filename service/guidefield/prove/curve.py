@@ -89,17 +89,68 @@ def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[
     return most, places
 
 
+def largest_magnitudes(curves: np.ndarray, beside: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+    """The largest magnitude of each coordinate along Bezier curves, to `LIMITS.exact` of it.
+
+    Args:
+        curves: Control points, shape (m, k, nv), m >= 1.
+        beside: What is added to the magnitude on each curve, shape (m, nv); None: nothing.
+
+    Returns:
+        The magnitude, the index of its curve and the parameter on it, shape (nv,) each.
+    """
+    count, order, nv = curves.shape
+    columns = np.arange(nv)
+    more = np.zeros((count, nv)) if beside is None else beside
+    ends = np.abs(curves[:, [0, -1]]) + more[:, None]
+    flat = ends.reshape(2 * count, nv).argmax(axis=0)
+    most, piece, places = ends.reshape(2 * count, nv)[flat, columns], flat // 2, (flat % 2).astype(float)
+    bound = np.abs(curves).max(axis=1) + more
+    of, at = np.nonzero(bound > most * (1.0 + LIMITS.exact) + LIMITS.exact)
+    parts, starts, width = np.ascontiguousarray(curves[of, :, at])[:, :, None], np.zeros(len(of)), 1.0
+    for _ in range(LIMITS.most_halvings if order > 2 else 0):
+        if not len(of):
+            break
+        parts, of, at, starts, width = halved(parts), of.repeat(2), at.repeat(2), starts.repeat(2), 0.5 * width
+        starts[1::2] += width
+        begun = np.abs(parts[:, 0, 0]) + more[of, at]
+        for k in np.flatnonzero(begun > most[at]):
+            if begun[k] > most[at[k]]:
+                most[at[k]], piece[at[k]], places[at[k]] = begun[k], of[k], starts[k]
+        reached = np.abs(parts).max(axis=(1, 2)) + more[of, at]
+        left = reached > most[at] * (1.0 + LIMITS.exact) + LIMITS.exact
+        parts, of, at, starts = parts[left], of[left], at[left], starts[left]
+    return most, piece, places
+
+
 @dataclass(frozen=True, eq=False)
 class Curve(ReadOnly):
-    """A chain of Bezier curves in the group's local coordinates, each run through evenly."""
+    """A chain of Bezier curves in the group's local coordinates, each run through evenly, and a tube about them.
+
+    With a tube a robot is anywhere in the box of its half widths about the curve, at each time; the curve may jump then
+    from one piece to the next.
+    """
 
     pieces: ChartCurves  # control points, shape (m, k, nv) [rad or m]
     times: np.ndarray  # begin of each, and the end of the last one, shape (m + 1,) [s]; pieces may take no time
+    tube: np.ndarray | None = None  # half widths about each piece, shape (m, nv) [rad or m]; None: there is none
 
     @property
     def box(self) -> tuple[ChartPoint, ChartPoint]:
-        """Lower and upper corner of a box about it, each of shape (nv,) [rad or m]."""
-        return self.pieces.min(axis=(0, 1)), self.pieces.max(axis=(0, 1))
+        """Lower and upper corner of a box about it and its tube, each of shape (nv,) [rad or m]."""
+        low, high = self.pieces.min(axis=1), self.pieces.max(axis=1)
+        if self.tube is not None:
+            low, high = low - self.tube, high + self.tube
+        return low.min(axis=0), high.max(axis=0)
+
+    @property
+    def jumps(self) -> bool:
+        """Whether a piece begins elsewhere than the one before ends."""
+        return bool((self.pieces[1:, 0] != self.pieces[:-1, -1]).any())
+
+    def up_to(self, count: int) -> Curve:
+        """The first pieces of it."""
+        return Curve(self.pieces[:count], self.times[: count + 1], None if self.tube is None else self.tube[:count])
 
     def at(self, times: np.ndarray) -> ChartPoints:
         """Points at times (n,), shape (n, nv) [rad or m]."""

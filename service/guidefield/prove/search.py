@@ -202,12 +202,14 @@ class _Search:
     def found(self) -> Found:
         samples = self._goal.samples
         parameters = np.array([self._parameter_at(time) for time in samples.tolist()]) if len(samples) else self._ends
-        distances, waiting = np.empty(len(parameters)), np.zeros((1 + 3 * DEEPEST, INTERVAL))
-        waiting[0, BEGINS], waiting[0, ENDS] = self._ends
+        knots = self._layout.times if self._curve.tube is not None and self._curve.jumps else self._ends
+        count = len(knots) - 1 if self._whole > 0.0 else 0
+        distances, waiting = np.empty(len(parameters)), np.zeros((len(knots) + 3 * DEEPEST, INTERVAL))
+        waiting[:count, BEGINS], waiting[:count, ENDS] = knots[-2::-1][:count], knots[:0:-1][:count]
         low, high = self._curve.box
         is_short = float((high - low).max(initial=0.0)) <= SHORT
         longest = self._whole if is_short else LOOKED * self._whole
-        count, looked = int(self._whole > 0.0), parameters
+        looked = parameters
         while True:
             is_late = self._deadline.expired()
             if is_late and self._goal.min_clearance is not None:

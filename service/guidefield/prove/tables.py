@@ -235,7 +235,9 @@ def bezier_curve(curve: Curve) -> BezierCurve:
     pieces, clock = np.array(curve.pieces, float, order="C"), np.array(curve.times, float)
     if pieces.shape[1] == 1:
         pieces = np.repeat(pieces, 2, axis=1)
-    made = BezierCurve(clock if (np.diff(clock) > 0.0).all() else np.arange(len(clock), dtype=float), clock, pieces)
+    tube = np.zeros(pieces[:, 0].shape) if curve.tube is None else np.array(curve.tube, float, order="C")
+    parameters = clock if (np.diff(clock) > 0.0).all() else np.arange(len(clock), dtype=float)
+    made = BezierCurve(parameters, clock, pieces, tube)
     read_only(*made)
     return made
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import rerun as rr
@@ -36,7 +37,7 @@ from guidefield.recorder.motion import (
 from guidefield.recorder.stored import Place, shared_scene
 from guidefield.recorder.view import Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import Configuration, Configurations
+from guidefield.robot.model.spaces import ChartRates, Configuration, Configurations
 
 CLEAR = 0.10  # distance [m] from which the segment to the closest obstacle is drawn in plain green
 PLOTTED = 600  # numbers in a plot of all joints, about
@@ -294,10 +295,13 @@ def _knots(group: PlanningGroup, given: GivenMotion) -> Trajectory | None:
     """The knots of a given motion, where their columns are plain coordinates and there are velocities."""
     if given.times is None or given.velocities is None or given.is_point or not group.is_euclidean:
         return None
-    begins, ends = piece_accelerations(given.times, given.positions, given.velocities)
+    rises = given.accelerations
+    if given.quintic is None or rises is None:
+        begins, ends = piece_accelerations(given.times, given.positions, given.velocities)
+        rises = cast(ChartRates, np.concatenate([begins, ends[-1:]]))
     return Trajectory(
         times=given.times.tolist(),
         positions=given.positions.tolist(),
         velocities=given.velocities.tolist(),
-        accelerations=np.concatenate([begins, ends[-1:]]).tolist(),
+        accelerations=rises.tolist(),
     )

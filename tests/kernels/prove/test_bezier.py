@@ -15,7 +15,7 @@ def curve_of(order: int) -> BezierCurve:
     controls = rng.normal(size=(PIECES, order, NV))
     controls[1:, 0] = controls[:-1, -1]
     times = np.cumsum(np.r_[0.0, rng.uniform(0.1, 1.0, PIECES)])
-    return BezierCurve(times, times + 0.3, controls)
+    return BezierCurve(times, times + 0.3, controls, rng.uniform(0.0, 0.1, (PIECES, NV)))
 
 
 @pytest.mark.parametrize("order", [2, 4, MOST_ORDER])
@@ -33,10 +33,10 @@ def test_how_far_a_motion_goes_is_how_far_the_control_points_of_its_parts_are(or
     curve, rng = curve_of(order), np.random.default_rng(2)
     for _ in range(30):
         since, until = np.sort(rng.uniform(0.0, curve.times[-1], 2))
-        middle, straight, farthest, aside = rng.normal(size=NV), np.empty(NV), np.empty(NV), np.empty(NV)
+        middle, (straight, farthest, aside, tube) = rng.normal(size=NV), np.empty((4, NV))
         scratch = np.empty(MOST_ORDER), np.empty((2, MOST_ORDER, NV))
         now = 0.3 + rng.uniform(since, until)
-        share = bound_segment(curve, since, until, now, timed, middle, *scratch, straight, farthest, aside)
+        share = bound_segment(curve, since, until, now, timed, middle, *scratch, straight, farthest, aside, tube)
         low, high = (np.clip((t - curve.times[:-1]) / np.diff(curve.times), 0.0, 1.0) for t in (since, until))
         met = high > low
         controls = restricted(curve.positions[met], low[met], high[met])
@@ -47,6 +47,8 @@ def test_how_far_a_motion_goes_is_how_far_the_control_points_of_its_parts_are(or
             times = np.array([np.linspace(*ends_of, order) for ends_of in zip(begins, ends, strict=True)])
             along = (times.ravel() + 0.3 - now) / (until - since)
         np.testing.assert_allclose(straight, D, atol=1e-12)
-        np.testing.assert_allclose(farthest, np.abs(x).max(axis=0), atol=1e-12)
-        np.testing.assert_allclose(aside, np.abs(x - along[:, None] * D).max(axis=0), atol=1e-12)
+        beside = np.repeat(curve.tube[met], order, axis=0)
+        np.testing.assert_allclose(farthest, (np.abs(x) + beside).max(axis=0), atol=1e-12)
+        np.testing.assert_allclose(aside, (np.abs(x - along[:, None] * D) + beside).max(axis=0), atol=1e-12)
+        np.testing.assert_allclose(tube, curve.tube[met].max(axis=0))
         assert share == pytest.approx(np.abs(along).max(), rel=1e-9)

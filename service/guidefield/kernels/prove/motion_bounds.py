@@ -9,7 +9,8 @@ acceleration where the coordinates go straight from 0 to x in a time of 1,
     sum_i r_i X_i (2 sum_{k before i} X_k + X_i),   k and the last X_i only where they turn,
 
 since the derivative of a column axis_i x r_i by coordinate k turns it about axis k, and no later joint moves axis i;
-r is no less than anywhere on the way. A ball joint turns at a rate of at most the norm of its coordinates', and its
+r is no less than anywhere on the way. What a robot may be beside the curve, coordinate by coordinate, adds to X and
+to E: x is any way that they bound. A ball joint turns at a rate of at most the norm of its coordinates', and its
 angular acceleration is at most the square of that rate: what the exponential map bends is at most 1. The speed along
 the way, and jumps of rates, don't count.
 
@@ -31,9 +32,10 @@ from guidefield.kernels.prove.tables import MovingObstacles, MovingRobot, RobotB
 
 BEGINS, ENDS = 0, 1  # numbers of a span of time
 
-BENT, TRAVEL, BOUNDS = TWISTS, TWISTS + 1, TWISTS + 2
+BENT, TRAVEL, IN_TUBE, BOUNDS = range(TWISTS, TWISTS + 4)
 """Numbers of a mover, behind the twists of its bodies along D: bounds of how far points are from where these bring
-them, and of how far they move from where they are in the middle [m]; then how many there are."""
+them, of how far they move from where they are in the middle, and of how much of that is beside the curve, in segments
+of any length [m]; then how many there are."""
 
 
 class MotionBounds(NamedTuple):
@@ -43,10 +45,13 @@ class MotionBounds(NamedTuple):
     # farthest, aside: X and E of the group's coordinates, shape (nv,)
     farthest: Floats
     aside: Floats
+    tube: Floats  # how far each may be beside the curve, shape (nv,)
     squares: Floats  # scratch, shape (n,)
-    # moves, asides: X and E of the model's coordinates, shape (n,), each in the first of those that make one move
+    # moves, asides, tubes: X, E and the tube of the model's coordinates, shape (n,), each in the first of those that
+    # make one move
     moves: Floats
     asides: Floats
+    tubes: Floats
     sweeps: Floats  # how far each joint moves a point at a distance of 1 from the middle of the segment on, shape (n,)
     rho: Floats  # scratch, shape (n,)
     # bounds of each body, of each own pair, and of a body and a moving obstacle, shape (r + own + 1, BOUNDS)
@@ -89,7 +94,7 @@ def find_moves(
     robot, timed = moving.robot, moving.movers.begins.shape[0] > 1
     share = bound_segment(
         moving.curve, since, until, place.moment[NOW], timed, scratch.z, scratch.weights, bounds.parts,
-        scratch.straight, bounds.farthest, bounds.aside,
+        scratch.straight, bounds.farthest, bounds.aside, bounds.tube,
     )  # fmt: skip
     bounds.span[BEGINS], bounds.span[ENDS] = time_at(moving.curve, since), time_at(moving.curve, until)
     for i in range(robot.offset.shape[0]):
@@ -98,6 +103,7 @@ def find_moves(
             scratch.changes[i] += robot.expand[i, j] * scratch.straight[j]
     _write_sizes(robot, bounds.farthest, bounds, bounds.moves)
     _write_sizes(robot, bounds.aside, bounds, bounds.asides)
+    _write_sizes(robot, bounds.tube, bounds, bounds.tubes)
     for i in range(robot.offset.shape[0]):
         move = bounds.moves[i]
         bounds.sweeps[i] = 2.0 * math.sin(0.5 * min(move, math.pi)) if robot.turns[i] != 0.0 else move
@@ -158,6 +164,7 @@ def _of_body(
         # whatever is between is no farther from the middle than what is swept
         rho = bounds.rho[i] + swept * turning
         travel += rho * move
+        known[IN_TUBE] += rho * bounds.tubes[i]
         bent += bounds.rho[i] * bounds.asides[i] + rho * move * (before + 0.5 * robot.doubled[i] * move)
         before += move * turning
         way = robot.moves[b, i]

@@ -73,12 +73,14 @@ def _write_part(controls: Floats, piece: int, low: float, high: float, weights: 
 
 
 @uncounted
-def _widen(control: Floats, along: float, middle: Floats, chord: Floats, farthest: Floats, aside: Floats) -> None:
+def _widen(
+    control: Floats, along: float, middle: Floats, chord: Floats, tube: Floats, farthest: Floats, aside: Floats
+) -> None:
     """Widen bounds of a motion about its middle by a control point whose l is known; see `bound_segment`."""
     for j in range(middle.shape[0]):
         x = control[j] - middle[j]
-        farthest[j] = max(farthest[j], abs(x))
-        aside[j] = max(aside[j], abs(x - along * chord[j]))
+        farthest[j] = max(farthest[j], abs(x) + tube[j])
+        aside[j] = max(aside[j], abs(x - along * chord[j]) + tube[j])
 
 
 @uncounted
@@ -110,16 +112,19 @@ def bound_segment(
     chord_out: Floats,
     farthest_out: Floats,
     aside_out: Floats,
+    tube_out: Floats,
 ) -> float:
     """Bound a motion between two parameters about `middle` (nv,): x = l D + e, with D the chord.
 
     Return the most of |l|. Control points of the part of each piece in between are no nearer. Where obstacles move,
     `timed`, l is the share of the time that has passed since the place, so that both go on together; else that of the
-    nearest point along D. Writes D, the most of each coordinate of x and of e (nv,); scratch (MOST_ORDER,) and (2,
-    MOST_ORDER, nv).
+    nearest point along D. Writes D, the most of each coordinate of x and of e (nv,), both with what the robot may be
+    beside the curve, and the most of that; scratch (MOST_ORDER,) and (2, MOST_ORDER, nv).
     """
     controls, order, nv = curve.positions, curve.positions.shape[1], curve.positions.shape[2]
     first, last = piece_at(curve, since), piece_at(curve, until)
+    if last > first and until <= curve.times[last]:  # the one that begins there doesn't count: curves may jump
+        last -= 1
     for side in range(2 if last > first else 1):
         piece = first if side == 0 else last
         low, high = share_at(curve, piece, since), share_at(curve, piece, until)
@@ -129,7 +134,7 @@ def bound_segment(
     for j in range(nv):
         chord_out[j] = parts[final, order - 1, j] - parts[0, 0, j]
         square += chord_out[j] ** 2
-        farthest_out[j], aside_out[j] = 0.0, 0.0
+        farthest_out[j], aside_out[j], tube_out[j] = 0.0, 0.0, 0.0
     per_square = 1.0 / square if square > 0.0 else 0.0
     begins, ends = time_at(curve, since), time_at(curve, until)
     timed = timed and ends > begins
@@ -147,7 +152,9 @@ def bound_segment(
             if timed:  # in a piece time is the curve of degree 1 whose control points are even
                 along = (begin + (end - begin) * index / (order - 1) - now) * per_second
             share = max(share, abs(along))
-            _widen(control, along, middle, chord_out, farthest_out, aside_out)
+            _widen(control, along, middle, chord_out, curve.tube[piece], farthest_out, aside_out)
+        for j in range(nv):
+            tube_out[j] = max(tube_out[j], curve.tube[piece, j])
     return share
 
 

@@ -96,6 +96,8 @@ def _motion_bounds(robot: RobotBodies, pairs: BodyPairs) -> MotionBounds:
         np.empty((2, MOST_ORDER, nv)),
         np.empty(nv),
         np.empty(nv),
+        np.empty(nv),
+        np.empty(n),
         np.empty(n),
         np.empty(n),
         np.empty(n),

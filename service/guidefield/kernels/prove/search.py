@@ -20,7 +20,15 @@ from numba import types
 from guidefield.kernels.jit.arrays import Floats, Integers, Row, RowOut, RowsOut
 from guidefield.kernels.jit.decorators import counted, kernel, uncounted
 from guidefield.kernels.prove.kept_distance import LOG_COUNT, LOG_PATIENT, LOG_SEGMENT
-from guidefield.kernels.prove.motion_bounds import BENT, TRAVEL, bound_body, bound_pair, find_moves, mover_reach
+from guidefield.kernels.prove.motion_bounds import (
+    BENT,
+    IN_TUBE,
+    TRAVEL,
+    bound_body,
+    bound_pair,
+    find_moves,
+    mover_reach,
+)
 from guidefield.kernels.prove.near import list_near
 from guidefield.kernels.prove.pair_distance import least_distance, pair_distance, pair_keeps, squared_gap
 from guidefield.kernels.prove.placement import find_twists, place_at
@@ -167,11 +175,11 @@ def _is_done(
     known = search.bounds.known[bound_pair(moving, pair, segment, share, search.place, search.bounds)]
     if apart - known[TRAVEL] - error >= least:
         return True
-    asked, last = least + known[BENT] + error, search.latest[pair]
+    asked, last, moved = least + known[BENT] + error, search.latest[pair], known[TRAVEL] - known[IN_TUBE]
     own = is_own(moving.pairs, pair)
     was_told = since <= last[WHEN] <= until and last[APART] > 0.0
-    if was_told and known[TRAVEL] > verdict[RESOLUTION] and asked > last[APART] + known[TRAVEL]:
-        return _is_fine(verdict, since, known[TRAVEL])  # it isn't as far apart in the middle either
+    if was_told and moved > verdict[RESOLUTION] and asked > last[APART] + known[TRAVEL]:
+        return _is_fine(verdict, since, moved)  # it isn't as far apart in the middle either
     kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.query)
     if kept == np.inf:
         return True
@@ -184,7 +192,7 @@ def _is_done(
         last[APART] = found
         keep(questions, own, middle, found, pair)
         refuse(verdict, own, middle, found, pair)
-    if verdict[RESOLUTION] >= 0.0 and since < verdict[END] and known[TRAVEL] <= verdict[RESOLUTION]:
+    if verdict[RESOLUTION] >= 0.0 and since < verdict[END] and moved <= verdict[RESOLUTION]:
         asked = margin_of(verdict, own) + verdict[STAND_OFF] + known[BENT] + error
         log = search.query.log
         log[LOG_PATIENT], begun = 1.0, log[LOG_COUNT]
@@ -192,7 +200,7 @@ def _is_done(
         log[LOG_PATIENT], log[LOG_COUNT] = 0.0, begun  # it is judged again, in halves
         if kept < np.inf:
             _leave_undecided(verdict, since, until, pair)
-    return _is_fine(verdict, since, known[TRAVEL])
+    return _is_fine(verdict, since, moved)
 
 
 @uncounted

@@ -78,6 +78,7 @@ class BezierCurve(NamedTuple):
     times: Row  # parameters at which they begin and the last one ends, increasing, shape (k + 1,)
     clock: Row  # the time at each of those, for obstacles that move, shape (k + 1,) [s]
     positions: Blocks  # control points, shape (k, order, nv) [rad or m]
+    tube: Rows  # how far the robot may be beside each of them, in each coordinate, shape (k, nv) [rad or m]
 
 
 class MovingRobot(NamedTuple):

@@ -17,8 +17,10 @@ import numpy as np
 from guidefield.kernels.timing import hermite as not_a_knot
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import polyline
-from guidefield.read_only import ReadOnly
+from guidefield.prove.curve import Curve
+from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
+from guidefield.scene.scene import Scene
 
 SHORTEST = 1e-3  # time that a straight piece takes at least where only the order of places counts
 
@@ -29,6 +31,8 @@ class CurveKind(enum.Enum):
     HERMITE = "hermite"
     SPLINE = "spline"
     LINEAR = "linear"
+    QUINTIC = "quintic"
+    STEPS = "steps"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +63,82 @@ class StraightMotion(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
+class QuinticMotion(ReadOnly):
+    """Pieces of degree 5 with the positions, velocities and accelerations of both their knots."""
+
+    times: np.ndarray  # shape (n,), n >= 2, strictly increasing [s]
+    positions: ChartPoints  # chart points, shape (n, nv) [rad or m]
+    velocities: ChartRates  # shape (n, nv) [rad/s or m/s]
+    accelerations: ChartRates  # shape (n, nv) [rad/s² or m/s²]
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return float(self.times[-1] - self.times[0])
+
+    def bezier(self) -> ChartCurves:
+        """Control points of the pieces, shape (n - 1, 6, nv) [rad or m]."""
+        return self._bezier
+
+    @cached_property
+    def _bezier(self) -> ChartCurves:
+        spans = np.diff(self.times)[:, None]
+        start, end = self.positions[:-1], self.positions[1:]
+        v, w, a, b = self.velocities[:-1], self.velocities[1:], self.accelerations[:-1], self.accelerations[1:]
+        curves = np.stack(
+            [
+                start,
+                start + spans / 5.0 * v,
+                start + spans * (0.4 * v + spans / 20.0 * a),
+                end - spans * (0.4 * w - spans / 20.0 * b),
+                end - spans / 5.0 * w,
+                end,
+            ],
+            axis=1,
+        )
+        read_only(curves)
+        return cast(ChartCurves, curves)
+
+    def rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Control points of velocities, accelerations and jerks, shapes (n - 1, 5, nv), (n - 1, 4, nv), (n - 1, 3, nv).
+
+        Those at the ends are the knots' own; the middle one of the velocities makes their mean that of the piece.
+        """
+        spans = np.diff(self.times)[:, None]
+        v, w, a, b = self.velocities[:-1], self.velocities[1:], self.accelerations[:-1], self.accelerations[1:]
+        second, fourth = v + spans / 4.0 * a, w - spans / 4.0 * b
+        middle = 5.0 * np.diff(self.positions, axis=0) / spans - v - second - fourth - w
+        velocities = np.stack([v, second, middle, fourth, w], axis=1)
+        inner = 4.0 * np.diff(velocities[:, 1:4], axis=1) / spans[:, None]
+        accelerations = np.concatenate([a[:, None], inner, b[:, None]], axis=1)
+        return velocities, accelerations, 3.0 * np.diff(accelerations, axis=1) / spans[:, None]
+
+    def piece_times(self) -> np.ndarray:
+        """When they begin, and the last one ends, shape (n,) [s]."""
+        return self.times.copy()
+
+    def evaluate(self, times: np.ndarray) -> tuple[ChartPoints]:
+        """Chart points at times (k,) [s], shape (k, nv) [rad or m]."""
+        return (Curve(self.bezier(), self.times).at(times),)
+
+
+@dataclass(frozen=True, eq=False)
 class GivenMotion(ReadOnly):
-    """A curve through the rows of a motion."""
+    """A curve through the rows of a motion, or through those that a controller is sent; and a tube about it.
+
+    Steps (`CurveKind.STEPS`) from one position to the next may have every joint anywhere between both.
+    """
 
     kind: CurveKind
     positions: ChartPoints  # chart points at the knots, shape (n, nv), no two consecutive ones at one time [rad or m]
-    rows: np.ndarray  # which of the given rows each knot is, shape (n,); the last is the last one
+    # which of the given rows each knot is, shape (n,), or where between them; the last is the last one
+    rows: np.ndarray
     times: np.ndarray | None = None  # of the knots, shape (n,), strictly increasing [s]; None where there are none
     velocities: ChartRates | None = None  # at the knots, shape (n, nv) [rad/s or m/s]; None of straight pieces
-    # of a single knot, which has no curve to tell them, as they are given, shape (k, nv) [rad/s² or m/s²]; else None
+    # of a quintic; of a single knot, which has no curve to tell them, as they are given, shape (k, nv) [rad/s² or
+    # m/s²]; else None
     accelerations: ChartRates | None = None
+    tolerance: np.ndarray | None = None  # how far a robot may be from it, shape (nv,) [rad or m]; None: nothing
 
     @property
     def is_point(self) -> bool:
@@ -77,18 +147,38 @@ class GivenMotion(ReadOnly):
 
     @cached_property
     def pieces(self) -> ChartCurves:
-        """Bezier control points, shape (m, k, nv), m = max(n - 1, 1): what is judged [rad or m]."""
+        """Bezier control points, shape (m, k, nv), m = max(n - 1, 1): what is judged [rad or m].
+
+        Steps stand in the middle of the box that they are in.
+        """
+        if self.kind is CurveKind.STEPS:
+            return np.repeat(self.straight.mean(axis=1, keepdims=True), 2, axis=1)
         if self.velocities is None or self.times is None:
             return polyline(self.positions)
-        return cast(Trajectory, self.measured).bezier()
+        return cast(ChartCurves, self.measured.bezier())
 
     @cached_property
-    def measured(self) -> Trajectory | StraightMotion:
+    def straight(self) -> ChartCurves:
+        """Control points of straight pieces between the knots, shape (m, 2, nv) [rad or m]."""
+        return polyline(self.positions)
+
+    @cached_property
+    def tube(self) -> np.ndarray | None:
+        """Half widths of the box about each piece in which the robot is, shape (m, nv) [rad or m]; None: nothing."""
+        if self.kind is not CurveKind.STEPS:
+            return None if self.tolerance is None else np.tile(self.tolerance, (len(self.pieces), 1))
+        steps = 0.5 * np.abs(self.straight[:, 1] - self.straight[:, 0])
+        return steps if self.tolerance is None else steps + self.tolerance
+
+    @cached_property
+    def measured(self) -> Trajectory | StraightMotion | QuinticMotion:
         """The same places in the same order, for the smallest distances to obstacles that rest.
 
         Straight pieces begin and end at rest here, which makes the rates continuous and leaves the places as they are;
-        those without times take as long as they are.
+        those without times take as long as they are. Steps are straight pieces.
         """
+        if self.quintic is not None:
+            return self.quintic
         if self.velocities is not None and self.times is not None:
             return Trajectory(self.times, self.positions, self.velocities)
         times = self.times
@@ -98,7 +188,17 @@ class GivenMotion(ReadOnly):
         return Trajectory(times, self.positions, cast(ChartRates, np.zeros(self.positions.shape)))
 
     @cached_property
-    def scheduled(self) -> Trajectory | StraightMotion:
+    def quintic(self) -> QuinticMotion | None:
+        """The motion if it is of degree 5, with two knots at least."""
+        if self.kind is not CurveKind.QUINTIC or self.is_point:
+            return None
+        assert self.times is not None, "it has times"
+        assert self.velocities is not None, "it has velocities"
+        assert self.accelerations is not None, "it has accelerations"
+        return QuinticMotion(self.times, self.positions, self.velocities, self.accelerations)
+
+    @cached_property
+    def scheduled(self) -> Trajectory | StraightMotion | QuinticMotion:
         """The motion as it is in time: among obstacles that move.
 
         Raises:
@@ -109,6 +209,10 @@ class GivenMotion(ReadOnly):
         if self.velocities is not None or self.is_point:
             return self.measured
         return StraightMotion(self.times, self.positions)
+
+    def measured_among(self, scene: Scene) -> Trajectory | StraightMotion | QuinticMotion:
+        """The motion to measure the distances from a scene of: in time where that moves."""
+        return self.scheduled if scene.moves else self.measured
 
     def along(self, piece: int, share: float) -> tuple[float, float | None]:
         """The row and the time [s] of a place.

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.kernels.timing import hermite
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
+from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, QuinticMotion
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
+from guidefield.prove.curve import largest_magnitudes
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
@@ -108,6 +109,8 @@ def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRa
         position = _largest(knots[:-1], knots[-1:], ranged)
         velocity = _at_point(motion, motion.velocities, group.velocity_limits)
         return Uses(position, velocity, _at_point(motion, motion.accelerations, group.acceleration_limits))
+    if motion.quintic is not None:
+        return _quintic_shares(motion.quintic, group, middle, half, ranged, jerk_limits)
     spans = np.diff(motion.times)[:, None]
     if motion.kind is CurveKind.LINEAR or motion.velocities is None:
         rates = np.abs(np.diff(motion.positions, axis=0) / spans) / group.velocity_limits
@@ -131,6 +134,34 @@ def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRa
         return Uses(position, velocity, acceleration, step)
     shares = np.abs(jerks) / jerk_limits
     return Uses(position, velocity, acceleration, _largest(shares, shares[-1:], limited))
+
+
+def _quintic_shares(
+    motion: QuinticMotion,
+    group: PlanningGroup,
+    middle: np.ndarray,
+    half: np.ndarray,
+    ranged: np.ndarray,
+    jerk_limits: ChartRate | None,
+) -> Uses:
+    """The largest shares of a motion of degree 5, whose accelerations have no steps."""
+    velocities, accelerations, jerks = motion.rates()
+    unlimited = np.ones(len(ranged), bool)
+    return Uses(
+        _largest_of((motion.bezier() - middle) / half, ranged),
+        _largest_of(velocities / group.velocity_limits, unlimited),
+        _largest_of(accelerations / group.acceleration_limits, unlimited),
+        Use() if jerk_limits is None else _largest_of(jerks / jerk_limits, np.isfinite(jerk_limits)),
+    )
+
+
+def _largest_of(shares: np.ndarray, counts: np.ndarray) -> Use:
+    """The largest share along Bezier curves of shares (m, k, nv), of the coordinates that count, (nv,)."""
+    if not counts.any():
+        return Use()
+    most, pieces, places = largest_magnitudes(shares)
+    coordinate = int(np.argmax(np.where(counts, most, -1.0)))
+    return Use(float(most[coordinate]), coordinate, int(pieces[coordinate]), float(places[coordinate]))
 
 
 def _at_point(motion: GivenMotion, given: ChartRates | None, limits: ChartRate) -> Use:

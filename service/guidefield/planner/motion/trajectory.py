@@ -64,6 +64,13 @@ class Trajectory(ReadOnly):
         """Largest |da/dt| of any joint inside a piece [rad/s³ or m/s³]; the steps at knots are not counted."""
         return float(np.abs(self._jerks).max(initial=0.0))
 
+    @property
+    def mean_accelerations(self) -> ChartRates:
+        """At the knots the mean of the two pieces that meet there, at the ends that of the one piece, shape (n, nv)."""
+        mean = self.accelerations.copy()
+        mean[1:-1] = 0.5 * (self.accelerations[1:-1] + self._ends[:-1])
+        return mean
+
     @cached_property
     def _jerks(self) -> np.ndarray:
         """Of the pieces, shape (n - 1, nv) [rad/s³ or m/s³]."""

@@ -27,12 +27,53 @@ if TYPE_CHECKING:
     from guidefield.potential import RobotField
 
 
+ROUNDING = 1e-9  # share of the span of a row, or of a tick, by which a motion may be longer, for rounding
+
+
 @dataclass
 class Counters:
     """How often the expensive things were done."""
 
     iterations: int = 0
     collision_checks: int = 0
+
+
+class Interpolation(enum.Enum):
+    """What a controller draws; the values are the words of requests."""
+
+    LINEAR = "linear"
+    CUBIC = "cubic"
+    QUINTIC = "quintic"
+    FIRST_ORDER_HOLD = "first_order_hold"
+    ZERO_ORDER_HOLD = "zero_order_hold"
+
+    @property
+    def holds(self) -> bool:
+        """Whether commands are at the ticks of a clock."""
+        return self in (Interpolation.FIRST_ORDER_HOLD, Interpolation.ZERO_ORDER_HOLD)
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerModel(ReadOnly):
+    """How a controller executes a motion."""
+
+    interpolation: Interpolation
+    rate: float | None  # of rows, at least, or of ticks [1/s]; None: rows are the knots alone
+    tolerance: np.ndarray  # how far each coordinate may be from what is drawn, shape (nv,) [rad or m]
+
+    @property
+    def has_tube(self) -> bool:
+        """Whether the robot may be beside a curve."""
+        return self.interpolation is Interpolation.ZERO_ORDER_HOLD or bool(self.tolerance.any())
+
+    def count_rows(self, times: np.ndarray, parts: int = 1) -> float:
+        """Return how many rows of a motion with knots (n,) [s] there are."""
+        spans = np.diff(times)
+        if self.rate is None:
+            return 1.0 + parts * len(spans)
+        if self.interpolation.holds:
+            return 2.0 + float(spans.sum()) * self.rate
+        return 1.0 + parts * float(np.maximum(np.ceil(spans * self.rate * (1.0 - ROUNDING)), 1.0).sum())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,6 +89,7 @@ class Conditions(ReadOnly):
     # of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter
     jerk_limits: ChartRate | None = None
     path_constraints: tuple[PathConstraint, ...] = ()
+    execution: ControllerModel | None = None  # what a controller draws is judged instead of a plan; None: that itself
     deadline: Deadline = UNLIMITED
     observer: Observer = field(default_factory=Silent)
     counters: Counters = field(default_factory=Counters)

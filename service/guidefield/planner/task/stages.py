@@ -67,9 +67,16 @@ def refusal(conditions: Conditions, verdict: Verdict) -> Ending:
     if verdict.reason is Reason.STOPPED:
         return Ending(status, f"{end_reason(status)} before the motion was certified", details)
     if (fault := verdict.beyond) is not None:
+        rate = "" if verdict.reason is Reason.BEYOND_LIMITS else f"as it is executed it is {verdict.reason.value}: "
         message = (
-            f"the certificate refused the motion: joint {fault.joint} reaches {fault.value:.6g},"
+            f"the certificate refused the motion: {rate}joint {fault.joint} reaches {fault.value:.6g},"
             f" {fault.excess:.3g} beyond its limits [{fault.lower:.6g}, {fault.upper:.6g}]"
+        )
+        return Ending(status, message, details)
+    if verdict.reason is Reason.UNDECIDED and conditions.execution is not None and conditions.execution.has_tube:
+        message = (
+            "the certificate refused the motion: where the execution may be, by its tolerance or between its ticks, it"
+            f" can't be told that {pair} keep {1000 * conditions.min_clearance:g} mm"
         )
         return Ending(status, message, details)
     distance = clearance_at(conditions.world, group.expand_from_chart(verdict.chart_point)).obstacle_distance
