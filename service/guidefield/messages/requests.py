@@ -235,8 +235,8 @@ class PlanRequest(Message):
         max_acceleration_scaling_factor: Fraction of the acceleration limits that is used.
         allowed_planning_time: From the request's arrival [s].
         optimization_iterations: Rounds that shorten a connection, within half of the remaining time, and most steps of
-            the optimisation; null: no rounds, and the optimisation's own stopping rule; 0: the path as it was found, at
-            the highest speed.
+            the optimisation; null: rounds for detours alone, and the optimisation's own stopping rule; 0: the path as
+            it was found, at the highest speed.
         objective: Objective of the optimisation: "balanced": fast, and well away from obstacles; "time": the fastest
             motion found, with more tries; "clearance": in the middle of the free space. `min_clearance` holds always.
         leave_start_contact: Whether the motion first leaves a start in slight contact, instead of being refused.

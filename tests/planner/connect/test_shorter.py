@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import Rounds, Shorter, connect, shorter
+from guidefield.planner.connect.connect import Rounds, Shorter, connect, score, shorter
 from guidefield.planner.connect.settings import ROUNDS
 from guidefield.planner.connect.tree_search import sources_of
 from guidefield.planner.motion.waypoints import length_of
@@ -85,6 +85,18 @@ def test_a_connection_that_is_asked_for_more_is_shorter_and_certified() -> None:
     assert "shorter in 8 rounds" in more.message
     assert "rounds" not in plain.message
     assert densely_free(asked, more.path)
+
+
+def test_a_detour_is_made_shorter_unasked() -> None:
+    made, start, goal = wall_between()
+    near = start + 0.2 * (goal - start), start + 0.8 * (goal - start)
+    asked_for_none = problem("panda", made.scene, optimization_iterations=0)
+    plain, more = (connect(one, near[0], near[1][None], np.random.default_rng(2)) for one in (asked_for_none, made))
+    assert "rounds" not in plain.message
+    assert f"in {ROUNDS.of_detour} rounds" in more.message
+    assert score(made, more.path) < score(made, plain.path)
+    assert score(made, plain.path) > ROUNDS.detour * score(made, plain.path[[0, -1]])
+    assert densely_free(made, more.path)
 
 
 @settings(deadline=None, max_examples=18)

@@ -77,14 +77,6 @@ class _Search:
     def least(self) -> float:
         return min((score for score, _ in self.found), default=np.inf)
 
-    def score(self, way: ChartPoints) -> float:
-        """What a way (n, nv) counts [s]: its estimated time, and a share of its length unless time alone counts."""
-        limits = self._problem.group.velocity_limits
-        score = estimated_time(way, limits)
-        if self._problem.objective is not Objective.TIME:
-            score += QUICKEST.length * float(np.linalg.norm(np.diff(way, axis=0) / limits, axis=1).sum())
-        return score
-
     def straight_scores(self) -> np.ndarray:
         ways = (self._goals - self._start) / self._problem.group.velocity_limits
         scores: np.ndarray = np.abs(ways).max(axis=1)
@@ -120,7 +112,16 @@ class _Search:
             if found.path is None:
                 return
             way = lanes.shorten(found.path, TREE.resolution, clearance + MARGIN * problem.group.size)
-        self.found.append((self.score(way), way))
+        self.found.append((score(problem, way), way))
+
+
+def score(problem: Problem, way: ChartPoints) -> float:
+    """What a way (n, nv) counts [s]: its estimated time, and a share of its length unless time alone counts."""
+    limits = problem.group.velocity_limits
+    time = estimated_time(way, limits)
+    if problem.objective is Objective.TIME:
+        return time
+    return time + QUICKEST.length * float(np.linalg.norm(np.diff(way, axis=0) / limits, axis=1).sum())
 
 
 def estimated_time(path: ChartPoints, velocity_limits: ChartRate) -> float:
@@ -274,9 +275,11 @@ def connect(
         path = lanes.shorten(found.path, resolution, clearance + margin)
         if accepted(path):
             message = f"found by a tree in {found.iterations} iterations"
-            if problem.optimization_iterations:
-                rounds = Rounds(problem.optimization_iterations, resolution, margin)
-                better = shorter(problem, path, roots, rounds, rng, accepted)
+            number = problem.optimization_iterations
+            if number is None and score(problem, path) > ROUNDS.detour * score(problem, path[[0, -1]]):
+                number = ROUNDS.of_detour
+            if number:
+                better = shorter(problem, path, roots, Rounds(number, resolution, margin), rng, accepted)
                 path, message = better.path, f"{message}, {better.message}"
             for z in path[1:]:
                 problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found by the tree"))
