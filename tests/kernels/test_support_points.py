@@ -6,7 +6,6 @@ length.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import coal
@@ -21,8 +20,6 @@ from guidefield.kernels.collide.gjk import WORK, reach_along, support
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, away_from_primitive
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import load, store
-from guidefield.kernels.stream import judge
-from guidefield.kernels.stream.judge import Solids
 
 SHARE = 1e-13
 """What a point may be off a body, or short of the farthest one, of the body's size."""
@@ -115,37 +112,6 @@ def directions(draw: st.DrawFn, body: Body, scales: st.SearchStrategy[float]) ->
         for _ in range(draw(st.integers(0, 3))):
             direction[k] = np.nextafter(direction[k], rng.choice([-np.inf, np.inf]))
     return direction / np.linalg.norm(direction) * draw(scales)
-
-
-def compiled(part: Any) -> Callable[..., Any]:
-    """A part of a kernel that Python can call, compiled as there."""
-    return numba.njit(fastmath={"contract"}, error_model="numpy")(part.py_func)
-
-
-_FURTHEST = compiled(judge._furthest)
-
-
-def of_streamed_body(body: Body, direction: np.ndarray, _: float) -> np.ndarray:
-    """That of the judge of streams."""
-    half, disc, ball = body.core
-    signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    solids = Solids(
-        first=np.array([0]),
-        counts=np.array([8]),
-        points=np.ascontiguousarray((signs * half) @ body.rotation.T),
-        disc=np.array([disc]),
-        axis=np.ascontiguousarray(body.rotation[:, 2:].T),
-        rounding=np.array([ball]),
-        balls=np.zeros((1, 4)),
-    )
-    return np.array(_FURTHEST(solids, 0, np.c_[np.eye(3), np.zeros(3)].ravel(), *direction))
-
-
-@settings(deadline=None, max_examples=60)
-@given(data=st.data(), body=bodies(), sign=st.sampled_from((-1.0, 1.0)))
-def test_the_judge_of_streams_finds_the_support_point(data: Any, body: Body, sign: float) -> None:
-    direction = data.draw(directions(body, st.sampled_from((1.0, 1.0, 1e-150, 1e-9, 1e9, 1e150))))
-    body.check(direction, of_streamed_body(body, direction, sign), False, SHARE)
 
 
 @numba.njit(error_model="numpy")

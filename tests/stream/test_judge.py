@@ -8,23 +8,17 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from numba import types
 
 from guidefield.geometry.placements import se3
-from guidefield.kernels.collide.gjk_simplex import SIMPLEX
-from guidefield.kernels.jit.arrays import VECTOR, VECTOR_OUT, Floats
-from guidefield.kernels.jit.compilers import kernel
-from guidefield.kernels.simd.packing import pointers
-from guidefield.kernels.stream.judge import SOLIDS, Solids, apart
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, Obstacle, PointCloud, Scene, Sphere
 from guidefield.messages.streams import Deviation, Observation, StreamObstacle, StreamOpen
 from guidefield.messages.values import Placement
 from guidefield.scene.obstacle import build as built
 from guidefield.scene.scene import build
-from guidefield.stream.commit import Commit, JointBounds, Judge, Judgement, towards
+from guidefield.stream.commit import Commit, JointBounds, towards
+from guidefield.stream.judge import Judge, Judgement
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import Opened, read_opening
-from guidefield.stream.shapes import judged_robot, shape_of, solids_of
 from tests.robots import robot
 
 EMPTY = build(Scene("empty"))
@@ -37,37 +31,8 @@ SHAPES: list[Obstacle] = [
 ORIGIN = np.zeros(3)
 
 
-@kernel(types.UniTuple(types.float64, 2)(SOLIDS, VECTOR, SOLIDS, VECTOR, VECTOR_OUT))
-def bounds(a: Solids, here: Floats, b: Solids, there: Floats, simplex: Floats) -> tuple[float, float]:
-    """`apart` of the first solids."""
-    return apart(a, 0, here, b, 0, there, np.inf, -np.inf, pointers(simplex))
-
-
 def moved(q: np.ndarray, p: np.ndarray) -> Any:
     return pin.SE3(pin.Quaternion(q / np.linalg.norm(q)).toRotationMatrix(), p)
-
-
-@pytest.mark.parametrize("first", SHAPES, ids=lambda one: one.name)
-@pytest.mark.parametrize("second", SHAPES, ids=lambda one: one.name)
-def test_bounds_of_distances_hold_coals_distance(first: Obstacle, second: Obstacle) -> None:
-    rng = np.random.default_rng(5)
-    solids = [solids_of([shape_of(built(one, 0)).solids]) for one in (first, second)]
-    shapes = [built(one, 0).shape for one in (first, second)]
-    simplex = np.zeros(SIMPLEX)
-    for _ in range(15):
-        poses = [moved(rng.normal(size=4), rng.uniform(-0.3, 0.3, 3)) for _ in range(2)]
-        rows = [np.column_stack([pose.rotation, pose.translation]).ravel() for pose in poses]
-        lower, upper = bounds(solids[0], rows[0], solids[1], rows[1], simplex)
-        result = coal.DistanceResult()
-        places = [coal.Transform3s(pose.rotation, pose.translation) for pose in poses]
-        coal.distance(shapes[0], places[0], shapes[1], places[1], coal.DistanceRequest(), result)
-        if result.min_distance <= 1e-6:
-            assert lower <= 1e-6
-            continue
-        assert lower <= result.min_distance + 1e-6
-        assert upper >= result.min_distance - 1e-6
-        assert upper - lower <= 1e-4
-    assert len(SOLIDS.types) == len(solids[0])
 
 
 class Judged:
@@ -78,10 +43,9 @@ class Judged:
         self.scene = EMPTY if scene is None else build(scene)
         self.opened: Opened = read_opening(StreamOpen(name, "empty", **fields), model, self.scene)
         self.group = self.opened.group
-        own = self.opened.world.pairs.own
-        tables = judged_robot(self.group, own)
-        tolerances = np.full(self.group.nv, self.opened.request.tracking_tolerance)
-        self.judge = Judge(tables, self.group.nv, self.opened.bounds, tolerances)
+        request = self.opened.request
+        tolerances = np.full(self.group.nv, request.tracking_tolerance)
+        self.judge = Judge(self.opened.world, self.opened.bounds, request.min_clearance, tolerances)
         self.obstacles = Obstacles(self.scene, self.opened.assumption, self.opened.bodies_met)
         for one in obstacles:
             self.obstacles.take(self.obstacles.prepared(one, "$.obstacles[0]", ()))
@@ -97,8 +61,7 @@ class Judged:
         return towards(start, wanted, np.full(self.group.nv, np.inf), bounds, begins, 0.03, 1e-7)
 
     def told(self, commit: Commit, most: int = 5000) -> Judgement:
-        shapes, places, _ = self.obstacles.judged(0.0)
-        return self.judge.judge(commit, shapes, places, most).judgement
+        return self.judge.judge(commit, self.obstacles.seen(0.0), most).judgement
 
     def least_room(self, commit: Commit, seen: Observation, shape: Any, rate: float, samples: int = 60) -> float:
         """By how much the distance exceeds what is promised, where least: dense samples, Pinocchio and Coal."""
@@ -227,5 +190,5 @@ def test_ways_are_bounded_by_what_is_travelled() -> None:
             now = np.array([pose.translation for pose in placed.oMg])
             ways += 0.0 if before is None else np.linalg.norm(now - before, axis=1)
             before = now
-        bound = judged.judge.travelled(commit, 0.0, commit.stops)
+        bound = judged.judge.travelled(commit, judged.obstacles.seen(0.0), 0.0, commit.stops)
         assert ways.max() <= bound <= 6.0 * ways.max() + 0.05

@@ -80,6 +80,7 @@ def test_who_stands_at_the_goal_is_told_so_also_where_it_is_given_again() -> Non
 
 
 OPENED = """
+from guidefield.kernels.prove import search
 from guidefield.kernels.stream import dodge, judge, room, way
 from guidefield.messages.scene import Scene
 from guidefield.messages.streams import StreamOpen
@@ -89,8 +90,8 @@ from guidefield.stream.stream import CertifiedStream
 
 with CertifiedStream(StreamOpen("ur5", "empty"), Catalog().load("ur5"), build(Scene("empty"))):
     asked = [
-        dodge.dodged, judge.judge_motion, judge.travelled, way.piece_and_braking, room.distances, room.pressure,
-        room.swept, way.cut_short, way.straight_free, way.way_between,
+        dodge.dodged, search.prove_along, judge.broken_limit, judge.travelled, way.piece_and_braking, room.distances,
+        room.pressure, room.swept, way.cut_short, way.straight_free, way.way_between,
     ]
     print(*(one.__name__ for one in asked if not one.overloads))
 """

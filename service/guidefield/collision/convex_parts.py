@@ -97,18 +97,31 @@ class PartsTable:
             return self._single(HALF_SPACE, numbers, centre, np.inf)
         raise UnservedError(type(shape).__name__)
 
-    def add_above(self, balls: np.ndarray, links: np.ndarray) -> int:
+    def add_above(self, balls: np.ndarray, links: np.ndarray, hull: np.ndarray | None = None) -> int:
         """Add nodes without parts above bodies; the first one.
 
-        Balls about them are of shape (n, 4) [m]; their children, nodes that may be added later, of (n, 2).
+        Balls about them are of shape (n, 4) [m]; their children, nodes counted from the first one that may be added
+        later, of (n, 2). The first one may have the hull of points (k, 3) about all.
         """
+        vertices = _NO_VERTICES if hull is None else _in_blocks(hull)
 
         def write(made: Arrays) -> None:
             made["balls"][:] = balls.ravel()
             made["links"][:] = np.column_stack([links, np.full(len(links), -1)]).ravel()
+            if len(vertices):
+                _write_hull(vertices, made)
 
-        layout = tree_layout(0, len(balls), [0] * len(CLUSTERS))
-        return self._add(layout, write, np.array([self._n_nodes, self._n_parts, self._n_blocks]))
+        return self._add(tree_layout(0, len(balls), [0] * len(CLUSTERS), len(vertices) // BLOCK), write)
+
+    def add_pieces(self, hull: np.ndarray, pieces: Sequence[np.ndarray]) -> int:
+        """Add the hulls of a body's pieces, points (k, 3) of each, below the hull of points about all; the root."""
+        if len(pieces) < 2:
+            return self.add_hull(hull)
+        roots = len(pieces) - 1 + np.arange(len(pieces))
+        root = self.add_above(*tree_above([one[:, None] for one in pieces], roots), hull)
+        for one in pieces:
+            self.add_hull(one)
+        return root
 
     def add_tree(self, mesh: MeshTree) -> int:
         """Add a mesh in the body's frame; the root of its tree."""
@@ -223,6 +236,27 @@ class PartsTable:
 
 _KINDS = {"balls": "<f8", "links": "<i8", "shapes": "<i8", "numbers": "<f8", "vertices": "<f4"}
 """Types of the arrays of `Parts`."""
+
+
+def tree_above(bodies: Sequence[np.ndarray], roots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Halve bodies, corners (t, k, 3) [m] of each, along the widest side of their middles until each is alone.
+
+    Return the ball about each node above their roots, (n - 1, 4) [m], and its children, (n - 1, 2); the root is first.
+    """
+    boxes = np.array([(some.min(axis=(0, 1)), some.max(axis=(0, 1))) for some in bodies])
+    centres = boxes.mean(axis=1)
+    radii = [np.linalg.norm(some - centre, axis=2).max() for some, centre in zip(bodies, centres, strict=True)]
+    reach = np.array(radii)
+    balls, links, pending = list[np.ndarray](), np.empty((len(bodies) - 1, 2), np.int64), [np.arange(len(bodies))]
+    for members in pending:  # which grows
+        middle = 0.5 * (boxes[members, 0].min(axis=0) + boxes[members, 1].max(axis=0))
+        farthest = (np.linalg.norm(centres[members] - middle, axis=1) + reach[members]).max()
+        order = members[np.argsort(centres[members, np.argmax(np.ptp(centres[members], axis=0))], kind="stable")]
+        for side, half in enumerate(np.split(order, [len(order) // 2])):
+            links[len(balls), side] = roots[half[0]] if len(half) == 1 else len(pending)
+            pending += [half] if len(half) > 1 else []
+        balls.append(np.array([*middle, farthest]))
+    return np.array(balls), links
 
 
 def tree_layout(triangles: int, nodes: int, clusters: Sequence[int], hull_blocks: int = 0, boxes: int = 0) -> Layout:

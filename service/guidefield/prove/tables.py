@@ -57,12 +57,12 @@ def arithmetic_error(world: World) -> float:
 
 @memoized_for_alike
 def _robot_rounding(group: PlanningGroup) -> float:
-    return _rounding(robot_parts(group).parts)
+    return rounding_of(robot_parts(group).parts)
 
 
 @memoized
 def _obstacle_rounding(scene: Scene) -> float:
-    return _rounding(_obstacle_parts(scene).parts)
+    return rounding_of(_obstacle_parts(scene).parts)
 
 
 @memoized_for_alike
@@ -77,7 +77,7 @@ def _obstacle_extent(scene: Scene) -> float:
     return float(np.abs(boxes).max(initial=0.0))
 
 
-def _rounding(parts: Parts) -> float:
+def rounding_of(parts: Parts) -> float:
     """Return how far a corner of a hull may be from its place [m]."""
     farthest = max(parts.vertices.max(initial=0.0), -parts.vertices.min(initial=0.0))
     return float(0.5 * np.sqrt(3.0) * np.spacing(np.float32(farthest)))
@@ -162,6 +162,9 @@ def moving_placements(scene: Scene) -> MovingObstacles:
         twists=np.array(twists, float).reshape(-1, 6),
         speeds=np.array([speed for speeds in known.speeds for speed in (*speeds, 0.0)], float),
         endless=np.array([int(ball is None) for ball in known.balls], np.int64),
+        margins=np.zeros(len(motions)),
+        growths=np.zeros(len(motions)),
+        since=np.zeros(len(motions)),
     )
     read_only(*made)
     return made
@@ -180,8 +183,9 @@ def with_passing_speeds(world: World, curve: Curve, made: MovingObstacles) -> Mo
 
 
 NOTHING_MOVES = MovingObstacles(
-    np.zeros(1, np.int64), np.empty(0), np.empty((0, 12)), np.empty((0, 6)), np.empty(0), np.empty(0, np.int64)
-)
+    np.zeros(1, np.int64), np.empty(0), np.empty((0, 12)), np.empty((0, 6)), np.empty(0), np.empty(0, np.int64),
+    np.empty(0), np.empty(0), np.empty(0),
+)  # fmt: skip
 """No obstacle moves."""
 read_only(*NOTHING_MOVES)
 
@@ -245,18 +249,19 @@ def bezier_curve(curve: Curve) -> BezierCurve:
 @memoized
 def _obstacle_parts(scene: Scene) -> BodyParts:
     """The convex parts of a scene's obstacles, seen from the world's origin, or from among them if that is far away."""
-    made = _parts_in_world(scene)
-    if _rounding(made.parts) <= ROUNDED:
+    made = parts_in_world(scene)
+    if rounding_of(made.parts) <= ROUNDED:
         return made
     # single precision tells little of coordinates far away
     boxes = obstacle_boxes(scene).tree.boxes
     anchor = np.median(0.5 * (boxes[:, :3] + boxes[:, 3:]), axis=0)
     shifted = [_shift(obstacle.message, anchor) for obstacle in scene.obstacles]
     read_only(anchor)
-    return _parts_in_world(build(messages.Scene(name=scene.message.name, obstacles=shifted)))._replace(anchor=anchor)
+    return parts_in_world(build(messages.Scene(name=scene.message.name, obstacles=shifted)))._replace(anchor=anchor)
 
 
-def _parts_in_world(scene: Scene) -> BodyParts:
+def parts_in_world(scene: Scene) -> BodyParts:
+    """The convex parts of a scene's obstacles, seen from the world's origin."""
     known = lane_scene(scene)
     roots, parts = known.roots, known.tables[1]
     clouds = [index for index in unplaced(scene) if scene.obstacles[index].cloud is not None]

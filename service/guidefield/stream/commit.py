@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import cast
 
 import numpy as np
 
-from guidefield.kernels.collide.gjk_simplex import SIMPLEX
-from guidefield.kernels.kinematics.forward_kinematics import joint_places
-from guidefield.kernels.stream import judge
-from guidefield.kernels.stream.judge import DEEPEST, MOST_NODES, JudgedPlaces, JudgedRobot, JudgedShapes, JudgeMemory
 from guidefield.kernels.stream.way import MOST_PHASES, piece_and_braking
 from guidefield.messages.streams import PieceTrajectory
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint
 
 SAME_TIME = 1e-9  # knots that are closer are one [s]; see `ROUNDED`
+STANDING = 1e-6  # a motion that stands from its beginning on is judged for so long [s]
 ROUNDED = 16  # nor are two of them closer than so many steps of a double at the client's clock
 
 
@@ -61,10 +58,27 @@ class Commit(ReadOnly):
         values = q + s * (v + s * (0.5 * a + s * j / 6.0))
         return np.stack([values, v + s * (a + 0.5 * s * j), a + s * j, j], axis=2)
 
+    @cached_property
+    def knots(self) -> np.ndarray:
+        """Times from the beginning between which every jerk is constant, shape (k,), ascending; 0 and its end among."""
+        held = np.arange(self.phases.shape[1]) < self.counts[:, None]
+        return np.unique(np.concatenate([self.phases[:, :, 0][held], [0.0, self.stops - self.begins]]))
+
+    @cached_property
+    def curve(self) -> tuple[np.ndarray, np.ndarray]:
+        """The motion as Bezier curves: knots (k + 1,) and control points (k, 4, nv); one that stands has a piece, too.
+
+        After its end it stands.
+        """
+        times = self.knots if len(self.knots) > 1 else np.array([0.0, STANDING])
+        states, spans = self._states(times), np.diff(times)[:, None]
+        q, v, a = (states[:-1, :, k] for k in range(3))
+        inner = q + v * spans / 3.0, q + spans * (2.0 * v / 3.0 + spans * a / 6.0)
+        return times, np.ascontiguousarray(np.stack([q, *inner, states[1:, :, 0]], axis=1))
+
     def trajectory(self) -> PieceTrajectory:
         """The motion by knots between which every jerk is constant."""
-        held = np.arange(self.phases.shape[1]) < self.counts[:, None]
-        begins = np.unique(np.concatenate([self.phases[:, :, 0][held], [0.0, self.stops - self.begins]]))
+        begins = self.knots
         apart, last = max(SAME_TIME, ROUNDED * float(np.spacing(abs(self.stops)))), begins[-1]
         begins = begins[np.concatenate([[True], np.diff(begins) > apart])]
         begins[-1] = last  # the motion ends at rest, and not a moment before
@@ -112,8 +126,8 @@ class JointBounds(ReadOnly):
     rates: np.ndarray  # velocity, acceleration and jerk of each coordinate, shape (nv, 3)
 
     @property
-    def judged(self) -> np.ndarray:
-        """As the judge takes them, shape (nv, 5)."""
+    def columns(self) -> np.ndarray:
+        """They all, as `broken_limit` takes them, shape (nv, 5)."""
         return np.column_stack([self.lower, self.upper, self.rates])
 
 
@@ -139,90 +153,3 @@ def towards(
         phases, counts, ends,
     )  # fmt: skip
     return Commit(-1, begins, begins + piece, begins + max(stops, piece), state, phases, counts, cast(ChartPoint, ends))
-
-
-class Judgement(enum.Enum):
-    """What the judge says of a commit."""
-
-    FREE = judge.FREE
-    LIMITS = judge.LIMITS
-    OWN = judge.OWN
-    OBSTACLE = judge.OBSTACLE
-    UNDECIDED = judge.UNDECIDED
-
-
-@dataclass(frozen=True)
-class Told:
-    """A judgement."""
-
-    judgement: Judgement
-    evaluations: int
-    pair: int  # index of the pair that isn't told apart, the robot's own first; of a limit, that of the coordinate
-    time: float  # where it was refused, by the client's clock [s]
-
-    @property
-    def free(self) -> bool:
-        """Whether the commit is proven."""
-        return self.judgement is Judgement.FREE
-
-
-class Judge:
-    """A judge with its memory; not for two threads.
-
-    Args:
-        tolerances: How far the robot may be off, by coordinate, shape (nv,) [rad or m].
-    """
-
-    def __init__(self, robot: JudgedRobot, coordinates: int, bounds: JointBounds, tolerances: np.ndarray) -> None:
-        self._robot, self._limits, self._tolerances = robot, bounds.judged, np.array(tolerances, float)
-        self._coordinates = coordinates
-        self._found = np.zeros(3)
-        self._memory = self._of_pairs(64)
-
-    def judge(
-        self, commit: Commit, shapes: JudgedShapes, places: JudgedPlaces, most: int, since: float | None = None
-    ) -> Told:
-        """Judge a commit among obstacles.
-
-        Args:
-            since: From when on [s]; None: from its beginning.
-        """
-        pairs = len(self._robot.own) + len(places.met)
-        if pairs > self._memory.pairs.shape[1]:
-            self._memory = self._of_pairs(2 * pairs)
-        stops = commit.stops - commit.begins
-        begun = 0.0 if since is None else min(max(0.0, since - commit.begins), stops)
-        verdict = judge.judge_motion(
-            self._robot, shapes, places, commit.phases, commit.counts, commit.begins, begun, stops, commit.start,
-            self._limits, self._tolerances, most, self._memory, self._found,
-        )  # fmt: skip
-        looked, pair, time = self._found.tolist()
-        return Told(Judgement(verdict), int(looked), int(pair), time)
-
-    def travelled(self, commit: Commit, since: float, until: float, parts: int = 16) -> float:
-        """How far any point of the robot comes between two times by a commit, at most [m].
-
-        Off by its tolerances or not.
-        """
-        begin = max(0.0, since - commit.begins)
-        end = max(begin, until - commit.begins)
-        robot, tolerances = self._robot, self._tolerances
-        return float(judge.travelled(robot, commit.phases, commit.counts, begin, end, tolerances, parts, self._memory))
-
-    def _of_pairs(self, pairs: int) -> JudgeMemory:
-        pairs = max(pairs, len(self._robot.own))
-        bodies, places = len(self._robot.carriers), joint_places(self._robot.joints)
-        return JudgeMemory(
-            places=places,
-            joints=places.poses.reshape(-1, 12),
-            middle=np.zeros(self._coordinates),
-            half=np.zeros(self._coordinates),
-            chords=np.zeros(len(places.poses)),
-            swept=np.zeros(bodies),
-            ways=np.zeros(bodies),
-            pairs=np.zeros((DEEPEST + 2, pairs), np.int64),
-            counts=np.zeros(DEEPEST + 2, np.int64),
-            work=np.zeros(SIMPLEX),
-            pose=np.zeros(12),
-            stack=np.zeros(MOST_NODES, np.int64),
-        )

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.obstacle_boxes import obstacle_boxes
+from guidefield.collision.solids import solid_of_obstacle
 from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid, UnknownObject
 from guidefield.geometry.placements import frames
-from guidefield.kernels.stream.judge import JudgedPlaces, JudgedShapes
+from guidefield.kernels.prove.tables import MovingObstacles, ObstacleBodies
 from guidefield.messages import scene as messages
 from guidefield.messages.streams import MOST_OBSTACLES, Deviation, Observation, StreamObstacle, StreamUpdate
 from guidefield.messages.values import ORIGIN, Vector3
-from guidefield.read_only import ReadOnly
+from guidefield.prove.tables import ARITHMETIC, parts_in_world, rounding_of
+from guidefield.read_only import ReadOnly, read_only
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.motion import posed
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
-from guidefield.stream.shapes import JudgedShape, read_only_views, shape_of, shapes_of
+from guidefield.stream.judge import Closed, SeenObstacles
+from guidefield.stream.shapes import StreamShape, read_only_views, shape_of
 
 HALF_SPACE_TURNS = "a half-space that turns sweeps everything: `largest_angular_speed` must be 0"
 
@@ -33,7 +38,7 @@ class Known:
     """An obstacle of a stream."""
 
     declared: StreamObstacle
-    shape: JudgedShape
+    shape: StreamShape
     warnings: tuple[str, ...] = ()
     seen: Observation | None = None  # its last observation; None: not yet, or gone
     gone: bool = False
@@ -73,17 +78,16 @@ class Drifting(ReadOnly):
 
 @dataclass(eq=False)
 class Obstacles:
-    """All obstacles of a stream, those of its scene first."""
+    """All obstacles of a stream, those of its scene first; `judge.SeenObstacles` counts them so."""
 
     scene: Scene
     assumption: Assumption
-    pairs: Callable[[str], np.ndarray]  # which bodies meet an obstacle of a name, given that name: indices of bodies
+    pairs: Callable[[str], np.ndarray]  # which of the moving bodies meet an obstacle of a name, shape (m,)
     origin: Vector3 = ORIGIN  # point of the world that the scene is seen from [m]; observations are of the world
     known: dict[str, Known] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._resting = [shape_of(one) for one in self.scene.obstacles]
-        self._resting_poses = [_row(_frame(one)) for one in self.scene.obstacles]
+        self._resting = parts_in_world(self.scene)
         self._remade = True
         self._met_changed = True
 
@@ -108,10 +112,10 @@ class Obstacles:
             details = {**error.details, "path": f"{path}.obstacle{field}"}
             raise SceneInvalid(f"`{path}.obstacle`: {error.message}", **details) from None
         shape = shape_of(built)
-        if shape.plane is not None and declared.largest_angular_speed > 0.0:
+        if shape.endless and declared.largest_angular_speed > 0.0:
             raise SceneInvalid(f"`{path}`: {HALF_SPACE_TURNS}", obstacle=message.name, path=path)
         deviation = self.assumption.deviation
-        if shape.plane is not None and deviation is not None and deviation.angular_speed > 0.0:
+        if shape.endless and deviation is not None and deviation.angular_speed > 0.0:
             raise SceneInvalid(f"`{path}`: {HALF_SPACE_MAY_TURN}", obstacle=message.name, path=path)
         return Known(declared, shape, built.warnings)
 
@@ -153,7 +157,7 @@ class Obstacles:
                 )
             if self.assumption.deviation is not None and any(seen.angular_velocity):
                 shape = shapes[seen.name] if seen.name in shapes else self.known[seen.name].shape
-                if shape.plane is not None:
+                if shape.endless:
                     path = f"$.obstacles[{index}].angular_velocity"
                     raise MalformedRequest(f"`{path}`: {HALF_SPACE_SEEN_TURNING}", object=seen.name, path=path)
 
@@ -195,13 +199,13 @@ class Obstacles:
     @property
     def names(self) -> list[str]:
         """Names in the judge's order."""
-        return [*(one.name for one in self.scene.obstacles), *self.known]
+        return [*self.scene.names, *self.known]
 
-    def judged(self, reserve: float) -> tuple[JudgedShapes, JudgedPlaces, JudgedPlaces]:
-        """Shapes, places, and places with what obstacles cover in a time [s] in reserve; the same arrays each time."""
+    def seen(self, reserve: float) -> SeenObstacles:
+        """What is there, also with what obstacles cover in a time [s] in reserve; the same arrays each time."""
         self._bring_up_to_date()
-        np.add(self._margins, reserve * self._rates, out=self._kept)
-        return self._shapes, self._places, self._reserved
+        np.add(self._movers.margins, reserve * self._movers.growths, out=self._reserved)
+        return self._seen
 
     def _bring_up_to_date(self) -> None:
         if self._remade:
@@ -211,15 +215,26 @@ class Obstacles:
         self._write()
 
     def _remake(self) -> None:
-        known = list(self.known.values())
-        shapes = [*self._resting, *(one.shape for one in known)]
-        count = max(1, len(shapes))
-        self._shapes = shapes_of(shapes)
-        self._poses, self._velocities = np.zeros((count, 12)), np.zeros((count, 3))
-        self._rates, self._margins, self._kept, self._times = (np.zeros(count) for _ in range(4))
-        resting = len(self._resting)
-        self._poses[:resting] = np.array(self._resting_poses).reshape(-1, 12)
-        self._margins[:resting] = self.assumption.min_clearance
+        known, table, resting = list(self.known.values()), PartsTable(), len(self.scene.obstacles)
+        table.add_parts(self._resting.parts)
+        shapes = [one.shape for one in known]
+        roots = np.array([*self._resting.roots.tolist(), *(table.add_parts(one.parts) for one in shapes)], np.int64)
+        boxes, count = obstacle_boxes(self.scene).tables, len(known)
+        axes, centres, halves = (
+            np.concatenate([getattr(boxes, name), *(getattr(one.own, name) for one in shapes)])
+            for name in ("axes", "centres", "halves")
+        )
+        movers_of = np.concatenate([np.full(resting, -1), np.arange(count)])
+        boxes = boxes._replace(axes=axes, centres=centres, halves=halves)
+        self._bodies = ObstacleBodies(boxes, roots, table.tables(), np.zeros(3), movers_of)
+        self._error = rounding_of(self._bodies.parts) + ARITHMETIC * float(np.abs(boxes.nodes).max(initial=0.0))
+        # each goes on from where it was seen last, for ever
+        endless = np.array([one.endless for one in shapes], np.int64)
+        twists, speeds = np.zeros((2 * count, 6)), np.zeros(2 * count)
+        times, poses = np.zeros(2 * count), np.zeros((2 * count, 12))
+        margins, growths, since, self._reserved = (np.zeros(count) for _ in range(4))
+        begins = 2 * np.arange(count + 1)
+        self._movers = MovingObstacles(begins, times, poses, twists, speeds, endless, margins, growths, since)
         turns = self.assumption.deviation is not None
         self._reaches = np.array(
             [one.shape.reach if turns or one.declared.largest_angular_speed else 0.0 for one in known]
@@ -235,21 +250,37 @@ class Obstacles:
 
     def _meet(self) -> None:
         self._there = np.array([one.seen is not None for one in self.known.values()], bool)
-        there = [True] * len(self._resting) + self._there.tolist()
-        rows = [
-            np.column_stack([bodies, np.full(len(bodies), index)])
-            for index, (name, present) in enumerate(zip(self.names, there, strict=True))
-            if present and len(bodies := self.pairs(name))
-        ]
-        met = np.concatenate([np.empty((0, 2), np.int64), *rows]).astype(np.int64)
-        arrays = (self._poses, self._velocities, self._rates)
-        self._places = read_only_views(JudgedPlaces(*arrays, self._margins, self._times, met))
-        self._reserved = read_only_views(JudgedPlaces(*arrays, self._kept, self._times, met))
+        resting, boxes = len(self.scene.obstacles), obstacle_boxes(self.scene).tables
+        apart = np.concatenate([boxes.apart, resting + np.flatnonzero(self._there)])
+        bodies = self._bodies._replace(boxes=self._bodies.boxes._replace(apart=apart))
+        meets = np.array([self.pairs(name) for name in self.names], bool)
+        moving = read_only_views(self._movers)
+        left_out = np.flatnonzero(~meets.T.ravel())
+        read_only(left_out)
+        closed = [Closed(k, solid_of_obstacle(one), place) for k, one, place in self._surfaces()]
+        self._seen = SeenObstacles(
+            read_only_views(bodies._replace(boxes=read_only_views(bodies.boxes))),
+            moving,
+            read_only_views(moving._replace(margins=self._reserved)),
+            left_out,
+            tuple(one for one in closed if one.solid.surfaces),
+            self._error,
+        )
         self._placed: np.ndarray | None = None
         self._met_changed = False
 
+    def _surfaces(self) -> Iterator[tuple[int, Obstacle, np.ndarray | None]]:
+        """The obstacles that are there and judged as surfaces, with their numbers; poses (3, 4) of those at rest."""
+        for index, one in enumerate(self.scene.obstacles):
+            if not one.convex and one.cloud is None:
+                yield index, one, np.array(one.placement.homogeneous[:3])
+        for index, known in enumerate(self.known.values(), len(self.scene.obstacles)):
+            one = known.shape.obstacle
+            if known.seen is not None and not one.convex and one.cloud is None:
+                yield index, one, None
+
     def _write(self) -> None:
-        """Write what was seen since into the places' arrays."""
+        """Write what was seen since into the arrays."""
         found = [
             (index, one.seen)
             for index, one in enumerate(self.known.values())
@@ -259,7 +290,7 @@ class Obstacles:
             return
         seen = [one for _, one in found]
         which = np.array([index for index, _ in found])
-        rows, assumed = len(self._resting) + which, self.assumption
+        assumed, movers = self.assumption, self._movers
         speeds, turning, uncertain = self._declared[which].T
         velocities = np.zeros((len(seen), 3))
         if assumed.deviation is not None:
@@ -267,16 +298,17 @@ class Obstacles:
             turns = np.linalg.norm([one.angular_velocity for one in seen], axis=1)
             speeds, turning = np.full(len(seen), assumed.deviation.speed), assumed.deviation.angular_speed + turns
         reaches = np.where(turning > 0.0, self._reaches[which], 0.0)  # a half-space reaches without end
-        rates = speeds + turning * reaches
-        fast = rates + np.linalg.norm(velocities, axis=1)
-        margins = uncertain + assumed.min_clearance + fast * assumed.clock_error
-        placements = [one.placement for one in seen]
-        self._poses[rows] = frames(
+        growths, predicted = speeds + turning * reaches, np.linalg.norm(velocities, axis=1)
+        placements, times = [one.placement for one in seen], np.array([one.time for one in seen])
+        places = frames(
             np.array([one.position for one in placements]) - self.origin,
             np.array([one.quaternion_xyzw for one in placements]),
         )
-        self._velocities[rows], self._rates[rows], self._times[rows] = velocities, rates, [one.time for one in seen]
-        self._margins[rows] = margins
+        movers.poses[2 * which] = movers.poses[2 * which + 1] = places
+        movers.times[2 * which], movers.times[2 * which + 1] = times, np.inf
+        movers.twists[2 * which, :3], movers.speeds[2 * which] = velocities, predicted
+        movers.margins[which] = uncertain + (growths + predicted) * assumed.clock_error
+        movers.growths[which], movers.since[which] = growths, times
         for one in self.known.values():
             one.written = True
         self._placed = None
@@ -291,9 +323,8 @@ class Obstacles:
             of = self._boxes_of[kept]
             seen = [one.seen for one in self.known.values()]
             speeds = np.array([(0.0,) * 3 if one is None else one.velocity for one in seen])
-            poses = self._poses[len(self._resting) + of]
-            self._placed = _placed_at(self._boxes[kept], poses)
-            self._drifts, self._since = speeds[of], self._times[len(self._resting) + of]
+            self._placed = _placed_at(self._boxes[kept], self._movers.poses[2 * of])
+            self._drifts, self._since = speeds[of], self._movers.since[of]
         rows = []
         for time in times:
             moved = self._placed.copy()
@@ -306,25 +337,15 @@ class Obstacles:
         boxes = self.boxes([now])
         if not len(boxes):
             return Drifting(boxes, np.empty((0, 3)), np.empty(0), np.empty(0))
-        rows = len(self._resting) + self._boxes_of[self._there[self._boxes_of]]
-        return Drifting(boxes, self._drifts.copy(), self._rates[rows], self._margins[rows])
+        of, movers = self._boxes_of[self._there[self._boxes_of]], self._movers
+        return Drifting(
+            boxes, self._drifts.copy(), movers.growths[of], movers.margins[of] + self.assumption.min_clearance
+        )
 
 
 def in_its_frame(message: messages.Obstacle) -> messages.Obstacle:
     """The message of an obstacle in its own frame: at the origin, where it has a placement of its own."""
     return posed(message, pin.SE3.Identity()) if hasattr(message, "position") else message
-
-
-def _frame(one: Obstacle) -> pin.SE3:
-    """Where the frame of an obstacle of the scene is, as `shape_of` has it."""
-    message = one.message
-    if one.cloud is not None or isinstance(message, messages.HalfSpace | messages.Polygon):
-        return pin.SE3.Identity()
-    return one.placement
-
-
-def _row(placement: pin.SE3) -> np.ndarray:
-    return np.column_stack([placement.rotation, placement.translation]).ravel()
 
 
 def _placed_at(boxes: np.ndarray, poses: np.ndarray) -> np.ndarray:

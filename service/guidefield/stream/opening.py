@@ -41,12 +41,10 @@ class Opened:
     touching: tuple[str, ...]  # what touches at the start; a sentence for each pair, which is among the warnings too
 
     def bodies_met(self, name: str) -> np.ndarray:
-        """The bodies that must not touch an obstacle of a name, shape (k,)."""
-        pairs, names = self.world.pairs, self.world.body_names
-        allowed = [frozenset(pair) for pair in self.request.allowed_collisions]
-        return np.array(
-            [body for body in pairs.moving.tolist() if frozenset((names[body], name)) not in allowed], np.int64
-        )
+        """Whether each body that moves must not touch an obstacle of a name, shape (m,)."""
+        names, allowed = self.world.body_names, [frozenset(pair) for pair in self.request.allowed_collisions]
+        moving = self.world.pairs.moving.tolist()
+        return np.array([frozenset((names[body], name)) not in allowed for body in moving], bool)
 
 
 def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: Sequence[str] = ()) -> Opened:

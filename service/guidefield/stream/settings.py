@@ -30,7 +30,7 @@ class StreamSettings:
     # a slow one, in which a robot comes to goals that are just free
     speeds: tuple[float, ...] = (1.0, 0.6, 0.35, 0.15, 0.05)
     reserve: float = 0.06  # kept beyond what is proven along the way, so that fleeing has room [s]: the prototype's
-    evaluations: int = 600  # a commit that isn't judged after so many isn't sent: the median takes about 15
+    evaluations: int = 600  # a commit that isn't judged after so many segments isn't sent: the median takes 4
     ahead: float = 0.25  # the way is aimed at so far ahead of where the robot could stand, less where slow [s]
     looked_at: float = 1.5  # so much of the way is looked at in each cycle, in time at full speed [s]
     predicted: float = 0.25  # a goal is taken where something is on it now, or will be in so long [s]

@@ -21,6 +21,7 @@ from guidefield.errors import (
     at_path,
 )
 from guidefield.kernels.jit.compilers import load
+from guidefield.kernels.prove import search
 from guidefield.kernels.stream import dodge, judge, room, way
 from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
@@ -31,12 +32,12 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
-from guidefield.stream.commit import Commit, Judge, Judgement, Told, one_after_another, towards
+from guidefield.stream.commit import Commit, one_after_another, towards
 from guidefield.stream.dodging import Way, flights, pressure_at
+from guidefield.stream.judge import Judge, Judgement, SeenObstacles, Told
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import read_opening
 from guidefield.stream.settings import STREAM, WITHIN
-from guidefield.stream.shapes import judged_robot
 from guidefield.stream.state import (
     MAX_COMMITS,
     KeptObstacle,
@@ -56,7 +57,13 @@ TRAVELLED_IN = 20  # in so many parts it is added up how far the robot goes befo
 SLACK = 1e-6  # joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]
 
 
-KERNELS = (dodge, judge, room, way)  # what the first update would wait for, 30 to 60 ms: loaded when a stream opens
+KERNELS = (
+    search,
+    dodge,
+    judge,
+    room,
+    way,
+)  # what the first update would wait for, 30 to 60 ms: loaded when a stream opens
 
 
 @dataclass(frozen=True)
@@ -104,8 +111,7 @@ class CertifiedStream:
         for index, one in enumerate(request.obstacles):
             self._obstacles.take(self._obstacles.prepared(one, f"$.obstacles[{index}]", asked.group.robot.links))
         tolerances = np.full(asked.group.nv, request.tracking_tolerance)
-        robot_tables = judged_robot(asked.group, asked.world.pairs.own)
-        self._judge = Judge(robot_tables, asked.group.nv, asked.bounds, tolerances)
+        self._judge = Judge(asked.world, asked.bounds, request.min_clearance, tolerances)
         self._rng = np.random.default_rng(request.seed)
         self._speeds = asked.bounds.rates[:, 0]
         self._state = State.at_rest(asked.start)
@@ -261,8 +267,8 @@ class CertifiedStream:
             base = self._stand_elsewhere(measured, base)
         if now - self._obstacles.oldest > self.request.age_limit:
             return self._tell_none(now, "stale", broken, base)
-        executed, judged = state.find_executed(now), self._obstacles.judged(STREAM.reserve)
-        return self._find_piece(_Cycle(now, now + self.request.latency, executed, broken, judged))
+        executed, seen = state.find_executed(now), self._obstacles.seen(STREAM.reserve)
+        return self._find_piece(_Cycle(now, now + self.request.latency, executed, broken, seen))
 
     def _find_break(self, now: float) -> Told | None:
         """Why what is executed from now on is no longer proven, where an obstacle is new; None: it is, or none is."""
@@ -331,9 +337,8 @@ class CertifiedStream:
 
         That is what the last update said, with the piece that answered it, if there was one.
         """
-        shapes, places, _ = self._obstacles.judged(STREAM.reserve)
         executed = one_after_another(self._state.find_executed(time))
-        return self._judge.judge(executed, shapes, places, STREAM.evaluations, since=time)
+        return self._judge.judge(executed, self._obstacles.seen(STREAM.reserve), STREAM.evaluations, since=time)
 
     def _take_observations(self, update: StreamUpdate) -> bool:
         """Take what an update says of obstacles; whether one is new."""
@@ -492,8 +497,7 @@ class CertifiedStream:
 
     def _prove(self, cycle: _Cycle, commit: Commit, reserved: bool) -> bool:
         """Whether a commit is proven; the cycle keeps the first refusal."""
-        places = cycle.reserved if reserved else cycle.places
-        told = self._judge.judge(commit, cycle.shapes, places, STREAM.evaluations)
+        told = self._judge.judge(commit, cycle.seen, STREAM.evaluations, reserved=reserved)
         cycle.evaluations = told.evaluations
         if told.free and not self._is_seen_far_enough(cycle, commit):
             told = Told(Judgement.UNDECIDED, told.evaluations, -1, commit.stops)
@@ -507,7 +511,7 @@ class CertifiedStream:
         if asked.appear_distance is None:
             return True
         until = one_after_another([*cycle.executed, commit])
-        gone = self._judge.travelled(until, cycle.now, commit.stops, TRAVELLED_IN)
+        gone = self._judge.travelled(until, cycle.seen, cycle.now, commit.stops, TRAVELLED_IN)
         come = asked.appear_speed * (commit.stops - cycle.now + asked.clock_error)
         return gone + come < asked.appear_distance
 
@@ -628,9 +632,9 @@ class CertifiedStream:
         if told.pair < len(own):
             first, second = own[told.pair]
             return names[first], names[second]
-        _, places, _ = self._obstacles.judged(STREAM.reserve)
-        body, obstacle = places.met[told.pair - len(own)]
-        return names[body], self._obstacles.names[obstacle]
+        obstacles = self._obstacles.names
+        row, obstacle = divmod(told.pair - len(own), len(obstacles))
+        return names[self._opened.world.pairs.moving[row]], obstacles[obstacle]
 
 
 def _search_goals(
@@ -643,11 +647,10 @@ class _Cycle:
     """What an update is answered from, and what comes of it."""
 
     def __init__(
-        self, now: float, begins: float, executed: list[Commit], broken: Told | None, judged: tuple[Any, Any, Any]
+        self, now: float, begins: float, executed: list[Commit], broken: Told | None, seen: SeenObstacles
     ) -> None:
         self.now, self.begins, self.executed, self.base = now, begins, executed, executed[-1]
-        self.broken = broken
-        self.shapes, self.places, self.reserved = judged
+        self.broken, self.seen = broken, seen
         self.reason: Reason = "too_close"
         self.told: Told | None = None
         self.threatened = False

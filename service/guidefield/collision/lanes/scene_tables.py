@@ -11,7 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.convex_parts import PartsTable, tree_above
 from guidefield.collision.lanes.memory import LaneMemory, scene_memory
 from guidefield.collision.lanes.surface_tables import (
     CLUSTER,
@@ -206,6 +206,15 @@ def _tables(obstacle: Obstacle) -> _Tables:
     return _MADE.keep(obstacle, None, _tables_of(obstacle)) if made is MISSING else made
 
 
+def parts_of(obstacle: Obstacle) -> Parts:
+    """The convex parts of an obstacle that is no cloud, where it stands; the first node is about all."""
+    if not obstacle.placed:
+        return _tables(obstacle).parts
+    table = PartsTable()
+    table.add_shape(obstacle.shape, obstacle.placement)
+    return table.tables()
+
+
 def _is_flat(obstacle: Obstacle) -> bool:
     """Tell if an obstacle is a polygon that isn't a large mesh."""
     return isinstance(obstacle.message, messages.Polygon) and obstacle.faces <= MOST_TRIANGLES
@@ -280,7 +289,7 @@ def _solids(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarr
     trees = [mesh_tree(some) if hull is None else None for some, hull in zip(corners, hulls, strict=True)]
     sizes = [1 if tree is None else len(tree.balls) for tree in trees]
     roots = len(corners) - 1 + np.cumsum([0, *sizes[:-1]])
-    table.add_above(*_tree_above(corners, roots))
+    table.add_above(*tree_above(corners, roots))
     places, rows = list[np.ndarray](), list[np.ndarray]()
     for some, hull, tree, box, root in zip(corners, hulls, trees, boxes, roots.tolist(), strict=True):
         if tree is not None:
@@ -302,27 +311,6 @@ def _solids(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarr
 def _hull_of(used: np.ndarray, rows: np.ndarray, vertices: np.ndarray) -> np.ndarray | None:
     hull = own_hull(vertices[used], rows.reshape(-1, 3))
     return None if hull is None else np.array(hull.points())
-
-
-def _tree_above(bodies: Sequence[np.ndarray], roots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Halve bodies, corners (t, 3, 3) [m] of each, along the widest side of their middles until each is alone.
-
-    Return the ball about each node above their roots, (n - 1, 4) [m], and its children, (n - 1, 2); the root is first.
-    """
-    boxes = np.array([(some.min(axis=(0, 1)), some.max(axis=(0, 1))) for some in bodies])
-    centres = boxes.mean(axis=1)
-    radii = [np.linalg.norm(some - centre, axis=2).max() for some, centre in zip(bodies, centres, strict=True)]
-    reach = np.array(radii)
-    balls, links, pending = list[np.ndarray](), np.empty((len(bodies) - 1, 2), np.int64), [np.arange(len(bodies))]
-    for members in pending:  # which grows
-        middle = 0.5 * (boxes[members, 0].min(axis=0) + boxes[members, 1].max(axis=0))
-        farthest = (np.linalg.norm(centres[members] - middle, axis=1) + reach[members]).max()
-        order = members[np.argsort(centres[members, np.argmax(np.ptp(centres[members], axis=0))], kind="stable")]
-        for side, half in enumerate(np.split(order, [len(order) // 2])):
-            links[len(balls), side] = roots[half[0]] if len(half) == 1 else len(pending)
-            pending += [half] if len(half) > 1 else []
-        balls.append(np.array([*middle, farthest]))
-    return np.array(balls), links
 
 
 def _clusters(corners: np.ndarray, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:

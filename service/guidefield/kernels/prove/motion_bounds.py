@@ -27,7 +27,16 @@ from typing import NamedTuple
 from guidefield.kernels.jit.arrays import Floats, Integers
 from guidefield.kernels.jit.decorators import uncounted
 from guidefield.kernels.prove.kept_distance import FIRST_TURNS, FIRST_TWIST, SECOND_TURNS, SECOND_TWIST, TWISTS
-from guidefield.kernels.prove.placement import NOW, TWIST, BodyPoses, PoseScratch, bound_segment, step_at, time_at
+from guidefield.kernels.prove.placement import (
+    NOW,
+    TWIST,
+    BodyPoses,
+    PoseScratch,
+    bound_segment,
+    kept_from_mover,
+    step_at,
+    time_at,
+)
 from guidefield.kernels.prove.tables import MovingObstacles, MovingRobot, RobotBodies, first_body, obstacle_of
 
 BEGINS, ENDS = 0, 1  # numbers of a span of time
@@ -207,11 +216,14 @@ def mover_travel(movers: MovingObstacles, mover: int, begin: float, end: float) 
 
 @uncounted
 def mover_reach(movers: MovingObstacles, mover: int, place: BodyPoses, bounds: MotionBounds) -> float:
-    """Return how far points of a moving obstacle get in the segment from where they are at the placement [m]."""
+    """Return how far points of a moving obstacle get in the segment from where they are at the placement [m].
+
+    What has to be kept from it grows meanwhile, which counts as well.
+    """
     now = place.moment[NOW]
-    return max(
-        mover_travel(movers, mover, bounds.span[BEGINS], now), mover_travel(movers, mover, now, bounds.span[ENDS])
-    )
+    before, after = bounds.span[BEGINS], bounds.span[ENDS]
+    growth = kept_from_mover(movers, mover, after) - kept_from_mover(movers, mover, now)
+    return max(mover_travel(movers, mover, before, now), mover_travel(movers, mover, now, after)) + growth
 
 
 @uncounted
@@ -223,6 +235,7 @@ def _bound_mover(movers: MovingObstacles, mover: int, place: BodyPoses, bounds: 
     """
     begin, end, now = bounds.span[BEGINS], bounds.span[ENDS], place.moment[NOW]
     travel = mover_reach(movers, mover, place, bounds)
+    growth = kept_from_mover(movers, mover, end) - kept_from_mover(movers, mover, now)
     bound[TRAVEL] += travel
     for k in range(TWIST):
         bound[SECOND_TWIST + k] = 0.0
@@ -245,7 +258,7 @@ def _bound_mover(movers: MovingObstacles, mover: int, place: BodyPoses, bounds: 
     for k in range(TWIST):
         bound[SECOND_TWIST + k] = twist[k] * whole
     bound[SECOND_TURNS] = turns * whole
-    bound[BENT] += 0.5 * turns * movers.speeds[step] * half * half
+    bound[BENT] += 0.5 * turns * movers.speeds[step] * half * half + growth
 
 
 @uncounted

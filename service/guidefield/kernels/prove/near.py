@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from guidefield.kernels.collide.near_pairs import BoxedObstacles, find_boxes_near, is_left_out
 from guidefield.kernels.jit.arrays import Floats, Integers
 from guidefield.kernels.jit.decorators import counted, uncounted
-from guidefield.kernels.prove.pair_distance import squared_gap
+from guidefield.kernels.prove.pair_distance import least_distance, squared_gap
 from guidefield.kernels.prove.placement import BodyPoses
 from guidefield.kernels.prove.tables import AT_REST, IN_MOTION, MovingRobot, is_judged
 
@@ -91,9 +90,7 @@ def nearest_within(moving: MovingRobot, pairs: Integers, count: int, place: Body
     """Write the distances (n,) of pairs by spheres and boxes [m]; return the index of the smallest, -1 without one."""
     nearest = -1
     for index in range(count):
-        row = (pairs[index] - moving.pairs.own.shape[0]) // moving.obstacles.roots.shape[0]
-        radius = moving.robot.radii[moving.pairs.moving[row]]
-        gaps_out[index] = math.sqrt(squared_gap(moving, pairs[index], place)) - radius
+        gaps_out[index] = least_distance(moving, pairs[index], place)
         if nearest < 0 or gaps_out[index] < gaps_out[nearest]:
             nearest = index
     return nearest

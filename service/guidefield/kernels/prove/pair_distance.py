@@ -12,7 +12,7 @@ from guidefield.kernels.collide.near_pairs import squared_gap_to_box
 from guidefield.kernels.jit.arrays import Floats
 from guidefield.kernels.jit.decorators import counted, uncounted
 from guidefield.kernels.prove.kept_distance import LOG_COUNT, LOG_PAIR, bodies_keep
-from guidefield.kernels.prove.placement import BodyPoses, place_mover, seen_by_mover
+from guidefield.kernels.prove.placement import NOW, BodyPoses, kept_from_mover, place_mover, seen_by_mover
 from guidefield.kernels.prove.tables import MovingRobot, RobotBodies, first_body, obstacle_of
 from guidefield.kernels.simd.packing import pointers
 
@@ -62,13 +62,25 @@ def squared_gap(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
 
 
 @uncounted
+def kept_in_addition(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
+    """Return what is kept between a pair in addition, as its obstacle may have left its motion [m]; else 0.
+
+    Distances of pairs are less by so much.
+    """
+    if pair < moving.pairs.own.shape[0]:
+        return 0.0
+    mover = moving.obstacles.movers[obstacle_of(moving.pairs, moving.obstacles, pair)]
+    return kept_from_mover(moving.movers, mover, place.moment[NOW]) if mover >= 0 else 0.0
+
+
+@uncounted
 def least_distance(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
     """Return a lower bound of a pair's distance at a placement, by spheres and boxes [m]."""
     radii, pairs = moving.robot.radii, moving.pairs
     radius = radii[first_body(pairs, moving.obstacles, pair)]
     if pair < pairs.own.shape[0]:
         radius += radii[pairs.own[pair, 1]]
-    return float(math.sqrt(squared_gap(moving, pair, place)) - radius)
+    return float(math.sqrt(squared_gap(moving, pair, place)) - radius - kept_in_addition(moving, pair, place))
 
 
 @uncounted
@@ -80,13 +92,14 @@ def pair_distance(moving: MovingRobot, pair: int, place: BodyPoses, most: float,
     robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
     root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begin_query(moving, pair, place, query)
     own, pose_a, pose_b = pointers(robot.parts), pointers(query.poses[FIRST]), pointers(query.poses[SECOND])
+    more = kept_in_addition(moving, pair, place)
     if pair < pairs.own.shape[0]:
         found = bodies_distance(own, root, pose_a, own, robot.roots[pairs.own[pair, 1]], pose_b, most, scratch)
     else:
         other, scene = obstacles.roots[obstacle_of(pairs, obstacles, pair)], pointers(obstacles.parts)
-        found = bodies_distance(own, root, pose_a, scene, other, pose_b, most, scratch)
+        found = bodies_distance(own, root, pose_a, scene, other, pose_b, most + more, scratch)
     _remember(pair, query)
-    return float(found)
+    return float(found - more)
 
 
 @uncounted
@@ -109,17 +122,18 @@ def pair_keeps(
     root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begin_query(moving, pair, place, query)
     own, pose_a, pose_b = pointers(robot.parts), pointers(query.poses[FIRST]), pointers(query.poses[SECOND])
     twists, log, begun = pointers(known), pointers(query.log), query.log[LOG_COUNT]
+    more = kept_in_addition(moving, pair, place)
     log[LOG_PAIR] = float(pair)
     if pair < pairs.own.shape[0]:
         other = robot.roots[pairs.own[pair, 1]]
         found = bodies_keep(own, root, pose_a, own, other, pose_b, twists, share, asked, bent, scratch, log)
     else:
         other, scene = obstacles.roots[obstacle_of(pairs, obstacles, pair)], pointers(obstacles.parts)
-        found = bodies_keep(own, root, pose_a, scene, other, pose_b, twists, share, asked, bent, scratch, log)
+        found = bodies_keep(own, root, pose_a, scene, other, pose_b, twists, share, asked + more, bent, scratch, log)
     if found < np.inf:  # what is told of some of its nodes counts no longer
         log[LOG_COUNT] = begun
     _remember(pair, query)
-    return float(found)
+    return float(found - more)
 
 
 @uncounted

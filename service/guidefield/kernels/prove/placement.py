@@ -256,6 +256,12 @@ def step_at(movers: MovingObstacles, mover: int, time: float) -> int:
 
 
 @uncounted
+def kept_from_mover(movers: MovingObstacles, mover: int, time: float) -> float:
+    """Return what is kept from a moving obstacle in addition at a time [s], as it may have left its motion [m]."""
+    return float(movers.margins[mover] + movers.growths[mover] * max(time - movers.since[mover], 0.0))
+
+
+@uncounted
 def place_mover(movers: MovingObstacles, mover: int, place: BodyPoses) -> None:
     """Place a moving obstacle at the moment of a placement, once: exp((t - t_k) twist_k) times its pose at step k."""
     if place.mover_looks[mover] == place.moment[LOOK]:

@@ -14,7 +14,16 @@ from guidefield.kernels.jit.decorators import counted, uncounted
 from guidefield.kernels.prove.motion_bounds import BOUNDS, MotionBounds
 from guidefield.kernels.prove.near import NearBoxes, list_near, nearest_within, new_near_boxes
 from guidefield.kernels.prove.pair_distance import DistanceQuery, least_distance, new_query, pair_distance
-from guidefield.kernels.prove.placement import MOMENT, MOST_ORDER, TWIST, BodyPoses, PoseScratch, place_at
+from guidefield.kernels.prove.placement import (
+    MOMENT,
+    MOST_ORDER,
+    NOW,
+    TWIST,
+    BodyPoses,
+    PoseScratch,
+    kept_from_mover,
+    place_at,
+)
 from guidefield.kernels.prove.tables import (
     DISTANCE,
     OWN,
@@ -166,7 +175,8 @@ def nearest_obstacle(moving: MovingRobot, search: Search, verdict: Floats, likel
 
     The likely pair, where that isn't -1, is measured first. Kinds of pairs are those of a verdict, shape (VERDICT,).
     """
-    search.mover_reach[:] = 0.0
+    for mover in range(search.mover_reach.shape[0]):
+        search.mover_reach[mover] = kept_from_mover(moving.movers, mover, search.place.moment[NOW])
     found, nearest, is_last = np.inf, -1, False
     reach = np.inf if moving.obstacles.roots.shape[0] <= ALL_AT_ONCE else FIRST_REACH
     while True:

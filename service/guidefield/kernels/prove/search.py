@@ -30,8 +30,14 @@ from guidefield.kernels.prove.motion_bounds import (
     mover_reach,
 )
 from guidefield.kernels.prove.near import list_near
-from guidefield.kernels.prove.pair_distance import least_distance, pair_distance, pair_keeps, squared_gap
-from guidefield.kernels.prove.placement import find_twists, place_at
+from guidefield.kernels.prove.pair_distance import (
+    kept_in_addition,
+    least_distance,
+    pair_distance,
+    pair_keeps,
+    squared_gap,
+)
+from guidefield.kernels.prove.placement import NOW, find_twists, kept_from_mover, place_at
 from guidefield.kernels.prove.samples import (
     ALL_AT_ONCE,
     APART,
@@ -123,7 +129,8 @@ def _list_pairs(
                 count += 1
     if asked > -np.inf:
         for mover in range(movers.begins.shape[0] - 1):
-            search.mover_reach[mover] = mover_reach(movers, mover, search.place, bounds)
+            more = kept_from_mover(movers, mover, search.place.moment[NOW])
+            search.mover_reach[mover] = mover_reach(movers, mover, search.place, bounds) + more
         for row in range(pairs.moving.shape[0]):
             b = pairs.moving[row]
             travel = bounds.known[bound_body(robot, b, segment, share, search.place, bounds), TRAVEL]
@@ -148,7 +155,7 @@ def _are_far(moving: MovingRobot, search: Search, pair: int, segment: int, share
     else:
         mover = moving.obstacles.movers[obstacle_of(pairs, moving.obstacles, pair)]
         if mover >= 0:
-            reach += mover_reach(moving.movers, mover, place, bounds)
+            reach += mover_reach(moving.movers, mover, place, bounds) + kept_in_addition(moving, pair, place)
     return bool(squared_gap(moving, pair, place) >= reach * reach)
 
 
@@ -351,7 +358,8 @@ def prove_along(
             more = _judge(moving, search, left, segment, top - 1, tolerance, longest, shortest, questions, verdict)
             height = _halve(left, top - 1, more, verdict[END])
             if more != 0 and height < top and row[SINCE_LEVEL] < verdict[END]:  # there is no number between its ends
-                _leave_undecided(verdict, row[SINCE_LEVEL], row[UNTIL_LEVEL], -1)
+                pair = left.pairs[int(row[START] + row[COUNT])] if more > 0 else -1
+                _leave_undecided(verdict, row[SINCE_LEVEL], row[UNTIL_LEVEL], pair)
             top = height
         for level in range(top):  # what is on the stack waits again
             waiting[count, BEGINS], waiting[count, ENDS] = stack[level, SINCE_LEVEL], stack[level, UNTIL_LEVEL]
