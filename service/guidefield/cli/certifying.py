@@ -33,6 +33,7 @@ SHARED_FIELDS = (
     "allowed_collisions",
     "path_constraints",
     "limits",
+    "cartesian_limits",
     "max_velocity_scaling_factor",
     "max_acceleration_scaling_factor",
     "leave_start_contact",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,6 +12,7 @@ from guidefield.messages import requests
 from guidefield.messages.goals import JointSetGoal, JointsGoal
 from guidefield.messages.requests import Goal, MotionRequest, Positions, RelativeGoal
 from guidefield.messages.streams import StreamOpen
+from guidefield.planner.task.motion_limits import CartesianLimit, frame_limit, link_limit
 from guidefield.planner.task.problem import ControllerModel, Interpolation
 from guidefield.robot.group import path_constraints
 from guidefield.robot.group.group import PlanningGroup
@@ -141,6 +143,11 @@ def execution_of(request: MotionRequest, group: PlanningGroup) -> ControllerMode
         raise MalformedRequest(
             "with `execution` `leave_start_contact` is not served: leave it out", unserved="leave_start_contact"
         )
+    if request.cartesian_limits and asked.interpolation == Interpolation.ZERO_ORDER_HOLD.value:
+        raise MalformedRequest(
+            "with `execution.interpolation` 'zero_order_hold' `cartesian_limits` are not served: steps have no speed",
+            unserved="cartesian_limits",
+        )
     if not group.is_euclidean:
         several = [joint.name for joint in group.joints if joint.nv > 1]
         raise InvalidConfiguration(
@@ -178,6 +185,24 @@ def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathCo
             joints=several,
         )
     return tuple(_build_constraint(one, index, group) for index, one in enumerate(request.path_constraints))
+
+
+def cartesian_limits_of(request: MotionRequest, group: PlanningGroup) -> tuple[CartesianLimit, ...]:
+    """Build the limits of speed in space of a request.
+
+    Raises UnknownFrame if the robot has no such frame or link; MalformedRequest if a link has no geometry, or a ball or
+    floating joint carries it.
+    """
+    return tuple(_build_cartesian_limit(one, index, group) for index, one in enumerate(request.cartesian_limits))
+
+
+def _build_cartesian_limit(one: requests.CartesianLimit, index: int, group: PlanningGroup) -> CartesianLimit:
+    acceleration = math.inf if one.acceleration is None else one.acceleration
+    with at_path(f"$.cartesian_limits[{index}]"):
+        if one.frame is not None:
+            return frame_limit(group, one.frame, one.speed, acceleration)
+        assert one.link is not None, "there is one of both"
+        return link_limit(group, one.link, one.speed, acceleration)
 
 
 def _build_constraint(one: requests.PathConstraint, index: int, group: PlanningGroup) -> PathConstraint:

@@ -10,7 +10,14 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGroup, MalformedRequest
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import constraints_of, execution_of, jerk_limits, limited, start_of
+from guidefield.handlers.asked_group import (
+    cartesian_limits_of,
+    constraints_of,
+    execution_of,
+    jerk_limits,
+    limited,
+    start_of,
+)
 from guidefield.handlers.attached import holding
 from guidefield.handlers.given_columns import (
     Columns,
@@ -71,6 +78,7 @@ def certify_problem(
         min_clearance=request.min_clearance,
         allowed_collisions=frozenset(request.allowed_collisions),
         path_constraints=constraints_of(request, group),
+        cartesian_limits=cartesian_limits_of(request, group),
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),
         deadline=deadline,

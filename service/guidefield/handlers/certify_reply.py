@@ -18,6 +18,7 @@ from guidefield.handlers.plan_reply import (
     outcome,
     self_figures,
     unmeasured,
+    wire_cartesian_use,
 )
 from guidefield.messages import replies
 from guidefield.messages.certify_reply import describe_place
@@ -63,6 +64,10 @@ def reply_to(
             acceleration=_use(problem, uses.acceleration, "acceleration_owner"),
             jerk=_use(problem, uses.jerk),
         ),
+        cartesian=[
+            wire_cartesian_use(use, jumps=problem.motion.velocities is None and not problem.motion.is_point)
+            for use in judgement.cartesian
+        ],
         timing=replies.Timing(**seconds, total=time.monotonic() - received),
         counters=replies.Counters(collision_checks=problem.counters.collision_checks),
         recording=None,
@@ -137,6 +142,10 @@ def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
     """The ending of a motion that is free, but exceeds a limit of a rate."""
     group, motion = problem.group, problem.motion
     exceeded = {name: use for name in RATES if not (use := getattr(judgement.uses, name)).is_within}
+    if not exceeded:
+        in_space, excess = next((use, excess) for use in judgement.cartesian if (excess := use.exceeded) is not None)
+        where = describe_place(*_measured_at(problem, excess[2].time))
+        return Ending(Status.INVALID_MOTION_PLAN, *in_space.describe_excess(where))
     name, use = max(exceeded.items(), key=lambda item: np.inf if item[1].share is None else item[1].share)
     assert use.coordinate is not None, "a limit that is exceeded is of a joint"
     joint = group.joints[_joint_of(problem, use.coordinate)].name

@@ -14,6 +14,7 @@ from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, at_path
 from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import (
+    cartesian_limits_of,
     clamp_slight,
     clamped_goals,
     constraints_of,
@@ -122,6 +123,7 @@ def problem_of(
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
     group = limited(group.starting_at(request.start), request)
     planes = given_planes(request, scene, deadline)
+    _require_served(request, scene)
     if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
         raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
     if in_motion(request):
@@ -139,6 +141,7 @@ def problem_of(
         allowed_collisions=frozenset(request.allowed_collisions),
         path_constraints=constraints_of(request, group),
         execution=execution_of(request, group),
+        cartesian_limits=cartesian_limits_of(request, group),
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),
         optimization_iterations=request.optimization_iterations,
@@ -156,6 +159,17 @@ def problem_of(
         *clamped_goals(request.goal, robot),
         *many_turns_warnings(request, robot),
     )
+
+
+def _require_served(request: PlanRequest, scene: Scene) -> None:
+    """Refuse what is part of the wire but not served among obstacles that move, by name."""
+    if scene.moves and request.cartesian_limits:
+        moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
+        raise MalformedRequest(
+            f"among obstacles that move ({moving}) `cartesian_limits` are not served: leave them out",
+            unserved="cartesian_limits",
+            path="$.cartesian_limits",
+        )
 
 
 def in_motion(request: PlanRequest) -> bool:
@@ -177,6 +191,7 @@ def _require_served_in_motion(request: PlanRequest, group: PlanningGroup, planes
     unserved = {
         "path_constraints": (bool(request.path_constraints), "leave them out"),
         "leave_start_contact": (request.leave_start_contact, "leave it out"),
+        "cartesian_limits": (bool(request.cartesian_limits), "leave them out"),
         "guide_planes": (bool(planes) or asks_for_planes, "give them as []"),
     }
     for what, (asked, instead) in unserved.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -14,10 +15,11 @@ from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import GuidePlane
 from guidefield.planner.motion.drawn_motion import Deviations, DrawnMotion, deviations
-from guidefield.planner.motion.given_motion import StraightMotion
+from guidefield.planner.motion.given_motion import GivenMotion, StraightMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan
 from guidefield.planner.quality import Clearance, Closest, figures
+from guidefield.planner.task.motion_limits import CartesianLimit, CartesianUse, measure_cartesian
 from guidefield.planner.task.problem import ControllerModel, Problem
 from guidefield.robot.group.group import LONGEST_TURN, PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
@@ -50,7 +52,10 @@ def reply_to(
     """
     group, whole = problem.group, made.verdict.free and made.judged_from == 0.0
     kept = problem.min_clearance if whole else -np.inf
-    metrics = motion_metrics(made.trajectory, problem.kinematics)
+    metrics, moved = (
+        motion_metrics(made.trajectory, problem.kinematics),
+        made.trajectory if drawn is None else drawn.motion,
+    )
     path, trajectory = group.wire_path(made.path), wire_trajectory(made.trajectory, request.sample_rate, group)
     spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | dict(seconds)
     total = time.monotonic() - received
@@ -86,6 +91,7 @@ def reply_to(
         objective=request.objective,
         recording=None,
         execution=_execution(problem, made, drawn),
+        cartesian=[] if moved is None else cartesian_uses(problem.cartesian_limits, moved),
         timing=replies.Timing(total=total, measure=max(0.0, total - sum(spent.values())), **spent),
     )
 
@@ -218,6 +224,29 @@ def unmeasured(measured: Clearance | None) -> list[str]:
         for name, closest in stated
         if closest is not None and not closest.exact
     ]
+
+
+def cartesian_uses(limits: Sequence[CartesianLimit], motion: Trajectory | GivenMotion) -> list[replies.CartesianUse]:
+    """The largest speeds and accelerations of what is limited in space."""
+    if not limits:
+        return []
+    jumps = isinstance(motion, GivenMotion) and motion.velocities is None
+    return [wire_cartesian_use(use, jumps=jumps) for use in measure_cartesian(limits, motion.polynomials)]
+
+
+def wire_cartesian_use(use: CartesianUse, *, jumps: bool = False) -> replies.CartesianUse:
+    """One of them in the wire's words; `jumps`: velocities jump, so that there is no acceleration."""
+    limit, is_limited = use.limit, math.isfinite(use.limit.acceleration)
+    return replies.CartesianUse(
+        frame=None if limit.is_link else limit.name,
+        link=limit.name if limit.is_link else None,
+        speed=use.speed.found,
+        speed_limit=limit.speed,
+        speed_time=use.speed.time,
+        acceleration=use.acceleration.found if is_limited and not jumps else None,
+        acceleration_limit=limit.acceleration if is_limited else None,
+        acceleration_time=use.acceleration.time if is_limited and not jumps else None,
+    )
 
 
 def motion_metrics(trajectory: Trajectory | None, kinematics: Kinematics) -> replies.Metrics | None:

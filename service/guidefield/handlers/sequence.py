@@ -17,6 +17,7 @@ from guidefield.handlers.agreement import Certified, keep_contradictions, requir
 from guidefield.handlers.plan_reply import (
     CERTIFICATE,
     STAGES,
+    cartesian_uses,
     clearance_figures,
     motion_metrics,
     outcome,
@@ -36,6 +37,7 @@ from guidefield.messages.requests import PlanRequest
 from guidefield.planner.quality import UNMEASURED, Clearance, clearances
 from guidefield.planner.sequence.sequence import Leg, SequencePlan, plan_sequence
 from guidefield.planner.sequence.stretches import Stretch
+from guidefield.planner.task.motion_limits import untold_limits
 from guidefield.planner.task.trace import Silent
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.model import RobotModel
@@ -104,7 +106,9 @@ def _motion(request: PlanRequest, made: SequencePlan[Standing], stretch: Stretch
         min_clearance=stretch.min_clearance,
         path_constraints=request.path_constraints if stretch.path_constraints else (),
         limited=None if leg.problem is None else leg.problem.group,
-        untold="" if stretch.way is None else f"{stretch.way.frame} keeps to its straight way",
+        untold=untold_limits(stretch.cartesian_limits)
+        if stretch.way is None
+        else f"{stretch.way.frame} keeps to its straight way",
     )
 
 
@@ -207,6 +211,7 @@ def _step(leg: Leg[Standing], course: Steps, made: SequencePlan[Standing], measu
             if (since := max(one.begin, begin)) < (until := min(one.end, end))
         ],
         passed=leg.passed,
+        cartesian=_fastest([cartesian_uses(stretch.cartesian_limits, stretch.motion) for stretch, _ in own]),
     )
 
 
@@ -241,6 +246,11 @@ def _least_clearance(
         pair=least.pair,
         time=least.time,
     )
+
+
+def _fastest(uses: Sequence[Sequence[replies.CartesianUse]]) -> list[replies.CartesianUse]:
+    """Of what is limited in space the fastest on some stretches."""
+    return [max(each, key=lambda use: use.speed) for each in zip(*uses, strict=True)]
 
 
 def _least_self(figures: Sequence[replies.SelfClearance]) -> replies.SelfClearance | None:

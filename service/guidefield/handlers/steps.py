@@ -17,7 +17,14 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, at_path
 from guidefield.geometry.placements import se3, wire_pose
-from guidefield.handlers.asked_group import clamped_goals, constraints_of, followers_of, limited, start_of
+from guidefield.handlers.asked_group import (
+    cartesian_limits_of,
+    clamped_goals,
+    constraints_of,
+    followers_of,
+    limited,
+    start_of,
+)
 from guidefield.handlers.attached import holding
 from guidefield.handlers.plan import refuse_ends
 from guidefield.handlers.plan_problem import in_motion, problem_of, with_derived_planes
@@ -38,7 +45,7 @@ from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.scene.scene import Scene
 
-STEP_FIELDS = ("goal", "tip", "guide_planes", "attach", "detach")
+STEP_FIELDS = ("goal", "tip", "guide_planes", "attach", "detach", "cartesian_limits")
 """Fields of a step that a plan request of its own has, too."""
 BALLS = (JointKind.SPHERICAL, JointKind.FLOATING)
 """Kinds of joints whose chart begins anew with every step: they are not served in sequences."""
@@ -117,6 +124,7 @@ class Steps:
                 min_clearance=self._request.min_clearance,
                 allowed_collisions=frozenset(self._request.allowed_collisions),
                 path_constraints=constraints_of(self._request, group),
+                cartesian_limits=cartesian_limits_of(self._limited_in_space(index), group),
                 deadline=self._deadline,
                 counters=self.counters,
             )
@@ -193,10 +201,16 @@ class Steps:
             allowed_collisions=[*request.allowed_collisions, *permitted],
             limits={name: limits for name, limits in request.limits.items() if name in moving},
             objective=step.objective or request.objective,
+            cartesian_limits=self._limited_in_space(index).cartesian_limits,
             max_velocity_scaling_factor=step.max_velocity_scaling_factor or request.max_velocity_scaling_factor,
             max_acceleration_scaling_factor=step.max_acceleration_scaling_factor
             or request.max_acceleration_scaling_factor,
         )
+
+    def _limited_in_space(self, index: int) -> PlanRequest:
+        """The request with the limits of speed in space of a step."""
+        own = self._request.steps[index].cartesian_limits
+        return self._request if own is None else msgspec.structs.replace(self._request, cartesian_limits=own)
 
     def _touched(self, index: int, one: Held, at: Standing) -> frozenset[str]:
         """Obstacles that a held object may touch while a step is planned: what it still stands on or is put down on.

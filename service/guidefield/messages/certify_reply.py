@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from guidefield.messages.execution import ExecutionFigures
 from guidefield.messages.plan_reply import (
+    CartesianUse,
     CertificateFigures,
     ClearanceFigures,
     Counters,
@@ -126,6 +127,7 @@ class CertifyReply(Reply):
         warnings: Harmless peculiarities of the request.
         proof: Key or file of the proof, if the request asks for one and there is one; else `warnings` says why not.
         execution: The rows of the curve that was judged, if the request has an `execution`.
+        cartesian: The largest speed of each frame and link that the request limits.
 
     Example:
         >>> import guidefield
@@ -152,6 +154,7 @@ class CertifyReply(Reply):
     warnings: list[str] = []
     proof: str | None = None
     execution: ExecutionFigures | None = None
+    cartesian: list[CartesianUse] = []
 
 
 def describe_place(row: float, time: float | None) -> str:

@@ -12,6 +12,7 @@ import msgspec
 from guidefield.messages.conditions import (
     AllowedCollisions,
     AttachedObjects,
+    CartesianLimits,
     JointLimits,
     PathConstraints,
     RobotReference,
@@ -108,6 +109,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         allowed_collisions: Pairs of links and obstacles that may touch.
         path_constraints: Constraints of frames along the whole motion.
         limits: Limits of joints, by name.
+        cartesian_limits: Limits of the speed of frames and links in space; for a `trajectory`.
         max_velocity_scaling_factor: Allowed fraction of the velocity limits.
         max_acceleration_scaling_factor: Allowed fraction of the acceleration limits.
         leave_start_contact: Whether a start in slight contact may be left, instead of being refused.
@@ -152,6 +154,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
     recording: Literal["full", "summary", "off"] = "full"
     proof: bool = False
     execution: ExecutionOptions | None = None
+    cartesian_limits: CartesianLimits = []
 
     def __post_init__(self) -> None:
         settle_scene(self)
@@ -168,6 +171,8 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
                 raise ValueError("a `path` has no times: `execution` is for a `trajectory`")
             if self.time_step is not None:
                 raise ValueError("a `path` has no times: `time_step` is for a `trajectory`")
+            if self.cartesian_limits:
+                raise ValueError("a `path` has no speed: `cartesian_limits` are for a `trajectory`")
             if self.velocity_names is not None:
                 raise ValueError("a `path` has no velocities: `velocity_names` is for a `trajectory` that has some")
             return

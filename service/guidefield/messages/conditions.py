@@ -152,6 +152,34 @@ AllowedCollisions = Annotated[list[tuple[Name, Name]], msgspec.Meta(max_length=M
 PathConstraints = Annotated[list[PathConstraint], msgspec.Meta(max_length=MOST_CONSTRAINTS)]
 
 
+class CartesianLimit(Message):
+    """A limit of speed in space, kept along the whole motion: of a frame's origin, or of a link.
+
+    Of a link its fastest point counts: of its collision geometry, or of an object that is held, by the object's name.
+
+    Attributes:
+        speed: Largest speed, in the world [m/s].
+        frame: The frame; null: there is a `link`.
+        link: The link, or the held object; null: there is a `frame`.
+        acceleration: Largest acceleration of these points [m/s^2]; null for none.
+    """
+
+    speed: Positive
+    frame: Name | None = None
+    link: Name | None = None
+    acceleration: Positive | None = None
+
+    def __post_init__(self) -> None:
+        if (self.frame is None) == (self.link is None):
+            raise ValueError(f"give a `frame` or a `link`, got {'neither' if self.link is None else 'both'}")
+        for field in ("speed", "acceleration"):
+            if (limit := getattr(self, field)) is not None:
+                require_finite_number(field, limit)
+
+
+CartesianLimits = Annotated[list[CartesianLimit], msgspec.Meta(max_length=MOST_CONSTRAINTS)]
+
+
 class JointLimits(Message):
     """Limits of one joint's motion that replace the robot's own; null keeps them.
 

@@ -114,6 +114,31 @@ class CertificateFigures(Reply):
     evaluations: int
 
 
+class CartesianUse(Reply):
+    """The largest speed and acceleration of what a request limits in space, between samples too.
+
+    Attributes:
+        frame: The frame; null of a link.
+        link: The link, or the held object; null of a frame.
+        speed: The largest speed that was found: nothing is faster anywhere by more than 0.1 % [m/s].
+        speed_limit: Its limit [m/s].
+        speed_time: The time of the largest speed [s].
+        acceleration: The largest acceleration; null where it isn't limited, and of straight pieces, whose velocity
+            jumps [m/s^2].
+        acceleration_limit: Its limit; null for none [m/s^2].
+        acceleration_time: The time of the largest acceleration; null as there [s].
+    """
+
+    frame: str | None
+    link: str | None
+    speed: float
+    speed_limit: float
+    speed_time: float
+    acceleration: float | None = None
+    acceleration_limit: float | None = None
+    acceleration_time: float | None = None
+
+
 class Metrics(Reply):
     """Length, duration and smoothness of a motion.
 
@@ -196,6 +221,7 @@ class StepFigures(Reply):
         permissions: Contacts that a held object may have during the step.
         passed: Distance from its goal at `end` if it doesn't stop: the larger of the tip's distance [m] and angle [rad]
             for a pose or relative goal, the largest of the joints [rad or m] for a goal of joints.
+        cartesian: The largest speed of each frame and link that is limited during the step.
     """
 
     begin: float
@@ -208,6 +234,7 @@ class StepFigures(Reply):
     certificate: CertificateFigures
     permissions: list[Permission]
     passed: float | None = None
+    cartesian: list[CartesianUse] = []
 
 
 class PlanReply(Reply):
@@ -242,6 +269,7 @@ class PlanReply(Reply):
         proof: Key or file of the proof, if the request asks for one and there is one; else `warnings` says why not.
         execution: The rows to send to a controller, if the request has an `execution` and the motion is certified: the
             certificate and the clearances are those of the curve that it draws.
+        cartesian: The largest speed of each frame and link that the request limits; in `steps` for a sequence.
 
     Example:
         >>> import guidefield
@@ -279,3 +307,4 @@ class PlanReply(Reply):
     steps: list[StepFigures] = []
     proof: str | None = None
     execution: ExecutionFigures | None = None
+    cartesian: list[CartesianUse] = []

@@ -29,6 +29,7 @@ from guidefield.messages.kinematics_replies import (
     RobotPotentialReply as RobotPotentialReply,
 )
 from guidefield.messages.plan_reply import (
+    CartesianUse as CartesianUse,
     CertificateFigures as CertificateFigures,
     ClearanceFigures as ClearanceFigures,
     Counters as Counters,

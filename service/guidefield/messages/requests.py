@@ -12,6 +12,8 @@ from guidefield.messages.conditions import (
     AllowedCollisions,
     AttachedObject as AttachedObject,
     AttachedObjects,
+    CartesianLimit as CartesianLimit,
+    CartesianLimits,
     JointLimits as JointLimits,
     LineConstraint as LineConstraint,
     Objective as Objective,
@@ -143,6 +145,7 @@ class PlanStep(Message):
         max_velocity_scaling_factor: Fraction of the velocity limits that is used; null: the request's.
         max_acceleration_scaling_factor: Fraction of the acceleration limits that is used; null: the request's.
         objective: The objective of its optimisation; null: the request's.
+        cartesian_limits: Limits of speed in space during its motion; null: the request's.
         pause: Time that the robot waits after its motion [s].
         detach: Name of an object that is put down where it is then: an obstacle from the end of the step on.
         attach: Object that is picked up at the end of the step, after `detach`.
@@ -166,6 +169,7 @@ class PlanStep(Message):
     attach: Attach | None = None
     stop: bool = True
     radius: Positive = 0.05
+    cartesian_limits: CartesianLimits | None = None
 
     def __post_init__(self) -> None:
         for field in ("line_tolerance", "turn_tolerance", "pause", "radius"):
@@ -231,6 +235,7 @@ class PlanRequest(Message):
         allowed_collisions: Pairs of links and obstacles that may touch.
         path_constraints: Constraints of frames along the whole motion.
         limits: Limits of joints, by name.
+        cartesian_limits: Limits of the speed of frames and links in space.
         max_velocity_scaling_factor: Fraction of the velocity limits that is used.
         max_acceleration_scaling_factor: Fraction of the acceleration limits that is used.
         allowed_planning_time: From the request's arrival [s].
@@ -290,6 +295,7 @@ class PlanRequest(Message):
     steps: Annotated[list[PlanStep], msgspec.Meta(max_length=MOST_STEPS)] = []
     proof: bool = False
     execution: ExecutionOptions | None = None
+    cartesian_limits: CartesianLimits = []
 
     def __post_init__(self) -> None:
         settle_scene(self)

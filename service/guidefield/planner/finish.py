@@ -17,12 +17,10 @@ import numpy as np
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.planner.connect.settings import TREE
-from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct
 from guidefield.planner.motion_certificate import Finished, certify_as_far_as_found, certify_motion
-from guidefield.planner.optimize.passages import first_places, passing, with_knots
-from guidefield.planner.optimized_motion import Crossed, optimize_motion
+from guidefield.planner.optimized_motion import Crossed, optimize_motion, through_planes
 from guidefield.planner.path_so_far import (
     PathSoFar,
     ScheduledPath,
@@ -166,15 +164,7 @@ def _round_corners(
     if not crossed.passages:
         trajectory = motion_along(problem, path, finer)
         return trajectory, crossed.knots(trajectory, ())
-    limits = limits_of(problem)
-    spline = rounded_spline(problem, path, limits, finer)
-    about = first_places(crossed.passages, Trajectory(*spline.knots()), spline.pieces)
-    exact = passing(spline, crossed.passages, about)
-    if exact is None:
-        return None
-    knots, passed = with_knots(*exact)
-    trajectory = at_limits(*knots, *limits)
-    return trajectory, crossed.knots(trajectory, passed)
+    return through_planes(problem, rounded_spline(problem, path, limits_of(problem), finer), crossed)
 
 
 def _warn(finished: Finished, warning: str) -> Finished:

@@ -23,6 +23,7 @@ from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_load import Uses
 from guidefield.planner.motion_certificate import certify_given, enclosed_start
+from guidefield.planner.task.motion_limits import CartesianUse, measure_cartesian
 from guidefield.planner.task.problem import Conditions
 from guidefield.prove.certificate import certify, certify_constraints
 from guidefield.prove.curve import restricted
@@ -144,12 +145,14 @@ class Judgement:
     enclosed: bool = False  # whether what is refused is a body wholly inside another at the start
     # how a contact at the start is left; None where there is none, or it may not be left
     leaving: Leaving | None = None
+    cartesian: tuple[CartesianUse, ...] = ()
 
     @property
     def within_limits(self) -> bool:
         """True if no rate exceeds its limit."""
         uses = self.uses
-        return all(use.is_within for use in (uses.velocity, uses.acceleration, uses.jerk))
+        rates = all(use.is_within for use in (uses.velocity, uses.acceleration, uses.jerk))
+        return rates and all(use.exceeded is None for use in self.cartesian)
 
 
 def judge(problem: GivenProblem, uses: Uses) -> Judgement:
@@ -169,7 +172,10 @@ def judge(problem: GivenProblem, uses: Uses) -> Judgement:
         leaving = judge_leaving(problem)
     verdict = first_refused(kept, _freedom(problem, kept) if leaving is None else leaving.verdict)
     problem.counters.collision_checks += verdict.evaluations
-    return Judgement(verdict, uses, leaving=leaving)
+    cartesian: tuple[CartesianUse, ...] = ()
+    if problem.cartesian_limits:
+        cartesian = measure_cartesian(problem.cartesian_limits, problem.motion.polynomials)
+    return Judgement(verdict, uses, leaving=leaving, cartesian=cartesian)
 
 
 def _constraints(problem: GivenProblem) -> Verdict:

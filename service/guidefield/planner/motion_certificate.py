@@ -11,6 +11,7 @@ import numpy as np
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
+from guidefield.errors import Status
 from guidefield.memo import MISSING, Answers
 from guidefield.planner.motion.drawn_motion import DrawnMotion, draw_plan
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
@@ -18,6 +19,7 @@ from guidefield.planner.motion.limit_load import limit_shares
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
+from guidefield.planner.task.motion_limits import measure_cartesian
 from guidefield.planner.task.problem import Conditions, Interpolation, Problem
 from guidefield.planner.task.stages import Ending, Stages
 from guidefield.prove.certificate import certify, certify_constraints, judge_limits
@@ -174,6 +176,24 @@ def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) 
         )
         stage.outcome = verdict.reason.value
     return Finished(verdict, found.path, found.crossings, failure=found.failure)
+
+
+def executed_motion(problem: Problem, trajectory: Trajectory | None) -> Trajectory | GivenMotion | None:
+    """What a robot executes of a trajectory: what a controller draws, or that itself."""
+    if trajectory is None or problem.execution is None:
+        return trajectory
+    return settle_execution(problem, trajectory).drawn.motion
+
+
+def find_excess(conditions: Conditions, motion: Trajectory | GivenMotion | None) -> Ending | None:
+    """The refusal of a motion that exceeds a limit of what it does as a whole; None where it doesn't."""
+    if motion is None or not conditions.cartesian_limits:
+        return None
+    for use in measure_cartesian(conditions.cartesian_limits, motion.polynomials):
+        if (excess := use.exceeded) is not None:
+            message, details = use.describe_excess(f"{excess[2].time:.6g} s")
+            return Ending(Status.INVALID_MOTION_PLAN, f"no motion within limits was found: {message}", details)
+    return None
 
 
 def certify_from_start(conditions: Conditions, motion: Trajectory, deadline: Deadline) -> Verdict:

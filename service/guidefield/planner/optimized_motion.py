@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.limit_load import at_limits, limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
@@ -22,9 +23,9 @@ from guidefield.planner.motion_certificate import Finished, Judge, certify_motio
 from guidefield.planner.optimize import settings as presets
 from guidefield.planner.optimize.clearance_samples import better
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
-from guidefield.planner.optimize.passages import Passage, PlanePlace
+from guidefield.planner.optimize.passages import Passage, PlanePlace, first_places, passing, with_knots
 from guidefield.planner.optimize.sampled_robot import TouchedPoint, touched_points
-from guidefield.planner.path_so_far import limits_of
+from guidefield.planner.path_so_far import limits_of, retimed_spline
 from guidefield.planner.schedule.retimed import wait_until_begin
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
@@ -160,26 +161,51 @@ def _of_optimized(
 ) -> Finished | None:
     """An optimised trajectory, judged, with a warning where time was up meanwhile; None where it is no better."""
     warnings, finished = (HURRIED,) if optimized.outcome is Outcome.OUT_OF_TIME else (), None
-    candidates: Iterable[Trajectory] = (optimized.trajectory,)
+    found = (optimized.trajectory, crossed.knots(optimized.trajectory, optimized.passed))
+    candidates: Iterable[tuple[Trajectory, dict[int, int]]] = (found,)
     if problem.scene.moves:
         within = _within_limits(problem, optimized.trajectory, arrive_from)
-        candidates = (one for one in within if better(problem, one, begun, settings))
-    for shaped in candidates:
+        candidates = ((one, found[1]) for one in within if better(problem, one, begun, settings))
+    elif problem.beside and not problem.in_motion:
+        candidates = filter(None, (_retimed(problem, optimized.trajectory, crossed), found))
+    for shaped, passed in candidates:
         whole = wait_until_begin(shaped)
         before = len(whole.times) - len(shaped.times)  # a knot, where it waits
-        knots = {plane: before + at for plane, at in crossed.knots(optimized.trajectory, optimized.passed).items()}
+        knots = {plane: before + at for plane, at in passed.items()}
         finished = replace(certify_motion(problem, whole, knots, stages, judged_by), warnings=warnings)
         if finished.verdict.free:
             break
     return finished
 
 
+def _retimed(problem: Problem, motion: Trajectory, crossed: Crossed) -> tuple[Trajectory, dict[int, int]] | None:
+    """The fastest motion along the way of another one within limits; None where it is no faster."""
+    spline = retimed_spline(problem, motion)
+    made = None if spline is None else through_planes(problem, spline, crossed)
+    return None if made is None or made[0].duration >= motion.duration else made
+
+
+def through_planes(problem: Problem, spline: BSpline, crossed: Crossed) -> tuple[Trajectory, dict[int, int]] | None:
+    """A motion brought exactly onto the guide planes that it crosses, as fast as its limits allow, and its knots there.
+
+    None where it can't be brought there.
+    """
+    about = first_places(crossed.passages, Trajectory(*spline.knots()), spline.pieces)
+    exact = passing(spline, crossed.passages, about)
+    if exact is None:
+        return None
+    knots, passed = with_knots(*exact)
+    limits = limits_of(problem)
+    trajectory = at_limits(*knots, *limits[:3], limits.beside)
+    return trajectory, crossed.knots(trajectory, passed)
+
+
 def _within_limits(problem: Problem, motion: Trajectory, arrive_from: float) -> Iterator[Trajectory]:
     """A motion as fast as it may go, if it doesn't arrive too soon then; and as it is, if it is within its limits."""
     begin, rates = float(motion.times[0]), limits_of(problem)
     knots = (motion.times - begin, motion.positions, motion.velocities)
-    fast = at_limits(*knots, *rates)
+    fast = at_limits(*knots, *rates[:3])
     if begin + fast.duration >= arrive_from:
         yield Trajectory(begin + fast.times, fast.positions, fast.velocities)
-    if limit_load(*knots, *rates) <= 1.0:
+    if limit_load(*knots, *rates[:3]) <= 1.0:
         yield motion

@@ -15,11 +15,23 @@ from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.profiles import CUBIC, Profile
 from guidefield.planner.motion.timing import Limits, PathCurve, executed, parameterize
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
-from guidefield.planner.motion.waypoints import CURVE, distinct, polyline, subdivided
+from guidefield.planner.motion.waypoints import CURVE, distinct, lengths_of, polyline, subdivided
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRate, ChartRates
+
+
+@dataclass(frozen=True)
+class RetimedSettings:
+    """Of a motion along the way of another."""
+
+    samples: int = 513  # by which lengths are measured
+    places: int = 129  # on the way, evenly by length
+    finer: int = 2  # times as many pieces as along a path
+
+
+RETIMED = RetimedSettings()
 
 
 def limits_of(problem: Problem) -> Limits:
@@ -27,7 +39,8 @@ def limits_of(problem: Problem) -> Limits:
     group = problem.group
     jerk = problem.jerk_limits
     unlimited = cast(ChartRate, np.full(group.nv, np.inf))
-    return Limits(group.velocity_limits, group.acceleration_limits, unlimited if jerk is None else jerk)
+    own = unlimited if jerk is None else jerk
+    return Limits(group.velocity_limits, group.acceleration_limits, own, problem.beside)
 
 
 def rounded_spline(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> BSpline:
@@ -50,15 +63,30 @@ def motion_along(problem: Problem, path: ChartPoints, finer: int = 1) -> Traject
 
 
 def soonest_along(problem: Problem, path: ChartPoints) -> Trajectory:
-    """The same along a path (n, nv), whatever its jerk."""
+    """The same along a path (n, nv), whatever its jerk, and what it does as a whole."""
     unlimited = cast(ChartRate, np.full(problem.group.nv, np.inf))
-    return _within(problem, path, limits_of(problem)._replace(jerk=unlimited))
+    return _within(problem, path, limits_of(problem)._replace(jerk=unlimited, beside=()))
 
 
 def _within(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> Trajectory:
     if len(distinct(path)) == 1:
         return standing(path[0])
     return executed(rounded_spline(problem, path, limits, finer), limits)
+
+
+def retimed_spline(problem: Problem, motion: Trajectory) -> BSpline | None:
+    """The fastest motion along the way of another one from rest to rest; None where that goes nowhere.
+
+    It keeps to the way but for what its pieces are long, see `timing`.
+    """
+    times = np.linspace(motion.times[0], motion.times[-1], RETIMED.samples)
+    points = cast(ChartPoints, motion.evaluate(times)[0] / problem.group.sizes)
+    lengths = np.concatenate([[0.0], np.cumsum(lengths_of(points))])
+    if lengths[-1] <= CURVE.repeated:
+        return None
+    evenly = np.interp(np.linspace(0.0, lengths[-1], RETIMED.places), lengths, times)
+    places = distinct(motion.evaluate(evenly)[0])
+    return parameterize(PathCurve.along(places, problem.group.sizes), limits_of(problem), RETIMED.finer)
 
 
 def stopping_along(problem: Problem, path: ChartPoints) -> tuple[Trajectory, list[int]]:

@@ -20,7 +20,7 @@ from guidefield.planner.held_paths import connect_to_goal
 from guidefield.planner.in_motion import STOPS, finish_in_motion, moving_ends
 from guidefield.planner.leaving import continue_after, join_way_out, leave
 from guidefield.planner.motion.trajectory import Trajectory, led_to, one_after_another
-from guidefield.planner.motion_certificate import Finished, certify_motion
+from guidefield.planner.motion_certificate import Finished, certify_motion, executed_motion, find_excess
 from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
 from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed, Stages, refusal
@@ -185,6 +185,8 @@ def _make_plan(problem: Problem, finished: Finished, stages: Stages) -> Plan:
         ended = finished.failure
     elif not finished.verdict.free:
         ended = refusal(problem, finished.verdict)
+    elif (excess := find_excess(problem, executed_motion(problem, finished.trajectory))) is not None:
+        ended = excess
     elif problem.deadline.is_cancelled():
         ended = Ending(Status.PREEMPTED, "cancelled; the motion by then is certified free over its whole length")
     else:

@@ -153,6 +153,13 @@ class TestRequests:
         assert asked().allowed_planning_time == 1.0
         assert asked(allowed_planning_time=2.5).allowed_planning_time == 2.5
 
+    def test_the_speed_of_a_link_is_limited_or_of_the_tip(self):
+        (limit,) = asked(max_cartesian_speed=0.2, cartesian_speed_limited_link="panda_link5").cartesian_limits
+        assert (limit.frame, limit.speed) == ("panda_link5", 0.2)
+        (limit,) = asked(max_cartesian_speed=0.2).cartesian_limits
+        assert limit.frame == (asked().tip or "panda_hand_tcp")
+        assert not asked(max_cartesian_speed=0.0, cartesian_speed_limited_link="nose").cartesian_limits
+
     def test_the_motion_begins_as_the_joints_move(self):
         moving = state(
             {"panda_joint1": 0.1, "panda_joint2": 0.2, "panda_finger_joint1": 0.0}, velocities=(0.3, 1e-4, 0)
@@ -175,7 +182,12 @@ class TestRequests:
             ({"max_acceleration_scaling_factor": math.nan}, MoveItCode.FAILURE, "`max_acceleration_scaling_factor`"),
             ({"allowed_planning_time": math.nan}, MoveItCode.FAILURE, "`allowed_planning_time`"),
             ({"allowed_planning_time": 1e5}, MoveItCode.FAILURE, "`allowed_planning_time`"),
-            ({"max_cartesian_speed": 0.1}, MoveItCode.FAILURE, "`max_cartesian_speed`"),
+            ({"max_cartesian_speed": math.nan}, MoveItCode.FAILURE, "`max_cartesian_speed`"),
+            (
+                {"max_cartesian_speed": 0.1, "cartesian_speed_limited_link": "nose"},
+                MoveItCode.INVALID_LINK_NAME,
+                "`cartesian_speed_limited_link` 'nose' is no link of panda",
+            ),
             (
                 {"start_state": state({"panda_joint1": 0.1}, velocities=(0.1, 0.2))},
                 MoveItCode.INVALID_ROBOT_STATE,

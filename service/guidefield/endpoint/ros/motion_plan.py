@@ -15,6 +15,7 @@ from guidefield.endpoint.ros.refusals import GoalRefused, MoveItCode, Refused, S
 from guidefield.endpoint.ros.robot_messages import error_code, robot_state, robot_trajectory
 from guidefield.endpoint.ros.scene_updates import with_state
 from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.messages.conditions import CartesianLimit
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
 from guidefield.messages.kinematics_replies import InverseKinematicsReply
 from guidefield.messages.plan_reply import PlanReply
@@ -61,6 +62,7 @@ def asked_plan(message: Any, now: Snapshot) -> AskedPlan:
         attached_objects=start.attached(),
         allowed_collisions=start.allowed(),
         path_constraints=path_constraints_of(asked.path_constraints, group, start),
+        cartesian_limits=_cartesian_limits(asked, goal.tip, start),
         max_velocity_scaling_factor=velocity,
         max_acceleration_scaling_factor=acceleration,
         allowed_planning_time=allowed,
@@ -153,8 +155,19 @@ def _describe(reply: PlanReply, notes: tuple[str, ...]) -> str:
 def _require_served(asked: Any) -> None:
     if asked.trajectory_constraints.constraints:
         raise GoalRefused("`trajectory_constraints` isn't served")
-    if not asked.max_cartesian_speed <= 0.0:
-        raise Refused("`max_cartesian_speed` isn't served: leave it 0")
+
+
+def _cartesian_limits(asked: Any, tip: str | None, start: Snapshot) -> list[CartesianLimit]:
+    """The limit of a link's speed, or of the tip's, as in MoveIt; 0 or less is none.
+
+    Raises Refused if the speed isn't finite, or the robot has no such link.
+    """
+    speed, link = number(asked.max_cartesian_speed, "max_cartesian_speed"), asked.cartesian_speed_limited_link
+    if speed <= 0.0:
+        return []
+    if link:
+        start.robot.require_link(link, "cartesian_speed_limited_link")
+    return [CartesianLimit(speed=speed, frame=link or tip or start.robot.model.tip)]
 
 
 def _factor(value: float, field: str) -> tuple[float, tuple[str, ...]]:

@@ -15,8 +15,10 @@ from typing import cast
 import numpy as np
 
 from guidefield.kernels.timing import hermite as not_a_knot
+from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import polyline
+from guidefield.planner.task.motion_limits import polynomials_of
 from guidefield.prove.curve import Curve
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
@@ -209,6 +211,18 @@ class GivenMotion(ReadOnly):
         if self.velocities is not None or self.is_point:
             return self.measured
         return StraightMotion(self.times, self.positions)
+
+    @cached_property
+    def polynomials(self) -> MotionPolynomials:
+        """The motion as it is in time, by powers of it: of straight pieces the velocities jump.
+
+        Raises:
+            ValueError: if it has no times, or steps.
+        """
+        if self.kind is CurveKind.STEPS:
+            raise ValueError("steps take no time")
+        motion = self.scheduled
+        return motion.polynomials if isinstance(motion, Trajectory) else polynomials_of(motion.bezier(), motion.times)
 
     def measured_among(self, scene: Scene) -> Trajectory | StraightMotion | QuinticMotion:
         """The motion to measure the distances from a scene of: in time where that moves."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from guidefield.kernels.timing import hermite
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, QuinticMotion
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
+from guidefield.planner.task.motion_limits import MotionLimit
 from guidefield.prove.curve import largest_magnitudes
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
@@ -44,8 +46,12 @@ def at_limits(
     velocity_limits: ChartRate,
     acceleration_limits: ChartRate,
     jerk_limits: ChartRate,
+    beside: Sequence[MotionLimit] = (),
 ) -> Trajectory:
-    """A motion, given as for `limit_load`, with time scaled so that it reaches a limit and exceeds none."""
+    """A motion, given as for `limit_load`, with time scaled so that it reaches a limit and exceeds none.
+
+    A limit beside those of rates that no time is long enough for is left exceeded.
+    """
     stretch, margin = 1.0, 1e-12
     for _ in range(MOST_ROUNDS):
         load = limit_load(
@@ -54,6 +60,13 @@ def at_limits(
         if stretch != 1.0 and load <= 1.0:
             break
         # rounding can leave a trace of excess: judge again, with more margin each time
+        stretch *= load * (1.0 + margin)
+        margin *= 4.0
+    for _ in range(MOST_ROUNDS if beside else 0):
+        motion = Trajectory(times * stretch, positions, velocities / stretch)
+        load = max(limit.stretch(motion.polynomials) for limit in beside)
+        if load <= 1.0 or not math.isfinite(load):
+            break
         stretch *= load * (1.0 + margin)
         margin *= 4.0
     # adding 0 turns the -0 of a joint that moves backwards from rest into 0

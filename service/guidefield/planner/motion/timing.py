@@ -11,6 +11,7 @@ tried.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, cast
 
@@ -22,6 +23,7 @@ from guidefield.planner.motion.bspline import ENDS, BSpline, End, basis, basis_b
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import TIMING, lengths_of
+from guidefield.planner.task.motion_limits import CurveLimits, MotionLimit
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
 
@@ -85,6 +87,7 @@ class Limits(NamedTuple):
     velocity: ChartRate
     acceleration: ChartRate
     jerk: ChartRate
+    beside: tuple[MotionLimit, ...] = ()
 
 
 class Progress(NamedTuple):
@@ -130,7 +133,7 @@ def parameterize(curve: PathCurve, limits: Limits, finer: int = 1) -> BSpline:
 
 def executed(spline: BSpline, limits: Limits) -> Trajectory:
     """A motion with its time scaled so that it reaches a limit and exceeds none."""
-    return at_limits(*spline.knots(), *limits)
+    return at_limits(*spline.knots(), *limits[:3], limits.beside)
 
 
 def fastest(curve: PathCurve, limits: Limits) -> Progress:
@@ -147,13 +150,16 @@ def fastest(curve: PathCurve, limits: Limits) -> Progress:
     scale = TIMING.length_weight / mean
     rate, rate_between = (np.sqrt(1.0 + ((scale * of) ** 2).sum(axis=1)) for of in (counted, between / curve.sizes))
     bend = scale**2 * (counted * bends).sum(axis=1) / rate**2  # (d²r/du²) / (dr/du)
-    speeds = _speeds(
+    parameters = np.arange(len(rate)) / steps
+    by_length = (
         cast(ChartRates, first / rate[:, None]),
         cast(ChartRates, (second - first * bend[:, None]) / (rate**2)[:, None]),
-        (rate[:-1] + 4.0 * rate_between + rate[1:]) / (6.0 * steps),  # Simpson's rule
-        limits,
     )
-    return Progress(np.arange(len(rate)) / steps, speeds.times, speeds.rates / rate)
+    points = curve.at(parameters) if limits.beside else None
+    beside = [] if points is None else [limit.along(points, *by_length) for limit in limits.beside]
+    # Simpson's rule
+    speeds = _speeds(*by_length, (rate[:-1] + 4.0 * rate_between + rate[1:]) / (6.0 * steps), limits, beside)
+    return Progress(parameters, speeds.times, speeds.rates / rate)
 
 
 class _Speeds(NamedTuple):
@@ -163,13 +169,21 @@ class _Speeds(NamedTuple):
     rates: np.ndarray
 
 
-def _speeds(first: ChartRates, second: ChartRates, steps: np.ndarray, limits: Limits) -> _Speeds:
+def _speeds(
+    first: ChartRates, second: ChartRates, steps: np.ndarray, limits: Limits, beside: Sequence[CurveLimits]
+) -> _Speeds:
     # where the curve all but stands still in r no speed is too large for the velocities; the accelerations decide
     slowness = np.maximum((np.abs(first) / limits.velocity).max(axis=1), 1e-30)
     accelerations = np.empty((len(steps), len(limits.acceleration)))
     accelerations[:] = limits.acceleration
+    caps, on_u, on_x = slowness**-2.0, cast(np.ndarray, first), cast(np.ndarray, second)
+    if beside:
+        caps = np.minimum.reduce([caps, *(one.caps for one in beside)])
+        on_u, on_x = np.hstack([on_u, *(one.on_u for one in beside)]), np.hstack([on_x, *(one.on_x for one in beside)])
+        kept = (np.minimum(one.limits[:-1], one.limits[1:]) for one in beside)
+        accelerations = np.hstack([accelerations, *kept])
     controllable, squares = np.empty(len(slowness)), np.empty(len(slowness))
-    path_parameterization.fastest_speeds(first, second, steps, slowness**-2.0, accelerations, controllable, squares)
+    path_parameterization.fastest_speeds(on_u, on_x, steps, caps, accelerations, controllable, squares)
     rates = np.sqrt(squares)
     times = np.zeros(len(rates))
     np.cumsum(2.0 * steps / (rates[:-1] + rates[1:]), out=times[1:])  # d²r/dt² is constant
@@ -186,7 +200,7 @@ def _in_time(curve: PathCurve, progress: Progress, pieces: int) -> BSpline:
 
 def _check(curve: PathCurve, limits: Limits) -> None:
     nv = curve.points.shape[1]
-    for kind, values in zip(Limits._fields, limits, strict=True):
+    for kind, values in zip(Limits._fields[:3], limits[:3], strict=True):
         kept: np.ndarray = np.asarray(values, float)
         if kept.shape != (nv,) or not (kept > 0.0).all() or (kind != "jerk" and not np.isfinite(kept).all()):
             finite = "" if kind == "jerk" else "finite and "

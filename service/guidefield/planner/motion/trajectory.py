@@ -10,6 +10,7 @@ from typing import cast
 
 import numpy as np
 
+from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.kernels.timing.hermite import states_at
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
@@ -85,6 +86,16 @@ class Trajectory(ReadOnly):
         times, positions, velocities, accelerations, jerks = (np.ascontiguousarray(array, float) for array in arrays)
         read_only(times, positions, velocities, accelerations, jerks)
         return times, positions, velocities, accelerations, jerks
+
+    @cached_property
+    def polynomials(self) -> MotionPolynomials:
+        """The pieces by powers of time; none of a motion that goes nowhere."""
+        times, positions, velocities, accelerations, jerks = self.tables
+        last = len(jerks)
+        rows = (positions[:last], velocities[:last], accelerations[:last] / 2.0, jerks / 6.0)
+        powers = np.ascontiguousarray(np.stack(rows, axis=1))
+        read_only(powers)
+        return MotionPolynomials(times, powers)
 
     def bezier(self) -> ChartCurves:
         """Control points of the pieces, shape (max(n - 1, 1), 4, nv): this very curve [rad or m].

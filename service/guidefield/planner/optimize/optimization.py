@@ -237,7 +237,7 @@ def optimize(
         times, positions, velocities = knots
         trajectory = Trajectory(spline.begin + times, positions, velocities)
     else:
-        trajectory = at_limits(*knots, limits.velocity, limits.acceleration, limits.jerk)
+        trajectory = at_limits(*knots, limits.velocity, limits.acceleration, limits.jerk, problem.beside)
     steps, outcome = descending.steps, descending.outcome or Outcome.OPTIMISED
     problem.tell(Note(f"optimised in {steps} steps: {motion.duration:.3f} s became {trajectory.duration:.3f} s"))
     return Optimized(trajectory, steps, motion.duration, outcome, passed)

@@ -14,6 +14,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import judge
 from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
 from guidefield.planner.sequence.stretches import part
+from guidefield.planner.task.motion_limits import slower
 from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
@@ -132,7 +133,8 @@ def slowest(parts: Sequence[Part]) -> Problem:
     velocities = np.stack([group.velocity_limits for group in groups]).min(axis=0)
     accelerations = np.stack([group.acceleration_limits for group in groups]).min(axis=0)
     group = dataclasses.replace(first.group, velocity_limits=velocities, acceleration_limits=accelerations)
-    return dataclasses.replace(first, group=group)
+    limits = slower([limit for one in parts for limit in one.problem.cartesian_limits])
+    return dataclasses.replace(first, group=group, cartesian_limits=limits)
 
 
 def passed_about(goal: PassedGoal, motion: Trajectory, knots: tuple[int, int, int]) -> PassedAt:

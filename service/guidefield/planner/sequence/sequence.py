@@ -17,7 +17,7 @@ import numpy as np
 from guidefield.deadline import Deadline, DeadlineExpired, end_reason
 from guidefield.errors import Status
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import LAST_JUDGEMENT
+from guidefield.planner.motion_certificate import LAST_JUDGEMENT, find_excess
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.ahead import Refused, with_future
 from guidefield.planner.sequence.course import Allowed, Course, S, StepMotion, find_allowed_times, holdings
@@ -228,6 +228,9 @@ class _Planning(Generic[S]):
                 verdicts.append(certify_stretch(stretch, deadline))
                 if not verdicts[-1].free:
                     ended = _in_step(stretch.index, refusal(stretch, verdicts[-1]))
+                    break
+                if (excess := find_excess(stretch, stretch.motion)) is not None:
+                    ended = _in_step(stretch.index, excess)
                     break
             stage.outcome = verdicts[-1].reason.value
         self._add(tuple(stages.left), stages.seconds, (), None)

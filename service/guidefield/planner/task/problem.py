@@ -13,6 +13,7 @@ import numpy as np
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
+from guidefield.planner.task.motion_limits import CartesianLimit, MotionLimit
 from guidefield.planner.task.trace import Event, Observer, Silent
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
@@ -76,6 +77,9 @@ class ControllerModel(ReadOnly):
         return 1.0 + parts * float(np.maximum(np.ceil(spans * self.rate * (1.0 - ROUNDING)), 1.0).sum())
 
 
+DRAWN = 0.99  # share of a limit in space that is used by a motion which a controller draws otherwise. A choice
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Conditions(ReadOnly):
     """What a motion is judged by."""
@@ -90,6 +94,7 @@ class Conditions(ReadOnly):
     jerk_limits: ChartRate | None = None
     path_constraints: tuple[PathConstraint, ...] = ()
     execution: ControllerModel | None = None  # what a controller draws is judged instead of a plan; None: that itself
+    cartesian_limits: tuple[CartesianLimit, ...] = ()
     deadline: Deadline = UNLIMITED
     observer: Observer = field(default_factory=Silent)
     counters: Counters = field(default_factory=Counters)
@@ -104,6 +109,16 @@ class Conditions(ReadOnly):
         if not self.scene.moves:
             return self.world
         return World.build(self.group, self.scene.at(time), self.allowed_collisions)
+
+    @property
+    def beside(self) -> tuple[MotionLimit, ...]:
+        """The limits of what a motion does as a whole, beside those of each coordinate's rates.
+
+        They have room for what a controller draws that isn't the very motion.
+        """
+        if self.execution is None or self.execution.interpolation is Interpolation.CUBIC:
+            return self.cartesian_limits
+        return tuple(one.scaled(DRAWN) for one in self.cartesian_limits)
 
     @property
     def is_observed(self) -> bool:

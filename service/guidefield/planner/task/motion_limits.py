@@ -1,0 +1,277 @@
+"""Limits of what a motion does as a whole: of the speed and acceleration of a frame, or of a link's fastest point.
+
+What a motion reaches is known between samples too, by `kernels.timing.carried_rates`: no point is faster than is told
+by more than `ACCURACY`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
+
+import coal
+import numpy as np
+
+from guidefield.collision.solids import link_hulls
+from guidefield.errors import MalformedRequest, UnknownFrame
+from guidefield.geometry.cover import enclosing_ball
+from guidefield.geometry.placements import transform_points
+from guidefield.kernels.timing.carried_rates import (
+    BOUND,
+    FOUND,
+    TIME,
+    CarriedBody,
+    MotionPolynomials,
+    fastest_points,
+    largest_point_rates,
+)
+from guidefield.read_only import ReadOnly, read_only
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
+from guidefield.robot.group.kinematics import alike_group_joints, chain_of, group_joints
+from guidefield.robot.model.model import JointKind
+from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
+
+ACCURACY = 1e-3  # share by which the bound of what is reached may be above what was found
+CLOSE = 1e-6  # the same where a limit is between the two
+KEPT = 1.0 + 1e-6  # a share up to this keeps its limit, for rounding
+CORNERS = 16  # of the prism about a cylinder, on each rim
+
+
+class CurveLimits(NamedTuple):
+    """What a limit allows along a curve q(r), at g places, of x = (dr/dt)² and u = d²r/dt²."""
+
+    caps: np.ndarray  # of x, shape (g,)
+    # |on_u u + on_x x| is kept within limits: of k rows, each of shape (g, k)
+    on_u: np.ndarray
+    on_x: np.ndarray
+    limits: np.ndarray
+
+
+class MotionLimit(Protocol):
+    """A limit of what a motion does as a whole, beside those of each coordinate's rates."""
+
+    def stretch(self, motion: MotionPolynomials) -> float:
+        """The factor by which the time of a motion has to be stretched, where it is above 1, to keep the limit."""
+
+    def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
+        """What it allows along a curve, by its points, first and second derivatives, each of shape (g, nv)."""
+
+
+class Reached(NamedTuple):
+    """The largest of a rate along a motion."""
+
+    found: float  # [m/s or m/s²]
+    bound: float  # which nothing exceeds anywhere
+    time: float  # when `found` is reached [s]
+
+
+@dataclass(frozen=True, eq=False)
+class CartesianLimit(ReadOnly):
+    """What the points of a body keep."""
+
+    name: str  # of the frame or link
+    is_link: bool
+    body: CarriedBody
+    speed: float  # [m/s]
+    acceleration: float = math.inf  # [m/s²]
+
+    def scaled(self, share: float) -> CartesianLimit:
+        """A share of the limit."""
+        return replace(self, speed=share * self.speed, acceleration=share * self.acceleration)
+
+    def reached(self, motion: MotionPolynomials, accuracy: float = ACCURACY) -> tuple[Reached, Reached]:
+        """The largest speed and acceleration along a motion; the bound of the acceleration only counts if limited."""
+        found = np.empty((2, 3))
+        largest_point_rates(self.body, motion, accuracy, math.isfinite(self.acceleration), found)
+        speed, acceleration = (Reached(*row[[FOUND, BOUND, TIME]].tolist()) for row in found)
+        return speed, acceleration
+
+    def stretch(self, motion: MotionPolynomials) -> float:
+        """As in `MotionLimit`: bounds are stretched with what they bound."""
+        speed, acceleration = self.reached(motion)
+        return max(speed.bound / self.speed, math.sqrt(acceleration.bound / self.acceleration))
+
+    def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
+        """As in `MotionLimit`.
+
+        Limits of acceleration count along the way of the fastest point and across it, each for itself.
+        """
+        count = len(points)
+        speeds, velocities, bends = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
+        z, dz, ddz = (np.ascontiguousarray(one, float) for one in (points, first, second))
+        fastest_points(self.body, z, dz, ddz, speeds, velocities, bends)
+        with np.errstate(divide="ignore"):
+            caps = (self.speed / speeds) ** 2
+        if not math.isfinite(self.acceleration):
+            none = np.empty((count, 0))
+            return CurveLimits(caps, none, none, none)
+        ways = velocities / np.maximum(np.linalg.norm(velocities, axis=1), 1e-30)[:, None]
+        forward = np.einsum("gk,gk->g", ways, bends)
+        across = np.linalg.norm(bends - forward[:, None] * ways, axis=1)
+        with np.errstate(divide="ignore"):
+            caps = np.minimum(caps, SHARED * self.acceleration / across)
+        return CurveLimits(caps, speeds[:, None], forward[:, None], np.full((count, 1), SHARED * self.acceleration))
+
+
+SHARED = 0.85
+"""Share of an acceleration's limit that is used along the way, and across it: between all and the root of a half."""
+
+
+def frame_limit(group: PlanningGroup, frame: str, speed: float, acceleration: float) -> CartesianLimit:
+    """The limit of a frame's origin; raises UnknownFrame, MalformedRequest."""
+    _require_chain(group, group.model.frames[group.robot.frame_id(frame)].parentJoint, frame)
+    return CartesianLimit(frame, False, _body_of(group, ("frame", frame)), speed, acceleration)
+
+
+def link_limit(group: PlanningGroup, link: str, speed: float, acceleration: float) -> CartesianLimit:
+    """The limit of the fastest point of a link's collision geometry, or of an object that is held.
+
+    Raises:
+        UnknownFrame: if the robot has no such link.
+        MalformedRequest: if it has no collision geometry, or a ball or floating joint leads to it.
+    """
+    if link not in group.robot.links:
+        available = list(group.robot.links)
+        raise UnknownFrame(
+            f"the robot has no link {link!r}; it has {', '.join(available)}", link=link, available=available
+        )
+    _require_chain(group, group.model.frames[group.robot.frame_id(link)].parentJoint, link)
+    if not _shapes_of(group, link):
+        raise MalformedRequest(f"link {link!r} has no collision geometry, so that no point of it is the fastest")
+    return CartesianLimit(link, True, _body_of(group, ("link", link)), speed, acceleration)
+
+
+def _require_chain(group: PlanningGroup, carrier: int, name: str) -> None:
+    """Refuse what a ball or a floating joint carries."""
+    for joint in group.joints:
+        index = group.model.getJointId(joint.name)
+        if joint.kind in (JointKind.SPHERICAL, JointKind.FLOATING) and index in group.model.supports[carrier]:
+            raise MalformedRequest(
+                f"limits of speed in space are not served for {name!r}: {joint.name!r}, which carries it, is"
+                f" {joint.kind.value}",
+                joint=joint.name,
+            )
+
+
+def _shapes_of(group: PlanningGroup, link: str) -> list[int]:
+    """Indices of a link's shapes in a group's geometry."""
+    names = {one.name for one in group.robot.geometry_choices if one.link == link}
+    return [k for k, shape in enumerate(group.geometry.geometryObjects) if shape.name in names]
+
+
+def _body_of(group: PlanningGroup, asked: tuple[str, str]) -> CarriedBody:
+    made = _alike_body(group, asked)
+    return made._replace(joints=made.joints._replace(origin=group_joints(group).origin))
+
+
+@memoized_for_alike
+def _alike_body(group: PlanningGroup, asked: tuple[str, str]) -> CarriedBody:
+    """The body of a frame or link, but for where rotation vectors start."""
+    kind, name = asked
+    frame = group.model.frames[group.robot.frame_id(name)]
+    joints = alike_group_joints(group)
+    joints = joints._replace(table=chain_of(joints.table, int(frame.parentJoint)))
+    points, radii = np.array([frame.placement.translation]), np.zeros(1)
+    if kind == "link":
+        shapes = [(group.geometry.geometryObjects[k], link_hulls(group)[k]) for k in _shapes_of(group, name)]
+        balls = [_balls(shape.geometry if hull is None else hull) for shape, hull in shapes]
+        points = np.concatenate(
+            [transform_points(shape.placement, at) for (shape, _), (at, _) in zip(shapes, balls, strict=True)]
+        )
+        radii = np.concatenate([of for _, of in balls])
+    ball = enclosing_ball(points)
+    read_only(points, radii, ball)
+    return CarriedBody(joints, np.ascontiguousarray(points), radii, ball[:3], float(ball[3] + radii.max()))
+
+
+def _balls(shape: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (n, 3) and radii (n,) of balls whose hull contains a shape [m]; of a mesh, its hull's corners."""
+    if isinstance(shape, coal.Sphere):
+        return np.zeros((1, 3)), np.array([shape.radius])
+    if isinstance(shape, coal.Capsule):
+        return np.array([[0, 0, -shape.halfLength], [0, 0, shape.halfLength]], float), np.full(2, shape.radius)
+    if isinstance(shape, coal.Cylinder):
+        angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
+        rim = shape.radius / math.cos(np.pi / CORNERS) * np.column_stack([np.cos(angles), np.sin(angles)])
+        rims = [np.column_stack([rim, np.full(CORNERS, height)]) for height in (-shape.halfLength, shape.halfLength)]
+        return np.concatenate(rims), np.zeros(2 * CORNERS)
+    if isinstance(shape, coal.ConvexBase):
+        points = np.array(shape.points(), float)
+        return points, np.zeros(len(points))
+    shape.computeLocalAABB()
+    corners = np.array([shape.aabb_local.min_, shape.aabb_local.max_])
+    grid = np.stack(np.meshgrid(*corners.T, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid, np.zeros(len(grid))
+
+
+@dataclass(frozen=True)
+class CartesianUse:
+    """How fast a body is along a motion."""
+
+    limit: CartesianLimit
+    speed: Reached
+    acceleration: Reached
+
+    @property
+    def exceeded(self) -> tuple[str, str, Reached, float] | None:
+        """The rate that exceeds its limit by the larger share: its name, its unit, what is reached, the limit."""
+        limit = self.limit
+        both = [
+            ("speed", "m/s", self.speed, limit.speed),
+            ("acceleration", "m/s²", self.acceleration, limit.acceleration),
+        ]
+        worst = max(both, key=lambda one: one[2].bound / one[3])
+        return None if worst[2].bound <= KEPT * worst[3] else worst
+
+    def describe_excess(self, place: str) -> tuple[str, dict[str, Any]]:
+        """The excess as a sentence and values; `place` is where it is, in words."""
+        assert self.exceeded is not None, "it exceeds a limit"
+        name, unit, reached, most = self.exceeded
+        kind = "link" if self.limit.is_link else "frame"
+        message = (
+            f"{kind} {self.limit.name!r} reaches {reached.bound:.6g} {unit}, its limit is {most:g} {unit}, at {place}"
+        )
+        details = {"stage": "limits", "limit": f"cartesian_{name}", kind: self.limit.name}
+        return message, {**details, "value": reached.bound, "most": most, "share": reached.bound / most}
+
+
+def polynomials_of(pieces: ChartCurves, times: np.ndarray) -> MotionPolynomials:
+    """Bezier curves (m, k, nv) by powers of time; each runs from one of the times (m + 1,) [s] to the next."""
+    differences: np.ndarray = pieces
+    spans, powers = np.diff(times)[:, None], []
+    for power in range(pieces.shape[1]):
+        powers.append(math.comb(pieces.shape[1] - 1, power) * differences[:, 0] / spans**power)
+        differences = np.diff(differences, axis=1)
+    by_power = np.ascontiguousarray(np.stack(powers, axis=1))
+    known = np.array(times, float)
+    read_only(known, by_power)
+    return MotionPolynomials(known, by_power)
+
+
+def measure_cartesian(limits: Sequence[CartesianLimit], motion: MotionPolynomials) -> tuple[CartesianUse, ...]:
+    """How fast bodies are along a motion, more closely where a limit is between what was found and its bound."""
+    found = []
+    for one in limits:
+        made = one.reached(motion)
+        if any(it.found <= most < it.bound for it, most in zip(made, (one.speed, one.acceleration), strict=True)):
+            made = one.reached(motion, CLOSE)
+        found.append(CartesianUse(one, *made))
+    return tuple(found)
+
+
+def untold_limits(limits: Sequence[CartesianLimit]) -> str:
+    """What a proof, which is about where a motion is free, doesn't tell of these, in words."""
+    return f"{' and '.join(one.name for one in limits)} keep their speed" if limits else ""
+
+
+def slower(limits: Sequence[CartesianLimit]) -> tuple[CartesianLimit, ...]:
+    """The lowest limits of each frame and link."""
+    lowest: dict[tuple[str, bool], CartesianLimit] = {}
+    for one in limits:
+        known = lowest.setdefault((one.name, one.is_link), one)
+        lowest[one.name, one.is_link] = replace(
+            known, speed=min(known.speed, one.speed), acceleration=min(known.acceleration, one.acceleration)
+        )
+    return tuple(lowest.values())

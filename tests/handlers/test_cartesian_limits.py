@@ -1,0 +1,124 @@
+"""Limits of speed in space as a client meets them: kept by plans and steps, judged by certify, refused by name."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.engine import answer
+from guidefield.errors import MalformedRequest, UnknownFrame
+from guidefield.messages.replies import PlanReply
+from guidefield.planner.motion.trajectory import Trajectory
+from tests.handlers.test_certify import certify, motion_of
+from tests.handlers.test_plan import PATIENT, READY, ask, joints
+from tests.robots import group
+
+TIP = {"frame": "panda_hand_tcp", "speed": 0.25}
+THERE = {"start": READY, "goal": joints(panda_joint1=1.2, panda_joint4=-1.6), "guide_planes": [], "recording": "off"}
+
+
+def fastest(reply: PlanReply, frame: str = "panda_hand_tcp") -> float:
+    """The largest speed of a frame by dense differences of its places [m/s]."""
+    planned, sent = group("panda"), reply.trajectory
+    assert sent is not None
+    motion = Trajectory(*(np.array(rows) for rows in (sent.times, sent.positions, sent.velocities)))
+    times = np.linspace(0.0, motion.duration, 3001)
+    data, index = planned.model.createData(), planned.model.getFrameId(frame)
+    places = []
+    for z in motion.evaluate(times)[0]:
+        pin.framesForwardKinematics(planned.model, data, planned.expand_from_chart(z))
+        places.append(data.oMf[index].translation.copy())
+    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).max() / times[1])
+
+
+def test_a_plan_keeps_the_speed_of_the_tip_and_is_faster_than_when_it_is_slowed_as_a_whole() -> None:
+    free, slow = ask(**THERE), ask(**THERE, cartesian_limits=[TIP])
+    assert slow.status.name == "SUCCESS"
+    assert free.metrics is not None
+    assert slow.metrics is not None
+    (use,) = slow.cartesian
+    assert (use.frame, use.link, use.speed_limit) == ("panda_hand_tcp", None, 0.25)
+    assert 0.24 < fastest(slow) <= 0.25
+    assert use.speed == pytest.approx(fastest(slow), rel=1e-3)
+    assert slow.metrics.duration < 0.9 * free.metrics.duration * fastest(free) / 0.25
+    assert not free.cartesian
+
+
+def test_a_motion_is_judged_by_the_speed_of_a_link_and_of_its_acceleration() -> None:
+    free = ask(**THERE)
+    slowed = ask(**THERE, cartesian_limits=[{"link": "panda_hand", "speed": 0.3, "acceleration": 0.8}])
+    motion = {**motion_of(slowed), "start": READY}
+    kept = certify(**motion, cartesian_limits=[{"link": "panda_hand", "speed": 0.3, "acceleration": 0.8}])
+    assert kept.status.name == "SUCCESS"
+    (use,) = kept.cartesian
+    assert use.acceleration is not None
+    assert use.acceleration <= 0.8
+    refused = certify(**motion_of(free), start=READY, cartesian_limits=[{"link": "panda_hand", "speed": 0.3}])
+    assert refused.status.name == "INVALID_MOTION_PLAN"
+    assert refused.certificate.collision_free
+    assert "link 'panda_hand' reaches" in refused.status.message
+    assert refused.status.details["limit"] == "cartesian_speed"
+    steep = certify(**motion_of(slowed), start=READY, cartesian_limits=[{**TIP, "speed": 9.0, "acceleration": 0.1}])
+    assert steep.status.details["limit"] == "cartesian_acceleration"
+
+
+def test_straight_pieces_are_as_fast_as_they_are() -> None:
+    names = ["panda_joint1"]
+    motion = {"trajectory": {"times": [0.0, 1.0], "positions": [[0.0], [0.5]]}, "position_names": names}
+    reply = certify(**motion, start=READY, interpolation="linear", cartesian_limits=[{**TIP, "acceleration": 1.0}])
+    (use,) = reply.cartesian
+    assert use.speed == pytest.approx(0.5 * 0.307, abs=1e-2)  # of the radius at which it goes round
+    assert use.acceleration is None
+
+
+def test_each_step_keeps_its_own() -> None:
+    steps = [
+        {"goal": joints(panda_joint1=0.6), "cartesian_limits": [{"frame": "panda_hand_tcp", "speed": 0.1}]},
+        {"goal": joints(panda_joint1=1.2), "stop": False, "radius": 0.1},
+        {"goal": {"type": "relative", "position": [0, 0, 0.05]}, "linear": True},
+        {"goal": joints(panda_joint1=0.0), "cartesian_limits": []},
+    ]
+    reply = answer(
+        {"robot": "panda", "scene": "table", "start": READY, "steps": steps, "cartesian_limits": [TIP], **PATIENT}
+    )
+    assert isinstance(reply, PlanReply)
+    assert reply.status.name == "SUCCESS"
+    assert [[use.speed_limit for use in step.cartesian] for step in reply.steps] == [[0.1], [0.25], [0.25], []]
+    assert all(use.speed <= use.speed_limit * (1.0 + 1e-6) for step in reply.steps for use in step.cartesian)
+    assert reply.steps[0].cartesian[0].speed > 0.09
+
+
+@pytest.mark.parametrize(
+    ("fields", "error", "words"),
+    [
+        ({"cartesian_limits": [{"speed": 0.2}]}, MalformedRequest, "give a `frame` or a `link`, got neither"),
+        ({"cartesian_limits": [{"speed": 0.0, "frame": "panda_hand"}]}, MalformedRequest, "cartesian_limits"),
+        ({"cartesian_limits": [{"speed": 0.2, "frame": "nose"}]}, UnknownFrame, "no frame 'nose'"),
+        ({"cartesian_limits": [{"speed": 0.2, "link": "nose"}]}, UnknownFrame, "no link 'nose'"),
+        (
+            {"cartesian_limits": [TIP], "start_velocities": {"panda_joint1": 0.1}},
+            MalformedRequest,
+            "`cartesian_limits`",
+        ),
+    ],
+)
+def test_what_is_not_served_is_refused_by_name(fields, error, words) -> None:
+    with pytest.raises(error, match=words):
+        ask(**{**THERE, **fields})
+
+
+def test_a_path_has_no_speed() -> None:
+    with pytest.raises(MalformedRequest, match="a `path` has no speed"):
+        certify(path=[[0.0], [0.1]], position_names=["panda_joint1"], cartesian_limits=[TIP])
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic", "quintic", "first_order_hold"])
+def test_what_a_controller_draws_keeps_them(interpolation) -> None:
+    execution = {"interpolation": interpolation, "rate": 125}
+    reply = ask(**THERE, cartesian_limits=[TIP], execution=execution)
+    assert reply.status.name == "SUCCESS", reply.status
+    assert 0.24 < reply.cartesian[0].speed <= 0.25
+
+
+def test_steps_have_no_speed() -> None:
+    with pytest.raises(MalformedRequest, match="steps have no speed"):
+        ask(**THERE, cartesian_limits=[TIP], execution={"interpolation": "zero_order_hold", "rate": 125})
