@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import yaml
 
 from guidefield.errors import InvalidConfiguration, MalformedRequest
 from guidefield.messages.replies import CertifyReply, PlanReply
@@ -122,3 +123,17 @@ def test_an_execution_is_of_a_trajectory_with_velocities_and_of_a_goal() -> None
         certify(path=[list(READY.values())], position_names=NAMES, execution=execution)
     with pytest.raises(MalformedRequest, match="not for `steps`"):
         plan(start=READY, steps=[{"goal": GOAL["goal"]}], goal=None, execution=execution)
+
+
+def test_a_reply_exports_what_it_is_certified_for() -> None:
+    made, given = executed("quintic", rate=125.0), judged("quintic", rate=125.0)
+    for reply in (made, given):
+        message = yaml.safe_load(reply.export("yaml"))["trajectory"]
+        first, last = message["points"][0], message["points"][-1]
+        assert message["joint_names"] == NAMES
+        np.testing.assert_allclose(first["positions"], list(READY.values()), atol=1e-9)
+        np.testing.assert_allclose(last["positions"], made.trajectory.positions[-1], atol=1e-9)
+    with pytest.raises(MalformedRequest, match="not certified for a controller"):
+        planned().export("yaml")
+    with pytest.raises(MalformedRequest, match="is not certified: where the execution may be"):
+        judged("quintic", tolerance=0.5).export("csv")

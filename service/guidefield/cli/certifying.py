@@ -118,7 +118,8 @@ def _read_npz(file: Path) -> dict[str, Any]:
 
 def _read_csv(file: Path) -> dict[str, Any]:
     with file.open(newline="", encoding="utf-8-sig") as text:
-        lines = [line for line in csv.reader(text, skipinitialspace=True) if line]
+        told = (line for line in text if not line.startswith("#"))
+        lines = [line for line in csv.reader(told, skipinitialspace=True) if line]
     if len(lines) < 2:
         raise ValueError("a head with the names of its columns and a row at least are expected")
     head = [name.strip() for name in lines[0]]

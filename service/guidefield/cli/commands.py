@@ -165,6 +165,18 @@ def certify(
     interpolation: Annotated[
         str | None, typer.Option(help="Which curve goes through samples: spline, or linear.")
     ] = None,
+    execution: Annotated[
+        str | None,
+        typer.Option(
+            help="Judge what a controller draws of it: linear, cubic, quintic, first_order_hold, zero_order_hold."
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Of the controller's ticks or rows, in Hz, with --execution.")
+    ] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="How far each joint may be from that, in rad or m, with --execution.")
+    ] = None,
     min_clearance: Annotated[
         float | None, typer.Option(help="What links have to keep from obstacles, in metres.")
     ] = None,
@@ -203,6 +215,7 @@ def certify(
         "scene": _read_scene(scene, scale, radius, package_dir),
         "time_step": time_step,
         "interpolation": interpolation,
+        "execution": _execution(execution, rate, tolerance),
         "min_clearance": min_clearance,
         "leave_start_contact": leave_start_contact or None,
     }
@@ -214,6 +227,14 @@ def certify(
         _show(reply, output)
         raise typer.Exit(1)
     _report(reply, output)
+
+
+def _execution(interpolation: str | None, rate: float | None, tolerance: float | None) -> dict[str, Any] | None:
+    """The fields of an execution; None where none is asked for."""
+    others = {name: value for name, value in (("rate", rate), ("tolerance", tolerance)) if value is not None}
+    if interpolation is None and others:
+        raise MalformedRequest(f"--{next(iter(others))} is for an --execution: give one")
+    return None if interpolation is None else {"interpolation": interpolation, **others}
 
 
 @app.command()

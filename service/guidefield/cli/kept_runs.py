@@ -22,12 +22,14 @@ from guidefield.cli.found_run import (
     StreamName,
     data_folder,
     find_plan,
+    find_run,
     open_runs,
     recording_file,
     require_writable,
     split_run_name,
 )
 from guidefield.cli.replaying import comparison_table
+from guidefield.messages.exports import CONTROLLER_KINDS, KINDS
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import RunsReply, RunSummary
 from guidefield.messages.store_requests import LARGEST_PAGE, ReadRuns
@@ -136,14 +138,18 @@ def export(
     file: Annotated[
         Path,
         typer.Argument(
-            help="Where to: .csv, .json, .npz, .rrd for the recording, or a name ending with proof.npz for the proof.",
+            help="Where to: .csv, .json, .npz; .ros.json, .yaml (ROS), .script (UR), if the run is certified for a"
+            " controller; .rrd for the recording, or a name ending with proof.npz for the proof.",
             callback=require_writable,
         ),
     ],
     data: Data = None,
     name: Service = "local",
 ) -> None:
-    """Write the motion of a run to a file for other programs, its proof, or its or a stream's recording."""
+    """Write the motion of a run to a file for other programs, its proof, or its or a stream's recording.
+
+    Of a run with an `execution` it is the rows that a controller is to be sent.
+    """
     from guidefield.arrays import run_arrays, write_motion
 
     if file.suffix == ".rrd":
@@ -154,5 +160,10 @@ def export(
         runs, run_id = split_run_name(run, data, name)
         runs.require(run_id)
         write_whole(file, runs.recordings.read_proof(run_id))
+        return
+    reply = find_run(run, data, name).reply
+    kind = next((kind for kind in KINDS if file.name.endswith(f".{kind}")), None)
+    if kind is not None and (reply.execution is not None or kind in CONTROLLER_KINDS):
+        write_whole(file, reply.export(kind))
         return
     write_motion(run_arrays(find_plan(run, data, name)), file)

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from guidefield.errors import Status
 from guidefield.messages.certify_reply import describe_certificate, describe_place
+from guidefield.messages.execution import describe_execution
 from guidefield.messages.replies import (
     CertifyReply,
     ClearanceFigures,
@@ -189,6 +190,10 @@ def _status(reply: MotionReply) -> Text:
 
 def _distance_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
     rows: list[tuple[str, RenderableType]] = []
+    if reply.execution is not None:
+        leaves = reply.execution.deviation
+        apart = f"leaves the plan by {leaves.largest:.3g} rad or m at most, {leaves.joint} at {leaves.time:.3f} s"
+        rows.append(("as executed", Text(f"{describe_execution(reply.execution)}; {apart}")))
     if reply.clearance is not None:
         rows.append(("clearance", Text(_clearance(reply.clearance))))
     own = reply.self_clearance

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from guidefield.errors import MalformedRequest
 from guidefield.messages.execution import ExecutionFigures
+from guidefield.messages.exports import export
 from guidefield.messages.plan_reply import (
     CartesianUse,
     CertificateFigures,
@@ -155,6 +157,16 @@ class CertifyReply(Reply):
     proof: str | None = None
     execution: ExecutionFigures | None = None
     cartesian: list[CartesianUse] = []
+
+    def export(self, kind: str) -> bytes:
+        """Write the rows of `execution` as a file: "ros.json" or "yaml" (ROS), "script" (UR), "csv", "json", "npz".
+
+        Raises:
+            MalformedRequest: if the motion isn't certified for what draws such a file.
+        """
+        if self.status.name != "SUCCESS":
+            raise MalformedRequest(f"run {self.run_id!r} is not certified: {self.status.message}", run_id=self.run_id)
+        return export(self.run_id, self.position_names, self.execution, kind)
 
 
 def describe_place(row: float, time: float | None) -> str:

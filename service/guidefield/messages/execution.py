@@ -77,3 +77,10 @@ class ExecutionFigures(Reply):
     velocities: list[list[float]] | None
     accelerations: list[list[float]] | None
     end: float
+
+
+def describe_execution(figures: ExecutionFigures) -> str:
+    """Say in words what a motion is certified for: interpolation, rate, and the largest tolerance."""
+    rate = "" if figures.rate is None else f" at {figures.rate:g} Hz"
+    widest = max(figures.tolerance, default=0.0)
+    return f"{figures.interpolation}{rate}, within {widest:g} rad or m of it"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from guidefield.messages.execution import ExecutionFigures
+from guidefield.messages.exports import export
 from guidefield.messages.scene import GuidePlane
 from guidefield.messages.values import Reply
 
@@ -308,3 +309,11 @@ class PlanReply(Reply):
     proof: str | None = None
     execution: ExecutionFigures | None = None
     cartesian: list[CartesianUse] = []
+
+    def export(self, kind: str) -> bytes:
+        """Write the rows of `execution` as a file: "ros.json" or "yaml" (ROS), "script" (UR), "csv", "json", "npz".
+
+        Raises:
+            MalformedRequest: if the motion isn't certified for what draws such a file.
+        """
+        return export(self.run_id, self.position_names, self.execution, kind)
