@@ -18,7 +18,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.planner.finish import finish, found_motion
-from guidefield.planner.held_paths import HeldPath, detours, quick_paths, thorough_path
+from guidefield.planner.held_paths import HeldPath, connections, detours, quick_paths
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct
 from guidefield.planner.motion_certificate import Finished, certify_motion, judge
@@ -77,7 +77,6 @@ class _Estimate:
 
     way: HeldPath
     arrival: float  # when [s]
-    unhindered: float  # how long it takes if nothing moves [s]
 
 
 class _Search:
@@ -94,6 +93,11 @@ class _Search:
     def leave_by(self) -> tuple[float, Verdict | None]:
         """Until when the robot may wait where it starts [s], and the refusal of a longer wait."""
         return find_meeting(self._problem, self._problem.z_start)
+
+    @cached_property
+    def _goals_from(self) -> float:
+        """From when on a robot may stand at any of the goals for good [s]."""
+        return min(map(self._from, self._goals))
 
     def by_quick_paths(self) -> Finished | None:
         """The motion along the way that is arrived on first, of those that a few motions find; None without any."""
@@ -123,14 +127,14 @@ class _Search:
 
     def by_thorough_ways(self) -> Finished | None:
         """The motion along the way of the planner among obstacles at rest; None if there is none."""
-        for prove in (False, True):
-            if self._problem.deadline.expired():
+        if self._problem.deadline.expired():
+            return None
+        resting, words = self._problem.at(self._problem.scene.end), "to the goal, among the obstacles once they rest"
+        for found in connections(resting, PathSoFar.at_start(resting), self._goals, self._stages, words):
+            if found.failure is not None:
+                self._ending = self._ending or found.failure
                 return None
-            way = thorough_path(self._problem, self._goals, self._stages, prove=prove)
-            if way.found.failure is not None:
-                self._ending = self._ending or way.found.failure
-                return None
-            if (finished := self._along(way)) is not None:
+            if (finished := self._along(HeldPath("where they come to rest", resting, found, at_rest=True))) is not None:
                 return finished
         return None
 
@@ -166,19 +170,26 @@ class _Search:
         return Ending(Status.PLANNING_FAILED, message, {"stage": "connect", "pair": pair, "time": problem.scene.end})
 
     def _estimates(self, ways: Iterator[HeldPath]) -> Iterator[_Estimate]:
-        """Those of some ways that have a schedule; no more once one is not hindered, or a share of the time is up."""
-        deadline = self._problem.deadline.share(WAYS.share)
+        """Those of some ways that have a schedule, each way once.
+
+        No more once one is not hindered, except until a goal stays free, or a share of the time is up.
+        """
+        deadline, known = self._problem.deadline.share(WAYS.share), set[tuple[bytes, bool]]()
         for way in ways:
-            if len(distinct(way.found.path)) == 1:
+            key = way.found.path.tobytes(), way.at_rest
+            if len(distinct(way.found.path)) == 1 or key in known:
                 continue
+            known.add(key)
             motion = soonest_along(way.problem, way.found.path)
             chosen = self._earliest(motion, self._occupancy(motion, at_rest=way.at_rest), WAYS.rooms)
             if not chosen and deadline.expired():
                 return
             if not chosen:
                 continue
-            yield _Estimate(way, chosen[0].arrival, motion.duration)
-            if chosen[0].arrival <= WAYS.unhindered * motion.duration or deadline.expired():
+            arrival = chosen[0].arrival
+            yield _Estimate(way, arrival)
+            unhindered = WAYS.unhindered * max(motion.duration, self._goals_from) + step_of(self._problem.group)
+            if arrival <= unhindered or deadline.expired():
                 return
 
     def _along(self, way: HeldPath) -> Finished | None:

@@ -91,6 +91,20 @@ def connect_to_goal(
     return found.extended(connection.path, proven=connection.proven, others=connection.others)
 
 
+def connections(
+    problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages, words: str
+) -> Iterator[PathSoFar]:
+    """Connections to one of some goals (m, nv), while what comes of them isn't certified: the second one is itself."""
+    for prove in (False, True):
+        if prove:
+            problem.tell(Note("the motion was not certified: the connection is certified before it is made one again"))
+        with stages.entered("connect", f"{words}{', certified' if prove else ''}") as stage:
+            connected = connect_to_goal(problem, found, goals, stage, prove=prove)
+        yield connected
+        if connected.proven or connected.failure is not None or problem.deadline.expired():
+            return
+
+
 def _try_connection(problem: Problem, found: PathSoFar, goals: ChartPoints, prove: bool) -> Connection:
     rng = np.random.default_rng([problem.seed, 2])
     if problem.path_constraints:
@@ -177,19 +191,6 @@ def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:
     drawn = np.clip(np.concatenate([among.z_start + aside, anywhere]), group.lower, group.upper)
     free: ChartPoints = drawn[~among.lanes.touching(drawn, among.min_clearance)]
     return free
-
-
-def thorough_path(problem: Problem, goals: ChartPoints, stages: Stages, *, prove: bool) -> HeldPath:
-    """The way of the planner among obstacles at rest, once they have come to rest; failed if there is none.
-
-    Args:
-        goals: Chart points, shape (m, nv), as there.
-    """
-    resting = problem.at(problem.scene.end)
-    certified = ", certified" if prove else ""
-    with stages.entered("connect", f"to the goal, among the obstacles once they rest{certified}") as stage:
-        found = connect_to_goal(resting, PathSoFar.at_start(resting), goals, stage, prove=prove)
-    return HeldPath("where they come to rest", resting, found, at_rest=True)
 
 
 def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:

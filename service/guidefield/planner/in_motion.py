@@ -15,7 +15,7 @@ import numpy as np
 
 from guidefield.errors import Status
 from guidefield.planner.finish import found_motion
-from guidefield.planner.held_paths import connect_to_goal
+from guidefield.planner.held_paths import connections
 from guidefield.planner.motion.limit_load import TOLERANCE
 from guidefield.planner.motion.profiles import backwards, jerks_apart, jerks_of, stopping
 from guidefield.planner.motion.trajectory import Trajectory, led_to, one_after_another
@@ -82,23 +82,15 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
 
 def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> Finished:
     """Connect what the ends leave over, optimise and certify the whole."""
-    resting = dataclasses.replace(
-        problem,
-        q_start=problem.group.from_chart(ends.stop.positions[-1]),
-        start_velocity=None,
-        start_acceleration=None,
-        end_velocity=None,
-    )
-    finished = None
-    for prove in (False, True):
-        with stages.entered("connect", "from where it can stop to where it gets up to speed") as stage:
-            found = connect_to_goal(resting, PathSoFar.at_start(resting), ends.inner_goals, stage, prove=prove)
+    resting = problem.since(ends.stop.duration, problem.group.from_chart(ends.stop.positions[-1]))
+    finished, words = None, "from where it can stop to where it gets up to speed"
+    for found in connections(resting, PathSoFar.at_start(resting), ends.inner_goals, stages, words):
         if found.failure is not None:
             return found_motion(problem, found, stages)
         finished = _finish_between(problem, resting, ends, found, stages)
-        if finished.verdict.free or problem.deadline.expired():
+        if finished.verdict.free:
             break
-    assert finished is not None, "it was connected"
+    assert finished is not None, "the first connection is tried, whatever the time"
     return finished
 
 

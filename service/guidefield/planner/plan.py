@@ -16,7 +16,7 @@ from guidefield.planner.finish import finish
 from guidefield.planner.goal_among_movers import reach_among_movers
 from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.guide.rounds import Attempt
-from guidefield.planner.held_paths import connect_to_goal
+from guidefield.planner.held_paths import connections
 from guidefield.planner.in_motion import STOPS, finish_in_motion, moving_ends
 from guidefield.planner.leaving import continue_after, join_way_out, leave
 from guidefield.planner.motion.trajectory import Trajectory, led_to, one_after_another
@@ -24,7 +24,7 @@ from guidefield.planner.motion_certificate import Finished, certify_motion, exec
 from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
 from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed, Stages, refusal
-from guidefield.planner.task.trace import Note, StageLeft
+from guidefield.planner.task.trace import StageLeft
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
@@ -164,16 +164,13 @@ def _reach_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: 
     """Connect and finish: what is free at samples is optimised at once; where that fails, it is proven before."""
     if problem.scene.moves:
         return reach_among_movers(problem, goals, stages)
-    with stages.entered("connect", "to the goal") as stage:
-        connected = connect_to_goal(problem, found, goals, stage, prove=False)
-    finished = finish(problem, connected, stages)
-    settled = connected.proven or finished.failure is not None or finished.verdict.free
-    if settled or problem.deadline.expired():
-        return finished
-    problem.tell(Note("the motion was not certified: the connection is certified before it is made one again"))
-    with stages.entered("connect", "to the goal, certified") as stage:
-        connected = connect_to_goal(problem, found, goals, stage)
-    return finish(problem, connected, stages)
+    finished = None
+    for connected in connections(problem, found, goals, stages, "to the goal"):
+        finished = finish(problem, connected, stages)
+        if finished.verdict.free:
+            break
+    assert finished is not None, "the first connection is tried, whatever the time"
+    return finished
 
 
 def _refuse_start(problem: Problem, failure: Ending, stages: Stages) -> Finished:

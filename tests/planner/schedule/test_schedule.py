@@ -80,17 +80,17 @@ def test_what_a_slice_says_is_free_is_free_at_all_times_in_it(kind: str, monkeyp
     slices = Slices(made, 0.05)
     zs = START + np.random.default_rng(3).uniform(-0.6, 0.6, (12, 7))
     free = 0
-    for index in range(15, 50, 12):
-        touching = slices.touching(index, zs)
-        for time in index * 0.05 + np.linspace(0.0, 0.05, 3):
+    for index, together in [*((index, 1) for index in range(15, 50, 12)), (4, 4), (9, 4)]:
+        touching, length = slices.touching(index, zs, together), together * 0.05
+        for time in index * length + np.linspace(0.0, length, 1 + 2 * together):
             world = World.build(PANDA, made.scene.at(time))
             for z in zs[~touching]:
                 assert clearance_at(world, PANDA.expand_from_chart(z)).obstacle_distance >= 0.01
         free += int((~touching).sum())
-        middle = made.at(index * 0.05 + 0.025).world
+        middle = made.at((index + 0.5) * length).world
         nearest = np.array([clearance_at(middle, PANDA.expand_from_chart(z)).obstacle_distance for z in zs])
-        assert not touching[nearest > 0.1].any(), "what is far is free"
-    assert 0 < free < 3 * len(zs)
+        assert not touching[nearest > 0.1 * together].any(), "what is far is free"
+    assert 0 < free < 5 * len(zs)
 
 
 def test_once_all_rest_a_slice_is_the_scene_at_rest() -> None:

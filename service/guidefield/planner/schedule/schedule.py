@@ -48,6 +48,7 @@ class Occupancy:
         self.slices, self.leave_by, self.arrive_from = slices, leave_by, arrive_from
         self.free_at_rest = free_at_rest
         self._rows = np.empty((0, self.count), np.uint8)
+        self._blocks: dict[int, np.ndarray] = {}
         self._taken_out: list[tuple[int, int]] = []
 
     def cells(self, times: np.ndarray) -> np.ndarray:
@@ -86,11 +87,27 @@ class Occupancy:
         """The cells from one before to one after; never the ends, whose times are known for certain."""
         return slice(max(1, cell - 1), min(self.count - 1, cell + 2))
 
+    def _reached(self, index: int) -> int:
+        """How many cells may be looked at in a slice: no schedule is faster than the motion, but places are rounded."""
+        time = self._times[0] + (index + 2) * self.slices.length
+        return min(int(np.searchsorted(self.at, time, side="right")) + 1, self.count)
+
+    def _near(self, block: int) -> np.ndarray:
+        """Cells that aren't free all along in some slices together: others needn't be looked at in each of them."""
+        if block not in self._blocks:
+            reached = self._reached((block + 1) * SCHEDULE.together - 1)
+            touching = self.slices.touching(block, self._zs[:reached], SCHEDULE.together)
+            self._blocks[block] = np.flatnonzero(touching)
+        return self._blocks[block]
+
     def _row(self, index: int) -> np.ndarray:
-        if self.free_at_rest and index >= self.slices.resting_from:
-            row = np.ones(self.count, np.uint8)
-        else:
-            row = (~self.slices.touching(index, self._zs)).astype(np.uint8)
+        row, reached = np.zeros(self.count, np.uint8), self._reached(index)
+        row[:reached] = 1
+        if not (self.free_at_rest and index >= self.slices.resting_from):
+            near = self._near(index // SCHEDULE.together)
+            near = near[: np.searchsorted(near, reached)]
+            if len(near):
+                row[near] = ~self.slices.touching(index, self._zs[near])
         row[0] = (index + 1) * self.slices.length <= self.leave_by
         row[-1] = index * self.slices.length >= self.arrive_from
         for slice_index, cell in self._taken_out:

@@ -40,6 +40,7 @@ class ScheduleSettings:
     shortest_step: float = 0.02  # a step lasts at least, and at most, so long [s]. Choices
     longest_step: float = 0.2  # together with the one above
     slice_length: float = 0.05  # obstacles are looked at in slices of time at most this long [s]. A choice
+    together: int = 4  # slices that are looked at as one first. A choice
     # an obstacle that moves by more than twice this in a slice stands there more than once [m]; a choice
     finest: float = 0.01
     most_copies: int = 6  # so often at most. A choice
@@ -49,7 +50,7 @@ class ScheduleSettings:
     resolution: float = 32.0  # cells of a path per length in the chart [1/rad or 1/m], as samples of a tree's motions
     most_cells: int = 1000  # cells of a path at most. A choice
     fine: int = 4  # times for each knot of a motion at which it is looked how far has been travelled. A choice
-    steps_at_once: int = 16  # steps that are followed before it is asked whether time is up. A choice
+    steps_at_once: int = 4  # steps that are followed before it is asked whether time is up. A choice
     most_steps: int = 4096  # after so many steps no search goes on. A choice: four minutes of a Panda's
     most_states: int = 40_000_000  # a search keeps so many states at most, of 8 bits each. A choice
     # after all obstacles have come to rest the search goes on for so many times what the path takes, and a second. A
@@ -82,7 +83,8 @@ class WaySettings:
     detours: int = 12  # by how many of them a way is tried. A choice
     rooms: tuple[float, ...] = (0.85,)  # as those of a schedule, where a way is but estimated. A choice
     share: float = 0.5  # of the time left for ways that a few motions find. A choice
-    unhindered: float = 1.05  # a way of at most this times the time without obstacles ends the looking. A choice
+    # a way of at most this times the time without obstacles, or until a goal stays free, ends the looking. A choice
+    unhindered: float = 1.05
 
 
 WAYS = WaySettings()
@@ -191,29 +193,33 @@ class Slices:
             if len(pairs.of_obstacles(np.array([index])))
         }
         self._within_reach = _reach(problem.world) if None in self._balls.values() else None
-        self._kept: dict[int, tuple[BatchCollision, float]] = {}
+        self._kept: dict[tuple[int, int], tuple[BatchCollision, float]] = {}
 
-    def touching(self, index: int, zs: np.ndarray) -> np.ndarray:
-        """Which chart points (n, nv) may touch in a slice, by its index; shape (n,), bool."""
-        index = min(index, self.resting_from)
-        if index not in self._kept:
+    def touching(self, index: int, zs: np.ndarray, together: int = 1) -> np.ndarray:
+        """Which chart points (n, nv) may touch in a slice, by its index, or in one of several; shape (n,), bool.
+
+        Several of them count as slices of as many times the length.
+        """
+        key = min(index, math.ceil(self.resting_from / together)), together
+        if key not in self._kept:
             while len(self._kept) >= SCHEDULE.kept_slices:
                 self._kept.pop(next(iter(self._kept)))
-            self._kept[index] = self._slice(index)
-        lanes, clearance = self._kept[index]
+            self._kept[key] = self._slice(*key)
+        lanes, clearance = self._kept[key]
         self._problem.counters.collision_checks += len(zs)
         return lanes.touching(zs, clearance)
 
-    def _slice(self, index: int) -> tuple[BatchCollision, float]:
-        kept, begin, end = self._problem.min_clearance, index * self.length, (index + 1) * self.length
+    def _slice(self, index: int, together: int) -> tuple[BatchCollision, float]:
+        length, moving = together * self.length, index * together < self.resting_from
+        kept, begin, end = self._problem.min_clearance, index * length, (index + 1) * length
         size = self._problem.group.size
         moments, moves = {}, 0.0
         for mover, ball in self._balls.items():
-            way = 0.0 if index >= self.resting_from else 0.5 * self._speed(mover, ball, begin, end) * self.length
-            copies = int(np.clip(math.ceil(way / (SCHEDULE.finest * size)), 1, SCHEDULE.most_copies))
-            moments[mover] = (begin + (np.arange(copies) + 0.5) / copies * self.length).tolist()
+            way = 0.5 * self._speed(mover, ball, begin, end) * length if moving else 0.0
+            copies = int(np.clip(math.ceil(way / (together * SCHEDULE.finest * size)), 1, SCHEDULE.most_copies))
+            moments[mover] = (begin + (np.arange(copies) + 0.5) / copies * length).tolist()
             moves = max(moves, way / copies)
-        if index < self.resting_from:
+        if moving:
             kept += MARGIN * size + moves
         return BatchCollision.build(_world(self._problem, moments, np.empty((0, 2), np.int64))), kept
 
