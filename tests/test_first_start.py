@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 import guidefield
 from guidefield import first_start
+from guidefield.kernels.jit import cache as kernel_cache, compile_ahead
+from guidefield.kernels.timing import hermite
 from tests.journeys.service import await_death
 from tests.kernels.jit.copies import compiling_package
 
@@ -130,3 +134,80 @@ def test_a_compile_under_way_does_not_hold_up_whoever_is_told_to_end(
     for pid in map(int, pids.read_text().split()):
         await_death(pid)
     assert not (tmp_path / "cache").exists()
+
+
+FIRST_ONLY = """
+import sys
+from guidefield import first_start
+from guidefield.kernels.jit import compile_ahead
+first_start.compile_kernels(print, wholly=False)
+print("returned")
+"""
+
+
+def test_who_makes_one_plan_waits_for_what_that_needs_and_the_rest_is_compiled_after_its_end(
+    tmp_path: Path,
+) -> None:
+    code, kept = package(tmp_path / "code", "2.0 * x"), tmp_path / "cache"
+    ahead = code / "guidefield" / "kernels" / "jit" / "compile_ahead.py"
+    ahead.write_text(ahead.read_text().replace("FIRST = (\n", 'FIRST = (\n    "callee",\n'))
+    environment = {**os.environ, "PYTHONPATH": str(code), "NUMBA_CACHE_DIR": str(kept)}
+    ran = subprocess.run(
+        [sys.executable, "-c", FIRST_ONLY], env=environment, capture_output=True, text=True, check=True, timeout=120
+    )
+    assert ran.stdout.splitlines()[1:] == ["compiling kernels 0 %, once for this version: 1 of 1 (callee)", "returned"]
+    assert "Exception" not in ran.stderr
+    again = start(code, kept)  # waits for the one that goes on
+    assert not any("fault" in line for line in again)
+    kernels = kept / "guidefield" / "kernels"
+    assert {path.parent.name.partition("-")[0] for path in kernels.glob("*/whole")} == {"a_caller", "callee"}
+    assert not list(kernels.glob("compiling-*")), "nobody compiles any more"
+
+
+def test_a_kernel_that_is_called_before_its_turn_waits_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    function, name = hermite.piece_peaks.py_func, "timing.hermite"
+    kernel_cache.await_machine_code(function)  # nobody compiles: the call does
+    waits = threading.Thread(target=kernel_cache.await_machine_code, args=(function,))
+    with kernel_cache.compile_alone() as alone:
+        assert alone
+        with kernel_cache.compile_alone() as second:
+            assert not second
+        waits.start()
+        waits.join(0.3)
+        assert waits.is_alive()
+        assert kernel_cache.is_wanted(name)
+        kernel_cache.note_compiled(name)
+        waits.join(10.0)
+        assert not waits.is_alive()
+        kernel_cache.await_machine_code(function)
+
+
+PLANNED = """
+import guidefield, json, sys
+from guidefield.kernels.jit.patched_compiler import Kernel
+goal = {"type": "pose", "position": [0.4, 0.2, 0.5], "quaternion_xyzw": [1, 0, 0, 0]}
+reply = guidefield.answer({"robot": "ur5", "scene": "table", "goal": goal, "guide_planes": [], "recording": "off"})
+kernels = "guidefield.kernels."
+loaded = {
+    name.removeprefix(kernels)
+    for name, module in list(sys.modules.items())
+    if name.startswith(kernels)
+    for one in vars(module).values()
+    if isinstance(one, Kernel) and one.overloads and one.py_func.__module__ == name
+}
+print(json.dumps([reply.status.name, sorted(loaded)]))
+"""
+
+
+def test_a_first_plan_for_a_robot_that_nothing_is_kept_of_needs_what_is_compiled_first(tmp_path: Path) -> None:
+    folder = tmp_path / "guidefield"
+    folder.mkdir()
+    (folder / "kernels").symlink_to(kernel_cache.cache_folder())
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    ran = subprocess.run([sys.executable, "-c", PLANNED], env=environment, capture_output=True, text=True, check=True)
+    status, loaded = json.loads(ran.stdout.splitlines()[-1])
+    assert status == "SUCCESS"
+    assert len(loaded) > 30
+    assert set(loaded) <= compile_ahead.needed_first()
+    assert set(compile_ahead.FIRST) <= set(kernel_cache.sources().names)

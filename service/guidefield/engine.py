@@ -252,7 +252,7 @@ class Engine:
         """Load and prepare the needs of a request before its time begins; return whether a plan's were ready before."""
         compiled = self._compiled
         if self._is_first(request, None):
-            compile_kernels(_log.warning)
+            compile_kernels(_log.warning, wholly=False)
             self._compiled = True
         if isinstance(request, requests.PlanRequest):
             from guidefield.handlers.plan import prepare_ahead

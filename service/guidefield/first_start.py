@@ -1,4 +1,8 @@
-"""Compile all kernels once per version and machine, in a child process: this one never loads the compiler."""
+"""Compile all kernels once per version and machine, in a child process: this one never loads the compiler.
+
+Whoever makes one plan needn't wait for all of them: the child says when what a first plan needs is compiled, and goes
+on by itself with the rest, at low priority. A kernel that is called before its turn waits for it (`jit.cache`).
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
@@ -22,6 +27,10 @@ KERNELS = Path(__file__).parent / "kernels"
 PROGRESS_PERIOD_S = 2.0  # shortest time between two progress messages [s]
 FIRST_PROGRESS = "compiling kernels 0 %, once for this version: the compiler is loaded"
 """The first progress message, a second or two before the compiler's own."""
+READY = "compiled what a first plan needs"
+"""The line that the child prints then."""
+UNTIL_READY = "--until-ready"
+"""The child's option where nobody waits for more."""
 POLL_PERIOD_S = 0.2  # period at which cancellation is checked [s]
 CPUINFO = Path("/proc/cpuinfo")  # Linux's description of the processor
 CPU_FIELDS = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features")
@@ -32,43 +41,50 @@ PLAIN_VARIABLE = "GUIDEFIELD_PLAIN_NUMBA"  # the environment variable that disab
 KNOWN_NUMBA = ("0.68.0", "0.68.1")  # versions of numba whose internals are changed; others are used unchanged
 
 
-def compile_kernels(told: Callable[[str], None], is_cancelled: Callable[[], bool] = lambda: False) -> None:
+def compile_kernels(
+    told: Callable[[str], None], is_cancelled: Callable[[], bool] = lambda: False, *, wholly: bool = True
+) -> None:
     """Compile the kernels without cached machine code, on all processors; return at once if all are compiled.
 
     Args:
         told: Takes progress messages of one sentence.
         is_cancelled: Asks whether to end early; kernels compiled by then stay.
+        wholly: Whether to wait for all of them; else for those of a first plan, and the rest is compiled meanwhile,
+            also after the end of this process.
 
     Raises:
         RuntimeError: if a kernel can't be compiled.
     """
-    done = compiled_marker()
-    if done.exists():
+    if compiled_marker().exists():
         return
     told(FIRST_PROGRESS)
     last = -PROGRESS_PERIOD_S
-    command = [sys.executable, "-m", "guidefield.kernels.jit.compile_ahead"]
-    with (
-        tempfile.TemporaryFile("w+") as log,  # a pipe that nobody reads could fill up
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, process_group=0) as child,  # noqa: S603 - ourselves
-    ):
+    command = [sys.executable, "-m", "guidefield.kernels.jit.compile_ahead", *([] if wholly else [UNTIL_READY])]
+    with tempfile.TemporaryFile("w+") as log:  # a pipe that nobody reads could fill up
+        child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, process_group=0)  # noqa: S603 - ourselves
+        is_left = False
         try:
             for line in _read_lines(child, is_cancelled):
-                if time.monotonic() - last >= PROGRESS_PERIOD_S:
+                if line == READY and not wholly:
+                    is_left = True
+                    threading.Thread(target=child.wait, daemon=True).start()  # so that it is no zombie when it ends
+                    return
+                if line != READY and time.monotonic() - last >= PROGRESS_PERIOD_S:
                     told(line)
                     last = time.monotonic()
             if is_cancelled():
                 return
             child.wait()
         finally:
-            if child.poll() is None:
+            if not is_left and child.poll() is None:
                 os.killpg(child.pid, signal.SIGKILL)  # and its own children
+                child.wait()
+            assert child.stdout is not None, "it is piped"
+            child.stdout.close()
         log.seek(0)
         fault = log.read().strip()
     if child.returncode != 0:
         raise RuntimeError(fault.splitlines()[-1] if fault else "the kernels' compiler ended without a reason")
-    done.parent.mkdir(parents=True, exist_ok=True)
-    done.touch()
 
 
 def compiled_marker() -> Path:

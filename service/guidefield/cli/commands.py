@@ -143,7 +143,7 @@ def plan(
     Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
     asked = _set_objective(_read_request(request, _read_scene(scene, scale, radius)), objective)
-    compile_kernels(err.print)
+    compile_kernels(err.print, wholly=False)
     _report(answer(asked, record_to=record, proof_to=proof), output)
 
 
@@ -220,7 +220,7 @@ def certify(
         "leave_start_contact": leave_start_contact or None,
     }
     request = make_certify_request(motion, given, allowed_time, data, name)
-    compile_kernels(err.print)
+    compile_kernels(err.print, wholly=False)
     reply = answer(request, record_to=record, proof_to=proof)
     assert isinstance(reply, CertifyReply), "a certify request was answered"
     if (referee or case is not None) and not run_referee(request, reply, case, asked=referee):

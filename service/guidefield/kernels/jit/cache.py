@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import fcntl
 import functools
 import hashlib
 import inspect
 import json
+import logging
 import re
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -212,6 +215,10 @@ def _statement(node: ast.stmt) -> Statement:
 
 _KEPT = re.compile(r"^@(?:kernel|compiled|inner_kernel|exact_kernel|lane_kernel|lane_step)\b", re.MULTILINE)
 
+_WHOLE, _WANTED = "whole", "wanted"  # in a folder: all of its machine code is there; somebody waits for it
+_POLL_S = 0.05  # period at which whoever waits looks [s]
+_log = logging.getLogger(__name__)
+
 _NUMBAS_OWN = "UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator,ZipCacheLocator"
 """Whom numba asks for folders, where the variable ``NUMBA_CACHE_LOCATOR_CLASSES`` says nothing else."""
 
@@ -284,7 +291,74 @@ def uncompiled() -> set[str]:
     """The files with kernels that numba keeps that have no machine code, by name."""
     known = sources()
     kept = [name for name in known.names if _KEPT.search(known.path(name).read_text())]
-    return {name for name in kept if not any(kernel_folder(name).glob("*.nbi"))}
+    return {name for name in kept if not is_compiled(name)}
+
+
+def is_compiled(name: str) -> bool:
+    """Whether all machine code of a file is there."""
+    return (kernel_folder(name) / _WHOLE).exists()
+
+
+def note_compiled(name: str) -> None:
+    """Note that all machine code of a file is there."""
+    (kernel_folder(name) / _WHOLE).touch()
+
+
+def is_wanted(name: str) -> bool:
+    """Whether somebody waits for the machine code of a file."""
+    return (kernel_folder(name) / _WANTED).exists()
+
+
+@contextlib.contextmanager
+def compile_alone() -> Iterator[bool]:
+    """Keep others from compiling this version's kernels at the same time; yield whether nobody else does.
+
+    Where a file system has no locks everybody compiles.
+    """
+    file = _lock_file()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("a") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+            return
+        except OSError:
+            yield True
+            return
+        try:
+            yield True
+        finally:
+            file.unlink(missing_ok=True)
+
+
+def await_machine_code(function: Callable[..., object]) -> None:
+    """Wait for the machine code of a kernel's file as long as another process compiles this version's kernels."""
+    file = Path(inspect.getfile(function))
+    if not file.is_relative_to(KERNELS) or is_compiled(name := _name(file, KERNELS)) or not _is_under_way():
+        return
+    _log.warning("waits until the kernels of %s are compiled, once for this version", name)
+    with contextlib.suppress(OSError):
+        kernel_folder(name).mkdir(parents=True, exist_ok=True)
+        (kernel_folder(name) / _WANTED).touch()
+    while not is_compiled(name) and _is_under_way():
+        time.sleep(_POLL_S)
+
+
+def _is_under_way() -> bool:
+    """Whether a process compiles this version's kernels."""
+    try:
+        with _lock_file().open() as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def _lock_file() -> Path:
+    return cache_folder() / f"compiling-{kernels_fingerprint()}"
 
 
 def kernel_folder(name: str) -> Path:

@@ -1,35 +1,67 @@
 """Compile every kernel that has no machine code yet, in several processes, and tell how far that is.
 
-Run as ``python -m guidefield.kernels.jit.compile_ahead`` it prints a line before each file; with ``--child`` it
+Run as ``python -m guidefield.kernels.jit.compile_ahead`` it prints a line before each file, and one once all is
+compiled that a first plan needs: that comes first, then what somebody waits for, then the rest. With ``--child`` it
 compiles the files that it reads the names of, and answers each with its name. A process of its own: a program that only
 plans doesn't share its memory with the compiler.
 """
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import importlib
+import os
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterable
 
-from guidefield.kernels.jit.cache import sources, uncompiled
+from guidefield.first_start import READY, UNTIL_READY, compiled_marker
+from guidefield.kernels.jit.cache import compile_alone, is_wanted, note_compiled, sources, uncompiled
 from guidefield.kernels.jit.compilers import load, quicken
 from guidefield.system import usable_processors
 
 Told = Callable[[str], None]  # told, in one sentence, how far it is
 
+FIRST = (
+    "collide.batch_collision",
+    "collide.parts",
+    "collide.primitives_layout",
+    "cover.ball_cover",
+    "cover.crop_to_ball",
+    "cover.cut_halves",
+    "cover.enclosing_ball",
+    "cover.enclosing_circle",
+    "cover.inscribed",
+    "cover.merge_points",
+    "cover.pieces",
+    "cover.small_surfaces",
+    "cover.winding",
+    "distance.convex_polygon",
+    "kinematics.inverse_kinematics",
+    "optimize.newton_descent",
+    "prove.search",
+    "timing.path_parameterization",
+    "timing.travel",
+    "tree.rrt_connect",
+    "tree.shortcut",
+)
+"""Files that, with all they import, a plan to a configuration or pose needs for a robot that nothing is kept of."""
 _CHILD = "--child"
+_TURN_S = 0.5  # period at which it is looked whether another process is done compiling [s]
+_LATER = 10  # how nice the compilers are with what nobody waits for
 
 
-def compile_missing(told: Told, processes: int | None = None) -> None:
+def compile_missing(told: Told, processes: int | None = None, *, until_ready: bool = False) -> None:
     """Compile what is missing: a file when all that it calls is compiled, those at the head of the longest way first.
 
     Args:
-        told: Told before each file; not at all if nothing is missing.
+        told: Told before each file, and once a first plan can be made; not at all if nothing is missing.
         processes: How many compile at once; None: as many as there are processors.
+        until_ready: Whether only the way to a first plan is told.
 
     Raises:
         RuntimeError: if a file can't be compiled; with the last line of why.
@@ -37,7 +69,7 @@ def compile_missing(told: Told, processes: int | None = None) -> None:
     missing = uncompiled()
     if not missing:
         return
-    work = _Work({name: sources().imported(name) & missing - {name} for name in missing}, told)
+    work = _Work({name: sources().imported(name) & missing - {name} for name in missing}, told, until_ready)
     threads = [
         threading.Thread(target=work.in_a_child, daemon=True)
         for _ in range(min(len(missing), processes or usable_processors()))
@@ -53,11 +85,15 @@ def compile_missing(told: Told, processes: int | None = None) -> None:
 class _Work:
     """Files to compile, and which of them each needs; handed out to threads that each have a child."""
 
-    def __init__(self, needs: dict[str, set[str]], told: Told) -> None:
+    def __init__(self, needs: dict[str, set[str]], told: Told, until_ready: bool) -> None:
         self._needs, self._told = needs, told
         self._sizes = {name: _size_of(name) for name in needs}
         self._ahead = _ahead_of(needs, self._sizes)
         self._waiting, self._done = set(needs), set[str]()
+        self._first = needed_first() & set(needs)
+        self._counted = self._first if until_ready else set(needs)
+        if not self._first:
+            told(READY)
         self._changed = threading.Condition()
         self.fault: str | None = None
 
@@ -82,7 +118,7 @@ class _Work:
                     log.seek(0)
                 with self._changed:
                     if answered == name:
-                        self._done.add(name)
+                        self._end(name)
                     else:
                         self.fault = (log.read().strip().splitlines() or [f"{name}: no reason told"])[-1]
                     self._changed.notify_all()
@@ -97,19 +133,39 @@ class _Work:
             while self._waiting and self.fault is None:
                 ready = [name for name in self._waiting if self._needs[name] <= self._done]
                 if ready:
-                    name = max(ready, key=lambda one: (self._ahead[one] - 2 * _size_of(one, known), one))
+                    urgent = self._first & self._waiting or self._find_wanted()
+                    chosen = [name for name in ready if name in urgent] or ready
+                    name = max(chosen, key=lambda one: (self._ahead[one] - 2 * _size_of(one, known), one))
                     known |= sources().imported(name)
                     self._waiting.remove(name)
-                    self._told(self._progress(name))
+                    if name in self._counted:
+                        self._told(self._progress(name))
                     return name
                 self._changed.wait()
         return None
 
+    def _find_wanted(self) -> set[str]:
+        """What somebody waits for, with all that it needs."""
+        wanted = [name for name in self._waiting if is_wanted(name)]
+        return set().union(wanted, *(self._needs[name] for name in wanted))
+
+    def _end(self, name: str) -> None:
+        """Note that a file is compiled; tell once a first plan can be made."""
+        self._done.add(name)
+        if name in self._first and self._first <= self._done:
+            self._told(READY)
+
     def _progress(self, name: str) -> str:
         """How far it is when a file is begun; the share is that of the sources which are compiled."""
-        share = 100 * sum(self._sizes[one] for one in self._done) // sum(self._sizes.values())
-        begun = len(self._sizes) - len(self._waiting)
-        return f"compiling kernels {share} %, once for this version: {begun} of {len(self._sizes)} ({name})"
+        done, counted = (sum(map(self._sizes.__getitem__, of & self._counted)) for of in (self._done, self._counted))
+        begun = f"{len(self._counted - self._waiting)} of {len(self._counted)}"
+        return f"compiling kernels {100 * done // counted} %, once for this version: {begun} ({name})"
+
+
+def needed_first() -> set[str]:
+    """Find all files that a first plan needs."""
+    names = set(sources().names)
+    return set().union(*(sources().imported(name) for name in FIRST if name in names))
 
 
 def _size_of(name: str, known: Iterable[str] = ()) -> int:
@@ -135,6 +191,7 @@ def _compile_what_is_named() -> None:
             load(importlib.import_module(f"guidefield.kernels.{line.strip()}"))
         except Exception as error:
             sys.exit(f"{line.strip()}: {type(error).__name__}: {' '.join(str(error).split())}")
+        note_compiled(line.strip())
         _tell(line.strip())
         gc.collect()
         gc.freeze()
@@ -145,8 +202,33 @@ def _tell(sentence: str) -> None:
     sys.stdout.flush()
 
 
+def _compile_for_all(until_ready: bool) -> None:
+    """Compile what is missing, or wait until another process has; `until_ready`: for what a first plan needs."""
+
+    def tell(sentence: str) -> None:
+        with contextlib.suppress(BrokenPipeError):  # whoever waited for a first plan may have ended
+            _tell(sentence)
+        if sentence == READY and until_ready:
+            os.setpriority(os.PRIO_PGRP, 0, _LATER)
+
+    while True:
+        with compile_alone() as alone:
+            if alone:
+                compile_missing(tell, until_ready=until_ready)
+                compiled_marker().touch()
+                break
+        missing = uncompiled()
+        if until_ready and not needed_first() & missing:
+            tell(READY)
+            break
+        tell(f"another process compiles the kernels, once for this version: {len(missing)} files are left")
+        time.sleep(_TURN_S)
+    with contextlib.suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing is flushed into a broken pipe at exit
+
+
 if __name__ == "__main__":
     if _CHILD in sys.argv[1:]:
         _compile_what_is_named()
     else:
-        compile_missing(_tell)
+        _compile_for_all(UNTIL_READY in sys.argv[1:])

@@ -34,7 +34,7 @@ from numba.core.types.functions import BaseFunction
 from numba.extending import overload
 from numba.np import arrayobj
 
-from guidefield.kernels.jit.cache import use_kernel_folders
+from guidefield.kernels.jit.cache import await_machine_code, use_kernel_folders
 
 _making = threading.RLock()  # a type that goes meanwhile may have others made
 _intern = _TypeMetaclass._intern
@@ -144,6 +144,8 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
                 for called in _called_by(self.py_func, set[Any]()):
                     called.load()
                 if self._is_kept:
+                    if not _COMPILES_ONLY:
+                        await_machine_code(self.py_func)
                     use_kernel_folders()
                     self._cache = _Kept(self.py_func)
                 given = self.given() if callable(self.given) else self.given
@@ -225,6 +227,7 @@ class _Kept(FunctionCache):  # type: ignore[misc]
 
 
 _LOADING = threading.RLock()
+_COMPILES_ONLY: list[bool] = []  # not empty in a process that waits for no other one's machine code
 
 
 def _called_by(function: Callable[..., Any], seen: set[Any]) -> Iterator[Kernel]:
@@ -424,6 +427,7 @@ def quicken() -> None:
     It compiles half of what it knows of strings for them.
     """
     quicken_typing()
+    _COMPILES_ONLY.append(True)
     arrayobj.raise_with_shape_context = _refuse_shape
     JITCodeLibrary._optimize_functions = _optimize_defined
 
