@@ -10,10 +10,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.geometry.closed import connected_pieces
+from guidefield.geometry.closed import boxes_about, connected_pieces
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.mesh_surface import mesh_surface
-from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.cover.winding import RUN, UNSURE, find_run_boxes, winding_by_angles, winding_by_crossings
 from guidefield.memo import memoized
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
@@ -139,5 +138,5 @@ def _of_surface(vertices: np.ndarray, triangles: np.ndarray, solids: Sequence[np
         triangles, runs = np.ascontiguousarray(some, np.int64), np.empty((-(-len(some) // RUN), 4))
         find_run_boxes(vertices, triangles, runs)
         surfaces.append((triangles, runs))
-    boxes = np.array([box_about(vertices[triangles.ravel()]) for triangles, _ in surfaces]).reshape(-1, 2, 3)
+    boxes = boxes_about(vertices, [triangles for triangles, _ in surfaces])
     return Solid(vertices, tuple(surfaces), boxes, first_of_each)

@@ -11,6 +11,7 @@ from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.merge_points import lowest_connected, merge_points
 from guidefield.kernels.cover.small_surfaces import count_ways, number_edges
 from guidefield.kernels.cover.winding import signed_volume
+from guidefield.kernels.distance.triangle_rows import triangle_boxes
 
 
 def numbered_edges(triangles: Integers) -> tuple[Integers, int]:
@@ -112,6 +113,18 @@ def volumes(vertices: Floats, pieces: Sequence[Integers]) -> list[float]:
     vertices = np.ascontiguousarray(vertices, float)
     about = vertices.mean(axis=0)
     return [float(signed_volume(vertices, np.ascontiguousarray(one, np.int64), about)) for one in pieces]
+
+
+def boxes_about(vertices: Floats, pieces: Sequence[Integers]) -> Floats:
+    """Return the boxes about surfaces (t, 3), t >= 1, that share vertices (v, 3): two corners each, (n, 2, 3)."""
+    if not pieces:
+        return np.empty((0, 2, 3))
+    triangles = np.concatenate(pieces)
+    boxes, ends = np.empty((len(triangles), 6)), np.cumsum([len(one) for one in pieces])
+    triangle_boxes(np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64), boxes)
+    starts = np.concatenate([[0], ends[:-1]])
+    low, high = np.minimum.reduceat(boxes[:, :3], starts), np.maximum.reduceat(boxes[:, 3:], starts)
+    return np.stack([low, high], axis=1)
 
 
 def boundary(triangles: Integers) -> Integers:

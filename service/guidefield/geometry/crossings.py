@@ -1,4 +1,4 @@
-"""Faces of a mesh that cross each other: pairs of boxes by a sweep, then intervals on the planes' common line."""
+"""Faces of a mesh that cross each other: pairs by a sweep and by planes, then intervals on the planes' common line."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers, extents
-from guidefield.kernels.cover.merge_points import swept_pairs
+from guidefield.kernels.cover.merge_points import swept_pairs, write_planes
 from guidefield.kernels.distance.triangle_rows import triangle_boxes
 
 _TOUCHING = 1e-10  # faces that reach through each other by less than this fraction of the mesh's size only touch
-SWEPT = 30_000_000  # pairs that overlap along one axis, looked at in one mesh at most
-EXAMINED = 1_000_000  # pairs whose boxes overlap, looked at in one mesh at most
+SWEPT = 60_000_000  # pairs that overlap along one axis, looked at in one mesh at most
+EXAMINED = 10_000_000  # pairs whose boxes overlap, looked at in one mesh at most
 
 _CHUNK = 200_000
+
+_MOST_SLABS, _IN_SLAB = 128, 1000  # slabs at most, and triangles in one at least
 
 _SAMPLE = 20_000  # so many boxes tell along which axis the fewest overlap
 
@@ -41,40 +43,78 @@ def crossings(vertices: Floats, triangles: Integers) -> Crossings:
     size = float(np.linalg.norm(extents(vertices)))
     tolerance = _TOUCHING * size + 32.0 * np.finfo(float).eps * float(np.abs(vertices).max())
     found, examined, complete = [np.empty((0, 2), np.int64)], 0, True
-    for pairs in _overlapping(boxes[:, :3], boxes[:, 3:]):
-        if pairs is None or examined + len(pairs) > EXAMINED:
+    corners, planes = np.empty((len(triangles), 9)), np.empty((len(triangles), 5))
+    write_planes(centred, triangles, tolerance, corners, planes)
+    waiting, count = list[Integers](), 0
+    for overlapping, pairs in _overlapping(boxes, corners, planes):
+        examined += overlapping
+        if pairs is None or examined > EXAMINED:
             complete = False
             break
-        examined += len(pairs)
-        found.append(pairs[_cross(centred, triangles, pairs, tolerance)])
+        waiting.append(pairs)
+        count += len(pairs)
+        if count > _CHUNK:
+            found.append(_crossing(centred, triangles, waiting, tolerance))
+            waiting, count = [], 0
+    found.append(_crossing(centred, triangles, waiting, tolerance))
     listed = np.sort(np.concatenate(found), axis=1)
     return Crossings(listed[np.lexsort((listed[:, 1], listed[:, 0]))], complete)
 
 
-def _overlapping(low: Floats, high: Floats) -> Iterator[Integers | None]:
-    """Pairs (n, 2) whose boxes overlap, some at a time, along the best axis; None where too many."""
+def _overlapping(boxes: Floats, corners: Floats, planes: Floats) -> Iterator[tuple[int, Integers | None]]:
+    """How many pairs of boxes (n, 6) overlap, and pairs (m, 2) that may cross, some at a time; None where too many.
+
+    It is swept along the axis that separates most, slab by slab across the next one.
+    """
+    low, high = boxes[:, :3], boxes[:, 3:]
     few = slice(None, None, max(1, len(low) // _SAMPLE))
-    axis = int(np.argmin([_swept(low[few, axis], high[few, axis])[1].sum() for axis in range(3)]))
-    order, ends = _swept(low[:, axis], high[:, axis])
-    across = [other for other in range(3) if other != axis]
-    low, high = (np.ascontiguousarray(corner[order][:, across].T) for corner in (low, high))
-    counts = np.maximum(ends - np.arange(len(order)) - 1, 0)
-    before = np.concatenate([[0], np.cumsum(counts)])
-    start = 0
+    axis, across = np.argsort([_met(low[few, axis], high[few, axis]) for axis in range(3)], kind="stable")[:2].tolist()
+    slabs, order, ends = _swept(low[:, axis], high[:, axis], low[:, across], high[:, across])
+    others = [other for other in range(3) if other != axis]
+    low, high = (np.ascontiguousarray(corner[order][:, others].T) for corner in (low, high))
+    before = np.concatenate([[0], np.cumsum(np.maximum(ends - np.arange(len(order)) - 1, 0))])
+    start, sizes = 0, np.zeros(2, np.int64)
     while start < len(order):
         stop = max(start + 1, int(np.searchsorted(before, before[start] + _CHUNK, side="right")) - 1)
         if before[stop] > SWEPT:
-            yield None
+            yield 0, None
             return
         pairs = np.empty((int(before[stop] - before[start]), 2), np.int64)
-        yield order[pairs[: swept_pairs(low, high, ends, start, stop, pairs)]]
+        swept_pairs(low, high, ends, slabs, order, corners, planes, start, stop, pairs, sizes)
+        yield int(sizes[0]), pairs[: sizes[1]]
         start = stop
 
 
-def _swept(low: Floats, high: Floats) -> tuple[Integers, Integers]:
-    """The order of intervals (n,) by their lower ends, and in it where those that begin within each end."""
-    order = np.argsort(low, kind="stable")
-    return order, np.searchsorted(low[order], high[order], side="right")
+def _met(low: Floats, high: Floats) -> int:
+    """With how many that begin at or before its end each of some intervals (n,) is in order, all together."""
+    return int(np.searchsorted(np.sort(low), high, side="right").sum())
+
+
+def _swept(low: Floats, high: Floats, low_across: Floats, high_across: Floats) -> tuple[Integers, Integers, Integers]:
+    """Rows for a sweep of intervals (n,), those in each slab across it together, by their lower ends.
+
+    Returns:
+        The slab of each row and the first one of its interval, shape (m, 2), the interval of each row, and behind the
+        last row of the slab that begins within it, shape (m,).
+    """
+    begin, count = low_across.min(), max(1, min(_MOST_SLABS, len(low) // _IN_SLAB))
+    width = max((high_across.max() - begin) / count, 1e-300)
+    first, last = (np.minimum(((at - begin) / width).astype(np.int64), count - 1) for at in (low_across, high_across))
+    spans = last - first + 1
+    order = np.repeat(np.arange(len(low)), spans)
+    slab = np.arange(len(order)) - np.repeat(np.cumsum(spans) - spans - first, spans)
+    reach = 2.0 * (high.max() - low.min()) + 1.0
+    keys = slab * reach + (low[order] - low.min())
+    sorted_rows = np.argsort(keys, kind="stable")
+    order, slab, keys = order[sorted_rows], slab[sorted_rows], keys[sorted_rows]
+    ends = np.searchsorted(keys, slab * reach + (high[order] - low.min()), side="right")
+    return np.column_stack([slab, first[order]]), order, ends
+
+
+def _crossing(vertices: Floats, triangles: Integers, some: list[Integers], tolerance: float) -> Integers:
+    """Those of some pairs (n, 2) that cross."""
+    pairs = np.concatenate([np.empty((0, 2), np.int64), *some])
+    return pairs[_cross(vertices, triangles, pairs, tolerance)] if len(pairs) else pairs
 
 
 def _cross(vertices: Floats, triangles: Integers, pairs: Integers, tolerance: float) -> np.ndarray:

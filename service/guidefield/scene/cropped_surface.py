@@ -10,7 +10,7 @@ import numpy as np
 
 from guidefield.bounded_map import content_key
 from guidefield.geometry.cache import Arrays, is_large, remembered
-from guidefield.geometry.closed import used_alone
+from guidefield.geometry.closed import boxes_about, used_alone
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.cover.crop_to_ball import crop_to_ball, distance_to_triangles
@@ -113,8 +113,7 @@ def _near_solids(vertices: np.ndarray, solids: list[np.ndarray], centre: np.ndar
     ends = np.cumsum([len(one) for one in solids])
     starts = np.concatenate([[0], ends[:-1]])
     near = np.logical_or.reduceat(nearest_parts(vertices, triangles, centre, radius), starts)
-    corners = vertices[triangles]
-    low, high = (np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts))
+    low, high = boxes_about(vertices, solids).swapaxes(0, 1)
     apart = np.linalg.norm(np.maximum(np.maximum(low - centre, centre - high), 0.0), axis=1)
     near |= apart <= radius * (1.0 + ROUNDING)
     return [one for one, kept in zip(solids, near.tolist(), strict=True) if kept]

@@ -164,12 +164,15 @@ def _label_pieces(count: int, triangles: np.ndarray) -> np.ndarray:
     """
     numbers, edges = numbered_edges(triangles)
     sides = np.repeat(np.arange(len(triangles)), 3)
-    shared = np.flatnonzero(np.bincount(numbers, minlength=edges)[numbers] == 2)
-    pairs = sides[shared[np.argsort(numbers[shared], kind="stable")]].reshape(-1, 2)
-    labels = connected_pieces(len(triangles), pairs)
+    ends = np.empty((edges, 2), np.int64)  # the first and the last triangle at each edge
+    ends[numbers[::-1], 0], ends[numbers, 1] = sides[::-1], sides
+    of_two = np.bincount(numbers, minlength=edges) == 2
+    labels = connected_pieces(len(triangles), ends[of_two])
     ways = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0).ravel()
-    _, edge_of_piece = np.unique(labels[sides] * edges + numbers, return_inverse=True)
-    is_open = np.bincount(edge_of_piece, ways)[edge_of_piece] != 0.0
+    is_open = np.bincount(numbers, ways)[numbers] != 0.0  # where a piece has all triangles of an edge
+    several = np.flatnonzero(~of_two[numbers])
+    _, edge_of_piece = np.unique(labels[sides[several]] * edges + numbers[several], return_inverse=True)
+    is_open[several] = np.bincount(edge_of_piece, ways[several])[edge_of_piece] != 0.0
     if not is_open.any():
         return labels
     together = connected_pieces(count, triangles)[triangles[:, 0]]

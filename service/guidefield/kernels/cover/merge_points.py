@@ -2,29 +2,99 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import types, uint64
 
 from guidefield.kernels.jit.arrays import (
+    Floats,
     IndexRows,
     IndexRowsOut,
     Indices,
     IndicesOut,
     Integers,
     Rows,
+    RowsOut,
     WordRows,
 )
 from guidefield.kernels.jit.decorators import inlined, kernel
 
 
-@kernel
-def swept_pairs(low: Rows, high: Rows, ends: Indices, first: int, last: int, pairs_out: IndexRowsOut) -> int:
-    """Write the overlapping pairs (m, 2) of boxes `first` to `last` - 1 and later ones; return their count.
+@inlined
+def _may_straddle(corners: Floats, plane: Floats) -> bool:
+    """Tell if corners (9,) may be on both sides of a plane: unit normal, distance from the origin, tolerance (5,)."""
+    least, most = 0.0, 0.0
+    for k in range(3):
+        height = corners[3 * k] * plane[0] + corners[3 * k + 1] * plane[1] + corners[3 * k + 2] * plane[2] - plane[3]
+        least, most = min(least, height), max(most, height)
+    return bool(least < -plane[4] and most > plane[4])
 
-    `low` and `high` (2, n) are the two coordinates across the sweep, `ends` (n,) is behind the last box that begins
-    within each box along it.
+
+@kernel
+def write_planes(
+    vertices: Rows, triangles: IndexRows, tolerance: float, corners_out: RowsOut, planes_out: RowsOut
+) -> None:
+    """Write the corners (t, 9) of triangles (t, 3), and their planes.
+
+    A plane is its unit normal, 0 without an area, its distance from the origin, and how far above it at least a corner
+    is that is above it: half of a tolerance and of what rounding lifts over a sliver's plane, shape (t, 5) [m].
     """
-    count = 0
+    for i in range(triangles.shape[0]):
+        a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
+        for k in range(3):
+            corners_out[i, k] = vertices[a, k]
+            corners_out[i, 3 + k] = vertices[b, k]
+            corners_out[i, 6 + k] = vertices[c, k]
+        row, longest = corners_out[i], 0.0
+        ux, uy, uz = row[3] - row[0], row[4] - row[1], row[5] - row[2]
+        vx, vy, vz = row[6] - row[0], row[7] - row[1], row[8] - row[2]
+        wx, wy, wz = vx - ux, vy - uy, vz - uz
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        longest = math.sqrt(max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, wx * wx + wy * wy + wz * wz))
+        share = 0.0 if length <= 1e-14 * longest * longest else 1.0 / length
+        nx, ny, nz = share * nx, share * ny, share * nz
+        planes_out[i, 0], planes_out[i, 1], planes_out[i, 2] = nx, ny, nz
+        planes_out[i, 3] = nx * row[0] + ny * row[1] + nz * row[2]
+        planes_out[i, 4] = 0.5 * (tolerance + _BLUR * longest * longest * longest * share)
+
+
+_BLUR = 8.0 * float(np.finfo(float).eps)
+
+
+@kernel
+def swept_pairs(
+    low: Rows,
+    high: Rows,
+    ends: Indices,
+    slabs: IndexRows,
+    order: Indices,
+    corners: Rows,
+    planes: Rows,
+    first: int,
+    last: int,
+    pairs_out: IndexRowsOut,
+    counts_out: IndicesOut,
+) -> None:
+    """Write the pairs (m, 2) of triangles that may cross, of those in rows `first` to `last` - 1 with any later row.
+
+    Their boxes overlap, and each may have corners on both sides of the other's plane.
+
+    Args:
+        low: Lower corners of boxes in the two coordinates across the sweep, shape (2, n).
+        high: The upper ones.
+        ends: Behind the last row that begins within each row's box along the sweep, in the same slab, shape (n,).
+        slabs: In which slab a row is, and the first slab of its triangle, which has a row in each, shape (n, 2).
+        order: The triangle of each row, shape (n,).
+        corners: Of the triangles, and `planes`, as of `write_planes`.
+        planes: See `corners`.
+        first: The first row.
+        last: The one past the last.
+        pairs_out: As many rows as pairs along the sweep.
+        counts_out: How many pairs of boxes overlap, and how many are written, shape (2,).
+    """
+    overlapping = count = 0
     for one in range(first, last):
         for other in range(one + 1, ends[one]):
             if (
@@ -32,10 +102,14 @@ def swept_pairs(low: Rows, high: Rows, ends: Indices, first: int, last: int, pai
                 and low[0, other] <= high[0, one]
                 and low[1, one] <= high[1, other]
                 and low[1, other] <= high[1, one]
+                and max(slabs[one, 1], slabs[other, 1]) == slabs[one, 0]  # of the slabs in which both are the first
             ):
-                pairs_out[count, 0], pairs_out[count, 1] = one, other
-                count += 1
-    return count
+                overlapping += 1
+                a, b = order[one], order[other]
+                if _may_straddle(corners[a], planes[b]) and _may_straddle(corners[b], planes[a]):
+                    pairs_out[count, 0], pairs_out[count, 1] = a, b
+                    count += 1
+    counts_out[0], counts_out[1] = overlapping, count
 
 
 @inlined
