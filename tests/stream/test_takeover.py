@@ -44,8 +44,8 @@ def test_what_was_taken_over_when_it_was_found_is_repeated_to_the_bit() -> None:
             answers.append(stream.update(StreamUpdate(now, [seen(now)])))
             if taking.last == now:
                 at.append(now)
-            if cycle % 7 == 0 and stream._ordered is not None:  # some are found in time, some are not
-                stream._ordered.found.result()
+            if cycle % 7 == 0 and stream._state.ordered is not None:  # some are found in time, some are not
+                stream._state.ordered.found.result()
     assert at, "a way was planned and taken over"
     with opened(AsBefore(at)) as again:
         assert [again.update(StreamUpdate(0.02 * k, [seen(0.02 * k)])) for k in range(120)] == answers
@@ -58,8 +58,8 @@ def test_nobody_waits_for_a_way() -> None:
         release = stream._planner.beside(lambda _: hold.wait())
         for cycle in range(30):
             stream.update(StreamUpdate(0.02 * cycle, [seen(0.02 * cycle)]))
-        assert stream._ordered is not None
-        assert not stream._ordered.found.done()
+        assert stream._state.ordered is not None
+        assert not stream._state.ordered.found.done()
         hold.set()
         release.result()
 

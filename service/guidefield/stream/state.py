@@ -1,80 +1,133 @@
-"""The state of a stream: its phase, commits and way; and the same as plain data, to the last bit."""
+"""The state of a stream: a table of phases, what moves it from one to the next and what is kept in each; as data."""
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
-from guidefield.errors import GuidefieldError
+from guidefield.errors import GuidefieldError, StreamUnknown
 from guidefield.messages.streams import Observation, Piece, StreamGoal, StreamObstacle, StreamState, StreamUpdate
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.stream.commit import Commit
 from guidefield.stream.dodging import Way
+from guidefield.stream.ways import Ordered
 
 MAX_COMMITS = 64  # most commits that are remembered: the one that is executed and the last ones
 
 
 class Phase(enum.Enum):
-    """The phases of a stream: without a goal, with one, told to stop, and closed."""
+    """The phases of a stream."""
 
-    STANDING = "standing"
-    GOING = "going"
-    HALTED = "halted"
+    STANDING = "standing"  # without a goal
+    FOLLOWING = "following"  # on a way to the goal
+    PLANNING = "planning"  # the same, while another way is planned beside the cycle
+    HALTED = "halted"  # told to stop
     CLOSED = "closed"
 
 
-_OPEN = frozenset(Phase)
+class Event(enum.Enum):
+    """What moves a stream from one phase to the next. Updates alone don't."""
 
-TRANSITIONS = {Phase.STANDING: _OPEN, Phase.GOING: _OPEN, Phase.HALTED: _OPEN, Phase.CLOSED: frozenset[Phase]()}
-"""The phases that may follow each phase: a closed stream stays closed."""
+    AIM = "aim"  # a goal was found
+    STAND = "stand"  # there is no goal any more
+    ORDER = "order"  # a way is to be planned
+    TAKE = "take"  # that way is taken over, or given up
+    STOP = "stop"
+    CLOSE = "close"
+
+
+ASKED = {Event.AIM: Phase.FOLLOWING, Event.STAND: Phase.STANDING, Event.STOP: Phase.HALTED, Event.CLOSE: Phase.CLOSED}
+"""What clients ask for leads to the same phase from each that isn't closed."""
+
+
+class Row(NamedTuple):
+    """What a stream has in a phase, and where it goes on from there."""
+
+    # fields of `State` beside those that every phase has; what a phase hasn't is dropped when it begins
+    kept: frozenset[str]
+    next: dict[Event, Phase]
+
+
+PHASES = {
+    Phase.STANDING: Row(frozenset(), ASKED),
+    Phase.FOLLOWING: Row(frozenset({"pursuit"}), ASKED | {Event.ORDER: Phase.PLANNING}),
+    Phase.PLANNING: Row(frozenset({"pursuit", "ordered"}), ASKED | {Event.TAKE: Phase.FOLLOWING}),
+    Phase.HALTED: Row(frozenset(), ASKED),
+    Phase.CLOSED: Row(frozenset(), {Event.CLOSE: Phase.CLOSED}),
+}
+
+
+class Pursuit(msgspec.Struct, eq=False):
+    """What is known on the way to a goal."""
+
+    goals: np.ndarray  # its configurations, (k, nv)
+    way: Way | None = None  # the way that is followed; None: nothing is known of one
+    place: float = 0.0  # how far along it is [s]
+    refused: int = 0  # updates without a piece, one after the other
+    unfound: bool = False  # whether no way was found at the last planning
+
+    def follow(self, way: Way) -> None:
+        """Follow a way from its beginning."""
+        self.way, self.place = way, 0.0
 
 
 class State(msgspec.Struct, eq=False):
-    """Everything of a stream that changes, but its obstacles, random numbers and what is under way beside the cycle."""
+    """Everything of a stream that changes, but its obstacles and random numbers."""
 
     commits: dict[int, Commit]
-    last: int
-    current: int
     phase: Phase
+    last: int  # number of the commit that was sent last
+    current: int  # number of the one that is executed in the end
     now: float  # the client's time [s]; -inf: no update came yet
     fresh: bool  # whether something was seen for the first time by an update that was not answered
-    sought: int
-    goal: int
-    goals: np.ndarray | None  # its configurations, (k, nv); None: to stand
-    way: Way | None  # the way that is followed; None: there is none
-    place: float  # how far along it is [s]
-    refused: int
-    unfound: bool
+    sought: int  # goals that were looked for
+    goal: int  # number of the goal
     planned: float  # when a way was planned last [s]; -inf: none was
+    pursuit: Pursuit | None
+    ordered: Ordered | None  # the way that is being planned
 
     @classmethod
     def at_rest(cls, start: ChartPoint) -> State:
         """Return the state of a stream that was opened, at coordinates of shape (nv,)."""
         commits = {0: Commit.standing(start, 0.0)}
-        return cls(commits, 0, 0, Phase.STANDING, -np.inf, False, 0, 0, None, None, 0.0, 0, False, -np.inf)
+        return cls(commits, Phase.STANDING, 0, 0, -np.inf, False, 0, 0, -np.inf, None, None)
 
     def copy(self) -> State:
         """Return a copy that stays as it is while this one goes on."""
-        return msgspec.structs.replace(self, commits=dict(self.commits))
+        pursuit = None if self.pursuit is None else msgspec.structs.replace(self.pursuit)
+        return msgspec.structs.replace(self, commits=dict(self.commits), pursuit=pursuit)
 
-    def enter(self, phase: Phase) -> None:
-        """Begin a phase, where it may follow this one."""
-        if phase in TRANSITIONS[self.phase]:
-            self.phase = phase
+    def enter(self, event: Event) -> None:
+        """Begin the phase that an event leads to.
+
+        Raises:
+            StreamUnknown: if the stream is closed.
+        """
+        if event is not Event.CLOSE:
+            self.require_open()
+        before = PHASES[self.phase]
+        self.phase = before.next[event]
+        for name in before.kept - PHASES[self.phase].kept:
+            setattr(self, name, None)
+
+    def require_open(self) -> None:
+        """Raise StreamUnknown if the stream is closed."""
+        if self.phase is Phase.CLOSED:
+            raise StreamUnknown("the stream is closed: what was sent last is executed to its end; open another")
 
     def aim(self, goals: np.ndarray | None) -> None:
         """Begin with another goal, configurations of shape (k, nv), or none: nothing is known of a way to it."""
-        self.enter(Phase.STANDING if goals is None else Phase.GOING)
-        self.goal, self.goals = self.goal + 1, goals
-        self.way, self.place, self.refused, self.unfound = None, 0.0, 0, False
+        self.enter(Event.STAND if goals is None else Event.AIM)
+        self.goal, self.pursuit = self.goal + 1, None if goals is None else Pursuit(goals)
 
-    def follow(self, way: Way) -> None:
-        """Follow a way from its beginning."""
-        self.way, self.place = way, 0.0
+    def order(self, ordered: Ordered) -> None:
+        """Have another way planned beside the cycle."""
+        self.enter(Event.ORDER)
+        self.ordered, self.planned = ordered, self.now
 
     def begin(self, now: float) -> None:
         """Set the client's clock [s]; until the first update the robot stands at its start."""
@@ -110,7 +163,8 @@ class State(msgspec.Struct, eq=False):
         """Go on from where the robot stands, which isn't where the piece of this number had it."""
         self.commits[stood.number] = stood
         self.last = self.current = stood.number
-        self.way = None
+        if self.pursuit is not None:
+            self.pursuit.way = None
 
 
 class KeptObstacle(msgspec.Struct, frozen=True):

@@ -17,7 +17,6 @@ from guidefield.errors import (
     InvalidConfiguration,
     InvalidGoal,
     MalformedRequest,
-    StreamUnknown,
     at_path,
 )
 from guidefield.kernels.jit.compilers import load
@@ -40,8 +39,10 @@ from guidefield.stream.opening import read_opening
 from guidefield.stream.settings import STREAM, WITHIN
 from guidefield.stream.state import (
     MAX_COMMITS,
+    Event,
     KeptObstacle,
     Phase,
+    Pursuit,
     Snapshot,
     State,
     Watching,
@@ -115,10 +116,8 @@ class CertifiedStream:
         self._rng = np.random.default_rng(request.seed)
         self._speeds = asked.bounds.rates[:, 0]
         self._state = State.at_rest(asked.start)
-        self._ordered: Ordered | None = None
         self._seeking = 0
         self._pieces: deque[Piece] = deque(maxlen=MAX_COMMITS)
-        self._took = False
         self._watching = Watching()
         if request.goal is not None:
             try:
@@ -134,12 +133,8 @@ class CertifiedStream:
 
     def close(self) -> None:
         """End the stream; what was sent last is executed to its end."""
-        self._state.enter(Phase.CLOSED)
+        self._state.enter(Event.CLOSE)
         self._planner.close()
-
-    def _require_open(self) -> None:
-        if self._state.phase is Phase.CLOSED:
-            raise StreamUnknown("the stream is closed: what was sent last is executed to its end; open another")
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -184,7 +179,7 @@ class CertifiedStream:
 
         What is given back has to be taken, in the order in which it was asked for, also where it failed.
         """
-        self._require_open()
+        self._state.require_open()
         asked: StreamGoal = codec.convert(goal, StreamGoal) if isinstance(goal, dict) else goal
         state = self._state
         state.sought, self._seeking = state.sought + 1, self._seeking + 1
@@ -207,12 +202,11 @@ class CertifiedStream:
         goals = None if sought is None else sought.found.result()
         self._watching.aimed(None if sought is None else sought.number)
         self._state.aim(goals)
-        self._ordered = None
         return self._state.goal
 
     def stop(self) -> None:
         """Have no piece follow the last one, until there is a goal again: the robot stops."""
-        self._state.enter(Phase.HALTED)
+        self._state.enter(Event.STOP)
         self._watching.halted()
 
     def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> Piece | StreamState:
@@ -225,7 +219,7 @@ class CertifiedStream:
             GuidefieldError: if the update is ill-posed. What was sent before holds.
             StreamUnknown: if the stream is closed.
         """
-        self._require_open()
+        self._state.require_open()
         if not isinstance(update, StreamUpdate):
             update = cast(StreamUpdate, codec.convert({**(update or {}), **codec.plain_fields(fields)}, StreamUpdate))
         return self._report(update, self._answer_update, noted=False)
@@ -233,15 +227,19 @@ class CertifiedStream:
     def _report(self, update: StreamUpdate, work: Callable[[StreamUpdate], _A], *, noted: bool) -> _A:
         """What comes of an update, which whoever watches hears of."""
         self._watching.begun()
-        self._took = False
+        ordered = self._state.ordered
         try:
             answer = work(update)
         except GuidefieldError as error:
-            self._watching.updated(update, None, error, noted=noted, took=self._took)
+            self._watching.updated(update, None, error, noted=noted, took=self._has_taken(ordered))
             raise
-        self._watching.updated(update, answer, None, noted=noted, took=self._took)
+        self._watching.updated(update, answer, None, noted=noted, took=self._has_taken(ordered))
         self._rest_if_wanted()
         return answer
+
+    def _has_taken(self, ordered: Ordered | None) -> bool:
+        """Whether a way that was ordered was taken over since."""
+        return ordered is not None and self._state.ordered is not ordered
 
     def _answer_update(self, update: StreamUpdate) -> Piece | StreamState:
         state = self._state
@@ -306,15 +304,17 @@ class CertifiedStream:
 
     def _rest_if_wanted(self) -> None:
         if not self._seeking:
-            self._watching.may_rest(self.snapshot, planning=self._ordered is not None)
+            self._watching.may_rest(self.snapshot, planning=self._state.phase is Phase.PLANNING)
 
     def snapshot(self) -> Snapshot:
         """What it goes on from. A way that is being planned is given up, and planned again in the next cycle."""
-        if self._ordered is not None:
-            self._ordered, self._state.refused = None, STREAM.refused
+        state = self._state
+        if state.phase is Phase.PLANNING and state.pursuit is not None:
+            state.enter(Event.TAKE)
+            state.pursuit.refused = STREAM.refused
         known = self._obstacles.known.values()
         obstacles = tuple(KeptObstacle(one.declared, one.seen, one.gone) for one in known)
-        return Snapshot(self._state.copy(), random_state(self._rng), obstacles)
+        return Snapshot(state.copy(), random_state(self._rng), obstacles)
 
     def resume(self, kept: Snapshot) -> None:
         """Go on from a snapshot of a stream that was opened with the same request, but for its goal and obstacles.
@@ -322,7 +322,7 @@ class CertifiedStream:
         Raises:
             GuidefieldError: if an obstacle of it can't be used here.
         """
-        self._state, self._ordered = kept.state.copy(), None
+        self._state = kept.state.copy()
         restore_random(self._rng, kept.random)
         self._obstacles.known.clear()
         for index, one in enumerate(kept.obstacles):
@@ -397,17 +397,18 @@ class CertifiedStream:
             return self._tell_none(cycle.now, "stopped", cycle.broken, cycle.base)
         state = np.ascontiguousarray(cycle.base.state(cycle.begins)[:, :3])
         still = self._make_commit(cycle, state, np.zeros(self.group.nv), None)
-        found = self._follow(cycle, state, still)
+        pursuit = self._state.pursuit
+        found = self._follow(cycle, pursuit, state, still)
         # who comes to the goal stands there first: what leads there is proven
         arriving = cycle.reason == "at_goal" and cycle.now < cycle.base.stops
         if (found is None and not arriving) or cycle.threatened:
             found = self._flee(cycle, state, still) or found
         if found is None and cycle.reason in ("too_close", "no_way") and not state[:, 1:].any():
             found = self._leave(cycle, state, still)
+        if pursuit is not None:
+            pursuit.refused = 0 if found is not None else pursuit.refused + 1
         if found is not None:
-            self._state.refused = 0
             return self._send(cycle, *found)
-        self._state.refused += 1
         told = None if cycle.reason in ("standing", "at_goal") else cycle.told  # of a flight that was refused
         return self._tell_none(cycle.now, cycle.reason, cycle.broken, cycle.base, told)
 
@@ -415,19 +416,21 @@ class CertifiedStream:
         goals = np.full(self.group.nv, np.inf) if last is None else last
         return towards(state, velocities, goals, self._opened.bounds, cycle.begins, self.request.piece, WITHIN)
 
-    def _follow(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
+    def _follow(
+        self, cycle: _Cycle, pursuit: Pursuit | None, state: np.ndarray, still: Commit
+    ) -> tuple[Commit, str] | None:
         """A proven piece along the way to the goal, or None; then the cycle knows why."""
-        if self._state.phase is Phase.STANDING:
+        if pursuit is None:
             cycle.reason = "standing"
             return None
         if cycle.base.at_goal and cycle.base.goal == self._state.goal:
             cycle.reason = "at_goal"
             return None
-        way = self._update_way(cycle, still.ends)
-        since = self._state.place
+        way = self._update_way(cycle, pursuit, still.ends)
+        since = pursuit.place
         for share in STREAM.speeds:
             aim = way.aim(still.ends, since, STREAM.ahead * share, way.due(cycle.begins + STREAM.early))
-            self._state.place = aim.place
+            pursuit.place = aim.place
             largest = float((np.abs(aim.direction) / self._speeds).max())
             velocities = aim.direction * (share / largest) if largest > 0.0 else aim.direction
             commit = self._make_commit(cycle, state, velocities, aim.last)
@@ -438,18 +441,22 @@ class CertifiedStream:
                 break
             closing = aim.last is not None and bool((aim.last == way.goal).all())  # then there is nothing to go on to
             if self._prove(cycle, commit, reserved=not closing):
-                flees = share <= STREAM.threatened and self._is_threatened(cycle, commit.ends, way, share)
+                flees = share <= STREAM.threatened and self._is_threatened(
+                    cycle, commit.ends, way, pursuit.place, share
+                )
                 stays = closing and flees and self._room.stays_free(self._obstacles.drifting(cycle.now), way.goal)
                 cycle.threatened = flees and not stays
                 return commit, "goal"
-        if cycle.told is None or self._state.unfound:
+        if cycle.told is None or pursuit.unfound:
             cycle.reason = "no_way"
         return None
 
-    def _is_threatened(self, cycle: _Cycle, end: ChartPoint, way: Way, share: float) -> bool:
-        """Whether what is foreseen comes close to where a piece ends (nv,), and to where the way leads by then."""
+    def _is_threatened(self, cycle: _Cycle, end: ChartPoint, way: Way, place: float, share: float) -> bool:
+        """Whether what is foreseen comes close to where a piece ends (nv,), and to where the way leads by then.
+
+        The piece ends at a place of the way [s].
+        """
         boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
-        place = self._state.place
         then = min(place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
         places = (end, way.at(max(then, place)))
         return all(pressure_at(self._room.robot, boxes, z, STREAM.threat * self.group.size)[0] > 0.0 for z in places)
@@ -491,7 +498,8 @@ class CertifiedStream:
         """Return the first proven commit by cost and order, or None."""
         for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
             if self._prove(cycle, commit, reserved):
-                self._state.place = 0.0  # the way may be nearest elsewhere then
+                if self._state.pursuit is not None:
+                    self._state.pursuit.place = 0.0  # the way may be nearest elsewhere then
                 return commit, "away"
         return None
 
@@ -515,24 +523,23 @@ class CertifiedStream:
         come = asked.appear_speed * (commit.stops - cycle.now + asked.clock_error)
         return gone + come < asked.appear_distance
 
-    def _update_way(self, cycle: _Cycle, stand: ChartPoint) -> Way:
+    def _update_way(self, cycle: _Cycle, pursuit: Pursuit, stand: ChartPoint) -> Way:
         """The way that is followed, after what was planned is taken over and what has to be is ordered."""
-        state, goal = self._state, self._choose_goal(cycle, stand)
-        if (ordered := self._ordered) is not None and self._taking.takes(ordered, cycle.now):
-            self._took = True
+        state, goal = self._state, self._choose_goal(cycle, pursuit, stand)
+        if (ordered := state.ordered) is not None and self._taking.takes(ordered, cycle.now):
             found = ordered.found.result()
-            state.unfound = found.nowhere
+            pursuit.unfound = found.nowhere
             if found.way is not None and (ordered.goal == goal).all():
-                state.follow(Way(found.way.points, self._speeds, ordered.due + STREAM.lag + found.way.times))
-            self._ordered = None
-        if state.way is None or not (state.way.goal == goal).all():
-            state.follow(Way(np.array([stand, goal]), self._speeds))
-        assert state.way is not None, "one is followed"
-        if self._ordered is None:
-            self._order_if_due(cycle, state.way, stand, goal)
-        return state.way
+                pursuit.follow(Way(found.way.points, self._speeds, ordered.due + STREAM.lag + found.way.times))
+            state.enter(Event.TAKE)
+        if pursuit.way is None or not (pursuit.way.goal == goal).all():
+            pursuit.follow(Way(np.array([stand, goal]), self._speeds))
+        assert pursuit.way is not None, "one is followed"
+        if state.phase is Phase.FOLLOWING:
+            self._order_if_due(cycle, pursuit, pursuit.way, stand, goal)
+        return pursuit.way
 
-    def _order_if_due(self, cycle: _Cycle, way: Way, stand: ChartPoint, goal: ChartPoint) -> None:
+    def _order_if_due(self, cycle: _Cycle, pursuit: Pursuit, way: Way, stand: ChartPoint, goal: ChartPoint) -> None:
         """Have a way planned where the one that is followed isn't free of what rests, or something moves.
 
         It begins on the way that is followed, where the robot could stand when it is taken over; or where it could
@@ -541,27 +548,25 @@ class CertifiedStream:
         state, speeds = self._state, self._speeds
         due = cycle.now + self.request.planning_time
         drifting = self._obstacles.drifting(due + STREAM.lag)
-        goes = state.refused < STREAM.refused and self._is_free(way, stand)
+        goes = pursuit.refused < STREAM.refused and self._is_free(way, pursuit.place, stand)
         again = len(drifting.boxes) > 0 and cycle.now >= state.planned + self.request.planning_time + STREAM.again
         if goes and not again:
             return
         start, followed = stand, None
         if goes:
-            place = way.nearest(stand, state.place, state.place + STREAM.looked_at)
+            place = way.nearest(stand, pursuit.place, pursuit.place + STREAM.looked_at)
             share = float((np.abs(cycle.base.state(cycle.begins)[:, 1]) / speeds).max())
             goes_on = self.request.planning_time * min(1.0, share)
             then = max(place, min(place + goes_on, way.due(due + STREAM.early)))
             if (np.abs(way.at(then) - stand) / speeds).max() <= STREAM.on_it * goes_on:
                 start, place = way.at(then), then
             followed = way.rest(start, place)
-        state.planned = cycle.now
-        self._ordered = self._planner.order(due, start, goal, drifting, followed, self._rng)
-        state.refused = 0
+        state.order(self._planner.order(due, start, goal, drifting, followed, self._rng))
+        pursuit.refused = 0
 
-    def _choose_goal(self, cycle: _Cycle, stand: ChartPoint) -> ChartPoint:
+    def _choose_goal(self, cycle: _Cycle, pursuit: Pursuit, stand: ChartPoint) -> ChartPoint:
         """The goal that is nearest (nv,), of those that nothing is predicted on if there are any."""
-        goals, way = self._state.goals, self._state.way
-        assert goals is not None, "there is a goal"
+        goals, way = pursuit.goals, pursuit.way
         boxes = self._obstacles.boxes([cycle.now, cycle.now + STREAM.predicted])
         taken = np.array([(self._room.gaps(boxes, z) < -INSIDE * self.group.size).any() for z in goals], bool)
         if taken.all():
@@ -576,14 +581,13 @@ class CertifiedStream:
         nearest: ChartPoint = goals[np.argmin(np.where(taken, np.inf, far))]
         return nearest
 
-    def _is_free(self, way: Way, stand: ChartPoint) -> bool:
-        place = self._state.place
+    def _is_free(self, way: Way, place: float, stand: ChartPoint) -> bool:
         points = way.rest(stand, place, place + STREAM.looked_at)
         clearance = self._room.clearance(STREAM.resting_looked_at, [stand, way.goal])
         return self._room.straight(NOTHING, STREAM.going, clearance, points)
 
     def _is_at_goal(self, z: ChartPoint) -> bool:
-        way = self._state.way
+        way = None if self._state.pursuit is None else self._state.pursuit.way
         return way is not None and bool((np.abs(z - way.goal) <= GOAL_TOLERANCE).all())
 
     def _send(self, cycle: _Cycle, commit: Commit, leads_to: Any) -> Piece:
