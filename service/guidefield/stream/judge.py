@@ -126,15 +126,17 @@ class Judge:
         if verdict[REASON] == FREE and stops > begin:
             count = self._search(moving, begin, stops, most, verdict)
         looked, pair, reason = int(verdict[SEGMENTS]), int(verdict[CULPRIT]), int(verdict[REASON])
-        if reason == FREE and count <= 0:
+        time = min(commit.begins + float(verdict[PLACE]), commit.stops)
+        if reason == FREE and count > 0:
+            return Told(Judgement.UNDECIDED, looked, -1, commit.stops)
+        if reason == FREE:
             pair = self._find_enclosure(commit, seen)
             judgement, time = (Judgement.FREE, commit.begins) if pair < 0 else (Judgement.OBSTACLE, commit.stops)
-            return Told(judgement, looked, pair, time)
-        if reason in (FREE, UNDECIDED):
-            place = float(verdict[PLACE]) if reason == UNDECIDED else stops
-            return Told(Judgement.UNDECIDED, looked, pair if reason == UNDECIDED else -1, commit.begins + place)
-        judgement = Judgement.OWN if pair < len(self._pairs.own) else Judgement.OBSTACLE
-        return Told(judgement, looked, pair, commit.begins + float(verdict[PLACE]))
+        elif reason == UNDECIDED:
+            judgement = Judgement.UNDECIDED
+        else:
+            judgement = Judgement.OWN if pair < len(self._pairs.own) else Judgement.OBSTACLE
+        return Told(judgement, looked, pair, time)
 
     def travelled(self, commit: Commit, seen: SeenObstacles, since: float, until: float, parts: int = 16) -> float:
         """How far any point of the robot comes between two times by a commit, at most [m].
