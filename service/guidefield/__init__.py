@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         UnknownObject as UnknownObject,
         WorkerCrashed as WorkerCrashed,
     )
+    from guidefield.messages.executed import JointStates as JointStates, judgement_of as judgement_of
     from guidefield.messages.replies import (
         CertifyReply as CertifyReply,
         PlanReply as PlanReply,
@@ -120,6 +121,7 @@ _ROOMS = {
         "UnknownObject",
         "WorkerCrashed",
     ),
+    "messages.executed": ("JointStates", "judgement_of"),
     "messages.replies": ("CertifyReply", "PlanReply", "Progress"),
     "messages.requests": (
         "Attach",

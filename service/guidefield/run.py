@@ -256,7 +256,8 @@ def draw(
         assert isinstance(request, CertifyRequest), "only plans and judgements are recorded"
         assert isinstance(reply, CertifyReply), "a judgement was answered"
         assert isinstance(motion, JudgedMotion), "a motion was judged"
-        record_judgement(place, RecordedRun(group, scene, request, reply, profile, made_with, anchor), motion.given)
+        run = RecordedRun(group, scene, request, reply, profile, made_with, anchor)
+        record_judgement(place, run, motion.given, motion.planned)
     size = file.stat().st_size
     if size <= LARGEST_RECORDING:
         return None

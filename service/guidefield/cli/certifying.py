@@ -17,28 +17,12 @@ from guidefield.cli.found_run import find_run
 from guidefield.engine import motion_of
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec, requests
-from guidefield.messages.replies import CertifyReply
+from guidefield.messages.executed import SHARED_FIELDS, JointStates, judgement_of
+from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
 
 MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")  # suffixes of motion files
-
-SHARED_FIELDS = (
-    "robot",
-    "scene",
-    "robot_placement",
-    "start",
-    "min_clearance",
-    "attached_objects",
-    "allowed_collisions",
-    "path_constraints",
-    "limits",
-    "cartesian_limits",
-    "max_velocity_scaling_factor",
-    "max_acceleration_scaling_factor",
-    "leave_start_contact",
-)
-"""Common fields of plan and certify requests."""
 
 TRAJECTORY_FIELDS = ("times", "positions", "velocities", "accelerations")
 
@@ -222,6 +206,43 @@ def make_certify_request(
     request = codec.decode_request({"type": "certify", **fields, "allowed_time": allowed_time})
     assert isinstance(request, requests.CertifyRequest), "a certify request was made"
     return request
+
+
+BAG_ENDINGS = (".bag", ".mcap", ".db3")  # suffixes of ROS bags; a folder is one, too
+
+
+def make_executed_request(
+    states: str, run: str, begin: float, topic: str, allowed_time: float, data: Path | None, name: str
+) -> requests.CertifyRequest:
+    """Make the request that judges the joint states of a file or bag against the plan of a run.
+
+    `begin` is when the motion began, in seconds since the first state.
+
+    Raises:
+        UnknownObject, MalformedRequest: if there is no such file or run, or the states aren't of the plan's joints.
+    """
+    found = find_run(run, data, name)
+    if not (isinstance(found.reply, PlanReply) and isinstance(found.request, PlanRequest)):
+        raise MalformedRequest(f"run {run!r} is no plan: it judged a motion that was given", run_id=run)
+    told = _read_states(Path(states), found.reply.position_names, topic)
+    first = told.times[0] if len(told.times) else 0.0
+    return judgement_of(found.request, found.reply, told, first + begin, allowed_time)
+
+
+def _read_states(file: Path, joints: Sequence[str], topic: str) -> JointStates:
+    if file.is_dir() or file.suffix in BAG_ENDINGS:
+        try:
+            from guidefield.endpoint.ros.robot_messages import read_bag
+        except ImportError:
+            raise MalformedRequest("bags are read by rosbags: pip install 'guidefield[ros]'") from None
+        return read_bag(file, topic, joints)
+    fields = read_fields(file)
+    motion, names = fields.get("trajectory"), fields.get("position_names")
+    if motion is None or names is None or motion.get("times") is None:
+        raise MalformedRequest(
+            f"{file.name!r} has no `time` or no names of joints: it isn't joint states", path=str(file)
+        )
+    return JointStates(names, motion["times"], motion["positions"])
 
 
 def run_referee(request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -24,6 +24,7 @@ from guidefield.batch.results import CannotWork
 from guidefield.cli import demonstration, serving
 from guidefield.cli.certifying import (
     make_certify_request,
+    make_executed_request,
     make_robot_reference,
     read_scene_file,
     replay_proofs,
@@ -196,6 +197,14 @@ def certify(
         typer.Option(help="Write what the referee reads here (.json or .json.xz).", callback=require_writable),
     ] = None,
     proof: ProofFile = None,
+    against: Annotated[
+        str | None,
+        typer.Option(help="MOTION are joint states, a .csv or a ROS bag: judge them against the plan of this run."),
+    ] = None,
+    begin: Annotated[
+        float, typer.Option(help="When the motion began, in seconds since the first joint state, with --against.")
+    ] = 0.0,
+    topic: Annotated[str, typer.Option(help="Of the joint states in a bag.")] = "/joint_states",
     replay: Annotated[
         bool, typer.Option("--replay", help="MOTION is a proof: the referee checks it, and nothing else is done.")
     ] = False,
@@ -219,7 +228,11 @@ def certify(
         "min_clearance": min_clearance,
         "leave_start_contact": leave_start_contact or None,
     }
-    request = make_certify_request(motion, given, allowed_time, data, name)
+    if against is None:
+        request = make_certify_request(motion, given, allowed_time, data, name)
+    else:
+        _require_nothing_else(given)
+        request = make_executed_request(motion, against, begin, topic, allowed_time, data, name)
     compile_kernels(err.print, wholly=False)
     reply = answer(request, record_to=record, proof_to=proof)
     assert isinstance(reply, CertifyReply), "a certify request was answered"
@@ -235,6 +248,15 @@ def _execution(interpolation: str | None, rate: float | None, tolerance: float |
     if interpolation is None and others:
         raise MalformedRequest(f"--{next(iter(others))} is for an --execution: give one")
     return None if interpolation is None else {"interpolation": interpolation, **others}
+
+
+def _require_nothing_else(given: Mapping[str, Any]) -> None:
+    """Refuse what a run has already that a motion is judged against."""
+    for field, value in given.items():
+        if value is not None:
+            raise MalformedRequest(
+                f"--{field.replace('_', '-')} is the run's with --against: leave it out", field=field
+            )
 
 
 @app.command()

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from guidefield.errors import Status
 from guidefield.messages.certify_reply import describe_certificate, describe_place
-from guidefield.messages.execution import describe_execution
+from guidefield.messages.execution import describe_deviation, describe_execution
 from guidefield.messages.replies import (
     CertifyReply,
     ClearanceFigures,
@@ -174,6 +174,8 @@ def _verdict_rows(reply: CertifyReply) -> list[tuple[str, RenderableType]]:
     if certificate.place is not None:
         where = f"{describe_place(certificate.place.row, certificate.place.time)}{_format_pair(certificate.pair)}"
         rows.append(("refused at", Text(where)))
+    if reply.deviation is not None:
+        rows.append(("off the plan", Text(describe_deviation(reply.deviation))))
     rows += _distance_rows(reply)
     for name in reply.limits.__struct_fields__:
         use: LimitUse = getattr(reply.limits, name)
@@ -191,9 +193,8 @@ def _status(reply: MotionReply) -> Text:
 def _distance_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
     rows: list[tuple[str, RenderableType]] = []
     if reply.execution is not None:
-        leaves = reply.execution.deviation
-        apart = f"leaves the plan by {leaves.largest:.3g} rad or m at most, {leaves.joint} at {leaves.time:.3f} s"
-        rows.append(("as executed", Text(f"{describe_execution(reply.execution)}; {apart}")))
+        leaves = f"leaves the plan by {describe_deviation(reply.execution.deviation)}"
+        rows.append(("as executed", Text(f"{describe_execution(reply.execution)}; {leaves}")))
     if reply.clearance is not None:
         rows.append(("clearance", Text(_clearance(reply.clearance))))
     own = reply.self_clearance

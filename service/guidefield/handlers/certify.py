@@ -49,6 +49,7 @@ class JudgedMotion(PlainMotion):
     """A motion that was judged."""
 
     given: GivenMotion
+    planned: GivenMotion | None  # what it was to follow; None where nobody says
 
 
 @keep_contradictions
@@ -123,7 +124,7 @@ def _recorded(scene: Scene, problem: GivenProblem, measured: Clearance | None) -
     def packed() -> PackedMotion:
         return PackedMotion(found=None if measured is None else PackedClearance.of(measured))
 
-    return JudgedMotion(problem.group, scene, measure, packed, problem.motion)
+    return JudgedMotion(problem.group, scene, measure, packed, problem.motion, problem.planned)
 
 
 def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotModel]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import cast
 
 import numpy as np
 
@@ -44,7 +45,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model import chart
 from guidefield.robot.model.configuration import configuration_from_wire
-from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.robot.model.spaces import ChartPoints, ChartRates, RobotConfiguration
 from guidefield.scene.scene import Scene
 
@@ -68,7 +69,8 @@ def certify_problem(
     columns.require_width(_field(request), rows)
     group, warnings = _planning_group(request, columns, rows, robot)
     _require_in_group(columns, group)
-    planned, odd = _motion(request, columns, rows, group)
+    given, odd = _motion(request, request.trajectory, "trajectory", columns, rows, group)
+    planned = given if request.planned is None else _planned(request, request.planned, given, columns, group)
     execution = execution_of(request, group)
     drawn = None if execution is None else _draw(planned, execution)
     problem = GivenProblem(
@@ -82,8 +84,8 @@ def certify_problem(
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),
         deadline=deadline,
-        motion=planned if drawn is None else drawn.motion,
-        planned=None if drawn is None else planned,
+        motion=given if drawn is None else drawn.motion,
+        planned=None if planned is given and drawn is None else planned,
         execution=execution,
         drawn=drawn,
     )
@@ -173,28 +175,54 @@ def _require_in_group(columns: Columns, group: PlanningGroup) -> None:
 
 
 def _motion(
-    request: CertifyRequest, columns: Columns, rows: np.ndarray, group: PlanningGroup
+    request: CertifyRequest,
+    given: GivenTrajectory | None,
+    field: str,
+    columns: Columns,
+    rows: np.ndarray,
+    group: PlanningGroup,
 ) -> tuple[GivenMotion, list[str]]:
-    """The curve through the rows, and warnings."""
-    points, warnings = chart_points(columns, rows, group, _field(request))
-    given = request.trajectory
+    """The curve through the rows of a field, of a path where they have no times, and warnings."""
+    points, warnings = chart_points(columns, rows, group, "path" if given is None else f"{field}.positions")
     if given is None:
         kept = np.flatnonzero(np.r_[True, (np.diff(points, axis=0) != 0.0).any(axis=1)])
         return GivenMotion(CurveKind.LINEAR, points[kept], _with_end(kept, len(points))), warnings
-    times, rates = _times(request, given), _rates(request, given.velocities, "velocities", columns, group, points)
-    kept, odd = _moments(times, points, rates)
+    times = _times(request, given)
+    rates = _rates(request, given.velocities, f"{field}.velocities", columns, group, points)
+    kept, odd = _moments(times, points, rates, field)
     warnings += odd
     given_points = points
     times, points, end = times[kept], points[kept], _with_end(kept, len(points))
     if rates is not None:
         motion = GivenMotion(CurveKind.HERMITE, points, end, times, rates[kept])
-        told = _accelerations(request, given, columns, group, given_points)
+        told = _accelerations(request, given, field, columns, group, given_points)
         if told is not None and (motion.is_point or request.execution is not None):
             motion = dataclasses.replace(motion, accelerations=told if motion.is_point else told[kept])
         return motion, warnings + ([] if told is None else _other_accelerations(motion, told[kept]))
     if request.interpolation == "linear":
         return GivenMotion(CurveKind.LINEAR, points, end, times), warnings
     return GivenMotion(CurveKind.SPLINE, points, end, times, spline_rates(times, points)), warnings
+
+
+def _planned(
+    request: CertifyRequest, planned: GivenTrajectory, given: GivenMotion, columns: Columns, group: PlanningGroup
+) -> GivenMotion:
+    """The motion that was to be executed, by whole turns next to the one that is judged.
+
+    Raises:
+        InvalidConfiguration: if a joint has several coordinates, or a row has other columns than those that are judged.
+    """
+    if not group.is_euclidean:
+        several = [joint.name for joint in group.joints if joint.nv > 1]
+        raise InvalidConfiguration(
+            f"`planned` is served for joints of one coordinate; {', '.join(several)} has several", joints=several
+        )
+    rows = rows_in(planned.positions)
+    columns.require_width("planned.positions", rows)
+    motion, _ = _motion(request, planned, "planned", columns, rows, group)
+    turning = np.array([joint.kind is JointKind.CONTINUOUS for joint in group.joints])
+    turns = np.where(turning, np.round((given.start - motion.start) / (2.0 * np.pi)), 0.0)
+    return dataclasses.replace(motion, positions=cast(ChartPoints, motion.positions + 2.0 * np.pi * turns))
 
 
 def _draw(planned: GivenMotion, execution: ControllerModel) -> DrawnMotion:
@@ -211,18 +239,23 @@ def _draw(planned: GivenMotion, execution: ControllerModel) -> DrawnMotion:
 
 
 def _accelerations(
-    request: CertifyRequest, given: GivenTrajectory, columns: Columns, group: PlanningGroup, points: ChartPoints
+    request: CertifyRequest,
+    given: GivenTrajectory,
+    field: str,
+    columns: Columns,
+    group: PlanningGroup,
+    points: ChartPoints,
 ) -> ChartRates | None:
     """Accelerations that are given at chart points (n, nv); None without, or where they aren't the chart's."""
     if not group.is_euclidean:
         return None
-    return _rates(request, given.accelerations, "accelerations", columns, group, points)
+    return _rates(request, given.accelerations, f"{field}.accelerations", columns, group, points)
 
 
 def _rates(
     request: CertifyRequest,
     given: list[list[float]] | None,
-    what: str,
+    field: str,
     columns: Columns,
     group: PlanningGroup,
     points: ChartPoints,
@@ -234,8 +267,8 @@ def _rates(
     named = Columns.named("velocity_names", names, group.robot, chart.VELOCITY_SUFFIXES)
     require_same_joints(columns, named)
     rows = rows_in(given)
-    named.require_width(f"trajectory.{what}", rows)
-    return chart_rates(named, rows, group, points, f"trajectory.{what}")
+    named.require_width(field, rows)
+    return chart_rates(named, rows, group, points, field)
 
 
 def _with_end(kept: np.ndarray, count: int) -> np.ndarray:
@@ -252,7 +285,9 @@ def _times(request: CertifyRequest, given: GivenTrajectory) -> np.ndarray:
     return request.time_step * np.arange(len(given.positions))
 
 
-def _moments(times: np.ndarray, points: np.ndarray, rates: np.ndarray | None) -> tuple[np.ndarray, list[str]]:
+def _moments(
+    times: np.ndarray, points: np.ndarray, rates: np.ndarray | None, field: str
+) -> tuple[np.ndarray, list[str]]:
     """Choose one row of each time; warn about the others.
 
     Raises MalformedRequest if times don't increase, or two rows of one time differ.
@@ -265,7 +300,7 @@ def _moments(times: np.ndarray, points: np.ndarray, rates: np.ndarray | None) ->
         row = int(wrong[0])
         how = "is the same, and the rows differ" if steps[row] == 0.0 else f"is less than {LEAST_STEP:g} s later"
         raise MalformedRequest(
-            f"`trajectory.times` must increase: times[{row + 1}] = {times[row + 1]:.9g} after times[{row}] ="
+            f"`{field}.times` must increase: times[{row + 1}] = {times[row + 1]:.9g} after times[{row}] ="
             f" {times[row]:.9g} {how}",
             row=row + 1,
         )

@@ -19,12 +19,14 @@ from guidefield.handlers.plan_reply import (
     self_figures,
     unmeasured,
     wire_cartesian_use,
+    wire_deviation,
 )
 from guidefield.messages import replies
 from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply
 from guidefield.planner.judgement import GivenProblem, Judgement, Leaving
 from guidefield.planner.leaving import left_contacts
+from guidefield.planner.motion.drawn_motion import deviations
 from guidefield.planner.motion.given_motion import QuinticMotion
 from guidefield.planner.motion.limit_load import Use
 from guidefield.planner.quality import UNMEASURED, Clearance
@@ -72,6 +74,7 @@ def reply_to(
         counters=replies.Counters(collision_checks=problem.counters.collision_checks),
         recording=None,
         execution=_execution(problem),
+        deviation=_deviation(problem),
     )
 
 
@@ -81,6 +84,14 @@ def _execution(problem: GivenProblem) -> replies.ExecutionFigures | None:
     planned = problem.planned.scheduled
     assert not isinstance(planned, QuinticMotion), "rows that are given are cubic or straight"
     return execution_figures(problem.execution, planned, problem.drawn, problem.group)
+
+
+def _deviation(problem: GivenProblem) -> replies.MotionDeviation | None:
+    if problem.planned is None or problem.drawn is not None:
+        return None
+    planned = problem.planned.scheduled
+    assert not isinstance(planned, QuinticMotion), "rows that are given are cubic or straight"
+    return wire_deviation(deviations(planned, problem.motion), problem.group)
 
 
 def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from guidefield.errors import MalformedRequest
-from guidefield.messages.execution import ExecutionFigures
+from guidefield.messages.execution import ExecutionFigures, MotionDeviation
 from guidefield.messages.exports import export
 from guidefield.messages.plan_reply import (
     CartesianUse,
@@ -129,6 +129,7 @@ class CertifyReply(Reply):
         warnings: Harmless peculiarities of the request.
         proof: Key or file of the proof, if the request asks for one and there is one; else `warnings` says why not.
         execution: The rows of the curve that was judged, if the request has an `execution`.
+        deviation: Of the motion from the one that was `planned`, if the request has one.
         cartesian: The largest speed of each frame and link that the request limits.
 
     Example:
@@ -156,6 +157,7 @@ class CertifyReply(Reply):
     warnings: list[str] = []
     proof: str | None = None
     execution: ExecutionFigures | None = None
+    deviation: MotionDeviation | None = None
     cartesian: list[CartesianUse] = []
 
     def export(self, kind: str) -> bytes:

@@ -117,6 +117,8 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         recording: Extent of the recording.
         proof: Whether to keep a proof with the run that the motion is free; anybody can check it (`referee.md`).
         execution: The curve that a controller draws of the trajectory, which is judged instead of it (`execution.md`).
+        planned: The motion that the trajectory was to follow, in the same columns, with `times`: the reply says how far
+            it was left, and a recording shows both.
 
     Example:
         >>> from guidefield import CertifyRequest
@@ -155,6 +157,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
     proof: bool = False
     execution: ExecutionOptions | None = None
     cartesian_limits: CartesianLimits = []
+    planned: GivenTrajectory | None = None
 
     def __post_init__(self) -> None:
         settle_scene(self)
@@ -167,22 +170,33 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         if (self.path is None) == (self.trajectory is None):
             raise ValueError("give either a `path` or a `trajectory`")
         if self.trajectory is None:
-            if self.execution is not None:
-                raise ValueError("a `path` has no times: `execution` is for a `trajectory`")
-            if self.time_step is not None:
-                raise ValueError("a `path` has no times: `time_step` is for a `trajectory`")
-            if self.cartesian_limits:
-                raise ValueError("a `path` has no speed: `cartesian_limits` are for a `trajectory`")
-            if self.velocity_names is not None:
-                raise ValueError("a `path` has no velocities: `velocity_names` is for a `trajectory` that has some")
+            self._require_untimed()
             return
         given: object = self.trajectory
         if not isinstance(given, GivenTrajectory):
             return  # plain data, in Python: the decoder checks it
         if (given.times is None) == (self.time_step is None):
             raise ValueError("a `trajectory` has either `times`, or the request a `time_step`")
+        if self.planned is not None and self.execution is not None:
+            raise ValueError("give `planned` or `execution`: what is executed was drawn already")
+        if isinstance(self.planned, GivenTrajectory) and self.planned.times is None:
+            raise ValueError("`planned` must have `times`")
         if self.velocity_names is not None and given.velocities is None:
             raise ValueError("`velocity_names` is for a `trajectory` that has `velocities`")
+
+    def _require_untimed(self) -> None:
+        """Raise ValueError if a path is given what only a trajectory has."""
+        lacking = {
+            "execution": (self.execution, "no times", "is"),
+            "planned": (self.planned, "no times", "is"),
+            "time_step": (self.time_step, "no times", "is"),
+            "cartesian_limits": (self.cartesian_limits or None, "no speed", "are"),
+        }
+        for field, (value, what, verb) in lacking.items():
+            if value is not None:
+                raise ValueError(f"a `path` has {what}: `{field}` {verb} for a `trajectory`")
+        if self.velocity_names is not None:
+            raise ValueError("a `path` has no velocities: `velocity_names` is for a `trajectory` that has some")
 
 
 def require_finite_rows(field: str, rows: Sequence[Sequence[float]]) -> None:

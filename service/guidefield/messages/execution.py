@@ -79,6 +79,11 @@ class ExecutionFigures(Reply):
     end: float
 
 
+def describe_deviation(found: MotionDeviation) -> str:
+    """Say in words how far a motion leaves the planned one."""
+    return f"{found.largest:.3g} rad or m at most, {found.joint} at {found.time:.3f} s"
+
+
 def describe_execution(figures: ExecutionFigures) -> str:
     """Say in words what a motion is certified for: interpolation, rate, and the largest tolerance."""
     rate = "" if figures.rate is None else f" at {figures.rate:g} Hz"

@@ -19,6 +19,7 @@ from rerun.chunk import Chunk
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.messages.certify_reply import describe_certificate, describe_place
+from guidefield.messages.execution import describe_deviation, describe_execution
 from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, StepFigures, to_plain_data
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene as SceneMessage
@@ -384,6 +385,11 @@ def _judgement_results(reply: CertifyReply) -> list[str]:
         rows.append(("free until", describe_place(certificate.free_until.row, certificate.free_until.time)))
     if certificate.place is not None:
         rows.append(("refused", describe_place(certificate.place.row, certificate.place.time)))
+    if reply.execution is not None:
+        rows.append(("executed as", describe_execution(reply.execution)))
+    deviation = reply.deviation if reply.execution is None else reply.execution.deviation
+    if deviation is not None:
+        rows.append(("off the plan", describe_deviation(deviation)))
     rows += distances(reply)
     return [*table(("result", ""), rows), "", f"Judged by: {certificate.method}", ""]
 

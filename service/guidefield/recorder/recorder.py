@@ -37,7 +37,7 @@ from guidefield.recorder.motion import (
 from guidefield.recorder.stored import Place, shared_scene
 from guidefield.recorder.view import Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import ChartRates, Configuration, Configurations
+from guidefield.robot.model.spaces import ChartPoint, ChartRates, Configuration, Configurations
 
 CLEAR = 0.10  # distance [m] from which the segment to the closest obstacle is drawn in plain green
 PLOTTED = 600  # numbers in a plot of all joints, about
@@ -191,14 +191,18 @@ def record_plan(place: Place, run: PlanRun, log: EventLog) -> None:
     view.write(place, chunks, colliding, timeline)
 
 
-def record_judgement(place: Place, run: JudgedRun, given: GivenMotion) -> None:
-    """Write the recording of a motion that was judged, as `record_plan`; "full" adds the field to the summary."""
+def record_judgement(place: Place, run: JudgedRun, given: GivenMotion, planned: GivenMotion | None) -> None:
+    """Write the recording of a motion that was judged, as `record_plan`; "full" adds the field to the summary.
+
+    A motion that it was to follow, if there is one, is laid over it.
+    """
     group, reply, measured = run.group, run.reply, run.measured
     assert measured is not None, "a motion that is judged is measured"
     motion = Motion(measured.times, measured.configurations, timed=given.times is not None)
     view, certificate = _MotionView.of(place, run, motion, np.empty((0, 3))), reply.certificate
     at_fault = frozenset(certificate.pair or ())
-    chunks = [*view.robot(), *view.curves(_knots(group, given)), *view.bodies(at_fault)]
+    over = [] if planned is None else _lay_over(group, given, planned)
+    chunks = [*view.robot(), *view.curves(_knots(group, given)), *view.bodies(at_fault), *over]
     if certificate.place is not None and reply.status.code != Status.SUCCESS:
         row = [certificate.place.configuration[name] for name in group.position_names]
         chunks.append(scene_entities.failure(reply, poses(group, configurations_of(group, [row])).tip[0], group.size))
@@ -207,6 +211,19 @@ def record_judgement(place: Place, run: JudgedRun, given: GivenMotion) -> None:
     if run.request.recording == "full":
         chunks += view.field()
     view.write(place, chunks, at_fault, PATH_TIME)
+
+
+def _lay_over(group: PlanningGroup, given: GivenMotion, planned: GivenMotion) -> Iterator[Chunk]:
+    """The tip's way along a planned motion, and how far each joint is from it at the same time."""
+    names = group.position_names
+    times = np.union1d(given.scheduled.times, planned.scheduled.times)
+    times = times[evenly(len(times), max(PLOTTED // len(names), LEAST_PLOTTED))]
+    here, there = (
+        np.array(one.scheduled.evaluate(np.clip(times, *one.scheduled.times[[0, -1]]))[0]) for one in (given, planned)
+    )
+    tip = poses(group, [group.from_chart(cast(ChartPoint, z)) for z in there]).tip
+    yield still("/path/to_follow", rr.LineStrips3D([tip], colors=[WAYPOINT_COLOR], radii=[0.003 * group.size]))
+    yield from _curves("/plots/deviation", path_times(times), here - there, names, _palette(len(names)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,6 +61,7 @@ def _overview(eye: Eye, present: Set[str]) -> rrb.Horizontal:
     potentials = ["/plots/potential", "/planner/potential"]
     plots = [
         (1.0, _plot("/plots/clearance", "Clearance [m]"), ["/plots/clearance"]),
+        (1.0, _plot("/plots/deviation", "Off the planned motion [rad, m]"), ["/plots/deviation"]),
         (0.8, _plot("/", "Potential of the robot [m]", potentials, legend=False), potentials),
     ]
     shown = [(share, view) for share, view, entities in plots if not present.isdisjoint(entities)]
@@ -72,7 +73,7 @@ def _overview(eye: Eye, present: Set[str]) -> rrb.Horizontal:
     moving = ["/robot/**", "/path/**", GHOST_ENTITY]
     pictures = rrb.Tabs(
         scene_view("Motion", eye, moving, {GHOST_ENTITY: FAINT_GHOSTS, **SWITCHED_OFF}),
-        scene_view("Whole way", eye, [GHOST_ENTITY, "/path/tip"], {}),
+        scene_view("Whole way", eye, [GHOST_ENTITY, "/path/tip", "/path/to_follow"], {}),
         active_tab=0,
     )
     return rrb.Horizontal(pictures, figures, column_shares=[1.75, 1.0], name="Overview")

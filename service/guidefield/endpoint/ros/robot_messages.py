@@ -1,15 +1,22 @@
-"""States, trajectories and error codes as messages of ROS."""
+"""States, trajectories and error codes as messages of ROS; joint states in bags."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
+
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.rosbag1 import ReaderError as Bag1Error
+from rosbags.rosbag2 import ReaderError as Bag2Error
 
 from guidefield.endpoint.ros.collision_objects import message_of
 from guidefield.endpoint.ros.refusals import SOURCE, MoveItCode
 from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.errors import MalformedRequest, UnknownObject
+from guidefield.messages.executed import JointStates
 from guidefield.messages.plan_reply import Trajectory
 
 NANO = 1_000_000_000
@@ -59,3 +66,44 @@ def duration(seconds: float) -> dict[str, int]:
     whole = math.floor(seconds)
     carry, nanoseconds = divmod(round((seconds - whole) * NANO), NANO)
     return {"sec": whole + carry, "nanosec": nanoseconds}
+
+
+JOINT_STATES = "sensor_msgs/msg/JointState"
+
+
+def read_bag(path: Path, topic: str, joints: Sequence[str]) -> JointStates:
+    """Read where some joints were from a bag of ROS 1 or 2: of each message that has all of them, by its header's time.
+
+    Raises:
+        UnknownObject: if there is no such bag.
+        MalformedRequest: if it is none, or has no joint states on the topic, or none of a joint.
+    """
+    if not path.exists():
+        raise UnknownObject(f"there is no bag {str(path)!r}", path=str(path))
+    times, positions, seen = list[float](), list[list[float]](), dict[str, None]()
+    try:
+        with AnyReader([path]) as reader:
+            told = [one for one in reader.connections if one.topic == topic and one.msgtype == JOINT_STATES]
+            if not told:
+                topics = sorted({one.topic for one in reader.connections if one.msgtype == JOINT_STATES})
+                raise MalformedRequest(
+                    f"bag {path.name!r} has no joint states on {topic!r}; on: {', '.join(topics) or 'no topic'}",
+                    available=topics,
+                )
+            for connection, stamp, data in reader.messages(told):
+                message: Any = reader.deserialize(data, connection.msgtype)
+                seen |= dict.fromkeys(message.name)
+                if not all(joint in message.name for joint in joints):
+                    continue
+                at = message.header.stamp.sec * NANO + message.header.stamp.nanosec
+                times.append((at or stamp) / NANO)
+                positions.append([float(message.position[message.name.index(joint)]) for joint in joints])
+    except (AnyReaderError, Bag1Error, Bag2Error, OSError) as error:
+        raise MalformedRequest(f"{path.name!r} is no bag that can be read: {error}", path=str(path)) from None
+    if not times:
+        lacking = next((joint for joint in joints if joint not in seen), None)
+        why = f"there is no joint {lacking!r} in them" if lacking else "no message has all joints of the plan"
+        raise MalformedRequest(
+            f"bag {path.name!r}: {why}; the joint states have {', '.join(seen) or 'no joint'}", available=[*seen]
+        )
+    return JointStates(joints, times, positions)
