@@ -1,4 +1,4 @@
-"""How late a service answers large requests that allow little time: what `tools/attack_deadlines` asks."""
+"""How late a service answers large requests that allow little time: what `tools/attack deadlines` asks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A slice of `tools/attack_deadlines`: a service answers in time however large what is asked, and however written."""
+"""A slice of `tools/attack deadlines`: a service answers in time however large what is asked, and however written."""
 
 from __future__ import annotations
 

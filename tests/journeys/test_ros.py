@@ -214,7 +214,7 @@ def test_another_domain_and_another_hash_reach_nobody(peer: Peer):
 
 def test_whatever_is_sent_gets_exactly_one_answer(peer: Peer, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.syspath_prepend(str(TOOLS))
-    from fuzzing.ros_payloads import SERVICES, drawn
+    from attacks.ros_payloads import SERVICES, drawn
 
     rng, kinds = random.Random(5), set()
     for _ in range(150):

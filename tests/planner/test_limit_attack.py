@@ -1,4 +1,4 @@
-"""A slice of `tools/attack_limits`: no motion that is certified exceeds a limit, between its knots either."""
+"""A slice of `tools/attack limits`: no motion that is certified exceeds a limit, between its knots either."""
 
 from __future__ import annotations
 

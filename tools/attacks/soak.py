@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Ask a service a great many things, good and bad, while all goes wrong around it; every answer is counted and judged.
 
-Usage: tools/soak [--requests N] [--seconds S] [--clients C] [--workers W] [--seed K] [--patience P]
+Usage: tools/attack soak [--requests N] [--seconds S] [--clients C] [--workers W] [--seed K] [--patience P]
                   [--disk MIB] [--judge-memory]
 
 Requests of all kinds, malformed ones among them, are spread over the time; five users ask them. In the first half
@@ -41,19 +40,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-VENV = Path(__file__).resolve().parent.parent / ".venv"
-if Path(sys.prefix).resolve() != VENV.resolve() and (VENV / "bin" / "python").exists():
-    os.execv(VENV / "bin" / "python", [str(VENV / "bin" / "python"), *sys.argv])  # noqa: S606 - no shell is wanted
+import msgspec
+import zenoh
 
-import msgspec  # noqa: E402
-import zenoh  # noqa: E402
-
-from guidefield import Client, GuidefieldError, NoService, ServerBusy, WorkerCrashed, answer  # noqa: E402
-from guidefield.cli.demonstration import REQUESTS  # noqa: E402
-from guidefield.cli.serving import TRACE_SIGNAL, ChildService, service_in_child  # noqa: E402
-from guidefield.messages import codec  # noqa: E402
-from guidefield.messages.values import Reply  # noqa: E402
-from guidefield.planner.optimized_motion import HURRIED  # noqa: E402
+from guidefield import Client, GuidefieldError, NoService, ServerBusy, WorkerCrashed, answer
+from guidefield.cli.demonstration import REQUESTS
+from guidefield.cli.serving import TRACE_SIGNAL, ChildService, service_in_child
+from guidefield.messages import codec
+from guidefield.messages.values import Reply
+from guidefield.planner.optimized_motion import HURRIED
 
 LOWEST_PRIORITY = 19
 RECORDINGS_FETCHED = 5
@@ -451,7 +446,7 @@ def growth(samples: list[int]) -> float:
     return max(samples[-tenth:]) / max(samples[:tenth]) - 1.0
 
 
-def main() -> int:
+def run(arguments: list[str]) -> int:
     """Soak a service, and say how it went."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--requests", type=int, default=10_000)
@@ -462,7 +457,7 @@ def main() -> int:
     parser.add_argument("--patience", type=float, default=300.0, help="how long an answer may take [s]")
     parser.add_argument("--disk", type=int, default=1024, help="how large the disk is that fills up [MiB]")
     parser.add_argument("--judge-memory", action="store_true", help="in a run of less than ten minutes, too")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     options.judge_memory |= options.seconds >= JUDGED_FROM
     rng = random.Random(options.seed)  # noqa: S311 - no secret
     kinds = cases()
@@ -576,7 +571,3 @@ def report(tally: Tally, memory: dict[int, list[int]], options: argparse.Namespa
     print(f"  the service ended with exit code {code}")
     heavy = options.judge_memory and any(share > GROWTH for share in grown.values())
     return int(answers != options.requests or bool(tally.wrong) or heavy or code != 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Allow little time for the largest requests, written in every form, and find how late a service answers them.
 
-Usage: tools/attack_deadlines [--forms json packed] [--kinds boxes points ..] [--times 0.1 0.3 1.0 ..] [--again N]
+Usage: tools/attack deadlines [--forms json packed] [--kinds boxes points ..] [--times 0.1 0.3 1.0 ..] [--again N]
 
 Each kind has a service of its own, with one worker that has answered a small plan before; there is no network, and
 what it takes to keep runs on the disk isn't counted. Nor is what other work of the machine takes: the time for which
@@ -13,29 +12,20 @@ never seen, and again at once, while the worker may still prepare for it. Exit c
 from __future__ import annotations
 
 import argparse
-import os
-import sys
-from pathlib import Path
 
-HOUSE = Path(__file__).resolve().parent.parent
-VENV = HOUSE / ".venv"
-if Path(sys.prefix).resolve() != VENV.resolve() and (VENV / "bin" / "python").exists():
-    os.execv(VENV / "bin" / "python", [str(VENV / "bin" / "python"), *sys.argv])  # noqa: S606 - no shell is wanted
-sys.path.insert(0, str(HOUSE))
-
-from tests.deadline_attack import FORMS, TIMES, late, service, too_late  # noqa: E402
-from tests.deadline_requests import MAKERS  # noqa: E402
+from tests.deadline_attack import FORMS, TIMES, late, service, too_late
+from tests.deadline_requests import MAKERS
 
 
-def main() -> int:
+def run(arguments: list[str]) -> int:
     """Ask, and print a row for each way to ask."""
-    parser = argparse.ArgumentParser(prog="tools/attack_deadlines", description=__doc__)
+    parser = argparse.ArgumentParser(prog="tools/attack deadlines", description=__doc__)
     parser.add_argument("--forms", nargs="*", choices=list(FORMS), default=list(FORMS))
     parser.add_argument("--kinds", nargs="*", choices=list(MAKERS), default=list(MAKERS))
     parser.add_argument("--times", nargs="*", type=float, default=list(TIMES))
     parser.add_argument("--again", type=int, default=2)
     parser.add_argument("--share", type=float, default=1.0)
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     print(f"{'kind':12s} {'form':7s} {'allowed':>8s} {'late, ms':>28s}  answers", flush=True)
     missed = asked = 0
     for kind in options.kinds:
@@ -50,7 +40,3 @@ def main() -> int:
                     print(f"{kind:12s} {form:7s} {allowed:8.2f} {shown:>28s}  {ended}", flush=True)
     print(f"{missed} of {asked} answers came too late")
     return int(missed > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """What others cost a client: some stopped, some that read slowly, and users who ask for far too much or for too long.
 
-Usage: tools/isolation [--stopped N] [--slow N] [--greedy U] [--seconds S] [--workers W] [--judge]
+Usage: tools/attack isolation [--stopped N] [--slow N] [--greedy U] [--seconds S] [--workers W] [--judge]
 
 A service runs with users of its own. A healthy one asks for plans of a Panda and for the list of robots: alone; beside
 clients that asked for large answers and were stopped, and others that read 200 kB a second; beside greedy users, each
@@ -31,14 +30,9 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from pathlib import Path
 
-VENV = Path(__file__).resolve().parent.parent / ".venv"
-if Path(sys.prefix).resolve() != VENV.resolve() and (VENV / "bin" / "python").exists():
-    os.execv(VENV / "bin" / "python", [str(VENV / "bin" / "python"), *sys.argv])  # noqa: S606 - no shell is wanted
-
-from guidefield import Client, GuidefieldError, QuotaExceeded, ServerBusy  # noqa: E402
-from guidefield.cli.serving import service_in_child  # noqa: E402
+from guidefield import Client, GuidefieldError, QuotaExceeded, ServerBusy
+from guidefield.cli.serving import service_in_child
 
 RATE = 200_000
 """What a slow client reads in a second [bytes]."""
@@ -267,7 +261,7 @@ def told_refused(what: str, times: list[float]) -> None:
     print(f"{what:34s} {len(times):5d} refusals, median {1e3 * median:6.2f} ms, p99 {1e3 * p99:7.2f} ms", flush=True)
 
 
-def main() -> int:
+def run(arguments: list[str]) -> int:
     """Measure, and say how it went."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--stopped", type=int, default=20)
@@ -276,7 +270,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=30.0, help="how long each part takes [s]")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--judge", action="store_true", help="judge the times too; the machine has to be quiet")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     with tempfile.NamedTemporaryFile("w", suffix=".json") as quotas:
         json.dump(BEYOND, quotas)
         quotas.flush()
@@ -323,7 +317,3 @@ def measure(endpoint: str, options: argparse.Namespace) -> int:
         good &= beside.p99() <= 2.0 * idle.p99() and excess <= 2.0 and share >= 0.95
         good &= waited <= GOAL_BEGUN and refusals[len(refusals) // 2] <= GOAL_REFUSED
     return int(not good)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

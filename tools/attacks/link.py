@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Two hosts in network namespaces: the link between them is cut in the middle of a plan, and healed.
 
-Usage: tools/cut_link
+Usage: tools/attack link
 
 Needs root, `ip` and leave to make network namespaces; ends with a reason and exit code 0 where they are missing. A
 service runs on one host, a client on the other. The link is cut while the service plans: the client must hear of it
@@ -10,6 +9,7 @@ within Zenoh's lease and some, and never twice. After the link is healed the sam
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import shutil
@@ -18,11 +18,6 @@ import sys
 import tempfile
 import threading
 import time
-from pathlib import Path
-
-VENV = Path(__file__).resolve().parent.parent / ".venv"
-if Path(sys.prefix).resolve() != VENV.resolve() and (VENV / "bin" / "python").exists():
-    os.execv(VENV / "bin" / "python", [str(VENV / "bin" / "python"), *sys.argv])  # noqa: S606 - no shell is wanted
 
 NEAR, FAR = "guidefield-near", "guidefield-far"
 ENDPOINT = "tcp/10.77.0.2:7447"
@@ -98,8 +93,9 @@ def remove_hosts() -> None:
         subprocess.run(["ip", "netns", "delete", host], check=False, capture_output=True)
 
 
-def main() -> int:
+def run(arguments: list[str]) -> int:
     """Cut and heal, and say how it went."""
+    argparse.ArgumentParser(prog="tools/attack link", description=__doc__).parse_args(arguments)
     if os.geteuid() != 0 or shutil.which("ip") is None:
         print("skipped: needs root and `ip` (iproute2)")
         return 0
@@ -146,7 +142,3 @@ def cut_and_heal(data: str) -> int:
         service.terminate()
         service.wait(60.0)
     return int(heard != ["gone", "again 1"] or told > HEARD_WITHIN)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

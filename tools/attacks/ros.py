@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Send payloads, whole and broken, to a service's ROS services: exactly one answer to each, and the service lives on.
 
-Usage: tools/fuzz_ros [--payloads N] [--seed K] [--seconds S]
+Usage: tools/attack ros [--payloads N] [--seed K] [--seconds S]
 
 A service of its own is started with --ros. Payloads are requests with fields or bytes changed; attachments are right,
 wrong, absurdly long or missing. A payload that can be read has to be answered by a response, any other by an error.
@@ -23,18 +22,12 @@ import time
 from collections import Counter
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-VENV = HERE.parent / ".venv"
-if Path(sys.prefix).resolve() != VENV.resolve() and (VENV / "bin" / "python").exists():
-    os.execv(VENV / "bin" / "python", [str(VENV / "bin" / "python"), *sys.argv])  # noqa: S606 - no shell is wanted
-sys.path.insert(0, str(HERE))
+import zenoh
 
-import zenoh  # noqa: E402
-
-from fuzzing.ros_payloads import SERVICES, TYPES, Sent, drawn  # noqa: E402
-from guidefield.cli.serving import LOOPBACK, free_port  # noqa: E402
-from guidefield.endpoint.ros.cdr import Unreadable  # noqa: E402
-from guidefield.endpoint.ros.names import Entity, Kind  # noqa: E402
+from attacks.ros_payloads import SERVICES, TYPES, Sent, drawn
+from guidefield.cli.serving import LOOPBACK, free_port
+from guidefield.endpoint.ros.cdr import Unreadable
+from guidefield.endpoint.ros.names import Entity, Kind
 
 AT_ONCE = 24
 """Queries that wait for an answer."""
@@ -96,13 +89,13 @@ def _resident(pid: int) -> int:
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
-def main() -> int:
+def run(arguments: list[str]) -> int:
     """Fuzz, and say what came of it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--payloads", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=7200.0, help="at most so long")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     with free_port() as port, tempfile.TemporaryDirectory(prefix="guidefield-fuzz-") as data:
         endpoint = f"tcp/{LOOPBACK}:{port}"
         command = [sys.executable, "-m", "guidefield", "serve", "--ros", "--workers", "2", "--data", data]
@@ -144,7 +137,3 @@ def _fuzz(endpoint: str, pid: int, options: argparse.Namespace) -> int:
     for fault in judge.faults[:20]:
         print(fault)
     return int(bool(judge.faults) or crashes > 0 or memory > MOST_MEMORY)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

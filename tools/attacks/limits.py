@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Plan with ends at and near the joints' limits, for many robots, and find the exact excess of every motion.
 
-Usage: tools/attack_limits [--robots NAME ..] [--chains N] [--seeds N] [--kinds KIND ..]
+Usage: tools/attack limits [--robots NAME ..] [--chains N] [--seeds N] [--kinds KIND ..]
 
 Positions, velocities, accelerations and jerks of the cubic Hermite curve that a reply describes are held against the
 limits, in closed form between the samples too. Without --robots it takes arms of the catalog; --chains draws so many
@@ -11,29 +10,20 @@ random robots besides. Exit code 0: no motion exceeds any limit.
 from __future__ import annotations
 
 import argparse
-import os
 import random
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 
-HOUSE = Path(__file__).resolve().parent.parent
-VENV = HOUSE / ".venv"
-if Path(sys.prefix).resolve() != VENV.resolve() and (VENV / "bin" / "python").exists():
-    os.execv(VENV / "bin" / "python", [str(VENV / "bin" / "python"), *sys.argv])  # noqa: S606 - no shell is wanted
-sys.path.insert(0, str(HOUSE))
+from tests.planner.limit_attack import EXACT, SHARES, cases, excess
+from tests.robot.random_chains import chain
 
-from tests.planner.limit_attack import EXACT, SHARES, cases, excess  # noqa: E402
-from tests.robot.random_chains import chain  # noqa: E402
-
-from guidefield.engine import Engine  # noqa: E402
-from guidefield.errors import GuidefieldError  # noqa: E402
-from guidefield.messages.replies import PlanReply  # noqa: E402
-from guidefield.messages.requests import RobotReference  # noqa: E402
-from guidefield.robot.catalog.catalog import Catalog  # noqa: E402
-from guidefield.robot.model.model import RobotModel  # noqa: E402
+from guidefield.engine import Engine
+from guidefield.errors import GuidefieldError
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import RobotReference
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.model.model import RobotModel
 
 ARMS = (
     "panda",
@@ -54,15 +44,15 @@ ARMS = (
 )
 
 
-def main() -> int:
+def run(arguments: list[str]) -> int:
     """Plan, and count."""
-    parser = argparse.ArgumentParser(prog="tools/attack_limits", description=__doc__)
+    parser = argparse.ArgumentParser(prog="tools/attack limits", description=__doc__)
     parser.add_argument("--robots", nargs="*", default=list(ARMS))
     parser.add_argument("--chains", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="seed of the first random robot")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--kinds", nargs="*", choices=list(SHARES), default=list(SHARES))
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     engine, seen, began = Engine(), Counter[str](), time.monotonic()
     durations, planning = 0.0, 0.0
     for name, reference, robot in robots(options):
@@ -102,7 +92,3 @@ def robots(options: argparse.Namespace) -> Iterator[tuple[str, RobotReference, R
             yield f"chain {seed}", urdf, catalog.load(urdf)
         except GuidefieldError as error:
             print(f"chain {seed}: {error.message}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Mutate requests, URDFs and scenes, and have workers answer them: no crash, no hang, a reply or a named fault to each.
 
-Usage: tools/fuzz [--examples N] [--seed K] [--workers W] [--seconds S] [--atheris]
+Usage: tools/attack requests [--examples N] [--seed K] [--workers W] [--seconds S] [--atheris]
 
 The mutations are drawn by hypothesis: of the values of a request, of the elements and attributes of a URDF or SRDF, and
 of the bytes of either. Each is answered by a worker process of the service's own pool, which a crash or a hang would
@@ -23,19 +22,15 @@ import time
 from collections import Counter
 from pathlib import Path
 
-VENV = Path(__file__).resolve().parent.parent / ".venv"
-if Path(sys.prefix).resolve() != VENV.resolve() and (VENV / "bin" / "python").exists():
-    os.execv(VENV / "bin" / "python", [str(VENV / "bin" / "python"), *sys.argv])  # noqa: S606 - no shell is wanted
+from hypothesis import HealthCheck, Phase, given, seed as drawn_from, settings, strategies as st
+from lxml import etree
 
-from hypothesis import HealthCheck, Phase, given, seed as drawn_from, settings, strategies as st  # noqa: E402
-from lxml import etree  # noqa: E402
-
-from guidefield.errors import GuidefieldError, WorkerCrashed  # noqa: E402
-from guidefield.messages import keys  # noqa: E402
-from guidefield.messages.codec import Encoding  # noqa: E402
-from guidefield.pool.pool import Pool  # noqa: E402
-from guidefield.pool.waiting import Task  # noqa: E402
-from guidefield.worker import EngineSetup, Job  # noqa: E402
+from guidefield.errors import GuidefieldError, WorkerCrashed
+from guidefield.messages import keys
+from guidefield.messages.codec import Encoding
+from guidefield.pool.pool import Pool
+from guidefield.pool.waiting import Task
+from guidefield.worker import EngineSetup, Job
 
 HANG = 60.0
 """A worker that takes longer hangs [s]; what is asked takes tenths of a second."""
@@ -341,7 +336,7 @@ def by_atheris(seconds: float) -> None:
         atheris.Fuzz()
 
 
-def main() -> int:
+def run(arguments: list[str]) -> int:
     """Fuzz, and say what came of it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--examples", type=int, default=100_000)
@@ -349,7 +344,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--seconds", type=float, default=7200.0, help="at most so long")
     parser.add_argument("--atheris", action="store_true")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     if options.atheris:
         by_atheris(options.seconds)
     with tempfile.TemporaryDirectory(prefix="guidefield-fuzz-") as data:
@@ -362,7 +357,3 @@ def main() -> int:
     for found in judge.found[:20]:
         print(found)
     return int(bool(judge.found))
-
-
-if __name__ == "__main__":
-    sys.exit(main())
