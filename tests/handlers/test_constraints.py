@@ -2,21 +2,27 @@
 
 import time
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from guidefield.collision.blocking_pairs import contacts_at
+from guidefield.collision.world import World
 from guidefield.errors import MalformedRequest, UnknownFrame
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
+from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import build
 from tests.robots import robot
 
 READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
 TURNED = {**READY, "panda_joint1": 1.1}
 TIP = "panda_hand"
+CORNERS = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
 POST = messages.Box(name="post", size=(0.06, 0.06, 0.5), position=(0.42, 0.27, 0.25))
 
 
@@ -122,5 +128,40 @@ def test_constraints_that_make_no_sense_are_refused() -> None:
         ask(goal=goal, path_constraints=[{**CONE, "frame": "nowhere"}])
     with pytest.raises(MalformedRequest, match=r"path_constraints\[0\]\.axis"):
         ask(goal=goal, path_constraints=[{**CONE, "axis": (0, 0, 0)}])
-    with pytest.raises(MalformedRequest, match="guide planes"):
-        ask(goal=goal, guide_planes="auto", path_constraints=[CONE])
+    with pytest.raises(MalformedRequest, match="planner 'guided' makes none"):
+        ask(goal=goal, planner="guided", path_constraints=[CONE])
+
+
+@pytest.mark.parametrize("planes", ["given", "last", "auto"])
+@pytest.mark.parametrize("moves", [False, True])
+def test_guide_planes_are_crossed_within_constraints(moves: bool, planes: str) -> None:
+    """A door between the ends goes up; the hand passes a square beside it, its axis within the cone."""
+    here = hand_at({**READY, "panda_joint1": 0.85}).translation
+    centre, out = here + np.array([0.0, 0.0, 0.1]), here * (0.08, 0.08, 0.0) / np.linalg.norm(here[:2])
+    corners = [centre + a * out + np.array([0.0, 0.0, 0.08 * b]) for a, b in CORNERS]
+    square = {"name": "square", "vertices": [corner.tolist() for corner in corners]}
+    turned = {"quaternion_xyzw": (0.0, 0.0, np.sin(0.275), np.cos(0.275))}
+    below, door, above = (np.array([0.8 * np.cos(0.55), 0.8 * np.sin(0.55), z]).tolist() for z in (-0.7, 0.8, 2.6))
+    obstacle = messages.Box(name="door", size=(1.02, 0.02, 1.6), position=below, **turned)
+    if moves:
+        way = [Placement(position=place, **turned) for place in (door, above)]
+        obstacle = msgspec.structs.replace(obstacle, trajectory=messages.ObstacleTrajectory([1.0, 2.0], way))
+    obstacles = [obstacle]
+    asked = {"goal": {"type": "guide_plane"} if planes == "last" else {"type": "joints", "positions": TURNED}}
+    asked["guide_planes"] = "auto" if planes == "auto" else [square]
+    kept = ask(*obstacles, tip=TIP, path_constraints=[CONE], limits={"panda_joint1": {"jerk": 500.0}}, **asked)
+    assert kept.status.name == "SUCCESS", kept.status.message
+    assert kept.certificate.collision_free
+    places = placements(kept)
+    assert max(np.arccos(np.clip(-T.rotation[2, 2], -1.0, 1.0)) for T in places) <= 0.25
+    if planes != "auto":
+        offsets = np.array([T.translation - centre for T in places])
+        across = np.cross(out, (0.0, 0.0, 1.0)) / np.linalg.norm(out)
+        assert np.linalg.norm(offsets[np.abs(offsets @ across) < 2e-3], axis=1).min() < 0.08 * np.sqrt(2.0)
+    group = select(robot("panda"), None, TIP, robot("panda").rest, pin.SE3.Identity())
+    scene = build(messages.Scene(name="s", obstacles=obstacles))
+    motion = Trajectory(*(np.array(getattr(kept.trajectory, name)) for name in ("times", "positions", "velocities")))
+    samples = np.linspace(0.0, max(motion.duration, scene.end), 80)
+    for now, z in zip(samples.tolist(), motion.evaluate(np.minimum(samples, motion.duration))[0], strict=True):
+        assert not contacts_at(World.build(group, scene.at(now)), group.expand_from_chart(z)), now
+    assert not moves or motion.duration > 1.0, "the door is in the way until then"

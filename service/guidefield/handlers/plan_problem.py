@@ -124,8 +124,8 @@ def problem_of(
     group = limited(group.starting_at(request.start), request)
     planes = given_planes(request, scene, deadline)
     _require_served(request, scene)
-    if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
-        raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
+    if request.path_constraints and request.planner == "guided":
+        raise MalformedRequest("path constraints are kept by connections: planner 'guided' makes none, 'auto' does")
     if in_motion(request):
         _require_served_in_motion(request, group, planes)
     problem = Problem(

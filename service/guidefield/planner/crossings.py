@@ -221,8 +221,12 @@ def cross_planes(problem: Problem, stages: Stages, attempts: Sequence[Attempt], 
     for index, plane in enumerate(problem.guide_planes):
         if passed_by and index < problem.derived_planes:
             continue
-        with stages.entered("guide", f"to guide plane {plane.name}", index) as stage:
-            along = _approach(problem, found, plane, index, attempts, stage)
+        if problem.path_constraints:  # which the field's steps would leave
+            with stages.entered("connect", f"to guide plane {plane.name}", index) as stage:
+                along = connect_to_plane(problem, found, found, index, stage)
+        else:
+            with stages.entered("guide", f"to guide plane {plane.name}", index) as stage:
+                along = _approach(problem, found, plane, index, attempts, stage)
         failure = along.failure
         if failure is None:
             found = along
@@ -231,7 +235,7 @@ def cross_planes(problem: Problem, stages: Stages, attempts: Sequence[Attempt], 
         elif index < problem.derived_planes:  # nobody asked for it: go on without it and those that would follow
             passed_by = True
             continue
-        elif problem.scene.moves:
+        elif problem.scene.moves or problem.path_constraints:
             return along
         else:
             with stages.entered("connect", f"to guide plane {plane.name}, where the field got stuck", index) as stage:

@@ -53,22 +53,29 @@ def reach_among_movers(problem: Problem, goals: ChartPoints, stages: Stages) -> 
     finished = finished or search.by_thorough_ways()
     if finished is not None:
         return finished
-    failed = PathSoFar.at_start(problem).failed(search.why())
-    return found_motion(problem.at(0.0), failed, stages)
+    return search.failed()
 
 
 def keep_schedule(
-    problem: Problem, finished: Finished, stages: Stages, also: Callable[[Trajectory], Verdict]
+    problem: Problem, finished: Finished, stages: Stages, also: MotionJudge | None = None, *, at_rest: bool = False
 ) -> Finished:
     """Go along a motion that is free of what rests so that nothing that moves is met: the way is given, not when.
+
+    Args:
+        problem: Where nothing moves the motion stays as it is.
+        finished: The motion.
+        stages: Told of what is done.
+        also: Judges what the problem doesn't know of, besides.
+        at_rest: Whether it is free of all obstacles once they have come to rest.
 
     Returns:
         The motion, from time 0 on, with the wait before it; failed where there is none.
     """
+    if not problem.scene.moves:
+        return finished
     assert finished.trajectory is not None, "it was certified"
     search = _Search(problem, finished.trajectory.positions[-1:], stages, also)
-    found = search.scheduled(finished, at_rest=False)
-    return replace(finished, failure=search.why(), trajectory=None) if found is None else found
+    return search.scheduled(finished, at_rest=at_rest) or search.failed()
 
 
 @dataclass(frozen=True)
@@ -137,6 +144,11 @@ class _Search:
             if (finished := self._along(HeldPath("where they come to rest", resting, found, at_rest=True))) is not None:
                 return finished
         return None
+
+    def failed(self) -> Finished:
+        """Nothing but the start, and why."""
+        found = PathSoFar.at_start(self._problem).failed(self.why())
+        return found_motion(self._problem.at(0.0), found, self._stages)
 
     def why(self) -> Ending:
         problem, (leave_by, refusal) = self._problem, self.leave_by

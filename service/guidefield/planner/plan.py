@@ -13,7 +13,7 @@ from guidefield.errors import Status
 from guidefield.planner.crossings import cross_planes, find_led_goals
 from guidefield.planner.ends import UNREACHED, check_start, goal_points
 from guidefield.planner.finish import finish
-from guidefield.planner.goal_among_movers import reach_among_movers
+from guidefield.planner.goal_among_movers import keep_schedule, reach_among_movers
 from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.held_paths import connections
@@ -81,9 +81,11 @@ def _plan_from_start(problem: Problem, planner: Planner, attempts: Sequence[Atte
     if problem.in_motion:
         assert goals is not None, "planes are no goals then"
         return _plan_in_motion(problem, goals, stages)
-    found = PathSoFar.at_start(problem)
+    found, scheduled = PathSoFar.at_start(problem), None
     if planner is not Planner.TREE and problem.guide_planes:
-        found = cross_planes(problem, stages, attempts, connects=planner is Planner.AUTO)
+        found, scheduled = _through_planes(problem, planner, attempts, stages)
+    if scheduled is not None:
+        return scheduled
     if goals is None and isinstance(problem.goal, TipGoal) and found.failure is None:
         found, goals = find_led_goals(problem, found, stages, attempts)
     if goals is None or found.failure is not None:
@@ -91,6 +93,34 @@ def _plan_from_start(problem: Problem, planner: Planner, attempts: Sequence[Atte
     if isinstance(found, ScheduledPath):
         return _go_on_to_goal(problem, found, goals, stages)
     return _reach_goal(problem, found, goals, stages)
+
+
+def _through_planes(
+    problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages
+) -> tuple[PathSoFar, Finished | None]:
+    """The motion through the guide planes; or the whole one, where they are crossed as once all obstacles rest."""
+    if problem.scene.moves and problem.path_constraints:  # which only connections keep, and they know no time
+        return PathSoFar.at_start(problem), _plan_once_they_rest(problem, planner, attempts, stages)
+    found = cross_planes(problem, stages, attempts, connects=planner is Planner.AUTO)
+    stuck = found.failure is not None and not problem.deadline.expired()
+    if not (problem.scene.moves and stuck and planner is Planner.AUTO):
+        return found, None
+    scheduled = _plan_once_they_rest(problem, planner, attempts, stages)
+    return found, scheduled if scheduled.failure is None and scheduled.verdict.free else None
+
+
+def _plan_once_they_rest(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
+    """Plan among the obstacles that move as once they rest, and go along that when nothing is met."""
+    finished = _plan_from_start(problem.at(problem.scene.end), planner, attempts, stages)
+    if finished.failure is not None:
+        return replace(finished, failure=_once_they_rest(problem, finished.failure))
+    return keep_schedule(problem, finished, stages, at_rest=True) if finished.verdict.free else finished
+
+
+def _once_they_rest(problem: Problem, ending: Ending) -> Ending:
+    end = problem.scene.end
+    message = f"as the obstacles stand from {end:.2f} s on: {ending.message}"
+    return Ending(ending.status, message, {**ending.details, "time": end})
 
 
 def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
@@ -144,10 +174,9 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
             goals = goal_points(problem.at(problem.scene.end))
         except StageFailed as failed:
             if problem.scene.moves:  # it is judged as they stand once they have come to rest
-                end, ending = problem.scene.end, failed.ending
-                message = f"as the obstacles stand from {end:.2f} s on: {ending.message}"
-                raise StageFailed(ending.status, message, **{**ending.details, "time": end}) from None
-            leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.scene.moves
+                ending = _once_they_rest(problem, failed.ending)
+                raise StageFailed(ending.status, ending.message, **ending.details) from None
+            leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.path_constraints
             unreached = failed.ending.status in UNREACHED
             if not (leads and unreached and isinstance(problem.goal, TipGoal)):
                 raise

@@ -65,7 +65,7 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
             break
         places *= 2
     made = Finished(verdict, path, {}, trajectory)
-    if verdict.free and problem.scene.moves:
+    if verdict.free:
         made = keep_schedule(problem, made, stages, lambda motion: _kept_straight(problem, way, motion.bezier()))
     if made.failure is not None:
         return _make_failed_plan(problem.at(0.0), problem.z_start[None], made.failure, stages)
