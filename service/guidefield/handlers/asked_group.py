@@ -12,6 +12,7 @@ from guidefield.messages import requests
 from guidefield.messages.goals import JointSetGoal, JointsGoal
 from guidefield.messages.requests import Goal, MotionRequest, Positions, RelativeGoal
 from guidefield.messages.streams import StreamOpen
+from guidefield.planner.task.effort import EffortLimit, tree_of
 from guidefield.planner.task.motion_limits import CartesianLimit, frame_limit, link_limit
 from guidefield.planner.task.problem import ControllerModel, Interpolation
 from guidefield.robot.group import path_constraints
@@ -185,6 +186,44 @@ def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathCo
             joints=several,
         )
     return tuple(_build_constraint(one, index, group) for index, one in enumerate(request.path_constraints))
+
+
+def effort_limit_of(request: MotionRequest, group: PlanningGroup) -> EffortLimit | None:
+    """The limits of torques that a request binds; None where there is none.
+
+    Raises MalformedRequest if the robot has no dynamics, or a joint is named that follows another one.
+    """
+    asked = {name: limits.effort for name, limits in request.limits.items() if limits.effort is not None}
+    if not asked:
+        return None
+    tree, laws = tree_of(group), followers_of(group)
+    for name in asked:
+        if name in laws:
+            raise MalformedRequest(
+                f"`limits.{name}.effort` can't be kept: {name!r} follows {laws[name].driver!r}, which is driven",
+                joint=name,
+                path=f"$.limits.{name}.effort",
+            )
+        if isinstance(tree, str):
+            raise MalformedRequest(
+                f"`limits.{name}.effort` can't be kept: {tree}", joint=name, path=f"$.limits.{name}.effort"
+            )
+    assert not isinstance(tree, str), "there is dynamics"
+    limits = [np.full(joint.nv, asked.get(joint.name, np.inf)) for joint in group.joints]
+    return EffortLimit(tree, np.concatenate(limits), tuple(group.velocity_names))
+
+
+def bounds_efforts(request: MotionRequest | StreamOpen) -> bool:
+    """Whether a request limits the effort of a joint."""
+    return any(limits.effort is not None for limits in request.limits.values())
+
+
+def unweighed(request: MotionRequest) -> list[str]:
+    """A warning for each held object without a mass, where efforts are limited."""
+    if not bounds_efforts(request):
+        return []
+    names = [one.obstacle.name for one in request.attached_objects if one.mass is None]
+    return [f"{name!r}, which is held, has no `mass`: it counts as massless in torques" for name in names]
 
 
 def cartesian_limits_of(request: MotionRequest, group: PlanningGroup) -> tuple[CartesianLimit, ...]:

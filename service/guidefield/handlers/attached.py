@@ -19,6 +19,7 @@ from guidefield.geometry.placements import se3
 from guidefield.memo import memoized
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.scene import HalfSpace, PointCloud
+from guidefield.messages.values import IDENTITY, ORIGIN, InertiaTensor, Vector3
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.model import GeometryChoice, RobotModel
 from guidefield.robot.urdf.links import NO_LENGTH
@@ -38,6 +39,7 @@ class Held:
     link: str  # the link that holds it
     touch_links: tuple[str, ...] = ()  # links that it may touch besides
     warnings: tuple[str, ...] = ()  # what is odd about it but harmless
+    inertia: Any | None = None  # a pinocchio.Inertia in the link's frame; None where its mass isn't known
 
 
 def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
@@ -68,10 +70,13 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
                 message = f"the attached object {one.name!r} has the name of {what}: give it another"
                 raise UnknownObject(message, object=one.name, path=f"$.attached_objects[{index}].obstacle.name")
         carrier = model.frames[frame_index(model, one.link)]
-        joint, placement = carrier.parentJoint, carrier.placement * one.placement
+        joint, on_joint = carrier.parentJoint, carrier.placement.copy()
+        placement = on_joint * one.placement
         del carrier  # it lies among the model's frames, which move when one is added
         # a link's frame: of a body with another one Pinocchio loses it where joints are locked
         frame = model.addFrame(pin.Frame(one.name, joint, placement, pin.FrameType.BODY), False)
+        if one.inertia is not None:
+            model.appendBodyToJoint(joint, one.inertia, on_joint)
         shape = pin.GeometryObject(one.name, joint, frame, placement, one.shape)
         added = geometry.addGeometryObject(shape)
         apart = {one.link, *one.touch_links}
@@ -160,7 +165,7 @@ def are_large(attached: Sequence[AttachedObject]) -> bool:
 
 def _collect(attached: Sequence[AttachedObject]) -> _Asked:
     contents = [content_of(one.obstacle).all for one in attached]
-    others = [(one.link, one.placement, one.touch_links) for one in attached]
+    others = [(one.link, one.placement, one.touch_links, one.mass, one.centre_of_mass, one.inertia) for one in attached]
     return _Asked(msgspec.msgpack.encode([contents, others]), attached)
 
 
@@ -189,4 +194,30 @@ def _build_held(one: AttachedObject, index: int) -> Held:
     if body.cloud is not None:
         shape = bvh(body.vertices, body.triangles)
     warnings = tuple(f"`attached_objects[{index}]`, {warning}" for warning in body.warnings)
-    return Held(one.obstacle.name, shape, placement, one.link, tuple(one.touch_links), warnings)
+    return Held(
+        one.obstacle.name, shape, placement, one.link, tuple(one.touch_links), warnings, _inertia_of(one, index)
+    )
+
+
+def _inertia_of(one: AttachedObject, index: int) -> Any | None:
+    """Of an object, in the frame of the link that holds it; None where its mass isn't known."""
+    if one.mass is None:
+        return None
+    inertia = payload_inertia(one.mass, one.centre_of_mass, one.inertia, f"attached_objects[{index}]")
+    own = se3(getattr(one.obstacle, "position", ORIGIN), getattr(one.obstacle, "quaternion_xyzw", IDENTITY))
+    return inertia.se3Action(se3(one.placement.position, one.placement.quaternion_xyzw) * own)
+
+
+def payload_inertia(mass: float, centre: Vector3, inertia: InertiaTensor, where: str) -> Any:
+    """A load as a pinocchio.Inertia; raises MalformedRequest if no body has such an inertia. `where` is its field."""
+    xx, xy, xz, yy, yz, zz = inertia
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    smallest, middle, largest = np.linalg.eigvalsh(matrix).tolist()
+    slack = 1e-9 * max(1e-3, largest)
+    if smallest < -slack or smallest + middle < largest - slack:
+        raise MalformedRequest(
+            f"`{where}.inertia` is no body's: its principal moments {smallest:g}, {middle:g}, {largest:g} "
+            "must not be negative, nor one larger than the sum of the others",
+            path=f"$.{where}.inertia",
+        )
+    return pin.Inertia(mass, np.array(centre), matrix)

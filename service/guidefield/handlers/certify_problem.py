@@ -14,10 +14,12 @@ from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import (
     cartesian_limits_of,
     constraints_of,
+    effort_limit_of,
     execution_of,
     jerk_limits,
     limited,
     start_of,
+    unweighed,
 )
 from guidefield.handlers.attached import holding
 from guidefield.handlers.given_columns import (
@@ -81,6 +83,7 @@ def certify_problem(
         allowed_collisions=frozenset(request.allowed_collisions),
         path_constraints=constraints_of(request, group),
         cartesian_limits=cartesian_limits_of(request, group),
+        effort_limit=effort_limit_of(request, group),
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),
         deadline=deadline,
@@ -89,7 +92,7 @@ def certify_problem(
         execution=execution,
         drawn=drawn,
     )
-    return problem, (*robot.warnings, *scene.warnings, *warnings, *odd)
+    return problem, (*robot.warnings, *scene.warnings, *warnings, *unweighed(request), *odd)
 
 
 def planning_group(request: CertifyRequest, robot: RobotModel) -> PlanningGroup:

@@ -20,6 +20,7 @@ from guidefield.handlers.plan_reply import (
     unmeasured,
     wire_cartesian_use,
     wire_deviation,
+    wire_efforts,
 )
 from guidefield.messages import replies
 from guidefield.messages.certify_reply import describe_place
@@ -70,6 +71,7 @@ def reply_to(
             wire_cartesian_use(use, jumps=problem.motion.velocities is None and not problem.motion.is_point)
             for use in judgement.cartesian
         ],
+        effort=None if judgement.efforts is None else wire_efforts(judgement.efforts),
         timing=replies.Timing(**seconds, total=time.monotonic() - received),
         counters=replies.Counters(collision_checks=problem.counters.collision_checks),
         recording=None,
@@ -154,6 +156,10 @@ def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
     group, motion = problem.group, problem.motion
     exceeded = {name: use for name in RATES if not (use := getattr(judgement.uses, name)).is_within}
     if not exceeded:
+        efforts = judgement.efforts
+        if efforts is not None and (beyond := efforts.exceeded) is not None:
+            where = describe_place(*_measured_at(problem, beyond.reached.time))
+            return Ending(Status.INVALID_MOTION_PLAN, *beyond.describe_excess(where))
         in_space, excess = next((use, excess) for use in judgement.cartesian if (excess := use.exceeded) is not None)
         where = describe_place(*_measured_at(problem, excess[2].time))
         return Ending(Status.INVALID_MOTION_PLAN, *in_space.describe_excess(where))

@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.errors import MalformedRequest, RobotInvalid, UnknownFrame
+from guidefield.errors import RobotInvalid, UnknownFrame
 from guidefield.geometry.placements import se3
+from guidefield.handlers.attached import payload_inertia
 from guidefield.handlers.configurations import (
     batches,
     configurations_from,
@@ -137,24 +138,9 @@ def _with_payload(robot: RobotModel, payload: Sequence[requests.Payload]) -> Any
                 available=available,
             )
         frame = model.frames[robot.frame_id(one.link)]
-        inertia = pin.Inertia(one.mass, np.array(one.centre_of_mass), _matrix(one.inertia, index))
+        inertia = payload_inertia(one.mass, one.centre_of_mass, one.inertia, f"payload[{index}]")
         model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
     return model
-
-
-def _matrix(inertia: tuple[float, ...], index: int) -> np.ndarray:
-    """The inertia matrix (3, 3) of a payload."""
-    xx, xy, xz, yy, yz, zz = inertia
-    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    smallest, middle, largest = np.linalg.eigvalsh(matrix).tolist()
-    slack = 1e-9 * max(1e-3, largest)
-    if smallest < -slack or smallest + middle < largest - slack:
-        raise MalformedRequest(
-            f"`payload[{index}].inertia` is no body's: its principal moments {smallest:g}, {middle:g}, {largest:g} "
-            "must not be negative, nor one larger than the sum of the others",
-            path=f"$.payload[{index}].inertia",
-        )
-    return matrix
 
 
 def _require_mass(robot: RobotModel, model: Any) -> None:

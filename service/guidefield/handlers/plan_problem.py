@@ -14,16 +14,19 @@ from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, at_path
 from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import (
+    bounds_efforts,
     cartesian_limits_of,
     clamp_slight,
     clamped_goals,
     constraints_of,
+    effort_limit_of,
     execution_of,
     goal_positions,
     jerk_limits,
     limited,
     rates_of,
     start_of,
+    unweighed,
 )
 from guidefield.handlers.attached import holding
 from guidefield.messages import requests
@@ -142,6 +145,7 @@ def problem_of(
         path_constraints=constraints_of(request, group),
         execution=execution_of(request, group),
         cartesian_limits=cartesian_limits_of(request, group),
+        effort_limit=effort_limit_of(request, group),
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),
         optimization_iterations=request.optimization_iterations,
@@ -158,18 +162,23 @@ def problem_of(
         *warnings,
         *clamped_goals(request.goal, robot),
         *many_turns_warnings(request, robot),
+        *unweighed(request),
     )
 
 
 def _require_served(request: PlanRequest, scene: Scene) -> None:
     """Refuse what is part of the wire but not served among obstacles that move, by name."""
-    if scene.moves and request.cartesian_limits:
-        moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
-        raise MalformedRequest(
-            f"among obstacles that move ({moving}) `cartesian_limits` are not served: leave them out",
-            unserved="cartesian_limits",
-            path="$.cartesian_limits",
-        )
+    if not scene.moves:
+        return
+    moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
+    for what, asked in (("cartesian_limits", bool(request.cartesian_limits)), ("limits", bounds_efforts(request))):
+        if asked:
+            of = "limits of effort" if what == "limits" else f"`{what}`"
+            raise MalformedRequest(
+                f"among obstacles that move ({moving}) {of} are not served: leave them out",
+                unserved=what,
+                path=f"$.{what}",
+            )
 
 
 def in_motion(request: PlanRequest) -> bool:
@@ -192,6 +201,7 @@ def _require_served_in_motion(request: PlanRequest, group: PlanningGroup, planes
         "path_constraints": (bool(request.path_constraints), "leave them out"),
         "leave_start_contact": (request.leave_start_contact, "leave it out"),
         "cartesian_limits": (bool(request.cartesian_limits), "leave them out"),
+        "limits": (bounds_efforts(request), "leave `effort` out of them"),
         "guide_planes": (bool(planes) or asks_for_planes, "give them as []"),
     }
     for what, (asked, instead) in unserved.items():

@@ -19,8 +19,9 @@ from guidefield.planner.motion.given_motion import GivenMotion, StraightMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan
 from guidefield.planner.quality import Clearance, Closest, figures
+from guidefield.planner.task.effort import Efforts, measure_efforts
 from guidefield.planner.task.motion_limits import CartesianLimit, CartesianUse, measure_cartesian
-from guidefield.planner.task.problem import ControllerModel, Problem
+from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
 from guidefield.robot.group.group import LONGEST_TURN, PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.tangents import tangent_accelerations, tangents
@@ -92,6 +93,7 @@ def reply_to(
         recording=None,
         execution=_execution(problem, made, drawn),
         cartesian=[] if moved is None else cartesian_uses(problem.cartesian_limits, moved),
+        effort=None if moved is None else effort_figures(problem, moved),
         timing=replies.Timing(total=total, measure=max(0.0, total - sum(spent.values())), **spent),
     )
 
@@ -232,6 +234,27 @@ def cartesian_uses(limits: Sequence[CartesianLimit], motion: Trajectory | GivenM
         return []
     jumps = isinstance(motion, GivenMotion) and motion.velocities is None
     return [wire_cartesian_use(use, jumps=jumps) for use in measure_cartesian(limits, motion.polynomials)]
+
+
+def effort_figures(conditions: Conditions, motion: Trajectory | GivenMotion) -> replies.EffortFigures | None:
+    """The torques along a motion; None of what has no accelerations."""
+    if isinstance(motion, GivenMotion) and motion.velocities is None:
+        return None
+    return wire_efforts(measure_efforts(conditions.group, conditions.effort_limit, motion.polynomials))
+
+
+def wire_efforts(efforts: Efforts) -> replies.EffortFigures:
+    """Torques in the wire's words."""
+    if efforts.reason is not None:
+        return replies.EffortFigures(reason=efforts.reason)
+    uses = []
+    for use in efforts.uses:
+        limit = use.limit if math.isfinite(use.limit) else None
+        share = None if limit is None else use.reached.bound / limit
+        uses.append(
+            replies.EffortUse(joint=use.name, effort=use.reached.found, time=use.reached.time, limit=limit, share=share)
+        )
+    return replies.EffortFigures(joints=uses, energy=efforts.energy)
 
 
 def wire_cartesian_use(use: CartesianUse, *, jumps: bool = False) -> replies.CartesianUse:

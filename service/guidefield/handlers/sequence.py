@@ -19,6 +19,7 @@ from guidefield.handlers.plan_reply import (
     STAGES,
     cartesian_uses,
     clearance_figures,
+    effort_figures,
     motion_metrics,
     outcome,
     self_figures,
@@ -212,6 +213,7 @@ def _step(leg: Leg[Standing], course: Steps, made: SequencePlan[Standing], measu
         ],
         passed=leg.passed,
         cartesian=_fastest([cartesian_uses(stretch.cartesian_limits, stretch.motion) for stretch, _ in own]),
+        effort=_strongest([effort_figures(stretch, stretch.motion) for stretch, _ in own]),
     )
 
 
@@ -251,6 +253,15 @@ def _least_clearance(
 def _fastest(uses: Sequence[Sequence[replies.CartesianUse]]) -> list[replies.CartesianUse]:
     """Of what is limited in space the fastest on some stretches."""
     return [max(each, key=lambda use: use.speed) for each in zip(*uses, strict=True)]
+
+
+def _strongest(figures: Sequence[replies.EffortFigures | None]) -> replies.EffortFigures | None:
+    """The largest torques on some stretches, and the work on all of them."""
+    told = [one for one in figures if one is not None]
+    if not told or told[0].energy is None:
+        return told[0] if told else None
+    joints = [max(each, key=lambda use: use.effort) for each in zip(*(one.joints for one in told), strict=True)]
+    return replies.EffortFigures(joints=joints, energy=sum(one.energy or 0.0 for one in told))
 
 
 def _least_self(figures: Sequence[replies.SelfClearance]) -> replies.SelfClearance | None:

@@ -155,7 +155,8 @@ class Standing:
                 )
         placement = Placement(*wire_pose(self.frame(holder).inverse()))
         message = found.message if found.motion is None else posed(found.message, found.motion.at(found.motion.end))
-        attached = AttachedObject(message, holder, placement, asked.touch_links)
+        mass = asked.mass, asked.centre_of_mass, asked.inertia
+        attached = AttachedObject(message, holder, placement, asked.touch_links, *mass)
         others = tuple(name for name in asked.touch_objects if name != asked.object)
         held = Held(attached, others, frozenset(others))
         left = [one for one in self.scene.message.obstacles if one.name != asked.object]

@@ -21,6 +21,7 @@ from guidefield.handlers.asked_group import (
     cartesian_limits_of,
     clamped_goals,
     constraints_of,
+    effort_limit_of,
     followers_of,
     limited,
     start_of,
@@ -125,6 +126,7 @@ class Steps:
                 allowed_collisions=frozenset(self._request.allowed_collisions),
                 path_constraints=constraints_of(self._request, group),
                 cartesian_limits=cartesian_limits_of(self._limited_in_space(index), group),
+                effort_limit=effort_limit_of(self._request, group),
                 deadline=self._deadline,
                 counters=self.counters,
             )

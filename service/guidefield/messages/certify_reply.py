@@ -10,6 +10,7 @@ from guidefield.messages.plan_reply import (
     CertificateFigures,
     ClearanceFigures,
     Counters,
+    EffortFigures,
     Outcome,
     PlanReply,
     SelfClearance,
@@ -131,6 +132,7 @@ class CertifyReply(Reply):
         execution: The rows of the curve that was judged, if the request has an `execution`.
         deviation: Of the motion from the one that was `planned`, if the request has one.
         cartesian: The largest speed of each frame and link that the request limits.
+        effort: Torques along the motion; null of what has no accelerations.
 
     Example:
         >>> import guidefield
@@ -159,6 +161,7 @@ class CertifyReply(Reply):
     execution: ExecutionFigures | None = None
     deviation: MotionDeviation | None = None
     cartesian: list[CartesianUse] = []
+    effort: EffortFigures | None = None
 
     def export(self, kind: str) -> bytes:
         """Write the rows of `execution` as a file: "ros.json" or "yaml" (ROS), "script" (UR), "csv", "json", "npz".

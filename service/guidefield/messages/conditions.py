@@ -9,6 +9,10 @@ import msgspec
 from guidefield.messages.scene import Obstacle, Scene
 from guidefield.messages.scene_changes import RequestScene
 from guidefield.messages.values import (
+    NO_INERTIA,
+    ORIGIN,
+    InertiaTensor,
+    Mass,
     Message,
     Name,
     Placement,
@@ -16,6 +20,7 @@ from guidefield.messages.values import (
     RootJoint,
     UrdfCharacters,
     Vector3,
+    require_finite,
     require_finite_number,
 )
 
@@ -88,12 +93,22 @@ class AttachedObject(Message):
         link: The link that holds it.
         placement: Of its frame in the link's frame.
         touch_links: Further links that it may touch.
+        mass: Its mass [kg]; null: nothing of it counts in torques.
+        centre_of_mass: In the shape's own frame, that of its `position` and `quaternion_xyzw` [m].
+        inertia: Ixx, Ixy, Ixz, Iyy, Iyz, Izz about its centre of mass, in the axes of that frame [kg m^2].
     """
 
     obstacle: Obstacle
     link: Name
     placement: Placement = Placement()
     touch_links: list[Name] = []
+    mass: Mass | None = None
+    centre_of_mass: Vector3 = ORIGIN
+    inertia: InertiaTensor = NO_INERTIA
+
+    def __post_init__(self) -> None:
+        require_finite("centre_of_mass", self.centre_of_mass)
+        require_finite("inertia", self.inertia)
 
 
 class OrientationCone(Message, tag_field="type", tag="orientation_cone"):
@@ -183,17 +198,21 @@ CartesianLimits = Annotated[list[CartesianLimit], msgspec.Meta(max_length=MOST_C
 class JointLimits(Message):
     """Limits of one joint's motion that replace the robot's own; null keeps them.
 
+    An effort is kept only where it is given: the robot's own is told, but binds nothing.
+
     Attributes:
         velocity: [rad/s or m/s].
         acceleration: [rad/s^2 or m/s^2].
         jerk: [rad/s^3 or m/s^3]; null for none.
+        effort: Torque or force that drives it [N m or N]; null for none.
     """
 
     velocity: Positive | None = None
     acceleration: Positive | None = None
     jerk: Positive | None = None
+    effort: Positive | None = None
 
     def __post_init__(self) -> None:
-        for field in ("velocity", "acceleration", "jerk"):
+        for field in ("velocity", "acceleration", "jerk", "effort"):
             if (limit := getattr(self, field)) is not None:
                 require_finite_number(field, limit)

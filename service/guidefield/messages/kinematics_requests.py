@@ -22,8 +22,11 @@ from guidefield.messages.goals import Positions, Tolerance3, require_finite_conf
 from guidefield.messages.triples import VALUES_PER_CHECK
 from guidefield.messages.values import (
     LARGEST,
+    NO_INERTIA,
     ORIGIN,
     AllowedTime,
+    InertiaTensor,
+    Mass,
     Message,
     Name,
     Placement,
@@ -332,9 +335,9 @@ class Payload(Message):
     """
 
     link: Name
-    mass: Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST)]
+    mass: Mass
     centre_of_mass: Vector3 = ORIGIN
-    inertia: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    inertia: InertiaTensor = NO_INERTIA
 
     def __post_init__(self) -> None:
         require_finite("centre_of_mass", self.centre_of_mass)

@@ -140,6 +140,38 @@ class CartesianUse(Reply):
     acceleration_time: float | None = None
 
 
+class EffortUse(Reply):
+    """The largest torque or force that drives a joint along a motion.
+
+    Attributes:
+        joint: The joint, as a column of velocities.
+        effort: The largest that was found [N m or N].
+        time: Its time [s].
+        limit: The request's limit, else the robot's own; null for none [N m or N].
+        share: Of the limit, which nothing exceeds between samples either: `effort` is less by 1 % of the limit at most.
+    """
+
+    joint: str
+    effort: float
+    time: float
+    limit: float | None = None
+    share: float | None = None
+
+
+class EffortFigures(Reply):
+    """Torques along a motion, of rigid bodies under gravity, with what is held; without friction and rotors.
+
+    Attributes:
+        reason: Why there are none, in words, as where a robot has no inertia; null where there are.
+        joints: The largest of each joint.
+        energy: Mechanical work of all joints, taken or given back alike [J].
+    """
+
+    reason: str | None = None
+    joints: list[EffortUse] = []
+    energy: float | None = None
+
+
 class Metrics(Reply):
     """Length, duration and smoothness of a motion.
 
@@ -223,6 +255,7 @@ class StepFigures(Reply):
         passed: Distance from its goal at `end` if it doesn't stop: the larger of the tip's distance [m] and angle [rad]
             for a pose or relative goal, the largest of the joints [rad or m] for a goal of joints.
         cartesian: The largest speed of each frame and link that is limited during the step.
+        effort: Torques during the step, with what is held; null if nothing moves.
     """
 
     begin: float
@@ -236,6 +269,7 @@ class StepFigures(Reply):
     permissions: list[Permission]
     passed: float | None = None
     cartesian: list[CartesianUse] = []
+    effort: EffortFigures | None = None
 
 
 class PlanReply(Reply):
@@ -271,6 +305,7 @@ class PlanReply(Reply):
         execution: The rows to send to a controller, if the request has an `execution` and the motion is certified: the
             certificate and the clearances are those of the curve that it draws.
         cartesian: The largest speed of each frame and link that the request limits; in `steps` for a sequence.
+        effort: Torques along the trajectory; in `steps` for a sequence, as they are those of what is held.
 
     Example:
         >>> import guidefield
@@ -309,6 +344,7 @@ class PlanReply(Reply):
     proof: str | None = None
     execution: ExecutionFigures | None = None
     cartesian: list[CartesianUse] = []
+    effort: EffortFigures | None = None
 
     def export(self, kind: str) -> bytes:
         """Write the rows of `execution` as a file: "ros.json" or "yaml" (ROS), "script" (UR), "csv", "json", "npz".

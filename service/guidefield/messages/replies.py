@@ -33,6 +33,8 @@ from guidefield.messages.plan_reply import (
     CertificateFigures as CertificateFigures,
     ClearanceFigures as ClearanceFigures,
     Counters as Counters,
+    EffortFigures as EffortFigures,
+    EffortUse as EffortUse,
     Metrics as Metrics,
     Outcome as Outcome,
     Permission as Permission,

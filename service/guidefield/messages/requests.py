@@ -71,9 +71,12 @@ from guidefield.messages.store_requests import (
 )
 from guidefield.messages.values import (
     IDENTITY,
+    NO_INERTIA,
     ORIGIN,
     PLANNING_TIME,
     AllowedTime,
+    InertiaTensor,
+    Mass,
     Message,
     Name,
     NonNegative,
@@ -123,12 +126,22 @@ class Attach(Message):
         touch_links: Further links that it may touch while it is held.
         touch_objects: Obstacles that it may touch until it is 5 mm away from them (`min_clearance`, if that is more),
             and again after it is last so far away, until it is detached.
+        mass: Its mass [kg]; null: nothing of it counts in torques.
+        centre_of_mass: In the obstacle's own frame [m].
+        inertia: Ixx, Ixy, Ixz, Iyy, Iyz, Izz about its centre of mass, in the axes of that frame [kg m^2].
     """
 
     object: Name
     link: Name | None = None
     touch_links: list[Name] = []
     touch_objects: list[Name] = []
+    mass: Mass | None = None
+    centre_of_mass: Vector3 = ORIGIN
+    inertia: InertiaTensor = NO_INERTIA
+
+    def __post_init__(self) -> None:
+        require_finite("centre_of_mass", self.centre_of_mass)
+        require_finite("inertia", self.inertia)
 
 
 class PlanStep(Message):

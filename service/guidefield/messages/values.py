@@ -30,6 +30,10 @@ ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 IDENTITY: QuaternionXYZW = (0.0, 0.0, 0.0, 1.0)
 LARGEST = 1e9
 """Largest magnitude of a quantity, in SI units: squares and cubes of larger ones lose precision or overflow."""
+Mass = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST)]
+InertiaTensor = tuple[float, float, float, float, float, float]
+"""Ixx, Ixy, Ixz, Iyy, Iyz, Izz [kg m^2]."""
+NO_INERTIA: InertiaTensor = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 QUATERNION_TOLERANCE = 1e-6
 """Largest deviation of the norm of a quaternion from 1."""
 

@@ -103,6 +103,9 @@ def check_start(problem: Problem) -> None:
                 Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}{hint}", stage="start", **details
             )
         _check_clearance(problem, z_start, "start")
+    if problem.effort_limit is not None and (weight := problem.effort_limit.faults(z_start[None])[0]) is not None:
+        message, values = weight.describe("start")
+        raise StageFailed(Status.START_STATE_INVALID, message, **values)
     if (violated := _find_violation(problem, z_start)) is not None:
         message, details = violated
         status = Status.START_STATE_VIOLATES_PATH_CONSTRAINTS
@@ -389,7 +392,21 @@ def _while_time(problem: Problem, zs: ChartPoints, free: Callable[[Problem, Char
     return found
 
 
+def _held_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
+    """Those of some goals (m, nv) at which torques hold the robot."""
+    if problem.effort_limit is None:
+        return goals
+    faults = problem.effort_limit.faults(goals)
+    held = [goal for goal, fault in zip(goals, faults, strict=True) if fault is None]
+    if held:
+        return np.array(held)
+    assert faults[0] is not None, "no goal can be held"
+    message, values = faults[0].describe("goal")
+    raise StageFailed(Status.GOAL_STATE_INVALID, message, **values)
+
+
 def _kept_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
+    goals = _held_goals(problem, goals)
     faults = [_find_violation(problem, goal) for goal in goals]
     kept = [goal for goal, fault in zip(goals, faults, strict=True) if fault is None]
     if kept:

@@ -23,6 +23,7 @@ from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_load import Uses
 from guidefield.planner.motion_certificate import certify_given, enclosed_start
+from guidefield.planner.task.effort import Efforts, measure_efforts
 from guidefield.planner.task.motion_limits import CartesianUse, measure_cartesian
 from guidefield.planner.task.problem import Conditions
 from guidefield.prove.certificate import certify, certify_constraints
@@ -146,13 +147,15 @@ class Judgement:
     # how a contact at the start is left; None where there is none, or it may not be left
     leaving: Leaving | None = None
     cartesian: tuple[CartesianUse, ...] = ()
+    efforts: Efforts | None = None  # None of what has no accelerations
 
     @property
     def within_limits(self) -> bool:
         """True if no rate exceeds its limit."""
         uses = self.uses
         rates = all(use.is_within for use in (uses.velocity, uses.acceleration, uses.jerk))
-        return rates and all(use.exceeded is None for use in self.cartesian)
+        kept = self.efforts is None or self.efforts.exceeded is None
+        return rates and kept and all(use.exceeded is None for use in self.cartesian)
 
 
 def judge(problem: GivenProblem, uses: Uses) -> Judgement:
@@ -175,7 +178,14 @@ def judge(problem: GivenProblem, uses: Uses) -> Judgement:
     cartesian: tuple[CartesianUse, ...] = ()
     if problem.cartesian_limits:
         cartesian = measure_cartesian(problem.cartesian_limits, problem.motion.polynomials)
-    return Judgement(verdict, uses, leaving=leaving, cartesian=cartesian)
+    return Judgement(verdict, uses, leaving=leaving, cartesian=cartesian, efforts=_efforts(problem))
+
+
+def _efforts(problem: GivenProblem) -> Efforts | None:
+    motion = problem.motion
+    if motion.times is None or (motion.velocities is None and not motion.is_point):
+        return None
+    return measure_efforts(problem.group, problem.effort_limit, motion.polynomials)
 
 
 def _constraints(problem: GivenProblem) -> Verdict:

@@ -19,6 +19,7 @@ from guidefield.planner.motion.limit_load import limit_shares
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
+from guidefield.planner.task.effort import measure_efforts
 from guidefield.planner.task.motion_limits import measure_cartesian
 from guidefield.planner.task.problem import Conditions, Interpolation, Problem
 from guidefield.planner.task.stages import Ending, Stages
@@ -187,13 +188,18 @@ def executed_motion(problem: Problem, trajectory: Trajectory | None) -> Trajecto
 
 def find_excess(conditions: Conditions, motion: Trajectory | GivenMotion | None) -> Ending | None:
     """The refusal of a motion that exceeds a limit of what it does as a whole; None where it doesn't."""
-    if motion is None or not conditions.cartesian_limits:
+    if motion is None or not (conditions.cartesian_limits or conditions.effort_limit):
         return None
     for use in measure_cartesian(conditions.cartesian_limits, motion.polynomials):
         if (excess := use.exceeded) is not None:
             message, details = use.describe_excess(f"{excess[2].time:.6g} s")
             return Ending(Status.INVALID_MOTION_PLAN, f"no motion within limits was found: {message}", details)
-    return None
+    limit = conditions.effort_limit
+    beyond = None if limit is None else measure_efforts(conditions.group, limit, motion.polynomials).exceeded
+    if beyond is None:
+        return None
+    message, details = beyond.describe_excess(f"{beyond.reached.time:.6g} s")
+    return Ending(Status.INVALID_MOTION_PLAN, f"no motion within limits was found: {message}", details)
 
 
 def certify_from_start(conditions: Conditions, motion: Trajectory, deadline: Deadline) -> Verdict:

@@ -12,7 +12,7 @@ from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, MalformedRequest, UnknownObject
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import jerk_limits, limited, start_of
+from guidefield.handlers.asked_group import bounds_efforts, jerk_limits, limited, start_of
 from guidefield.handlers.attached import holding
 from guidefield.messages.streams import Deviation, StreamOpen
 from guidefield.robot.group.group import PlanningGroup
@@ -69,6 +69,8 @@ def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: S
     q_whole, warnings = start_of(request.start, robot)
     root = request.robot_placement
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
+    if bounds_efforts(request):
+        raise MalformedRequest("streams don't serve limits of effort: leave `effort` out of `limits`", path="$.limits")
     group = limited(group, request)
     turned = group.starting_at(request.start).whole_turns
     turns = np.zeros(group.nv) if turned is None else turned

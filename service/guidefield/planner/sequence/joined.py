@@ -18,7 +18,7 @@ from guidefield.planner.task.motion_limits import slower
 from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
 
 INSIDE = 0.999
 """Share of a radius within which an optimised motion passes a goal: what is missed in the end is within the rest."""
@@ -134,7 +134,12 @@ def slowest(parts: Sequence[Part]) -> Problem:
     accelerations = np.stack([group.acceleration_limits for group in groups]).min(axis=0)
     group = dataclasses.replace(first.group, velocity_limits=velocities, acceleration_limits=accelerations)
     limits = slower([limit for one in parts for limit in one.problem.cartesian_limits])
-    return dataclasses.replace(first, group=group, cartesian_limits=limits)
+    efforts = [one.problem.effort_limit for one in parts if one.problem.effort_limit is not None]
+    least = None
+    if efforts:
+        lowest = np.min([one.limits for one in efforts], axis=0)
+        least = dataclasses.replace(efforts[0], limits=cast(ChartRate, lowest))
+    return dataclasses.replace(first, group=group, cartesian_limits=limits, effort_limit=least)
 
 
 def passed_about(goal: PassedGoal, motion: Trajectory, knots: tuple[int, int, int]) -> PassedAt:

@@ -52,6 +52,9 @@ class CurveLimits(NamedTuple):
 class MotionLimit(Protocol):
     """A limit of what a motion does as a whole, beside those of each coordinate's rates."""
 
+    def scaled(self, share: float) -> MotionLimit:
+        """A share of the limit."""
+
     def stretch(self, motion: MotionPolynomials) -> float:
         """The factor by which the time of a motion has to be stretched, where it is above 1, to keep the limit."""
 

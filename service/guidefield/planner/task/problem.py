@@ -13,6 +13,7 @@ import numpy as np
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
+from guidefield.planner.task.effort import EffortLimit
 from guidefield.planner.task.motion_limits import CartesianLimit, MotionLimit
 from guidefield.planner.task.trace import Event, Observer, Silent
 from guidefield.read_only import ReadOnly
@@ -77,7 +78,7 @@ class ControllerModel(ReadOnly):
         return 1.0 + parts * float(np.maximum(np.ceil(spans * self.rate * (1.0 - ROUNDING)), 1.0).sum())
 
 
-DRAWN = 0.99  # share of a limit in space that is used by a motion which a controller draws otherwise. A choice
+DRAWN = 0.99  # share of a limit of the whole that is used by a motion which a controller draws otherwise. A choice
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -95,6 +96,7 @@ class Conditions(ReadOnly):
     path_constraints: tuple[PathConstraint, ...] = ()
     execution: ControllerModel | None = None  # what a controller draws is judged instead of a plan; None: that itself
     cartesian_limits: tuple[CartesianLimit, ...] = ()
+    effort_limit: EffortLimit | None = None
     deadline: Deadline = UNLIMITED
     observer: Observer = field(default_factory=Silent)
     counters: Counters = field(default_factory=Counters)
@@ -116,9 +118,10 @@ class Conditions(ReadOnly):
 
         They have room for what a controller draws that isn't the very motion.
         """
+        limits: list[MotionLimit] = [*self.cartesian_limits, *([self.effort_limit] if self.effort_limit else [])]
         if self.execution is None or self.execution.interpolation is Interpolation.CUBIC:
-            return self.cartesian_limits
-        return tuple(one.scaled(DRAWN) for one in self.cartesian_limits)
+            return tuple(limits)
+        return tuple(one.scaled(DRAWN) for one in limits)
 
     @property
     def is_observed(self) -> bool:

@@ -77,10 +77,10 @@ def _copy_limits(source: Any, target: Any, kept: Sequence[tuple[Any, Any]]) -> N
             for joint, copied in kept
         ]
         setattr(target, name, np.concatenate([np.empty(0), *parts]))
-    for name in ("lowerVelocityLimit", "upperVelocityLimit"):
-        limits = getattr(source, name)
+    for name in ("lowerVelocityLimit", "upperVelocityLimit", "lowerEffortLimit", "upperEffortLimit"):
+        limits, none = getattr(source, name), -math.inf if name == "lowerEffortLimit" else math.inf
         parts = [
-            limits[joint.idx_v : joint.idx_v + joint.nv] if joint.nv == copied.nv else np.full(copied.nv, math.inf)
+            limits[joint.idx_v : joint.idx_v + joint.nv] if joint.nv == copied.nv else np.full(copied.nv, none)
             for joint, copied in kept
         ]
         setattr(target, name, np.concatenate([np.empty(0), *parts]))

@@ -1,0 +1,272 @@
+"""Torques along a motion, and bounds of them between samples: inverse dynamics of a tree of bodies.
+
+By d'Alembert's principle what drives coordinate i is the integral over all mass of J_i · (p'' - g), with J_i = dp/dz_i.
+Its second derivative by time is at most that of
+
+    |J_i''| |p'' - g| + 2 |J_i'| |p'''| + |J_i| |p''''|,
+
+whose factors `carried_rates` bounds by distances R from the axes, each linear in R. Over a body R is at most that of
+its centre of mass plus the distance from there; so the integral of a product of two factors is at most its mass times
+their product with the root of the mean square of that distance (Cauchy and Schwarz). What a point of mass
+has by the joints up to one, with X their sums and D their changes, is
+
+    |J_i|   <= R_i
+    |J_i'|  <= R_i X1_i + sum over later joints R x1
+    |J_i''| <= R_i (X2_i + X1_i²) + sum over later joints R (x2 + D(X1²))
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from guidefield.kernels.jit.arrays import Blocks, Floats, IndexRows, Row, RowOut, Rows, RowsOut
+from guidefield.kernels.jit.decorators import kernel, uncounted
+from guidefield.kernels.kinematics.forward_kinematics import (
+    GroupJoints,
+    JointPlaces,
+    joint_places,
+    place_group,
+    velocity_by,
+    write_twists,
+)
+from guidefield.kernels.kinematics.poses import moved_by, turned_by
+from guidefield.kernels.timing.carried_rates import (
+    BOUND,
+    FOUND,
+    SHORTEST,
+    TIME,
+    CoordinateBounds,
+    MotionPolynomials,
+    add_twists,
+    bound_rates,
+    empty_bounds,
+    write_state,
+)
+
+
+class MassTree(NamedTuple):
+    """The bodies of a robot's model, by the joint that carries each; none is carried by a ball or floating joint."""
+
+    joints: GroupJoints
+    masses: Row  # shape (n,); that of the world doesn't count [kg]
+    centres: Rows  # centres of mass in the joints' frames, shape (n, 3) [m]
+    inertias: Blocks  # about these, in the joints' axes, shape (n, 3, 3) [kg m²]
+    spreads: Row  # root of the mean square of the distance from the centre of mass, shape (n,) [m]
+    # coordinates of the model that move each body, from the root on, shape (n, m), then -1; and which are angles: 1
+    chains: IndexRows
+    turns: IndexRows
+    gravity: Row  # acceleration of free fall, shape (3,) [m/s²]
+
+
+class _Room(NamedTuple):
+    """Scratch: twists of the joints and their derivatives, wrenches of the bodies; by body and coordinate R; sums."""
+
+    twists: RowsOut
+    changes: RowsOut
+    wrenches: RowsOut
+    torques: RowOut
+    reaches: RowOut
+    sums: RowsOut
+    bounds: RowOut
+
+
+@uncounted
+def _write_torques(
+    tree: MassTree, state: CoordinateBounds, places: JointPlaces, room: _Room, radii_out: Floats, torques_out: Floats
+) -> None:
+    """Write the torques of the group's coordinates (nv,), and R of the centres of mass by the chains' entries."""
+    joints, table = tree.joints, tree.joints.table
+    place_group(joints, state.z, places)
+    write_twists(joints, places)
+    n = table.parents.shape[0]
+    for k in range(6):
+        room.twists[0, k], room.changes[0, k] = 0.0, -tree.gravity[k] if k < 3 else 0.0
+    for i in range(1, n):
+        twist, change, wrench, pose = room.twists[i], room.changes[i], room.wrenches[i], places.poses[i]
+        for k in range(6):
+            twist[k], change[k] = room.twists[table.parents[i], k], room.changes[table.parents[i], k]
+        add_twists(joints, i, state, places, twist, change)
+        mass, centre = tree.masses[i], tree.centres[i]
+        cx, cy, cz = moved_by(pose, centre[0], centre[1], centre[2])
+        wx, wy, wz = twist[3], twist[4], twist[5]
+        vx, vy, vz = velocity_by(twist, cx, cy, cz)
+        ax, ay, az = velocity_by(change, cx, cy, cz)
+        fx, fy, fz = mass * (ax + wy * vz - wz * vy), mass * (ay + wz * vx - wx * vz), mass * (az + wx * vy - wy * vx)
+        # the moment about the centre, I w' + w x I w, in the joint's axes and then in the world's
+        ux, uy, uz = _turned_back(pose, wx, wy, wz)
+        dx, dy, dz = _turned_back(pose, change[3], change[4], change[5])
+        hx, hy, hz = _times(tree.inertias[i], ux, uy, uz)
+        mx, my, mz = _times(tree.inertias[i], dx, dy, dz)
+        mx, my, mz = mx + uy * hz - uz * hy, my + uz * hx - ux * hz, mz + ux * hy - uy * hx
+        mx, my, mz = turned_by(pose, mx, my, mz)
+        wrench[0], wrench[1], wrench[2] = fx, fy, fz
+        wrench[3], wrench[4], wrench[5] = mx + cy * fz - cz * fy, my + cz * fx - cx * fz, mz + cx * fy - cy * fx
+        for c in range(tree.chains.shape[1]):
+            row = tree.chains[i, c]
+            if row < 0:
+                break
+            if tree.turns[i, c] == 1:
+                rx, ry, rz = velocity_by(places.twists[row], cx, cy, cz)
+                radii_out[i, c] = math.sqrt(rx * rx + ry * ry + rz * rz) + tree.spreads[i]
+            else:
+                radii_out[i, c] = 1.0
+    torques_out[:] = 0.0
+    for i in range(n - 1, 0, -1):
+        for row in range(table.idx_v[i], table.idx_v[i] + table.nv[i]):
+            torque = 0.0
+            for k in range(6):
+                torque += places.twists[row, k] * room.wrenches[i, k]
+            torques_out[joints.sources[row]] += joints.multipliers[row] * torque
+        parent = table.parents[i]
+        if parent > 0:
+            for k in range(6):
+                room.wrenches[parent, k] += room.wrenches[i, k]
+
+
+@uncounted
+def _turned_back(T: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """An axis of the world in a placed frame."""
+    return (
+        T[0, 0] * x + T[1, 0] * y + T[2, 0] * z,
+        T[0, 1] * x + T[1, 1] * y + T[2, 1] * z,
+        T[0, 2] * x + T[1, 2] * y + T[2, 2] * z,
+    )
+
+
+@uncounted
+def _times(M: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
+    return (
+        M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
+        M[1, 0] * x + M[1, 1] * y + M[1, 2] * z,
+        M[2, 0] * x + M[2, 1] * y + M[2, 2] * z,
+    )
+
+
+@uncounted
+def _write_bounds(tree: MassTree, span: float, state: CoordinateBounds, radii: Floats, room: _Room) -> None:
+    """Write bounds of the second derivatives of the group's torques for a time from where `radii` were found."""
+    joints, weight = tree.joints, 0.0
+    for k in range(3):
+        weight += tree.gravity[k] ** 2
+    weight = math.sqrt(weight)
+    room.bounds[:] = 0.0
+    reaches, sums = room.reaches, room.sums
+    for i in range(1, tree.masses.shape[0]):
+        mass = tree.masses[i]
+        count = 0
+        while count < tree.chains.shape[1] and tree.chains[i, count] >= 0:
+            count += 1
+        if mass <= 0.0 or count == 0:
+            continue
+        moved = 0.0
+        for c in range(count - 1, -1, -1):
+            reaches[c] = radii[i, c] + moved if tree.turns[i, c] == 1 else 1.0
+            moved += span * state.first[tree.chains[i, c]] * reaches[c]
+        second, third, fourth = weight, 0.0, 0.0
+        x1 = x2 = x3 = 0.0
+        for c in range(count):
+            row, reach = tree.chains[i, c], reaches[c]
+            y1, y2, y3 = x1 + state.first[row], x2 + state.second[row], x3 + state.third[row]
+            square = y1 * y1 - x1 * x1
+            second += reach * (state.second[row] + square)
+            third += reach * (state.third[row] + 3.0 * (y1 * y2 - x1 * x2) + y1**3 - x1**3)
+            fourth += reach * (
+                state.fourth[row]
+                + 4.0 * (y1 * y3 - x1 * x3)
+                + 3.0 * (y2 * y2 - x2 * x2)
+                + 6.0 * (y1 * y1 * y2 - x1 * x1 * x2)
+                + y1**4
+                - x1**4
+            )
+            # what this joint adds to J' and J'' of those before it, and the sums up to it, itself included
+            sums[c, 0], sums[c, 1] = reach * state.first[row], reach * (state.second[row] + square)
+            sums[c, 2], sums[c, 3] = y1, y2 + y1 * y1
+            x1, x2, x3 = y1, y2, y3
+        later1 = later2 = 0.0
+        for c in range(count - 1, -1, -1):
+            row, reach = tree.chains[i, c], reaches[c]
+            first = reach * sums[c, 2] + later1
+            other = reach * sums[c, 3] + later2
+            bound = mass * (other * second + 2.0 * first * third + reach * fourth)
+            room.bounds[joints.sources[row]] += abs(joints.multipliers[row]) * bound
+            later1, later2 = later1 + sums[c, 0], later2 + sums[c, 1]
+
+
+@kernel
+def torques_at(tree: MassTree, zs: Rows, rates: Rows, rises: Rows, torques_out: RowsOut) -> None:
+    """Write the torques (g, nv) of a group's coordinates at points, velocities and accelerations (g, nv)."""
+    joints, nv = tree.joints, zs.shape[1]
+    n, m, chain = joints.table.parents.shape[0], joints.sources.shape[0], tree.chains.shape[1]
+    places, state, radii = joint_places(joints), empty_bounds(nv, m), np.empty((n, chain))
+    room = _Room(
+        np.empty((n, 6)), np.empty((n, 6)), np.empty((n, 6)), np.empty(nv), np.empty(chain), np.empty((chain, 4)),
+        np.empty(nv),
+    )  # fmt: skip
+    for g in range(zs.shape[0]):
+        state.z[:], state.dz[:], state.ddz[:] = zs[g], rates[g], rises[g]
+        _write_torques(tree, state, places, room, radii, room.torques)
+        torques_out[g] = room.torques
+
+
+@uncounted
+def _note(torques: Floats, time: float, found_out: Floats) -> None:
+    """Note the largest torques that were found, and when."""
+    for j in range(torques.shape[0]):
+        if abs(torques[j]) > found_out[j, FOUND]:
+            found_out[j, FOUND], found_out[j, TIME] = abs(torques[j]), time
+
+
+@kernel
+def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, found_out: RowsOut) -> None:
+    """Write the largest torque of each coordinate along a motion, (nv, 3): see `carried_rates.FOUND`.
+
+    Intervals are halved until each bound is no more than its tolerance (nv,) above what is found; infinite ones may be.
+    """
+    joints, times, nv = tree.joints, motion.times, motion.powers.shape[2]
+    n, m, chain = joints.table.parents.shape[0], joints.sources.shape[0], tree.chains.shape[1]
+    places, state = joint_places(joints), empty_bounds(nv, m)
+    radii, next_radii, now, then = np.empty((n, chain)), np.empty((n, chain)), np.empty(nv), np.empty(nv)
+    room = _Room(
+        np.empty((n, 6)), np.empty((n, 6)), np.empty((n, 6)), np.empty(nv), np.empty(chain), np.empty((chain, 4)),
+        np.empty(nv),
+    )  # fmt: skip
+    found_out[:, :] = 0.0
+    pieces = times.shape[0] - 1
+    for piece in range(pieces):
+        for half in range(3):
+            t = 0.5 * half * (times[piece + 1] - times[piece])
+            write_state(motion, piece, t, state)
+            _write_torques(tree, state, places, room, radii, now)
+            _note(now, times[piece] + t, found_out)
+    for j in range(nv):
+        found_out[j, BOUND] = found_out[j, FOUND]
+    for piece in range(pieces):
+        length = times[piece + 1] - times[piece]
+        since, step = 0.0, length
+        write_state(motion, piece, 0.0, state)
+        _write_torques(tree, state, places, room, radii, now)
+        while since < length:
+            step = min(step, length - since)
+            until = length if since + step >= length else since + step
+            bound_rates(joints, motion, piece, since, until, state)
+            _write_bounds(tree, step, state, radii, room)
+            write_state(motion, piece, until, state)
+            _write_torques(tree, state, places, room, next_radii, then)
+            _note(then, times[piece] + until, found_out)
+            is_close = True
+            for j in range(nv):
+                most = max(abs(now[j]), abs(then[j])) + step * step / 8.0 * room.bounds[j]
+                if most > found_out[j, FOUND] + tolerances[j]:
+                    is_close = False
+            if not is_close and step > SHORTEST * length:
+                step *= 0.5
+                continue
+            for j in range(nv):
+                most = max(abs(now[j]), abs(then[j])) + step * step / 8.0 * room.bounds[j]
+                found_out[j, BOUND] = max(found_out[j, BOUND], most)
+            since = until
+            now[:], radii[:, :] = then, next_radii
+            step *= 2.0

@@ -1,0 +1,294 @@
+"""Torques and forces that drive a robot along a motion: how much, by when, and limits of them.
+
+They are those of rigid bodies, of the group's joints, with what the robot holds, under the earth's gravity; without
+friction and the inertia of rotors. The torque that a mimic joint takes is its source joint's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+
+from guidefield.errors import Status
+from guidefield.kernels.timing.carried_rates import BOUND, FOUND, TIME, MotionPolynomials
+from guidefield.kernels.timing.torques import MassTree, largest_torques, torques_at
+from guidefield.planner.task.motion_limits import KEPT, CurveLimits, Reached
+from guidefield.read_only import ReadOnly, read_only
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
+from guidefield.robot.group.kinematics import alike_group_joints, group_joints
+from guidefield.robot.model.model import JointKind
+from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
+
+GRAVITY = (0.0, 0.0, -9.81)  # [m/s², world]
+TOLD = 1e-2  # share of a limit, or of what was found, by which a bound of a torque may be above what was found
+CLOSE = 1e-4  # the same where a limit is between the two
+SAMPLES = 4  # of a piece, by which the slowing down is found that a limit takes
+SLOWER = 1.002  # a motion is slowed down by so much at least, where its bound is above a limit
+LEAST = 1e-3  # share of a limit that is there for speeding up, though gravity takes more
+
+
+@memoized_for_alike
+def mass_tree(group: PlanningGroup) -> MassTree | str:
+    """The bodies that a group's joints move, or why there is no dynamics, in words."""
+    model = group.model
+    if any(joint.kind in (JointKind.SPHERICAL, JointKind.FLOATING) for joint in group.joints):
+        return "torques are told of joints of one coordinate, and planar ones"
+    inertias = list(model.inertias)
+    masses = np.array([one.mass for one in inertias])
+    unmoved = [joint.name for joint in group.joints if not _moved_mass(group, masses, joint.name) > 0.0]
+    if unmoved:
+        return f"no link that {', '.join(unmoved)} move has a mass: the URDF has no <inertial> there"
+    joints = alike_group_joints(group)
+    table, n = joints.table, model.njoints
+    rows = [_chain(table.parents, table.idx_v, table.nv, joint) for joint in range(n)]
+    chains = np.full((n, max(1, *map(len, rows))), -1)
+    for joint, row in enumerate(rows):
+        chains[joint, : len(row)] = row
+    angles = np.zeros(model.nv, np.int64)
+    for joint in range(1, n):
+        kind = model.joints[joint].shortname()
+        first, count = model.joints[joint].idx_v, model.joints[joint].nv
+        angles[first : first + count] = [0, 0, 1] if kind == "JointModelPlanar" else int("JointModelP" not in kind)
+    matrices = np.array([one.inertia for one in inertias])
+    # second moments of mass about the centre; those that no body has count by their magnitudes
+    moments = 0.5 * np.trace(matrices, axis1=1, axis2=2)[:, None, None] * np.eye(3) - matrices
+    spread = np.abs(np.linalg.eigvalsh(moments)).sum(axis=1)
+    if ((masses <= 0.0) & (spread > 0.0))[1:].any():
+        return "a link has an inertia, but no mass"
+    tree = MassTree(
+        joints,
+        masses,
+        np.array([one.lever for one in inertias]),
+        np.ascontiguousarray(matrices),
+        np.sqrt(spread / np.where(masses > 0.0, masses, 1.0)),
+        chains,
+        np.where(chains < 0, 0, angles[chains]),
+        np.array(GRAVITY),
+    )
+    read_only(*tree[1:])
+    return tree
+
+
+def _moved_mass(group: PlanningGroup, masses: np.ndarray, name: str) -> float:
+    """The mass that a joint moves [kg], its mimic joints' included."""
+    joint = group.robot.joint(name)
+    assert joint is not None, "a group's joints are the robot's"
+    followers = [one.name for one in group.robot.joints if one.mimic is not None and one.mimic.driver == name]
+    indices = [index for index in range(1, group.model.njoints) if group.model.names[index] in (name, *followers)]
+    return float(sum(masses[list(group.model.subtrees[index])].sum() for index in indices))
+
+
+def _chain(parents: np.ndarray, first: np.ndarray, count: np.ndarray, joint: int) -> list[int]:
+    """The model's coordinates that move a joint, from the root on."""
+    rows: list[int] = []
+    while joint > 0:
+        rows = [*range(int(first[joint]), int(first[joint] + count[joint])), *rows]
+        joint = int(parents[joint])
+    return rows
+
+
+def tree_of(group: PlanningGroup) -> MassTree | str:
+    """The same with where a group's rotation vectors start."""
+    tree = mass_tree(group)
+    return tree if isinstance(tree, str) else tree._replace(joints=group_joints(group))
+
+
+@memoized_for_alike
+def stated_efforts(group: PlanningGroup) -> np.ndarray:
+    """The largest effort of each coordinate that the robot states, shape (nv,) [N m or N]; infinite where none is."""
+    limits = np.full(group.nv, np.inf)
+    for joint in group.joints:
+        index = group.robot.model.joints[joint.index]
+        stated = np.array(group.robot.model.upperEffortLimit[index.idx_v : index.idx_v + index.nv])
+        usable = np.isfinite(stated) & (stated > 0.0) & (stated < 1e300)  # 0 says that there is none
+        limits[joint.idx_v : joint.idx_v + joint.nv] = np.where(usable, stated, np.inf)
+    read_only(limits)
+    return limits
+
+
+def torques_of(tree: MassTree, zs: ChartPoints, rates: ChartRates, rises: ChartRates) -> np.ndarray:
+    """Torques (g, nv) at points, velocities and accelerations of shape (g, nv) [N m or N]."""
+    found = np.empty((len(zs), zs.shape[1]))
+    points, first, second = (np.ascontiguousarray(one, float) for one in (zs, rates, rises))
+    torques_at(tree, points, first, second, found)
+    return found
+
+
+def holding_torques(tree: MassTree, zs: ChartPoints) -> np.ndarray:
+    """Torques (g, nv) that hold a robot still at points (g, nv) [N m or N]."""
+    still = cast(ChartRates, np.zeros_like(zs))
+    return torques_of(tree, zs, still, still)
+
+
+@dataclass(frozen=True, eq=False)
+class EffortLimit(ReadOnly):
+    """What a motion's torques keep."""
+
+    tree: MassTree
+    limits: ChartRate  # of each coordinate, shape (nv,); infinite where there is none [N m or N]
+    names: tuple[str, ...]  # of the coordinates
+
+    def scaled(self, share: float) -> EffortLimit:
+        """As in `MotionLimit`."""
+        return replace(self, limits=cast(ChartRate, share * self.limits))
+
+    @cached_property
+    def limited(self) -> np.ndarray:
+        """Indices of the coordinates that have a limit, shape (k,)."""
+        return np.flatnonzero(np.isfinite(self.limits))
+
+    def stretch(self, motion: MotionPolynomials) -> float:
+        """As in `MotionLimit`; infinite where gravity alone takes more.
+
+        In a time longer by a factor c torques are those of gravity plus the others by c².
+        """
+        if not len(motion.powers):
+            return 0.0
+        reached = largest_efforts(self.tree, motion, self.limits, CLOSE)
+        if all(one.bound <= limit for one, limit in zip(reached, self.limits.tolist(), strict=True)):
+            return 0.0
+        zs, rates, rises = sample(motion, SAMPLES)
+        held = holding_torques(self.tree, zs)[:, self.limited]
+        others = torques_of(self.tree, zs, rates, rises)[:, self.limited] - held
+        limits = (1.0 - CLOSE) * self.limits[self.limited]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            kept = (limits - np.sign(others) * held) / np.abs(others)
+        least = float(np.min(np.where(others == 0.0, np.inf, kept)))
+        if least <= 0.0 or (np.abs(held) > self.limits[self.limited]).any():
+            return math.inf
+        return max(1.0 / math.sqrt(least), SLOWER)
+
+    def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
+        """As in `MotionLimit`: of a limit there is what gravity leaves, to either side."""
+        still, at = cast(ChartRates, np.zeros_like(first)), self.limited
+        held = holding_torques(self.tree, points)
+        on_u = torques_of(self.tree, points, still, first) - held
+        on_x = torques_of(self.tree, points, first, second) - held
+        left = np.maximum(self.limits[at] - np.abs(held[:, at]), LEAST * self.limits[at])
+        return CurveLimits(np.full(len(points), np.inf), on_u[:, at], on_x[:, at], left)
+
+    def faults(self, zs: ChartPoints) -> list[EffortFault | None]:
+        """Of points (g, nv) the joint that gravity takes farthest beyond its limit; None where it can be held."""
+        shares = holding_torques(self.tree, zs) / self.limits
+        worst = np.argmax(np.abs(shares), axis=1)
+        return [
+            EffortFault(self.names[k], float(row[k] * self.limits[k]), float(self.limits[k]))
+            if abs(row[k]) > KEPT
+            else None
+            for row, k in zip(shares, worst.tolist(), strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class EffortFault:
+    """A joint whose torque exceeds its limit."""
+
+    joint: str
+    effort: float  # [N m or N]
+    limit: float
+
+    def describe(self, end: str) -> tuple[str, dict[str, object]]:
+        """The refusal of an end of a motion, as a sentence and values."""
+        message = (
+            f"the {end} can't be held: joint {self.joint} needs {self.effort:.4g} N m against gravity there, its limit"
+            f" is {self.limit:g} N m"
+        )
+        return message, {"stage": end, "joint": self.joint, "effort": self.effort, "limit": self.limit}
+
+
+END_STATUS = {"start": Status.START_STATE_INVALID, "goal": Status.GOAL_STATE_INVALID}
+"""How a plan ends whose start or goal can't be held."""
+
+
+@dataclass(frozen=True)
+class EffortUse:
+    """The largest torque of a coordinate along a motion."""
+
+    name: str
+    reached: Reached  # [N m or N]; its bound counts where there is a limit
+    limit: float  # infinite where there is none
+    binds: bool  # whether the motion has to keep it
+
+    @property
+    def exceeds(self) -> bool:
+        """Whether a limit that binds isn't kept."""
+        return self.binds and self.reached.bound > KEPT * self.limit
+
+    def describe_excess(self, place: str) -> tuple[str, dict[str, Any]]:
+        """The excess as a sentence and values; `place` is where it is, in words."""
+        reached = self.reached.bound
+        message = f"joint {self.name} takes up to {reached:.6g} N m, its limit is {self.limit:g} N m, at {place}"
+        details = {"stage": "limits", "limit": "effort", "joint": self.name, "value": reached, "most": self.limit}
+        return message, {**details, "share": reached / self.limit}
+
+
+@dataclass(frozen=True)
+class Efforts:
+    """The torques of a motion."""
+
+    reason: str | None = None  # why there are none, in words
+    uses: tuple[EffortUse, ...] = ()
+    energy: float = 0.0  # [J]
+
+    @property
+    def exceeded(self) -> EffortUse | None:
+        """Of the joints that don't keep their limit that which exceeds it by the largest share."""
+        return max(
+            (use for use in self.uses if use.exceeds), key=lambda use: use.reached.bound / use.limit, default=None
+        )
+
+
+def measure_efforts(group: PlanningGroup, limit: EffortLimit | None, motion: MotionPolynomials) -> Efforts:
+    """The torques of a group along a motion, by its own limits, and by those that bind it instead."""
+    tree = tree_of(group)
+    if isinstance(tree, str):
+        return Efforts(tree)
+    binding = np.full(group.nv, np.inf) if limit is None else limit.limits
+    limits = cast(ChartRate, np.where(np.isfinite(binding), binding, stated_efforts(group)))
+    if not len(motion.powers):
+        return Efforts("the motion goes nowhere")
+    reached = largest_efforts(tree, motion, limits)
+    if any(one.found <= most < one.bound for one, most in zip(reached, binding.tolist(), strict=True)):
+        reached = largest_efforts(tree, motion, limits, CLOSE)
+    rows = zip(group.velocity_names, reached, limits.tolist(), np.isfinite(binding).tolist(), strict=True)
+    return Efforts(None, tuple(EffortUse(*row) for row in rows), energy(tree, motion))
+
+
+def largest_efforts(
+    tree: MassTree, motion: MotionPolynomials, limits: ChartRate, accuracy: float = TOLD
+) -> list[Reached]:
+    """The largest torque of each coordinate along a motion.
+
+    Args:
+        tree: The bodies.
+        motion: With a piece at least.
+        limits: Of each coordinate, shape (nv,); infinite ones aren't bounded.
+        accuracy: Share of a limit by which a bound may be above what was found.
+    """
+    found = np.empty((len(limits), 3))
+    largest_torques(tree, motion, accuracy * limits, found)
+    return [Reached(*row[[FOUND, BOUND, TIME]].tolist()) for row in found]
+
+
+def sample(motion: MotionPolynomials, count: int) -> tuple[ChartPoints, ChartRates, ChartRates]:
+    """Points, velocities and accelerations at even places of each piece, its ends among them, each (n, nv)."""
+    times = np.diff(motion.times)[:, None] * np.linspace(0.0, 1.0, count)
+    powers, rows = motion.powers, []
+    for order in range(3):
+        factors = np.array([math.perm(power, order) for power in range(powers.shape[1])], float)
+        exponents = np.maximum(np.arange(powers.shape[1]) - order, 0)
+        rows.append(np.einsum("mtp,mpj->mtj", factors * times[..., None] ** exponents, powers))
+    zs, rates, rises = (row.reshape(-1, powers.shape[2]) for row in rows)
+    return cast(ChartPoints, zs), cast(ChartRates, rates), cast(ChartRates, rises)
+
+
+def energy(tree: MassTree, motion: MotionPolynomials) -> float:
+    """The mechanical work that joints do along a motion, taken or given back alike: of |torque times rate| [J]."""
+    zs, rates, rises = sample(motion, SAMPLES + 1)
+    powers = np.abs(torques_of(tree, zs, rates, rises) * rates).sum(axis=1).reshape(len(motion.powers), -1)
+    spans = np.diff(motion.times)
+    return float((np.trapezoid(powers, axis=1) * spans / SAMPLES).sum())

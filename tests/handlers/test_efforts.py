@@ -1,0 +1,119 @@
+"""Torques as a client meets them: told of plans and motions, with what is held; bound; refused where nothing helps."""
+
+import numpy as np
+import pytest
+
+from guidefield.engine import answer
+from guidefield.errors import MalformedRequest
+from guidefield.messages.replies import DynamicsReply, PlanReply
+from tests.handlers.test_certify import certify, motion_of
+from tests.handlers.test_plan import MOVING, PATIENT, READY, ask, joints
+
+THERE = {"start": READY, "goal": joints(panda_joint1=1.2, panda_joint4=-1.6), "guide_planes": [], "recording": "off"}
+NAMES = list(READY)
+
+
+def load(mass: float | None, link: str = "panda_hand") -> dict:
+    box = {"type": "box", "name": "load", "size": [0.05, 0.05, 0.05], "position": [0, 0, 0.14]}
+    object_ = {"obstacle": box, "link": link, "touch_links": ["panda_leftfinger", "panda_rightfinger"]}
+    return object_ if mass is None else {**object_, "mass": mass, "centre_of_mass": [0, 0, 0.01]}
+
+
+def strongest(reply: PlanReply, payload: list[dict]) -> np.ndarray:
+    """The largest torques at many samples, by a request about dynamics with a payload on the link."""
+    sent = reply.trajectory
+    assert sent is not None
+    rows = zip(sent.positions, sent.velocities, sent.accelerations, strict=True)
+    q, v, a = zip(*[[dict(zip(NAMES, row, strict=True)) for row in one] for one in rows], strict=True)
+    request = {"type": "dynamics", "robot": "panda", "configurations": q, "velocities": v, "accelerations": a}
+    found = answer({**request, "quantities": ["inverse_dynamics"], "payload": payload})
+    assert isinstance(found, DynamicsReply)
+    assert found.inverse_dynamics is not None
+    return np.abs(found.inverse_dynamics)[:, [found.velocity_names.index(name) for name in NAMES]].max(axis=0)
+
+
+@pytest.mark.parametrize("mass", [None, 3.0])
+def test_a_plan_tells_the_largest_torques_with_what_is_held(mass) -> None:
+    payload = [] if mass is None else [{"link": "panda_hand", "mass": mass, "centre_of_mass": [0, 0, 0.15]}]
+    reply = ask(**THERE, attached_objects=[load(mass)], sample_rate=500)
+    assert reply.effort is not None
+    assert [use.joint for use in reply.effort.joints] == NAMES
+    told = np.array([use.effort for use in reply.effort.joints])
+    np.testing.assert_allclose(told, strongest(reply, payload), rtol=0.03, atol=0.05)
+    assert [use.limit for use in reply.effort.joints] == [87.0] * 4 + [12.0] * 3
+    shares = [use.share for use in reply.effort.joints]
+    assert all(share is not None for share in shares)
+    assert (told / np.array([87.0] * 4 + [12.0] * 3) <= np.array(shares)).all()
+    assert reply.effort.energy is not None
+    assert reply.effort.energy > 1.0
+
+
+def test_a_limit_binds_and_is_proved() -> None:
+    held = [load(3.0)]
+    free = ask(**THERE, attached_objects=held)
+    assert free.effort is not None
+    assert free.metrics is not None
+    most = 0.5 * (free.effort.joints[0].effort)
+    bound = ask(**THERE, attached_objects=held, limits={"panda_joint1": {"effort": most}})
+    assert bound.status.name == "SUCCESS"
+    assert bound.effort is not None
+    assert bound.metrics is not None
+    use = bound.effort.joints[0]
+    assert use.limit == most
+    assert use.share is not None
+    assert 0.5 < use.share <= 1.0 + 1e-6
+    assert free.metrics.duration < bound.metrics.duration < 2.0 * free.metrics.duration
+    request = {"start": READY, "attached_objects": held, "limits": {"panda_joint1": {"effort": most}}}
+    assert certify(**motion_of(bound), **request).status.name == "SUCCESS"
+    refused = certify(**motion_of(free), **request)
+    assert refused.status.name == "INVALID_MOTION_PLAN"
+    assert refused.status.details["limit"] == "effort"
+    assert "joint panda_joint1 takes up to" in refused.status.message
+
+
+def test_what_cannot_be_held_is_refused_with_joint_torque_and_limit() -> None:
+    heavy = {**THERE, "attached_objects": [load(9.0)], "limits": {"panda_joint4": {"effort": 30.0}}}
+    reply = ask(**heavy)
+    assert reply.status.name == "START_STATE_INVALID"
+    assert reply.status.details["joint"] == "panda_joint4"
+    assert abs(reply.status.details["effort"]) > 30.0
+    assert reply.status.details["limit"] == 30.0
+    away = {"panda_joint2": 0.5, "panda_joint4": -1.0}
+    stretched = ask(**{**THERE, "goal": joints(**away), "limits": {"panda_joint2": {"effort": 30.0}}})
+    assert stretched.status.name == "GOAL_STATE_INVALID"
+    assert "the goal can't be held: joint panda_joint2" in stretched.status.message
+
+
+def test_what_a_step_picks_up_weighs_from_then_on() -> None:
+    crate = {"type": "box", "name": "crate", "size": [0.04, 0.04, 0.04], "position": [0.7, 0.5, 0.5]}
+    steps = [
+        {"goal": joints(panda_joint1=0.3)},
+        {"attach": {"object": "crate", "link": "panda_hand", "mass": 2.0}},
+        {"goal": joints(panda_joint1=0.0)},
+    ]
+    scene = {"name": "air", "obstacles": [crate]}
+    reply = answer({"robot": "panda", "scene": scene, "start": READY, "steps": steps, "recording": "off", **PATIENT})
+    assert isinstance(reply, PlanReply)
+    assert reply.status.name == "SUCCESS", reply.status
+    before, _, after = (step.effort for step in reply.steps)
+    assert before is not None
+    assert after is not None
+    assert after.joints[1].effort > before.joints[1].effort + 5.0
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"limits": {"panda_joint1": {"effort": 0.0}}}, "effort"),
+        ({"limits": {"panda_joint1": {"effort": 9.0}}, **MOVING}, "`limits` is not served"),
+        ({"attached_objects": [{**load(1.0), "inertia": [1, 0, 0, 0.1, 0, 0.1]}]}, "attached_objects.0..inertia"),
+    ],
+)
+def test_what_has_no_answer_is_refused_by_name(fields, words) -> None:
+    with pytest.raises(MalformedRequest, match=words):
+        ask(**{**THERE, **fields})
+
+
+def test_a_held_object_without_a_mass_is_warned_of() -> None:
+    reply = ask(**THERE, attached_objects=[load(None)], limits={"panda_joint1": {"effort": 87.0}})
+    assert any("'load', which is held, has no `mass`" in warning for warning in reply.warnings)
