@@ -137,3 +137,22 @@ def test_a_reply_exports_what_it_is_certified_for() -> None:
         planned().export("yaml")
     with pytest.raises(MalformedRequest, match="is not certified: where the execution may be"):
         judged("quintic", tolerance=0.5).export("csv")
+
+
+def test_a_refusal_of_what_is_drawn_leads_to_where_the_plan_is_then() -> None:
+    """What is drawn has more pieces than the plan: two fingers between books that no tolerance fits between."""
+    columns = [f"panda_joint{k + 1}" for k in range(7)]
+    start = (2.4477525, -0.4822559, 2.507003, -1.9026313, -0.5294257, 2.7783542, 0.7581467)
+    goal = (-0.7317239, -0.2503417, 1.2483969, -2.0950782, 1.6822434, 3.0635226, -0.8047687)
+    reply = plan(
+        scene="bookshelf",
+        guide_planes=[],
+        goal=joints(**dict(zip(columns, goal, strict=True))),
+        start=dict(zip(columns, start, strict=True)),
+        execution={"interpolation": "linear", "rate": 125, "tolerance": 0.005},
+        seed=85,
+    )
+    assert isinstance(reply, PlanReply)
+    assert reply.status.name == "INVALID_MOTION_PLAN"
+    assert "tolerance" in reply.status.message
+    assert reply.status.details["pair"] == ["panda_leftfinger", "book4"]

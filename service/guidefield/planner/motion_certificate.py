@@ -53,13 +53,28 @@ def judge(problem: Problem, trajectory: Trajectory) -> Verdict:
     """Judge whether a motion from a free start is free of what rests and what moves, and keeps the path constraints."""
     deadline = problem.deadline.at_least(LAST_JUDGEMENT)
     if problem.execution is not None:
-        return settle_execution(problem, trajectory).verdict
+        settled = settle_execution(problem, trajectory)
+        return _at_same_times(settled.verdict, settled.drawn.motion, trajectory)
     pieces, times = trajectory.bezier(), trajectory.piece_times()
     if problem.scene.moves:  # a better one may follow, so that only the last is measured
         verdict = certify(problem.world, pieces, problem.min_clearance, deadline=deadline, times=times)
     else:
         verdict = certify_and_measure(trajectory, problem, deadline)
     return _with_constraints(problem, verdict, pieces, deadline)
+
+
+def _at_same_times(verdict: Verdict, judged: GivenMotion, trajectory: Trajectory) -> Verdict:
+    """Return a verdict about one motion with its places on the pieces of another, by their times."""
+    if verdict.piece is None or verdict.parameter is None or verdict.free_until is None:
+        return verdict
+    times, places = trajectory.piece_times(), []
+    for place in ((verdict.piece, verdict.parameter), verdict.free_until):
+        time = judged.along(*place)[1]
+        assert time is not None, "a controller draws in time"
+        piece = int(np.clip(np.searchsorted(times, time, "right") - 1, 0, len(times) - 2))
+        share = (time - times[piece]) / (times[piece + 1] - times[piece])
+        places.append((piece, float(np.clip(share, 0.0, 1.0))))
+    return replace(verdict, piece=places[0][0], parameter=places[0][1], free_until=places[1])
 
 
 @dataclass(frozen=True, eq=False)
