@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import pkgutil
+import typing
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +28,12 @@ from guidefield import (
     Sphere,
     Stream,
     answer,
+    messages,
 )
 from guidefield.engine import Engine
 from guidefield.geometry import surfaces
 from guidefield.messages.kinematics_requests import TargetPose
-from guidefield.messages.requests import LineConstraint, PlanStep
+from guidefield.messages.requests import GivenTrajectory, LineConstraint, PlanStep
 from guidefield.messages.scene import HalfSpace, ObstacleTrajectory, PointCloud, Polygon
 from guidefield.messages.streams import Observation, StreamObstacle, StreamOpen, StreamUpdate
 from guidefield.messages.values import Float32Array, Placement
@@ -36,6 +42,7 @@ from guidefield.recorder.rrd_file import read_chunks
 from guidefield.referee.replay import replay_file
 from guidefield.referee.verdict import Answer
 from guidefield.rendering import Renderings
+from guidefield.scene import anchor
 from guidefield.scene.anchor import FAR
 from guidefield.stores.recordings import Recordings
 
@@ -204,6 +211,93 @@ def test_a_base_kilometres_away_drives_as_at_home() -> None:
         columns = [far.position_names.index(f"root_joint.{axis}") for axis in "xy"]
         rows = [[row[k] for k in columns] for row in (far.trajectory.positions[0], far.trajectory.positions[-1])]
         assert rows == [[start[0], start[1]], [start[0] + 3.0, start[1]]]
+
+
+def driven(start: Vector) -> PlanRequest:
+    """A base drives straight on between two walls."""
+    x, y, angle = start
+    walls = [Box(name=str(side), size=(0.1, 2.0, 1.0), position=(x + 1.5, y + side, 0.0)) for side in (1.6, -1.6)]
+    return PlanRequest(
+        "chain_planar_3x260_r25",
+        Scene("gate", obstacles=walls),
+        JointsGoal({"root_joint": [x + 3.0, y, angle]}),
+        start={"root_joint": [x, y, angle]},
+        guide_planes=[],
+    )
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_drive_kilometres_away_is_judged_as_at_home(named: bool) -> None:
+    smallest = []
+    for start in ((0.0, 0.0, 0.0), (400_000.5, 4e6, 0.0)):
+        asked = driven(start)
+        planned = answer(asked)
+        motion = planned.trajectory
+        names = planned.position_names if named else None
+        given = GivenTrajectory(motion.positions, motion.times, motion.velocities)
+        judged = answer(CertifyRequest(asked.robot, asked.scene, trajectory=given, position_names=names))
+        assert judged.status.name == "SUCCESS"
+        smallest.append(judged.clearance.minimum)
+        into = [[start[0], start[1] - 1.6, 0.0, *planned.path[0][3:]], [start[0] + 3.0, *planned.path[-1][1:]]]
+        into[1][1] = into[0][1]  # into the wall on the right
+        refused = answer(CertifyRequest(asked.robot, asked.scene, path=into, position_names=names))
+        assert refused.certificate.reason == "contact"
+        there = refused.certificate.place.configuration
+        assert start[0] + 0.5 < there["root_joint.x"] < start[0] + 2.0
+        assert there["root_joint.y"] == pytest.approx(start[1] - 1.6, abs=1e-6)
+    assert smallest[1] == pytest.approx(smallest[0], abs=1e-7)
+
+
+OF_JOINTS = ("start", "path", "positions", "configuration", "configurations", "start_configurations")
+"""Fields of joint values, which those of a base are among."""
+
+ELSEWHERE = {
+    "obstacles, which scenes see": "Box Sphere Cylinder Capsule Mesh Polygon HalfSpace PointCloud ObstacleTrajectory",
+    "in the frame of a link": "AttachedObject Payload RelativeGoal OrientationCone.axis",
+    "directions": "OrientationCone.target_axis PlaneConstraint.normal LineConstraint.direction LinkWrench.force "
+    "LinkWrench.torque Dynamics.gravity PointPotentialReply.gradient Observation.velocity Observation.angular_velocity",
+    "double precision in the world": "ForwardKinematics Jacobian Dynamics DynamicsReply ForwardKinematicsReply "
+    "Potential.points",
+    "joint values, which a placement doesn't change, and refused beyond 10 km": "Clearance.configurations "
+    "Potential.configurations InverseKinematics.start_configurations InverseKinematicsReply.configurations "
+    "StreamOpen.start StreamReply.start PieceTrajectory.positions",
+    "rows and places of motions, as `_moved_columns` moves them": "CertifyRequest.path GivenTrajectory.positions "
+    "PlanReply.path Trajectory.positions ExecutionFigures.positions Place.configuration",
+    "by which a scene is changed before it is seen": "SceneDiff.move RequestScene.move",
+    "observed in the world, less the stream's origin": "Observation.placement",
+    "of whatever holds it": "Placement _Placed",
+    "of a file": "UrdfFile.path",
+}
+"""Fields that speak of places, or look so, and aren't in the table of messages that are moved; and why."""
+
+
+def kinds(annotation: Any) -> Iterator[Any]:
+    """The classes and triples that a type is made of."""
+    if typing.get_origin(annotation) is tuple and typing.get_args(annotation) == (float, float, float):
+        yield tuple
+    elif inspect.isclass(annotation):
+        yield annotation
+    for one in typing.get_args(annotation):
+        yield from kinds(one)
+
+
+def test_no_field_that_speaks_of_places_is_forgotten() -> None:
+    told = {name for names in ELSEWHERE.values() for name in names.split()}
+    found, forgotten = set(), []
+    for module in pkgutil.iter_modules(messages.__path__):
+        for name, kind in vars(importlib.import_module(f"guidefield.messages.{module.name}")).items():
+            if not (inspect.isclass(kind) and issubclass(kind, msgspec.Struct) and kind.__name__ == name):
+                continue
+            for field, annotation in typing.get_type_hints(kind).items():
+                of_places = {tuple, Placement, Float32Array}.intersection(kinds(annotation)) or field in OF_JOINTS
+                if field not in kind.__struct_fields__ or not of_places or field in anchor._WORLD.get(kind, {}):
+                    continue
+                known = {name, f"{name}.{field}"} & told
+                found |= known
+                if not known:
+                    forgotten.append(f"{name}.{field}")
+    assert not forgotten, "is it of the world? Then the anchor has to move it; else say why not"
+    assert found == told
 
 
 def test_a_stream_far_away_is_that_at_home() -> None:

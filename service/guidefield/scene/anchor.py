@@ -15,6 +15,7 @@ import numpy as np
 from guidefield.geometry.placements import se3
 from guidefield.memo import memoized
 from guidefield.messages import replies, requests, scene as messages
+from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.kinematics_replies import PackedClearance, PackedNumbers
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.triples import Points
@@ -50,14 +51,14 @@ class Anchor(msgspec.Struct, frozen=True):
         """
         if type(request) not in _WORLD or getattr(request, "robot", None) is None:
             return None
-        at, start = request.robot_placement, getattr(request, "start", {})
-        lists = [value for value in start.values() if isinstance(value, list)]
-        if isinstance(request, requests.PlanRequest) and any(abs(x) > FAR for value in lists for x in value):
+        at = request.robot_placement
+        if isinstance(request, requests.PlanRequest | requests.CertifyRequest) and _is_any_far(request):
             robot = load(request.robot)
             joint = robot.joints[0]
-            value, count = start.get(joint.name), {"planar": 2, "floating": 3}.get(joint.kind, 0)
-            if robot.model.parents[joint.index] == 0 and count and isinstance(value, list) and len(value) > count:
-                values = np.round(value[:count])
+            count = {"planar": 2, "floating": 3}.get(joint.kind, 0)
+            value = _place_of(request, joint.name, count) if robot.model.parents[joint.index] == 0 and count else None
+            if value is not None:
+                values = np.round(value)
                 own = np.array(robot.model.jointPlacements[joint.index].rotation)[:, :count] @ values
                 root = se3(at.position, at.quaternion_xyzw).rotation @ own
                 place = np.round(np.array(at.position) + root)
@@ -100,6 +101,42 @@ class Anchor(msgspec.Struct, frozen=True):
             " precision"
             for who in coarse[:1]
         ]
+
+
+def _is_any_far(request: requests.PlanRequest | requests.CertifyRequest) -> bool:
+    """Return whether a joint value with which a motion begins is far from its zero."""
+    values = [x for value in request.start.values() if isinstance(value, list) for x in value]
+    first = _given_rows(request)[0][0] if isinstance(request, requests.CertifyRequest) else []
+    return any(abs(x) > FAR for x in (*values, *first))
+
+
+def _given_rows(request: requests.CertifyRequest) -> list[replies.Rows]:
+    """The rows of a given motion, and of the one that was planned if there is one."""
+    trajectories = [one.positions for one in (request.trajectory, request.planned) if one is not None]
+    return [request.path, *trajectories] if request.path is not None else trajectories
+
+
+def _place_of(request: requests.PlanRequest | requests.CertifyRequest, joint: str, count: int) -> list[float] | None:
+    """Where a planar or floating joint stands at first, in its directions (count,) [m]; None where it isn't told."""
+    if isinstance(request, requests.CertifyRequest):
+        (first, *_), *_ = _given_rows(request)
+        if (names := _named_columns(request, joint, count)) is not None and joint + ".x" in names:
+            at = names.index(joint + ".x")
+            return first[at : at + count] if len(first) >= at + count else None
+    value = request.start.get(joint)
+    return value[:count] if isinstance(value, list) and len(value) > count else None
+
+
+def _named_columns(request: requests.CertifyRequest, joint: str, count: int) -> list[str] | None:
+    """Names of the columns of a given motion, as far as they are known; those of a robot's first joint stand first."""
+    if request.position_names is not None:
+        return request.position_names
+    moves = request.group is None or (isinstance(request.group, list) and request.group[0] == joint)
+    return _columns_of(joint, count) if moves else None
+
+
+def _columns_of(joint: str, count: int) -> list[str]:
+    return [joint + suffix for suffix in (".x", ".y", ".z")[:count]]
 
 
 @memoized
@@ -159,23 +196,55 @@ def _moved(message: Any, anchor: Anchor, sign: float) -> Any:
     fields = _WORLD.get(type(message), {})
     found = {field: value for field in fields if (value := getattr(message, field)) is not None}
     changed = {field: fields[field](value, anchor, sign) for field, value in found.items()}
-    if isinstance(message, replies.PlanReply) and anchor.joint:
-        columns = [anchor.joint + suffix for suffix in (".x", ".y", ".z")[: len(anchor.values)]]
-        by = dict(zip(columns, (sign * value for value in anchor.values), strict=True))
-        names = message.position_names
-        if columns[0] in names:
-            changed["path"] = _rows(message.path, names, by)
-            if (motion := message.trajectory) is not None:
-                changed["trajectory"] = msgspec.structs.replace(motion, positions=_rows(motion.positions, names, by))
-        if at := message.status.details.get("configuration"):
-            there = {name: value + by.get(name, 0.0) for name, value in at.items()}
-            details = {**message.status.details, "configuration": there}
-            changed["status"] = msgspec.structs.replace(message.status, details=details)
+    if anchor.joint and isinstance(message, _OF_COLUMNS):
+        changed |= _moved_columns(message, anchor, sign)
     return msgspec.structs.replace(message, **changed) if changed else message
 
 
+_OF_COLUMNS = requests.CertifyRequest | replies.PlanReply | replies.CertifyReply
+"""Messages with rows of joint values."""
+
+
+def _moved_columns(
+    message: requests.CertifyRequest | replies.PlanReply | replies.CertifyReply, anchor: Anchor, sign: float
+) -> dict[str, Any]:
+    """The fields of a message that hold values of the joint whose place is counted from elsewhere, changed."""
+    columns = _columns_of(anchor.joint, len(anchor.values))
+    by = dict(zip(columns, (sign * value for value in anchor.values), strict=True))
+    names: Sequence[str] = (
+        (_named_columns(message, anchor.joint, len(columns)) or [])
+        if isinstance(message, requests.CertifyRequest)
+        else message.position_names
+    )
+    changed: dict[str, Any] = {}
+    if columns[0] in names:
+        for field in ("path", "trajectory", "planned", "execution"):
+            if (value := getattr(message, field, None)) is None or isinstance(value, ExecutionOptions):
+                continue
+            if isinstance(value, list):
+                changed[field] = _rows(value, names, by)
+            else:
+                changed[field] = msgspec.structs.replace(value, positions=_rows(value.positions, names, by))
+    if isinstance(message, requests.CertifyRequest):
+        return changed
+
+    def outward(at: dict[str, float]) -> dict[str, float]:
+        return {name: value + by.get(name, 0.0) for name, value in at.items()}
+
+    if at := message.status.details.get("configuration"):
+        details = {**message.status.details, "configuration": outward(at)}
+        changed["status"] = msgspec.structs.replace(message.status, details=details)
+    if isinstance(message, replies.CertifyReply) and (place := message.certificate.place) is not None:
+        place = msgspec.structs.replace(place, configuration=outward(place.configuration))
+        changed["certificate"] = msgspec.structs.replace(message.certificate, place=place)
+    return changed
+
+
 def _rows(rows: replies.Rows, names: Sequence[str], by: dict[str, float]) -> replies.Rows:
-    added = [by.get(name, 0.0) for name in names]
+    width = len(rows[0]) if rows else 0
+    added = [by.get(name, 0.0) for name in names] + [0.0] * (width - len(names))
+    if any(len(row) != len(added) for row in rows):
+        return rows  # which is refused
     return [[value + more for value, more in zip(row, added, strict=True)] for row in rows]
 
 
@@ -228,7 +297,7 @@ _WORLD: dict[type, dict[str, Callable[[Any, Anchor, float], Any]]] = {
         **dict.fromkeys(("goal", "guide_planes", "path_constraints", "steps"), _inner),
     },
     requests.PlanStep: dict.fromkeys(("goal", "guide_planes"), _inner),
-    requests.CertifyRequest: {**_PLACED, "path_constraints": _inner},
+    requests.CertifyRequest: {**_PLACED, "start": _configurations, "path_constraints": _inner},
     requests.InverseKinematics: {**_PLACED, "poses": _inner},
     requests.Clearance: _PLACED,
     requests.Potential: _PLACED,
