@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import msgspec
@@ -64,6 +65,28 @@ def test_a_goal_of_joints_is_passed_within_its_radius_and_limits(jerk: float | N
     assert duration(reply) < duration(stopped)
     assert reply.warnings == stopped.warnings
     within_limits(reply, 4.0, jerk)
+
+
+@pytest.mark.parametrize("opens", [0.2, 1.5])
+def test_a_goal_is_passed_when_nothing_that_moves_is_met(opens: float) -> None:
+    """A door stands between the two goals until it rises."""
+    turned = {"quaternion_xyzw": [0.0, 0.0, math.sin(0.225), math.cos(0.225)]}
+    places = [{"position": [0.75 * math.cos(0.45), 0.75 * math.sin(0.45), z], **turned} for z in (0.45, 1.9)]
+    rises = {"times": [opens, opens + 1.0], "placements": places}
+    door = {"type": "box", "name": "door", "size": [0.9, 0.02, 0.9], "trajectory": rises}
+    scene = {"name": "door", "obstacles": [door]}
+    way = [joints(**OUT) | PASS | {"radius": 0.2}, joints(**ASIDE)]
+    reply, stopped = planned(way, scene), planned([joints(**OUT), joints(**ASIDE)], scene)
+    passed = reply.steps[0]
+    assert passed.passed is not None
+    assert 0.0 < passed.passed <= 0.2
+    assert speed(reply, passed.end) > 0.1
+    assert opens < duration(reply) < duration(stopped)
+    bare, (obstacle,) = Bare(reply, "ur5"), obstacles_of(scene)
+    for moment in np.linspace(0.0, max(duration(reply), opens + 1.0), 150).tolist():
+        bare.stand(at(reply, min(moment, duration(reply))))
+        there = obstacle.placement_at(moment)
+        assert all(distance(shape, here, obstacle.shape, there) > 0.0 for _, shape, here in bare.bodies()), moment
 
 
 def within_limits(reply: PlanReply, acceleration: float, jerk: float | None) -> None:

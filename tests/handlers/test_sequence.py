@@ -482,11 +482,6 @@ def test_what_moves_is_picked_up_where_it_comes_to_rest_and_put_down_on_what_mov
                 assert min(apart) > 0.0
 
 
-def test_nothing_is_passed_beside_what_moves() -> None:
-    with pytest.raises(MalformedRequest, match="`stop: false`"):
-        ask([joints() | {"stop": False}, joints()], scene="door")
-
-
 @pytest.mark.parametrize(
     ("fields", "says"),
     [

@@ -263,8 +263,6 @@ class Steps:
             if step.stop:
                 continue
             with _in_step(index):
-                if self.start.scene.moves:
-                    raise MalformedRequest("among obstacles that move `stop: false` is not served: leave it out")
                 if index + 1 == len(self):
                     raise MalformedRequest("`stop: false` needs a step after it: the last one ends at rest")
                 after = self._request.steps[index + 1]

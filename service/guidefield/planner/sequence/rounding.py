@@ -24,8 +24,12 @@ from typing import cast
 
 import numpy as np
 
+from guidefield.collision.world import World
+from guidefield.planner.goal_among_movers import keep_schedule
+from guidefield.planner.held_paths import among_what_rests
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.motion_certificate import Finished
 from guidefield.planner.optimize import settings as presets
 from guidefield.planner.optimize.clearance_samples import Sections
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
@@ -43,7 +47,7 @@ from guidefield.planner.sequence.joined import (
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
-from guidefield.prove.verdict import Reason
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.path_constraints import ConstrainedFrames, EvenTurn, PathConstraint, line, point
 from guidefield.robot.model.spaces import ChartPoints
@@ -344,16 +348,40 @@ NO_RADIUS = 1e-6
 
 
 def join(parts: Sequence[Part], stages: Stages) -> Joined:
-    """Join motions of the same joints."""
+    """Join motions of the same joints; what is past goals among what rests is gone when nothing that moves is met."""
     knots = np.cumsum([max(len(one.motion.times) - 1, 0) for one in parts]).tolist()
     passages = tuple(PassedAt(knot, knot, knot, 0.0) for knot in knots[:-1])
     stopping = Joined(one_after_another([one.motion for one in parts]), passages, stops=True)
     if min(one.goal.radius for one in parts if one.goal is not None) <= NO_RADIUS:
         return stopping
-    along = rounded_motion(parts, stages)
-    first = stopping if along is None else _soonest(parts, along[1])
-    found = [optimized_past(parts, first, stages), None if along is None else along[0], stopping]
-    return min(filter(None, found), key=lambda one: one.motion.duration)
+    still = [dataclasses.replace(one, problem=among_what_rests(one.problem)) for one in parts]
+    along = rounded_motion(still, stages)
+    first = stopping if along is None else _soonest(still, along[1])
+    past = [optimized_past(still, first, stages), None if along is None else along[0]]
+    found = [_schedule(parts, one, stages) for one in past if one is not None]
+    return min(filter(None, [*found, stopping]), key=lambda one: one.motion.duration)
+
+
+def _schedule(parts: Sequence[Part], joined: Joined, stages: Stages) -> Joined | None:
+    """The motion past the goals when nothing that moves is met, each part certified then; None where there is none."""
+    problem = slowest(parts)
+    if not problem.scene.moves:
+        return joined
+    allowed = frozenset[tuple[str, str]]().union(*(one.problem.allowed_collisions for one in parts))
+    world = World.build(problem.group, problem.scene, allowed)
+    problem = dataclasses.replace(problem, world=world, allowed_collisions=allowed)
+    goals = [one.goal for one in parts if one.goal is not None]
+    path = Rounded(joined.motion.positions, tuple((one.entered, one.left) for one in joined.passages))
+
+    def judge_parts(motion: Trajectory) -> Verdict:
+        refused = find_refused_part(parts, Joined(motion, passages_of(motion, path, goals)))
+        if refused is None:
+            return Verdict(Reason.FREE, 0)
+        return Verdict(Reason.PATH_CONSTRAINT, 0) if refused[1].free else refused[1]
+
+    finished = Finished(Verdict(Reason.FREE, 0), joined.motion.positions, {}, joined.motion)
+    motion = keep_schedule(problem, finished, stages, judge_parts).trajectory
+    return None if motion is None else Joined(motion, passages_of(motion, path, goals))
 
 
 def _soonest(parts: Sequence[Part], path: Rounded) -> Joined:

@@ -14,6 +14,7 @@ from typing import Any, Generic, cast
 
 import numpy as np
 
+from guidefield.collision.world import World
 from guidefield.deadline import Deadline, DeadlineExpired, end_reason
 from guidefield.errors import Status
 from guidefield.planner.motion.trajectory import Trajectory
@@ -204,7 +205,10 @@ class _Planning(Generic[S]):
         shift = moved.embedding.shift - self._moved[0].embedding.shift
         motion = moved.trajectory
         turned = Trajectory(motion.times, cast(ChartPoints, motion.positions + shift), motion.velocities)
-        radius, problem = self._course.passes(index), moved.motion.problem
+        radius, problem, first = self._course.passes(index), moved.motion.problem, self._moved[0].motion.problem
+        if first.scene.moves:  # in the time of the whole
+            world = World.build(problem.group, first.scene, problem.allowed_collisions)
+            problem = dataclasses.replace(problem, scene=first.scene, world=world)
         goal = None if radius is None else PassedGoal(problem, turned.positions[-1], radius)
         return Part(problem, turned, moved.motion.way, goal)
 
