@@ -12,7 +12,6 @@ from guidefield.messages.requests import UrdfText
 from guidefield.planner.motion.timing import Limits, PathCurve, executed, parameterize
 from guidefield.planner.task.effort import (
     EffortLimit,
-    energy,
     holding_torques,
     largest_efforts,
     measure_efforts,
@@ -20,6 +19,7 @@ from guidefield.planner.task.effort import (
     torques_of,
     tree_of,
 )
+from guidefield.planner.task.motion_limits import polynomials_of
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tangents import tangent_accelerations, tangents
 from tests.planner.task.test_motion_limits import random_motion, states
@@ -68,7 +68,7 @@ def test_torques_are_pinocchios_and_nothing_takes_more_than_the_bound(name) -> N
     dense = dense_torques(planned, motion)
     np.testing.assert_allclose(torques_of(tree, *states(motion)), dense, atol=1e-9)
     for reached, most, limit in zip(
-        largest_efforts(tree, motion, limits), np.abs(dense).max(axis=0), limits, strict=True
+        largest_efforts(tree, motion, limits)[0], np.abs(dense).max(axis=0), limits, strict=True
     ):
         assert most <= reached.bound + 1e-9
         assert reached.found <= reached.bound <= reached.found + 0.01 * limit + 1e-12
@@ -83,7 +83,7 @@ def test_a_bound_holds_on_any_chain(kinds, seed, degree) -> None:
     assert not isinstance(tree, str)
     dense = dense_torques(planned, motion)
     np.testing.assert_allclose(torques_of(tree, *states(motion)), dense, atol=1e-9, rtol=1e-9)
-    bounds = [one.bound for one in largest_efforts(tree, motion, np.full(planned.nv, 40.0))]
+    bounds = [one.bound for one in largest_efforts(tree, motion, np.full(planned.nv, 40.0))[0]]
     assert (np.abs(dense).max(axis=0) <= np.array(bounds) + 1e-9).all()
 
 
@@ -113,8 +113,19 @@ def test_work_against_gravity_is_what_the_height_takes() -> None:
     )
     tree = tree_of(planned)
     assert not isinstance(tree, str)
-    rising = MotionPolynomials(np.array([0.0, 10.0]), np.array([[[0.0], [0.1], [0.0], [0.0]]]))
-    assert energy(tree, rising) == pytest.approx(2.0 * 9.81 * 1.0)
+    rising = polynomials_of(np.array([[[0.0], [1.0]]]), np.array([0.0, 10.0]))
+    assert largest_efforts(tree, rising, np.full(1, 40.0))[1] == pytest.approx(2.0 * 9.81 * 1.0)
+
+
+def test_work_is_that_of_dense_samples() -> None:
+    planned, motion = group("panda"), random_motion(group("panda"), 7)
+    tree = tree_of(planned)
+    assert not isinstance(tree, str)
+    moments, (_, rates, _) = np.linspace(motion.times[0], motion.times[-1], 4001), states(motion)
+    power = np.abs(dense_torques(planned, motion) * rates).sum(axis=1)
+    at = np.linspace(motion.times[0], motion.times[-1], len(power))
+    dense = float(np.trapezoid(np.interp(moments, at, power), moments))
+    assert largest_efforts(tree, motion, stated_efforts(planned))[1] == pytest.approx(dense, rel=0.1)
 
 
 def test_a_robot_without_inertia_is_told_so() -> None:

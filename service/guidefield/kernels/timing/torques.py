@@ -220,10 +220,11 @@ def _note(torques: Floats, time: float, found_out: Floats) -> None:
 
 
 @kernel
-def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, found_out: RowsOut) -> None:
-    """Write the largest torque of each coordinate along a motion, (nv, 3): see `carried_rates.FOUND`.
+def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, found_out: RowsOut) -> float:
+    """Write the largest torque of each coordinate along a motion, (nv, 3): see `carried_rates.FOUND`; return the work.
 
     Intervals are halved until each bound is no more than its tolerance (nv,) above what is found; infinite ones may be.
+    The work is that of all joints, taken or given back alike, by Simpson's rule on each piece [J].
     """
     joints, times, nv = tree.joints, motion.times, motion.powers.shape[2]
     n, m, chain = joints.table.parents.shape[0], joints.sources.shape[0], tree.chains.shape[1]
@@ -234,13 +235,16 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
         np.empty(nv),
     )  # fmt: skip
     found_out[:, :] = 0.0
-    pieces = times.shape[0] - 1
+    pieces, work = times.shape[0] - 1, 0.0
     for piece in range(pieces):
+        length = times[piece + 1] - times[piece]
         for half in range(3):
-            t = 0.5 * half * (times[piece + 1] - times[piece])
+            t = 0.5 * half * length
             write_state(motion, piece, t, state)
             _write_torques(tree, state, places, room, radii, now)
             _note(now, times[piece] + t, found_out)
+            for j in range(nv):
+                work += length / 6.0 * (4.0 if half == 1 else 1.0) * abs(now[j] * state.dz[j])
     for j in range(nv):
         found_out[j, BOUND] = found_out[j, FOUND]
     for piece in range(pieces):
@@ -270,3 +274,4 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
             since = until
             now[:], radii[:, :] = then, next_radii
             step *= 2.0
+    return work

@@ -148,7 +148,7 @@ class EffortLimit(ReadOnly):
         """
         if not len(motion.powers):
             return 0.0
-        reached = largest_efforts(self.tree, motion, self.limits, CLOSE)
+        reached, _ = largest_efforts(self.tree, motion, self.limits, CLOSE)
         if all(one.bound <= limit for one, limit in zip(reached, self.limits.tolist(), strict=True)):
             return 0.0
         zs, rates, rises = sample(motion, SAMPLES)
@@ -251,17 +251,17 @@ def measure_efforts(group: PlanningGroup, limit: EffortLimit | None, motion: Mot
     limits = cast(ChartRate, np.where(np.isfinite(binding), binding, stated_efforts(group)))
     if not len(motion.powers):
         return Efforts("the motion goes nowhere")
-    reached = largest_efforts(tree, motion, limits)
+    reached, work = largest_efforts(tree, motion, limits)
     if any(one.found <= most < one.bound for one, most in zip(reached, binding.tolist(), strict=True)):
-        reached = largest_efforts(tree, motion, limits, CLOSE)
+        reached, work = largest_efforts(tree, motion, limits, CLOSE)
     rows = zip(group.velocity_names, reached, limits.tolist(), np.isfinite(binding).tolist(), strict=True)
-    return Efforts(None, tuple(EffortUse(*row) for row in rows), energy(tree, motion))
+    return Efforts(None, tuple(EffortUse(*row) for row in rows), work)
 
 
 def largest_efforts(
     tree: MassTree, motion: MotionPolynomials, limits: ChartRate, accuracy: float = TOLD
-) -> list[Reached]:
-    """The largest torque of each coordinate along a motion.
+) -> tuple[list[Reached], float]:
+    """The largest torque of each coordinate along a motion, and the work of all: taken or given back alike [J].
 
     Args:
         tree: The bodies.
@@ -270,8 +270,8 @@ def largest_efforts(
         accuracy: Share of a limit by which a bound may be above what was found.
     """
     found = np.empty((len(limits), 3))
-    largest_torques(tree, motion, accuracy * limits, found)
-    return [Reached(*row[[FOUND, BOUND, TIME]].tolist()) for row in found]
+    work = largest_torques(tree, motion, accuracy * limits, found)
+    return [Reached(row[FOUND], row[BOUND], row[TIME]) for row in found.tolist()], work
 
 
 def sample(motion: MotionPolynomials, count: int) -> tuple[ChartPoints, ChartRates, ChartRates]:
@@ -284,11 +284,3 @@ def sample(motion: MotionPolynomials, count: int) -> tuple[ChartPoints, ChartRat
         rows.append(np.einsum("mtp,mpj->mtj", factors * times[..., None] ** exponents, powers))
     zs, rates, rises = (row.reshape(-1, powers.shape[2]) for row in rows)
     return cast(ChartPoints, zs), cast(ChartRates, rates), cast(ChartRates, rises)
-
-
-def energy(tree: MassTree, motion: MotionPolynomials) -> float:
-    """The mechanical work that joints do along a motion, taken or given back alike: of |torque times rate| [J]."""
-    zs, rates, rises = sample(motion, SAMPLES + 1)
-    powers = np.abs(torques_of(tree, zs, rates, rises) * rates).sum(axis=1).reshape(len(motion.powers), -1)
-    spans = np.diff(motion.times)
-    return float((np.trapezoid(powers, axis=1) * spans / SAMPLES).sum())
