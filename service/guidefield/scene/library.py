@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from importlib import resources
 
 from guidefield.errors import SceneInvalid
@@ -11,6 +12,7 @@ from guidefield.messages.scene import Scene
 _PACKAGE = "guidefield.scenes"
 
 
+@functools.cache
 def names() -> tuple[str, ...]:
     """Names of the packaged scenes, in alphabetical order."""
     files = resources.files(_PACKAGE).iterdir()
@@ -26,5 +28,10 @@ def read(name: str) -> Scene:
             scene=name,
             available=list(available),
         )
+    return _read_file(name)
+
+
+@functools.cache
+def _read_file(name: str) -> Scene:
     scene: Scene = codec.decode(resources.files(_PACKAGE).joinpath(f"{name}.json").read_bytes(), Scene)
     return scene
