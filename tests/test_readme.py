@@ -33,7 +33,7 @@ MOST_WORDS = 900
 ON_A_PAGE = "tcp/127.0.0.1:7447"
 UNHURRIED = 120.0
 """How long a plan may take on a busy machine [s]."""
-NOT_RUN = {"batch", "demo", "mcp", "serve", "show"}
+NOT_RUN = {"batch", "demo", "execute", "mcp", "serve", "show"}
 """Commands that go on until somebody ends them, or that have journeys of their own: their words alone are checked."""
 BLOCK = re.compile(r"^```(?P<language>\w+)(?: (?P<words>[^\n]+))?\n(?P<text>.*?)^```", re.DOTALL | re.MULTILINE)
 ARM = """<robot name="mine">

@@ -32,6 +32,7 @@ from guidefield.cli.certifying import (
     split_xacro_arguments,
 )
 from guidefield.cli.documentation import pages_table, show_page
+from guidefield.cli.executing import execute
 from guidefield.cli.found_run import Data, Service, StreamName, fetch_files, recording_file, require_writable
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.replaying import replay
@@ -596,6 +597,7 @@ def import_scene(
 app.add_typer(runs_app, name="runs")
 app.add_typer(scenes_app, name="scenes")
 app.command()(replay)
+app.command()(execute)
 
 
 def _connect(endpoints: list[str] | None, name: str | None, config: Path | None, user: str | None) -> Client:

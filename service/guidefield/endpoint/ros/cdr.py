@@ -27,7 +27,16 @@ _NUMBERS = {
     "int32": np.int32, "uint32": np.uint32, "int64": np.int64, "uint64": np.uint64, "float32": np.float32,
     "float64": np.float64,
 }  # fmt: skip
-PACKAGES = ("builtin_interfaces", "std_msgs", "geometry_msgs", "sensor_msgs", "trajectory_msgs", "shape_msgs")
+PACKAGES = (
+    "builtin_interfaces",
+    "std_msgs",
+    "geometry_msgs",
+    "sensor_msgs",
+    "trajectory_msgs",
+    "shape_msgs",
+    "unique_identifier_msgs",
+    "action_msgs",
+)
 """Packages whose messages are as rosbags has them."""
 _UNLIKE_ZERO = {("geometry_msgs/msg/Quaternion", "w"): 1.0}  # fields whose value is not zero where nobody gives one
 
@@ -43,9 +52,16 @@ class Types:
         known: Those that rosbags has of it; `PACKAGES` of them are taken.
         messages: Fields of each other message, by its package and name.
         services: Fields of each service's request and response.
+        actions: Fields of each action's goal, result and feedback.
     """
 
-    def __init__(self, known: Stores, messages: Mapping[str, str], services: Mapping[str, tuple[str, str]]) -> None:
+    def __init__(
+        self,
+        known: Stores,
+        messages: Mapping[str, str],
+        services: Mapping[str, tuple[str, str]],
+        actions: Mapping[str, tuple[str, str, str]] | None = None,
+    ) -> None:
         self._store = get_typestore(Stores.EMPTY)
         self._store.max_sequence_length = MOST_ENTRIES
         theirs = get_typestore(known).fielddefs
@@ -53,7 +69,10 @@ class Types:
         for name, fields in messages.items():
             definitions |= _parsed(name.replace("/", "/msg/"), fields)
         for name, (request, response) in services.items():
-            definitions |= _service(name.replace("/", "/srv/"), request, response)
+            own = name.replace("/", "/srv/")
+            definitions |= _service(own, _parsed(f"{own}_Request", request), _parsed(f"{own}_Response", response))
+        for name, (goal, result, feedback) in (actions or {}).items():
+            definitions |= _action(name.replace("/", "/action/"), goal, result, feedback)
         self._store.register(definitions)
         self._made: dict[str, dict[str, _Field]] = {}
 
@@ -142,7 +161,32 @@ def _parsed(name: str, fields: str) -> dict[str, Any]:
     return {name: definition}
 
 
-def _service(name: str, request: str, response: str) -> dict[str, Any]:
+def _action(name: str, goal: str, result: str, feedback: str) -> dict[str, Any]:
+    """An action: its three messages, the services that send a goal and get its result, and the topic's message."""
+
+    def one(of: str) -> tuple[Nodetype, str]:
+        return Nodetype.NAME, of
+
+    def with_id(of: str, *others: tuple[str, Any]) -> dict[str, Any]:
+        return {of: ([], [("goal_id", one("unique_identifier_msgs/msg/UUID")), *others])}
+
+    got = [("status", (Nodetype.BASE, ("int8", 0))), ("result", one(f"{name}_Result"))]
+    send, get = f"{name}_SendGoal", f"{name}_GetResult"
+    return {
+        **_parsed(f"{name}_Goal", goal),
+        **_parsed(f"{name}_Result", result),
+        **_parsed(f"{name}_Feedback", feedback),
+        **_service(
+            send,
+            with_id(f"{send}_Request", ("goal", one(f"{name}_Goal"))),
+            _parsed(f"{send}_Response", "bool accepted\nbuiltin_interfaces/Time stamp"),
+        ),
+        **_service(get, with_id(f"{get}_Request"), {f"{get}_Response": ([], got)}),
+        **with_id(f"{name}_FeedbackMessage", ("feedback", one(f"{name}_Feedback"))),
+    }
+
+
+def _service(name: str, request: dict[str, Any], response: dict[str, Any]) -> dict[str, Any]:
     """A service as a type hash sees it: its request, its response, and the event that tells of either."""
 
     def one(of: str) -> tuple[Nodetype, str]:
@@ -153,8 +197,8 @@ def _service(name: str, request: str, response: str) -> dict[str, Any]:
 
     asked, answered, event = f"{name}_Request", f"{name}_Response", f"{name}_Event"
     return {
-        **_parsed(asked, request),
-        **_parsed(answered, response),
+        **request,
+        **response,
         event: (
             [],
             [
@@ -198,6 +242,7 @@ def types_of(distribution: Distribution) -> Types:
 STORES = {
     Distribution.JAZZY: Stores.ROS2_JAZZY,
     Distribution.KILTED: Stores.ROS2_KILTED,
+    Distribution.LYRICAL: Stores.ROS2_LYRICAL,
     Distribution.ROLLING: Stores.ROS2_LYRICAL,
 }
-"""Tables of each distribution that rosbags has; Rolling is between two of them."""
+"""Tables of each distribution that rosbags has; Rolling has those of the last one until there is a next."""

@@ -287,6 +287,17 @@ def ros_node(settings: RosSettings, session: zenoh.Session, model: RobotModel, a
     return RosNode(session, settings.domain, types_of(settings.distribution), known, ask, _description(model))
 
 
+def client_config(endpoint: str) -> zenoh.Config:
+    """The configuration of a session that is a client of a router, or of another node, at an endpoint."""
+    config = zenoh.Config()
+    for key, value in UNLESS_TOLD.items():
+        config.insert_json5(key, value)
+    config.insert_json5(*LATCHING)
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    return config
+
+
 @contextlib.contextmanager
 def session_for(settings: RosSettings, own: zenoh.Session) -> Iterator[zenoh.Session]:
     """The session in which nodes are met: the service's own, or one that is a router's client.
@@ -296,13 +307,7 @@ def session_for(settings: RosSettings, own: zenoh.Session) -> Iterator[zenoh.Ses
     if settings.connect is None:
         yield own
         return
-    config = zenoh.Config()
-    for key, value in UNLESS_TOLD.items():
-        config.insert_json5(key, value)
-    config.insert_json5(*LATCHING)
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([settings.connect]))
-    with zenoh.open(config) as session:
+    with zenoh.open(client_config(settings.connect)) as session:
         yield session
 
 

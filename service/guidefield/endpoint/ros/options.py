@@ -15,6 +15,7 @@ class Distribution(enum.StrEnum):
 
     JAZZY = "jazzy"
     KILTED = "kilted"
+    LYRICAL = "lyrical"
     ROLLING = "rolling"
 
 

@@ -1,0 +1,108 @@
+"""`guidefield execute`: a certified motion of a run, sent to a controller of ros2_control and watched."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+from rich.console import Console
+
+from guidefield.cli.found_run import Data, RunName, Service, find_run, require_writable
+from guidefield.cli.tables import certify_table
+from guidefield.engine import answer
+from guidefield.errors import MalformedRequest
+from guidefield.messages.executed import JointStates, judgement_of
+from guidefield.messages.execution import ExecutionFigures
+from guidefield.messages.exports import SentMotion, trajectory_message
+from guidefield.messages.replies import CertifyReply, PlanReply
+from guidefield.messages.requests import PlanRequest
+
+if TYPE_CHECKING:
+    import numpy as np
+
+PLACES_EVERY = 1e-3  # time between two places along the curve that a robot is looked for at, at most [s]
+
+
+def execute(
+    run: RunName,
+    ros_controller: Annotated[str, typer.Option(help="Name of the controller, as ros2 control lists it.")],
+    ros_domain: Annotated[int, typer.Option(min=0, max=232, help="Its ROS domain.")] = 0,
+    ros_connect: Annotated[
+        str, typer.Option(help="Zenoh endpoint of the router that it is reached through, usually rmw_zenohd's.")
+    ] = "tcp/localhost:7447",
+    patience: Annotated[float, typer.Option(min=0.1, help="How long nothing may be heard, in seconds.")] = 5.0,
+    states: Annotated[
+        Path | None, typer.Option(help="Write where the robot was here (.csv).", callback=require_writable)
+    ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(help="Judge what was executed, and write its recording here (.rrd).", callback=require_writable),
+    ] = None,
+    data: Data = None,
+    name: Service = "local",
+) -> None:
+    """Have a controller of ros2_control execute the certified motion of a run, over rmw_zenoh, and watch it.
+
+    The run must be certified for linear, cubic or quintic interpolation, and the robot at its start. Ctrl-C cancels.
+    Where the robot leaves its tolerance is told.
+
+    Exit code 0 where it succeeded within its tolerance, 1 where it didn't, 2 for an error.
+    """
+    try:
+        from guidefield.endpoint.ros.trajectory_action import FollowedMotion, controller_at
+    except ImportError:
+        raise MalformedRequest("controllers are spoken to by rosbags: pip install 'guidefield[ros]'") from None
+
+    found = find_run(run, data, name)
+    reply = found.reply
+    if reply.execution is None:
+        reply.export("ros.json")  # says why
+    rows = reply.execution
+    assert rows is not None, "else it is refused"
+    message = trajectory_message(SentMotion(reply.run_id, reply.position_names, rows))
+    times, places = _curve(rows)
+    motion = FollowedMotion(tuple(reply.position_names), message, rows.tolerance, times, places)
+    with controller_at(ros_connect, ros_domain, ros_controller, patience) as controller:
+        followed = controller.follow(motion, typer.echo)
+    typer.echo(f"{ros_controller}: {': '.join(one for one in (followed.ended, followed.reason) if one)}")
+    if followed.left:
+        time, joint, apart = max(followed.left, key=lambda one: one[2])
+        typer.echo(f"{len(followed.left)} states were beyond the tolerance, {joint} by {apart:.3g} at {time:.3f} s")
+    if states is not None:
+        _write_states(followed.states, states)
+    if record is not None and isinstance(reply, PlanReply) and isinstance(found.request, PlanRequest):
+        judged = answer(judgement_of(found.request, reply, followed.states), record_to=record)
+        assert isinstance(judged, CertifyReply), "a motion was judged"
+        Console().print(certify_table(judged))
+    raise typer.Exit(0 if followed.is_fine else 1)
+
+
+def _curve(rows: ExecutionFigures) -> tuple[np.ndarray, np.ndarray]:
+    """Close places along what is drawn, shape (n, k) [rad or m], and their times (n,) [s]."""
+    import numpy as np  # it and the planner are loaded only here
+
+    from guidefield.planner.motion.given_motion import QuinticMotion, StraightMotion
+    from guidefield.planner.motion.trajectory import Trajectory
+    from guidefield.robot.model.spaces import ChartPoints, ChartRates
+
+    times, positions = np.array(rows.times), cast(ChartPoints, np.array(rows.positions))
+    if len(times) == 1:
+        return np.repeat(times, 2), np.repeat(positions, 2, axis=0)
+    velocities, accelerations = (cast(ChartRates, np.array(one)) for one in (rows.velocities, rows.accelerations))
+    drawn: Trajectory | StraightMotion | QuinticMotion = StraightMotion(times, positions)
+    if rows.interpolation == "cubic":
+        drawn = Trajectory(times, positions, velocities)
+    elif rows.interpolation == "quintic":
+        drawn = QuinticMotion(times, positions, velocities, accelerations)
+    count = int(np.ceil((times[-1] - times[0]) / PLACES_EVERY)) + 1
+    moments = np.union1d(times, np.linspace(times[0], times[-1], count))
+    return moments, np.array(drawn.evaluate(moments)[0])
+
+
+def _write_states(states: JointStates, file: Path) -> None:
+    with file.open("w", newline="") as text:
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(["time", *states.joints])
+        table.writerows([time, *row] for time, row in zip(states.times, states.positions, strict=True))

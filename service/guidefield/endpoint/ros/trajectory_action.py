@@ -1,0 +1,434 @@
+"""A client of a ros2_control controller's FollowJointTrajectory: it sends a certified trajectory, and watches it.
+
+An action is three services and two topics below its name. Versions of its types are told by their hashes: the token of
+the controller's service says which one it speaks. Messages are heard by Zenoh's threads and handled by the caller's,
+one after the other.
+
+Where the robot is on the certified curve is found by the place that the controller desires: the nearest one on the
+curve that isn't before the last. So no clocks are compared; how far the robot is from there is to be within the
+tolerance.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import itertools
+import os
+import queue
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from guidefield.endpoint.ros.cdr import MESSAGES, SERVICES, STORES, Types, Unreadable
+from guidefield.endpoint.ros.names import GRAPH, Attachment, Entity, Kind, Node, Seen
+from guidefield.endpoint.ros.node import client_config
+from guidefield.endpoint.ros.options import Distribution
+from guidefield.errors import MalformedRequest, NoService, TimedOut, UnknownObject
+from guidefield.messages.executed import JointStates
+
+ACTION = "control_msgs/action/FollowJointTrajectory"
+STATE = "sensor_msgs/msg/JointState"
+CANCEL = "action_msgs/srv/CancelGoal"
+SUFFIX = "/follow_joint_trajectory"
+
+_TOLERANCE = "float64 position\nfloat64 velocity\nfloat64 acceleration"
+_GOAL = """trajectory_msgs/JointTrajectory trajectory
+trajectory_msgs/MultiDOFJointTrajectory multi_dof_trajectory
+JointTolerance[] path_tolerance
+JointComponentTolerance[] component_path_tolerance
+JointTolerance[] goal_tolerance
+JointComponentTolerance[] component_goal_tolerance
+builtin_interfaces/Duration goal_time_tolerance"""
+_POINTS = tuple(f"trajectory_msgs/{{}}JointTrajectoryPoint {{}}{name}" for name in ("desired", "actual", "error"))
+
+
+@dataclass(frozen=True)
+class Version:
+    """What versions of control_msgs differ in: a limit of effort in tolerances, indices in feedback (6.3 and later)."""
+
+    effort: bool
+    index: bool
+
+
+VERSIONS = tuple(Version(*each) for each in itertools.product((False, True), repeat=2))
+
+
+@functools.cache
+def action_types(version: Version) -> Types:
+    """The types of a version."""
+    effort = "\nfloat64 effort" if version.effort else ""
+    messages = {
+        **MESSAGES,
+        "control_msgs/JointTolerance": f"string name\n{_TOLERANCE}{effort}",
+        "control_msgs/JointComponentTolerance": f"string joint_name\nuint16 component\n{_TOLERANCE}",
+    }
+    feedback = ["std_msgs/Header header"]
+    for kind, prefix in (("", ""), ("MultiDOF", "multi_dof_")):
+        feedback.append(f"string[] {prefix}joint_names")
+        feedback += [point.format(kind, prefix) for point in _POINTS]
+        feedback += [f"int32 {prefix}index"] if version.index else []
+    services = {
+        **SERVICES,
+        "action_msgs/CancelGoal": ("GoalInfo goal_info", "int8 return_code\nGoalInfo[] goals_canceling"),
+    }
+    action = (_GOAL, "int32 error_code\nstring error_string", "\n".join(feedback))
+    return Types(STORES[Distribution.JAZZY], messages, services, {ACTION.replace("/action/", "/"): action})
+
+
+RESULTS = {4: "succeeded", 5: "canceled", 6: "aborted"}
+"""States in which a goal ends, of action_msgs/msg/GoalStatus."""
+CODES = {
+    -1: "the goal is invalid",
+    -2: "its joints aren't the controller's",
+    -3: "its time has passed",
+    -4: "a joint left its path tolerance",
+    -5: "a joint missed its goal tolerance",
+}
+"""Codes of a result."""
+
+AT_START = 0.01  # a robot that is farther from the first row isn't moved [rad or m]
+LOOK_EVERY = 0.05  # how often the caller looks whether anything came [s]
+AHEAD = 0.5  # how much farther along the curve the controller is looked for than it can have got [s]
+OFF_CURVE = 1e-3  # a controller that desires a place farther from the certified curve draws another one [rad or m]
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedMotion:
+    """A certified trajectory, and places along the curve that is drawn of it."""
+
+    joints: tuple[str, ...]
+    message: Mapping[str, Any]  # JointTrajectory as plain data
+    tolerance: Sequence[float]  # of each joint [rad or m]
+    times: np.ndarray  # of close places along the curve, shape (n,) [s]
+    places: np.ndarray  # shape (n, k) [rad or m]
+
+
+@dataclass
+class Followed:
+    """What came of a motion."""
+
+    states: JointStates  # where the robot was, by the time along the curve at first, then by the controller's clock
+    ended: str = "silent"  # how the goal ended: succeeded, canceled, aborted, silent
+    reason: str = ""
+    left: list[tuple[float, str, float]] = field(default_factory=list)  # time [s], joint, and how far off [rad or m]
+    off_curve: float = 0.0  # how far a place that the controller desired was from the curve at most [rad or m]
+
+    @property
+    def is_fine(self) -> bool:
+        """Whether it succeeded, within the tolerance."""
+        return self.ended == "succeeded" and not self.left
+
+
+class TrajectoryController:
+    """A controller that follows joint trajectories, in a session of its own.
+
+    Args:
+        session: Where nodes are met.
+        domain: ROS domain.
+        name: Of the controller, with its namespace if it has one.
+        patience: How long nothing may be heard [s].
+
+    Raises:
+        UnknownObject: if there is no such controller.
+        MalformedRequest: if it speaks another version of the action.
+    """
+
+    def __init__(self, session: zenoh.Session, domain: int, name: str, patience: float = 5.0) -> None:
+        self.name = name.strip("/").removesuffix(SUFFIX)
+        self._session, self._domain, self._patience = session, domain, patience
+        self._sender, self._numbers = os.urandom(16), itertools.count(1)
+        self._heard: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
+        offered = self._find()
+        self._sending = self._version_of(offered, f"{ACTION}_SendGoal", Kind.SERVICE, "send_goal")
+        self._hearing = self._version_of(offered, f"{ACTION}_FeedbackMessage", Kind.PUBLISHER, "feedback")
+
+    def follow(self, motion: FollowedMotion, say: Callable[[str], None]) -> Followed:
+        """Have the controller follow a motion until it ends; an interrupt cancels it.
+
+        Args:
+            motion: From where the robot is.
+            say: Told what happens, in sentences.
+
+        Raises:
+            TimedOut: if joint states, or the controller, aren't heard.
+            MalformedRequest: if the robot isn't at the start, or the controller refuses, or tells of other joints.
+        """
+        watch = _Watch(motion)
+        with self._listening():
+            self._require_at_start(motion)
+            goal_id = os.urandom(16)
+            self._send(motion, goal_id)
+            say(f"{self.name} follows {float(motion.times[-1] - motion.times[0]):.3f} s")
+            self._ask_result(goal_id, float(motion.times[-1] - motion.times[0]))
+            try:
+                self._watch(watch, say)
+            except KeyboardInterrupt:
+                say("canceling")
+                self._cancel(goal_id)
+                self._watch(watch, say)
+        return watch.followed()
+
+    def _find(self) -> list[Seen]:
+        """The tokens of the controller's action, as soon as it is there."""
+        action, until, others = f"{self.name}{SUFFIX}/_action/", time.monotonic() + self._patience, set[str]()
+        while True:
+            tokens = [
+                str(one.ok.key_expr) for one in self._session.liveliness().get(f"{GRAPH}/{self._domain}/**") if one.ok
+            ]
+            seen = [one for one in map(Seen.read, tokens) if one is not None]
+            own = [one for one in seen if one.name.startswith(action)]
+            if any(one.name == f"{action}send_goal" and one.kind == Kind.SERVICE.value for one in own):
+                return own
+            others |= {
+                one.name.removesuffix(f"{SUFFIX}/_action/send_goal") for one in seen if one.name.endswith("send_goal")
+            }
+            if time.monotonic() > until:
+                there = ", ".join(sorted(others)) or "none"
+                raise UnknownObject(
+                    f"no controller {self.name!r} follows joint trajectories in domain {self._domain};"
+                    f" there are: {there}",
+                    controller=self.name,
+                    available=sorted(others),
+                )
+            time.sleep(LOOK_EVERY)
+
+    def _version_of(self, offered: Sequence[Seen], type_name: str, kind: Kind, name: str) -> Types:
+        """The types whose hash the controller's token has."""
+        whole = f"{self.name}{SUFFIX}/_action/{name}"
+        told = [one.type_hash for one in offered if one.name == whole and one.kind == kind.value]
+        for version in VERSIONS:
+            if action_types(version).type_hash(type_name) in told:
+                return action_types(version)
+        raise MalformedRequest(
+            f"controller {self.name!r} speaks another version of {type_name}"
+            f" ({', '.join(one[:20] for one in told) or 'without a token'}…): none that is known here",
+            controller=self.name,
+        )
+
+    def _entity(self, kind: Kind, name: str, type_name: str, types: Types) -> Entity:
+        return Entity(kind, f"{self.name}{SUFFIX}/_action/{name}", type_name, types.type_hash(type_name))
+
+    @contextlib.contextmanager
+    def _listening(self) -> Iterator[None]:
+        """Hear feedback and joint states, as a node of the graph."""
+        feedback = self._entity(Kind.SUBSCRIPTION, "feedback", f"{ACTION}_FeedbackMessage", self._hearing)
+        states = Entity(Kind.SUBSCRIPTION, "joint_states", STATE, self._hearing.type_hash(STATE))
+        node = Node(self._domain, str(self._session.zid()), "guidefield_execute")
+        with contextlib.ExitStack() as declared:
+            tokens = [node.token(), node.token_of(1, feedback), node.token_of(2, states)]
+            for token in tokens:
+                declared.callback(self._session.liveliness().declare_token(token).undeclare)
+            for entity, what in ((feedback, "feedback"), (states, "states")):
+                hear = functools.partial(self._hear, what, entity.type_name)
+                declared.callback(self._session.declare_subscriber(entity.key(self._domain), hear).undeclare)
+            yield
+
+    def _hear(self, what: str, type_name: str, sample: zenoh.Sample) -> None:
+        with contextlib.suppress(Unreadable):
+            self._heard.put((what, self._hearing.read(sample.payload.to_bytes(), type_name)))
+
+    def _require_at_start(self, motion: FollowedMotion) -> None:
+        until = time.monotonic() + self._patience
+        while (left := until - time.monotonic()) > 0.0:
+            with contextlib.suppress(queue.Empty):
+                what, message = self._heard.get(timeout=left)
+                if what != "states" or not all(joint in message.name for joint in motion.joints):
+                    continue
+                for joint, first in zip(motion.joints, motion.places[0].tolist(), strict=True):
+                    place = float(message.position[message.name.index(joint)])
+                    if abs(place - first) > AT_START:
+                        raise MalformedRequest(
+                            f"the robot isn't at the start of the motion: joint {joint!r} is at {place:.6g}, not at"
+                            f" {first:.6g}",
+                            joint=joint,
+                        )
+                return
+        raise TimedOut(
+            f"no joint states of {', '.join(motion.joints)} were heard within {self._patience:g} s: whether the robot"
+            " is at the start isn't known"
+        )
+
+    def _ask(self, name: str, type_name: str, types: Types, timeout: float, fields: Mapping[str, Any]) -> Any:
+        """The response of a service; None if there is none in time."""
+        payload = types.write(types.new(f"{type_name}_Request", **fields), f"{type_name}_Request")
+        replies = self._session.get(
+            self._entity(Kind.CLIENT, name, type_name, types).key(self._domain),
+            payload=payload,
+            attachment=Attachment(next(self._numbers), self._sender).write(),
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout,
+        )
+        for reply in replies:
+            if reply.ok is not None:
+                return types.read(reply.ok.payload.to_bytes(), f"{type_name}_Response")
+        return None
+
+    def _send(self, motion: FollowedMotion, goal_id: bytes) -> None:
+        tolerances = [
+            {"name": joint, "position": value}
+            for joint, value in zip(motion.joints, motion.tolerance, strict=True)
+            if value > 0.0
+        ]
+        goal = {"trajectory": motion.message, "path_tolerance": tolerances}
+        asked = {"goal_id": _uuid(goal_id), "goal": goal}
+        answer = self._ask("send_goal", f"{ACTION}_SendGoal", self._sending, self._patience, asked)
+        if answer is None:
+            raise TimedOut(f"controller {self.name!r} is silent: it didn't answer the goal within {self._patience:g} s")
+        if not answer.accepted:
+            raise MalformedRequest(f"controller {self.name!r} refuses the motion", controller=self.name)
+
+    def _ask_result(self, goal_id: bytes, duration: float) -> None:
+        """Ask for the result, which comes when there is one."""
+        types, name = self._sending, f"{ACTION}_GetResult"
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                with contextlib.suppress(Unreadable):
+                    self._heard.put(("result", types.read(reply.ok.payload.to_bytes(), f"{name}_Response")))
+
+        self._session.get(
+            self._entity(Kind.CLIENT, "get_result", name, types).key(self._domain),
+            take,
+            payload=types.write(types.new(f"{name}_Request", goal_id=_uuid(goal_id)), f"{name}_Request"),
+            attachment=Attachment(next(self._numbers), self._sender).write(),
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=10.0 * (duration + self._patience),
+        )
+
+    def _cancel(self, goal_id: bytes) -> None:
+        asked = {"goal_info": {"goal_id": _uuid(goal_id)}}
+        if self._ask("cancel_goal", CANCEL, self._sending, self._patience, asked) is None:
+            raise TimedOut(f"controller {self.name!r} is silent: it didn't answer that the motion is to be canceled")
+
+    def _watch(self, watch: _Watch, say: Callable[[str], None]) -> None:
+        """Take what is heard until the result, or until nothing is heard any more."""
+        heard = time.monotonic()
+        while time.monotonic() - heard < self._patience:
+            with contextlib.suppress(queue.Empty):
+                what, message = self._heard.get(timeout=LOOK_EVERY)
+                if what == "states":
+                    continue
+                heard = time.monotonic()
+                if what == "result":
+                    watch.end(message)
+                    return
+                if (sentence := watch.take(message.feedback)) is not None:
+                    say(sentence)
+        raise TimedOut(
+            f"controller {self.name!r} is silent: neither feedback nor a result within {self._patience:g} s; the robot"
+            f" was last {watch.where()}",
+            controller=self.name,
+        )
+
+
+@contextlib.contextmanager
+def controller_at(endpoint: str, domain: int, name: str, patience: float) -> Iterator[TrajectoryController]:
+    """Find a controller through the router at a Zenoh endpoint; see `TrajectoryController`.
+
+    Raises:
+        NoService: if nothing is there.
+    """
+    try:
+        session = zenoh.open(client_config(endpoint))
+    except zenoh.ZError as error:
+        raise NoService(f"nothing is reached at {endpoint!r}: {error}", endpoint=endpoint) from None
+    with session:
+        yield TrajectoryController(session, domain, name, patience)
+
+
+class _Watch:
+    """Follows the feedback of a motion."""
+
+    def __init__(self, motion: FollowedMotion) -> None:
+        self._motion = motion
+        self._at = 0.0  # index of the place on the curve, and the share of the way to the next one
+        self._first: tuple[float, float] | None = None  # time on the curve at the first feedback, and on its clock [s]
+        self._times, self._rows = list[float](), list[list[float]]()
+        self._found, self._is_outside, self._told_curve = Followed(JointStates((), (), ())), False, False
+
+    def take(self, feedback: Any) -> str | None:
+        """Take a feedback; return what is to be told about it."""
+        motion, names = self._motion, list(feedback.joint_names)
+        if lacking := next((joint for joint in motion.joints if joint not in names), None):
+            raise MalformedRequest(
+                f"the controller's feedback has no joint {lacking!r}; it has {', '.join(names)}", joint=lacking
+            )
+        order = [names.index(joint) for joint in motion.joints]
+        desired, actual = (np.asarray(one.positions)[order] for one in (feedback.desired, feedback.actual))
+        stamp = feedback.header.stamp.sec + 1e-9 * feedback.header.stamp.nanosec or time.monotonic()
+        place, off = self._go_on(desired, stamp)
+        there = float(np.interp(self._at, np.arange(len(motion.times)), motion.times))
+        self._first = self._first or (there, stamp)
+        self._times.append(self._first[0] + stamp - self._first[1])
+        self._rows.append(actual.tolist())
+        self._found.off_curve = max(self._found.off_curve, off)
+        if off > OFF_CURVE and not self._told_curve:
+            self._told_curve = True
+            return f"the controller draws another curve than the certified one: {off:.3g} from it at {there:.3f} s"
+        return self._look(np.abs(actual - place), there)
+
+    def _look(self, apart: np.ndarray, there: float) -> str | None:
+        """Say where the robot leaves the tube, or comes back."""
+        motion = self._motion
+        beyond = apart - np.array(motion.tolerance)
+        worst, was_outside = int(np.argmax(beyond)), self._is_outside
+        self._is_outside = bool(beyond[worst] > 1e-9)
+        if not self._is_outside:
+            return f"back within the tolerance at {there:.3f} s" if was_outside else None
+        self._found.left.append((there, motion.joints[worst], float(apart[worst])))
+        if was_outside:
+            return None
+        return (
+            f"left the tolerance at {there:.3f} s: {motion.joints[worst]} is {apart[worst]:.3g} from the certified"
+            f" curve, {motion.tolerance[worst]:.3g} allowed"
+        )
+
+    def _go_on(self, desired: np.ndarray, stamp: float) -> tuple[np.ndarray, float]:
+        """Go on to the nearest place on the curve, shape (k,); return it, and how far it is [rad or m].
+
+        It is looked for as far as the controller may have got since the last feedback, `AHEAD` more.
+        """
+        times, places, first = self._motion.times, self._motion.places, int(self._at)
+        passed = 0.0 if self._first is None else self._first[0] + stamp - self._first[1] - self._times[-1]
+        last = int(np.searchsorted(times, times[first] + max(passed, 0.0) + AHEAD, side="right"))
+        if first >= len(places) - 1:
+            return places[-1], float(np.abs(desired - places[-1]).max())
+        near = places[first : max(last, first + 1) + 1]
+        begins, steps = near[:-1], np.diff(near, axis=0)
+        squares, along = (np.einsum("ij,ij->i", one, steps) for one in (steps, desired - begins))
+        shares = np.clip(np.divide(along, squares, out=np.zeros_like(along), where=squares > 0.0), 0.0, 1.0)
+        shares[0] = max(shares[0], self._at - first)
+        on_curve = begins + shares[:, None] * steps
+        off = np.abs(on_curve - desired).max(axis=1)
+        nearest = int(np.argmin(off))
+        self._at = first + nearest + float(shares[nearest])
+        return on_curve[nearest], float(off[nearest])
+
+    def end(self, result: Any) -> None:
+        """Take the result."""
+        self._found.ended = RESULTS.get(int(result.status), f"in state {result.status}")
+        code = CODES.get(int(result.result.error_code), "")
+        self._found.reason = ": ".join(one for one in (code, str(result.result.error_string)) if one)
+
+    def where(self) -> str:
+        """Say where the robot was last."""
+        if not self._times:
+            return "never heard of"
+        pairs = zip(self._motion.joints, self._rows[-1], strict=True)
+        return f"at {', '.join(f'{joint} {value:.4g}' for joint, value in pairs)}"
+
+    def followed(self) -> Followed:
+        """What came of it."""
+        self._found.states = JointStates(self._motion.joints, self._times, self._rows)
+        return self._found
+
+
+def _uuid(value: bytes) -> dict[str, Any]:
+    return {"uuid": np.frombuffer(value, np.uint8)}

@@ -1,0 +1,199 @@
+"""A motion is planned by a service, executed by a stand-in of ros2_control with its own interpolation, and judged."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+import guidefield
+from guidefield.cli import app
+from guidefield.cli.serving import free_port
+from guidefield.endpoint.ros.trajectory_action import (
+    VERSIONS,
+    FollowedMotion,
+    TrajectoryController,
+    Version,
+    action_types,
+    controller_at,
+)
+from guidefield.errors import MalformedRequest, NoService, TimedOut, UnknownObject
+from guidefield.messages.exports import SentMotion, trajectory_message
+from guidefield.recorder.reading import read_recording
+from tests.endpoint.ros.stand_in import ACTION, controller_listening, interpolated
+from tests.handlers.test_executed import REQUEST
+from tests.handlers.test_plan import READY
+
+JOINTS = list(READY)
+CONTROLLER = "arm/joint_trajectory_controller"
+
+
+@pytest.fixture
+def endpoint() -> Iterator[str]:
+    with free_port() as port:
+        yield f"tcp/127.0.0.1:{port}"
+
+
+def request(kind: str = "quintic", tolerance: float = 0.004) -> guidefield.PlanRequest:
+    execution = guidefield.ExecutionOptions(kind, rate=50, tolerance=tolerance)
+    return guidefield.PlanRequest("panda", "table", REQUEST.goal, start=READY, guide_planes=[], execution=execution)
+
+
+def ask(*arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(app, arguments)
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        return 2, f"{done.output}{done.exception}"
+    return done.exit_code, done.output
+
+
+def motion(tolerance: float = 0.004) -> FollowedMotion:
+    """A certified motion, with close places along it."""
+    reply = guidefield.answer(request(tolerance=tolerance))
+    plan, rows = reply.trajectory, reply.execution
+    times = np.linspace(0.0, plan.times[-1], 700)
+    message = trajectory_message(SentMotion("r", JOINTS, rows))
+    types = action_types(VERSIONS[0])
+    points = [types.new("trajectory_msgs/msg/JointTrajectoryPoint", **point) for point in message["points"]]
+    return FollowedMotion(
+        tuple(JOINTS), message, rows.tolerance, times, np.array([interpolated(points, t) for t in times])
+    )
+
+
+def test_a_plan_is_exported_executed_and_judged(client: guidefield.Client, endpoint: str, tmp_path: Path) -> None:
+    file, plan_file = tmp_path / "motion.yaml", tmp_path / "plan.rrd"
+    plan = client.plan(request())
+    plan_file.write_bytes(client.recording(plan.run_id))
+    assert plan.status.name == "SUCCESS"
+    assert plan.execution.deviation.largest < 1e-12
+    assert ask("runs", "export", str(plan_file), str(file))[0] == 0
+    sent = yaml.safe_load(file.read_text())["trajectory"]
+    states, record = tmp_path / "states.csv", tmp_path / "executed.rrd"
+    with controller_listening(endpoint, JOINTS[::-1], list(READY.values())[::-1]) as stand_in:
+        words = ("execute", str(plan_file), "--ros-controller", CONTROLLER, "--ros-connect", endpoint)
+        code, said = ask(*words, "--states", str(states), "--record", str(record))
+    assert code == 0, said
+    assert f"{CONTROLLER}: succeeded" in said
+    assert "left the tolerance" not in said
+    assert "off the plan" in said
+    (goal,) = stand_in.goals
+    assert [*goal.trajectory.joint_names] == sent["joint_names"] == JOINTS
+    assert [one.positions.tolist() for one in goal.trajectory.points] == [one["positions"] for one in sent["points"]]
+    assert {one.name: one.position for one in goal.path_tolerance} == dict.fromkeys(JOINTS, 0.004)
+    told = [*csv.DictReader(states.open())]
+    assert len(told) > 10
+    rows = [[float(row[joint]) for joint in JOINTS] for row in told]
+    executed = guidefield.JointStates(JOINTS, [float(row["time"]) for row in told], rows)
+    judged = client.certify(guidefield.judgement_of(request(), plan, executed))
+    assert judged.certificate.collision_free
+    assert judged.deviation.largest < 0.02, "straight pieces between states, as far apart as the machine is busy"
+    assert read_recording(record).reply.deviation is not None
+    assert "off the plan" in ask("certify", str(states), "--against", str(plan_file))[1]
+
+
+def test_leaving_the_tube_and_coming_back_is_told(endpoint: str) -> None:
+    said = list[str]()
+    bend = lambda time: 0.02 if 0.2 < time < 0.3 else 0.001  # noqa: E731
+    with (
+        controller_listening(
+            endpoint, JOINTS, list(READY.values()), bend=bend, version=Version(effort=True, index=True)
+        ),
+        controller_at(endpoint, 0, f"/{CONTROLLER}/", 5.0) as controller,
+    ):
+        followed = controller.follow(motion(), said.append)
+    assert followed.ended == "succeeded"
+    assert not followed.is_fine
+    assert {round(apart, 3) for _, _, apart in followed.left} == {0.02}
+    assert all(0.15 < time < 0.35 for time, _, _ in followed.left)
+    assert any(one.startswith("left the tolerance at 0.2") for one in said)
+    assert any(one.startswith("back within the tolerance at 0.3") for one in said)
+    assert followed.off_curve < 1e-3
+
+
+def test_another_curve_than_the_certified_one_is_told(endpoint: str) -> None:
+    said, certified = list[str](), motion()
+    points = [{**one, "velocities": [], "accelerations": []} for one in certified.message["points"][::6]]
+    coarse = FollowedMotion(
+        certified.joints,
+        {**certified.message, "points": points},
+        certified.tolerance,
+        certified.times,
+        certified.places,
+    )
+    with (
+        controller_listening(endpoint, JOINTS, list(READY.values())),
+        controller_at(endpoint, 0, CONTROLLER, 5.0) as controller,
+    ):
+        followed = controller.follow(coarse, said.append)
+    assert followed.off_curve > 1e-3
+    assert any("draws another curve" in one for one in said)
+
+
+def test_an_interrupt_cancels(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    said, watch = list[str](), TrajectoryController._watch
+
+    def interrupted(*given: object) -> None:
+        monkeypatch.setattr(TrajectoryController, "_watch", watch)
+        time.sleep(0.1)
+        raise KeyboardInterrupt
+
+    with controller_listening(endpoint, JOINTS, list(READY.values()), speed=0.2) as stand_in:
+        with controller_at(endpoint, 0, CONTROLLER, 5.0) as controller:
+            monkeypatch.setattr(TrajectoryController, "_watch", interrupted)
+            followed = controller.follow(motion(), said.append)
+        assert stand_in.canceled.is_set()
+    assert followed.ended == "canceled"
+    assert "canceling" in said
+
+
+def test_what_is_wrong_with_a_controller_is_said_by_name(endpoint: str) -> None:
+    there, start = motion(), list(READY.values())
+
+    def refused(error: type, match: str, joints: list[str] = JOINTS, at: list[float] = start, **how: object) -> None:
+        with (
+            controller_listening(endpoint, joints, at, **how),
+            controller_at(endpoint, 0, CONTROLLER, 1.0) as controller,
+            pytest.raises(error, match=match),
+        ):
+            controller.follow(there, lambda _: None)
+
+    refused(MalformedRequest, "refuses the motion", accepts=False)
+    refused(MalformedRequest, "joint 'panda_joint1' is at 0.5, not at 0", at=[0.5, *start[1:]])
+    refused(TimedOut, "no joint states of panda_joint1", joints=[*JOINTS[1:], "other"])
+    refused(MalformedRequest, "feedback has no joint 'panda_joint7'", told=[*JOINTS[:6], "other"])
+    refused(TimedOut, "is silent: neither feedback nor a result within 1 s; the robot was last at", silent_after=0.2)
+    with (
+        controller_listening(endpoint, JOINTS, start),
+        pytest.raises(UnknownObject, match=f"no controller 'hand' .* there are: {CONTROLLER}"),
+        controller_at(endpoint, 0, "hand", 0.3),
+    ):
+        pass
+    with pytest.raises(NoService, match="nothing is reached at"), controller_at(endpoint, 0, CONTROLLER, 0.3):
+        pass
+
+
+def test_only_what_is_certified_for_a_controller_is_sent(endpoint: str, tmp_path: Path) -> None:
+    words = ("--ros-controller", CONTROLLER, "--ros-connect", endpoint)
+    guidefield.answer(REQUEST, record_to=tmp_path / "plain.rrd")
+    code, said = ask("execute", str(tmp_path / "plain.rrd"), *words)
+    assert code == 2
+    assert "is not certified for a controller" in said
+    guidefield.answer(request("zero_order_hold"), record_to=tmp_path / "held.rrd")
+    assert "certified for 'zero_order_hold'" in ask("execute", str(tmp_path / "held.rrd"), *words)[1]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_each_version_has_a_hash_of_its_own(version: Version) -> None:
+    hashes = {
+        action_types(one).type_hash(f"{ACTION}_{part}") for one in VERSIONS for part in ("SendGoal", "FeedbackMessage")
+    }
+    assert len(hashes) == 4, "tolerances are of goals, indices of feedback"
+    types = action_types(version)
+    told = types.new(f"{ACTION}_SendGoal_Request", goal={"path_tolerance": [{"name": "a", "position": 0.5}]})
+    read = types.read(types.write(told, f"{ACTION}_SendGoal_Request"), f"{ACTION}_SendGoal_Request")
+    assert read.goal.path_tolerance[0].position == 0.5
