@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from guidefield.collision.world import World
 from guidefield.messages import requests
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.prove.certificate import certify, certify_constraints
+from guidefield.prove.closest import world_at
 from guidefield.prove.verdict import Reason
 from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames
 from tests.collision.plain import dense
+from tests.planner.problems import scene_of
+from tests.planner.test_moving_kinds import moving
 from tests.prove.test_certificate import motions, strewn
 from tests.robots import group, rest
 
@@ -25,7 +29,7 @@ def beside(rng: np.random.Generator, points: np.ndarray, half: np.ndarray, count
     )
 
 
-@settings(deadline=None, max_examples=14)
+@settings(deadline=None, max_examples=8)
 @given(st.integers(0, 2), st.integers(0, 10**6), st.sampled_from([0.003, 0.02, 0.06]))
 def test_a_certified_tube_is_free_wherever_one_looks(place, seed, width):
     world, judge = strewn(place)
@@ -65,7 +69,7 @@ def test_what_comes_closer_the_wider_the_tube_is_refused():
     assert free == [certify(world, control[None]).free, False]
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=6)
 @given(st.integers(0, 2), st.integers(0, 10**6), st.integers(3, 60))
 def test_certified_steps_are_free_in_the_boxes_between_commands(place, seed, count):
     world, judge = strewn(place)
@@ -103,3 +107,25 @@ def test_a_path_constraint_is_kept_in_the_tube(width):
 def test_an_execution_has_the_ticks_of_its_holds():
     with pytest.raises(ValueError, match="needs the `rate` of its ticks"):
         requests.ExecutionOptions("zero_order_hold")
+
+
+@settings(deadline=None, max_examples=8)
+@given(st.integers(0, 10**6), st.booleans())
+def test_a_tube_is_free_of_what_moves_at_each_time(seed, steps):
+    rng = np.random.default_rng(seed)
+    scene = scene_of(moving("box", "box", rng, 0.2, 2.0))
+    world = World.build(group("panda"), scene)
+    way = dense(motions(world, seed), 1e-3)
+    times = np.linspace(0.0, 2.0, 30)
+    points = way[np.linspace(0, len(way) - 1, len(times)).astype(int)]
+    kind = CurveKind.STEPS if steps else CurveKind.LINEAR
+    motion = GivenMotion(kind, points, np.arange(len(times)), times, tolerance=np.full(world.group.nv, 0.01))
+    verdict = certify(world, motion.pieces, times=times, tube=motion.tube)
+    if verdict.free:
+        for piece, tube, begin, end in zip(motion.pieces, motion.tube, times, times[1:], strict=False):
+            for share in rng.uniform(0.0, 1.0, 3):
+                now = world_at(world, begin + share * (end - begin))
+                inside = beside(rng, (piece[:1] + share * (piece[1:] - piece[:1])), tube, 2)
+                assert not any(now.in_collision(world.group.expand_from_chart(z)) for z in inside)
+    else:
+        assert verdict.free_until is not None

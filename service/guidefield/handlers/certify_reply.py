@@ -31,7 +31,7 @@ from guidefield.planner.motion.drawn_motion import deviations
 from guidefield.planner.motion.given_motion import QuinticMotion
 from guidefield.planner.motion.limit_load import Use
 from guidefield.planner.quality import UNMEASURED, Clearance
-from guidefield.planner.task.stages import Ending, refused_at
+from guidefield.planner.task.stages import Ending, describe_kept, refused_at
 from guidefield.prove.verdict import Reason, Verdict
 
 RATES = {"velocity": ("rad/s", "m/s"), "acceleration": ("rad/s²", "m/s²"), "jerk": ("rad/s³", "m/s³")}
@@ -134,9 +134,10 @@ def _why(problem: GivenProblem, judgement: Judgement) -> str:
             return "the motion violates a path constraint"
         case _:
             if problem.motion.tube is not None:
+                kept = describe_kept(problem.min_clearance)
                 return (
-                    f"where the execution may be, it can't be told that {pair} keep"
-                    f" {1000 * problem.min_clearance:g} mm: the tolerance or the steps between ticks are too large"
+                    f"where the execution may be, by its tolerance or between its ticks, it can't be told that {pair}"
+                    f" {kept}"
                 )
             kept = f"keep {1000 * problem.min_clearance:g} mm" if problem.min_clearance > 0.0 else "touch"
             return f"the motion brings {pair} so close that it can't be told whether they {kept}"

@@ -30,6 +30,11 @@ SLACK = 1e-3
 """A motion that is refused where it keeps the clearance asked for, and no more than this on top, is too close [m]."""
 
 
+def describe_kept(min_clearance: float) -> str:
+    """Say what two bodies do that keep a clearance [m]."""
+    return f"keep {1000 * min_clearance:g} mm" if min_clearance > 0.0 else "don't touch"
+
+
 def stopped_before(status: Status, plane: str, distance: float) -> str:
     """What is told of a plan that was stopped on its way to a guide plane.
 
@@ -76,7 +81,7 @@ def refusal(conditions: Conditions, verdict: Verdict) -> Ending:
     if verdict.reason is Reason.UNDECIDED and conditions.execution is not None and conditions.execution.has_tube:
         message = (
             "the certificate refused the motion: where the execution may be, by its tolerance or between its ticks, it"
-            f" can't be told that {pair} keep {1000 * conditions.min_clearance:g} mm"
+            f" can't be told that {pair} {describe_kept(conditions.min_clearance)}"
         )
         return Ending(status, message, details)
     distance = clearance_at(conditions.world, group.expand_from_chart(verdict.chart_point)).obstacle_distance
