@@ -9,6 +9,7 @@ from typing import cast
 
 import numpy as np
 
+from guidefield.kernels.stream.judge import find_states
 from guidefield.kernels.stream.way import MOST_PHASES, piece_and_braking
 from guidefield.messages.streams import PieceTrajectory
 from guidefield.read_only import ReadOnly
@@ -50,13 +51,9 @@ class Commit(ReadOnly):
 
     def _states(self, since: np.ndarray) -> np.ndarray:
         """The same at times from the beginning (t,), shape (t, nv, 4)."""
-        rows = np.arange(self.phases.shape[1])
-        begun = (self.phases[:, :, 0] <= since[:, None, None]) & (rows < self.counts[:, None])
-        chosen = self.phases[np.arange(len(self.counts)), begun.sum(axis=2) - 1]
-        begin, q, v, a, j = np.moveaxis(chosen, 2, 0)
-        s = since[:, None] - begin
-        values = q + s * (v + s * (0.5 * a + s * j / 6.0))
-        return np.stack([values, v + s * (a + 0.5 * s * j), a + s * j, j], axis=2)
+        states = np.empty((len(since), len(self.counts), 4))
+        find_states(self.phases, self.counts, since, states)
+        return states
 
     @cached_property
     def knots(self) -> np.ndarray:

@@ -179,8 +179,10 @@ class Judge:
                 row = seen.movers.begins[seen.bodies.movers[obstacle]]
                 pose = seen.movers.poses[row].reshape(3, 4).copy()
                 pose[:, 3] += (commit.stops - seen.movers.times[row]) * seen.movers.twists[row, :3]
-            for row, point in enumerate((points - pose[:, 3]) @ pose[:, :3]):
-                mixed = row * count + obstacle
-                if mixed not in seen.left_out and solid.contains_any(point[None]):
-                    return len(self._pairs.own) + mixed
+            mixed = np.arange(len(moving)) * count + obstacle
+            meets = np.flatnonzero(~np.isin(mixed, seen.left_out))
+            local = (points[meets] - pose[:, 3]) @ pose[:, :3]
+            if solid.contains_any(local):
+                inside = [solid.contains_any(point[None]) for point in local]
+                return len(self._pairs.own) + int(mixed[meets[np.argmax(inside)]])
         return -1

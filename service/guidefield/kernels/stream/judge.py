@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from guidefield.kernels.jit.arrays import Blocks, Floats, Indices, Rows
+from guidefield.kernels.jit.arrays import Blocks, BlocksOut, Floats, Indices, Row, Rows
 from guidefield.kernels.jit.decorators import kernel, lane_kernel, lane_part
 from guidefield.kernels.prove.kept_distance import LOG_ROWS
 from guidefield.kernels.prove.motion_bounds import TRAVEL, bound_body, find_moves
@@ -34,6 +34,20 @@ def value_at(phases: Floats, count: int, time: float) -> float:
     row = phases[phase_at(phases, count, time)]
     s = time - row[BEGIN]
     return float(row[VALUE] + s * (row[VELOCITY] + s * (0.5 * row[ACCELERATION] + s * row[JERK] / 6.0)))
+
+
+@lane_kernel
+def find_states(phases: Blocks, counts: Indices, times: Row, states_out: BlocksOut) -> None:
+    """Write value, velocity, acceleration and jerk of a motion at times (t,) from its beginning [s], shape (t, nv, 4).
+
+    `phases` (nv, k, `PHASE`) and `counts` (nv,) are the motion.
+    """
+    for i in range(times.shape[0]):
+        for k in range(counts.shape[0]):
+            row, state = phases[k, phase_at(phases[k], counts[k], times[i])], states_out[i, k]
+            s, v, a, j = times[i] - row[BEGIN], row[VELOCITY], row[ACCELERATION], row[JERK]
+            state[0], state[1] = row[VALUE] + s * (v + s * (0.5 * a + s * j / 6.0)), v + s * (a + 0.5 * s * j)
+            state[2], state[3] = a + s * j, j
 
 
 @lane_part
