@@ -146,7 +146,7 @@ _NONE = 1e-100
 
 @inlined
 def _bounds_of_u(
-    first: Floats, second: Floats, steps: Floats, limits: Floats, i: int, x_next: float, x: float
+    first: Floats, second: Floats, steps: Floats, limits: Floats, offsets: Floats, i: int, x_next: float, x: float
 ) -> tuple[float, float, float, float]:
     """The bounds of u over step i that bind at x, as lines: (a, b, c, d) with a x - b <= u <= c x + d.
 
@@ -164,28 +164,33 @@ def _bounds_of_u(
                 continue
             slope = -on_x / on_u
             reach = limits[i, j] / abs(on_u)
-            if slope * x - reach > low:
-                low, low_slope, low_reach = slope * x - reach, slope, reach
-            if slope * x + reach < high:
-                high, high_slope, high_reach = slope * x + reach, slope, reach
+            offset = offsets[i, j] if on_u > 0.0 else -offsets[i, j]
+            below, above = reach * (1.0 + offset), reach * (1.0 - offset)
+            if slope * x - below > low:
+                low, low_slope, low_reach = slope * x - below, slope, below
+            if slope * x + above < high:
+                high, high_slope, high_reach = slope * x + above, slope, above
     return low_slope, low_reach, high_slope, high_reach
 
 
 @inlined
-def _bound_without_u(first: Floats, second: Floats, steps: Floats, limits: Floats, i: int, cap: float) -> float:
+def _bound_without_u(
+    first: Floats, second: Floats, steps: Floats, limits: Floats, offsets: Floats, i: int, cap: float
+) -> float:
     """The cap on x, lowered by the limits of step i that u has no part in: |q''_j| x <= A_j."""
     for j in range(first.shape[1]):
         for end in range(2):
             on_x = second[i + end, j]
             on_u = first[i + end, j] + end * 2.0 * steps[i] * on_x
-            if abs(on_u) <= _NONE and abs(on_x) * cap > limits[i, j]:
-                cap = limits[i, j] / abs(on_x)
+            most = limits[i, j] * (1.0 - (offsets[i, j] if on_x > 0.0 else -offsets[i, j]))
+            if abs(on_u) <= _NONE and abs(on_x) * cap > most:
+                cap = most / abs(on_x)
     return cap
 
 
 @inlined
 def _largest_controllable(
-    first: Floats, second: Floats, steps: Floats, limits: Floats, i: int, x_next: float, cap: float
+    first: Floats, second: Floats, steps: Floats, limits: Floats, offsets: Floats, i: int, x_next: float, cap: float
 ) -> float:
     """The largest x <= cap for which some u over step i keeps the limits and leads to at most x_next.
 
@@ -195,7 +200,7 @@ def _largest_controllable(
     """
     x = cap
     for _ in range(4 * first.shape[1] + 2):
-        low_slope, low_reach, high_slope, high_reach = _bounds_of_u(first, second, steps, limits, i, x_next, x)
+        low_slope, low_reach, high_slope, high_reach = _bounds_of_u(first, second, steps, limits, offsets, i, x_next, x)
         if low_slope * x - low_reach <= high_slope * x + high_reach:
             break
         crossing = (low_reach + high_reach) / (low_slope - high_slope)
@@ -212,6 +217,7 @@ def fastest_speeds(
     steps: Row,
     caps: Row,
     limits: Rows,
+    offsets: Rows,
     controllable_out: RowOut,
     squared_speeds_out: RowOut,
 ) -> None:
@@ -222,19 +228,23 @@ def fastest_speeds(
         second: q'' at the grid points, shape (g, nv).
         steps: Differences of s between grid points, shape (g - 1,), positive.
         caps: Largest x at each grid point by the velocity limits, shape (g,), positive.
-        limits: Acceleration limits over each step, shape (g - 1, nv), positive; kept at both ends of the step.
+        limits: Acceleration limits over each step, shape (g - 1, nv), positive; kept at both ends of the step. What
+            has a limit, q' u + q'' x, may be another quantity of the path's than an acceleration.
+        offsets: Shares e of the limits, shape (g - 1, nv), between -1 and 1: from -(1 + e) of a limit to 1 - e of it is
+            allowed.
         controllable_out: Largest x from which the end can still be reached at rest, shape (g,).
         squared_speeds_out: The result x, shape (g,); 0 at both ends.
     """
     last = steps.shape[0]
     controllable_out[last] = 0.0
     for i in range(last - 1, -1, -1):
-        cap = _bound_without_u(first, second, steps, limits, i, caps[i])
-        controllable_out[i] = _largest_controllable(first, second, steps, limits, i, controllable_out[i + 1], cap)
+        cap = _bound_without_u(first, second, steps, limits, offsets, i, caps[i])
+        x_next = controllable_out[i + 1]
+        controllable_out[i] = _largest_controllable(first, second, steps, limits, offsets, i, x_next, cap)
     squared_speeds_out[0] = 0.0
     for i in range(last):
         x = squared_speeds_out[i]
-        _, _, slope, reach = _bounds_of_u(first, second, steps, limits, i, controllable_out[i + 1], x)
+        _, _, slope, reach = _bounds_of_u(first, second, steps, limits, offsets, i, controllable_out[i + 1], x)
         x_next = x + 2.0 * steps[i] * (slope * x + reach)
         # the bounds only cut off what rounding adds
         squared_speeds_out[i + 1] = min(max(x_next, 0.0), controllable_out[i + 1])

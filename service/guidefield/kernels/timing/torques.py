@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.jit.arrays import Blocks, Floats, IndexRows, Row, RowOut, Rows, RowsOut
-from guidefield.kernels.jit.decorators import kernel, uncounted
+from guidefield.kernels.jit.decorators import counted, kernel, uncounted
 from guidefield.kernels.kinematics.forward_kinematics import (
     GroupJoints,
     JointPlaces,
@@ -61,7 +61,7 @@ class MassTree(NamedTuple):
     gravity: Row  # acceleration of free fall, shape (3,) [m/s²]
 
 
-class _Room(NamedTuple):
+class TorqueRoom(NamedTuple):
     """Scratch: twists of the joints and their derivatives, wrenches of the bodies; by body and coordinate R; sums."""
 
     twists: RowsOut
@@ -73,14 +73,33 @@ class _Room(NamedTuple):
     bounds: RowOut
 
 
+@counted
+def torque_room(n: int, nv: int, chain: int) -> TorqueRoom:
+    """Room for so many joints, coordinates of the group, and entries of a chain."""
+    return TorqueRoom(
+        np.empty((n, 6)),
+        np.empty((n, 6)),
+        np.empty((n, 6)),
+        np.empty(nv),
+        np.empty(chain),
+        np.empty((chain, 4)),
+        np.empty(nv),
+    )
+
+
 @uncounted
-def _write_torques(
-    tree: MassTree, state: CoordinateBounds, places: JointPlaces, room: _Room, radii_out: Floats, torques_out: Floats
+def place_tree(tree: MassTree, state: CoordinateBounds, places: JointPlaces) -> None:
+    """Place the joints, and their twists, at the state's coordinates."""
+    place_group(tree.joints, state.z, places)
+    write_twists(tree.joints, places)
+
+
+@uncounted
+def write_torques(
+    tree: MassTree, state: CoordinateBounds, places: JointPlaces, room: TorqueRoom, torques_out: Floats
 ) -> None:
-    """Write the torques of the group's coordinates (nv,), and R of the centres of mass by the chains' entries."""
+    """Write the torques of the group's coordinates (nv,) where the joints are placed, at the state's rates."""
     joints, table = tree.joints, tree.joints.table
-    place_group(joints, state.z, places)
-    write_twists(joints, places)
     n = table.parents.shape[0]
     for k in range(6):
         room.twists[0, k], room.changes[0, k] = 0.0, -tree.gravity[k] if k < 3 else 0.0
@@ -104,15 +123,6 @@ def _write_torques(
         mx, my, mz = turned_by(pose, mx, my, mz)
         wrench[0], wrench[1], wrench[2] = fx, fy, fz
         wrench[3], wrench[4], wrench[5] = mx + cy * fz - cz * fy, my + cz * fx - cx * fz, mz + cx * fy - cy * fx
-        for c in range(tree.chains.shape[1]):
-            row = tree.chains[i, c]
-            if row < 0:
-                break
-            if tree.turns[i, c] == 1:
-                rx, ry, rz = velocity_by(places.twists[row], cx, cy, cz)
-                radii_out[i, c] = math.sqrt(rx * rx + ry * ry + rz * rz) + tree.spreads[i]
-            else:
-                radii_out[i, c] = 1.0
     torques_out[:] = 0.0
     for i in range(n - 1, 0, -1):
         for row in range(table.idx_v[i], table.idx_v[i] + table.nv[i]):
@@ -124,6 +134,23 @@ def _write_torques(
         if parent > 0:
             for k in range(6):
                 room.wrenches[parent, k] += room.wrenches[i, k]
+
+
+@uncounted
+def write_radii(tree: MassTree, places: JointPlaces, radii_out: Floats) -> None:
+    """Write R of the bodies where the joints are placed, by the chains' entries, shape (n, m) [m]."""
+    for i in range(1, tree.masses.shape[0]):
+        centre = tree.centres[i]
+        x, y, z = moved_by(places.poses[i], centre[0], centre[1], centre[2])
+        for c in range(tree.chains.shape[1]):
+            row = tree.chains[i, c]
+            if row < 0:
+                break
+            if tree.turns[i, c] == 1:
+                rx, ry, rz = velocity_by(places.twists[row], x, y, z)
+                radii_out[i, c] = math.sqrt(rx * rx + ry * ry + rz * rz) + tree.spreads[i]
+            else:
+                radii_out[i, c] = 1.0
 
 
 @uncounted
@@ -146,7 +173,7 @@ def _times(M: Floats, x: float, y: float, z: float) -> tuple[float, float, float
 
 
 @uncounted
-def _write_bounds(tree: MassTree, span: float, state: CoordinateBounds, radii: Floats, room: _Room) -> None:
+def _write_bounds(tree: MassTree, span: float, state: CoordinateBounds, radii: Floats, room: TorqueRoom) -> None:
     """Write bounds of the second derivatives of the group's torques for a time from where `radii` were found."""
     joints, weight = tree.joints, 0.0
     for k in range(3):
@@ -200,14 +227,12 @@ def torques_at(tree: MassTree, zs: Rows, rates: Rows, rises: Rows, torques_out: 
     """Write the torques (g, nv) of a group's coordinates at points, velocities and accelerations (g, nv)."""
     joints, nv = tree.joints, zs.shape[1]
     n, m, chain = joints.table.parents.shape[0], joints.sources.shape[0], tree.chains.shape[1]
-    places, state, radii = joint_places(joints), empty_bounds(nv, m), np.empty((n, chain))
-    room = _Room(
-        np.empty((n, 6)), np.empty((n, 6)), np.empty((n, 6)), np.empty(nv), np.empty(chain), np.empty((chain, 4)),
-        np.empty(nv),
-    )  # fmt: skip
+    places, state = joint_places(joints), empty_bounds(nv, m)
+    room = torque_room(n, nv, chain)
     for g in range(zs.shape[0]):
         state.z[:], state.dz[:], state.ddz[:] = zs[g], rates[g], rises[g]
-        _write_torques(tree, state, places, room, radii, room.torques)
+        place_tree(tree, state, places)
+        write_torques(tree, state, places, room, room.torques)
         torques_out[g] = room.torques
 
 
@@ -230,10 +255,7 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
     n, m, chain = joints.table.parents.shape[0], joints.sources.shape[0], tree.chains.shape[1]
     places, state = joint_places(joints), empty_bounds(nv, m)
     radii, next_radii, now, then = np.empty((n, chain)), np.empty((n, chain)), np.empty(nv), np.empty(nv)
-    room = _Room(
-        np.empty((n, 6)), np.empty((n, 6)), np.empty((n, 6)), np.empty(nv), np.empty(chain), np.empty((chain, 4)),
-        np.empty(nv),
-    )  # fmt: skip
+    room = torque_room(n, nv, chain)
     found_out[:, :] = 0.0
     pieces, work = times.shape[0] - 1, 0.0
     for piece in range(pieces):
@@ -241,7 +263,8 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
         for half in range(3):
             t = 0.5 * half * length
             write_state(motion, piece, t, state)
-            _write_torques(tree, state, places, room, radii, now)
+            place_tree(tree, state, places)
+            write_torques(tree, state, places, room, now)
             _note(now, times[piece] + t, found_out)
             for j in range(nv):
                 work += length / 6.0 * (4.0 if half == 1 else 1.0) * abs(now[j] * state.dz[j])
@@ -251,14 +274,18 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
         length = times[piece + 1] - times[piece]
         since, step = 0.0, length
         write_state(motion, piece, 0.0, state)
-        _write_torques(tree, state, places, room, radii, now)
+        place_tree(tree, state, places)
+        write_torques(tree, state, places, room, now)
+        write_radii(tree, places, radii)
         while since < length:
             step = min(step, length - since)
             until = length if since + step >= length else since + step
             bound_rates(joints, motion, piece, since, until, state)
             _write_bounds(tree, step, state, radii, room)
             write_state(motion, piece, until, state)
-            _write_torques(tree, state, places, room, next_radii, then)
+            place_tree(tree, state, places)
+            write_torques(tree, state, places, room, then)
+            write_radii(tree, places, next_radii)
             _note(then, times[piece] + until, found_out)
             is_close = True
             for j in range(nv):

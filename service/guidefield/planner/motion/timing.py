@@ -128,7 +128,8 @@ def parameterize(curve: PathCurve, limits: Limits, finer: int = 1) -> BSpline:
     if not np.isfinite(limits.jerk).any():
         return _in_time(curve, progress, min(finer * TIMING.pieces[-1], most))
     tried = (_in_time(curve, progress, min(finer * count, most)) for count in TIMING.pieces)
-    return min(tried, key=lambda spline: executed(spline, limits).duration)
+    rates = limits._replace(beside=())
+    return min(tried, key=lambda spline: executed(spline, rates).duration)
 
 
 def executed(spline: BSpline, limits: Limits) -> Trajectory:
@@ -176,14 +177,18 @@ def _speeds(
     slowness = np.maximum((np.abs(first) / limits.velocity).max(axis=1), 1e-30)
     accelerations = np.empty((len(steps), len(limits.acceleration)))
     accelerations[:] = limits.acceleration
+    offsets = np.zeros_like(accelerations)
     caps, on_u, on_x = slowness**-2.0, cast(np.ndarray, first), cast(np.ndarray, second)
     if beside:
         caps = np.minimum.reduce([caps, *(one.caps for one in beside)])
         on_u, on_x = np.hstack([on_u, *(one.on_u for one in beside)]), np.hstack([on_x, *(one.on_x for one in beside)])
-        kept = (np.minimum(one.limits[:-1], one.limits[1:]) for one in beside)
-        accelerations = np.hstack([accelerations, *kept])
+        below, above = (
+            np.hstack([accelerations, *(np.minimum(rows[:-1], rows[1:]) for rows in sides)])
+            for sides in ([one.below for one in beside], [one.above for one in beside])
+        )
+        accelerations, offsets = 0.5 * (below + above), (below - above) / (below + above)
     controllable, squares = np.empty(len(slowness)), np.empty(len(slowness))
-    path_parameterization.fastest_speeds(on_u, on_x, steps, caps, accelerations, controllable, squares)
+    path_parameterization.fastest_speeds(on_u, on_x, steps, caps, accelerations, offsets, controllable, squares)
     rates = np.sqrt(squares)
     times = np.zeros(len(rates))
     np.cumsum(2.0 * steps / (rates[:-1] + rates[1:]), out=times[1:])  # d²r/dt² is constant

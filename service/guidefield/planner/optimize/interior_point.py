@@ -20,13 +20,15 @@ from guidefield.kernels.barrier.sampled_robot import SampledRobot
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
+from guidefield.kernels.optimize.effort_penalty import effort_penalty
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier, time_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRoom, DescentRules, newton_descent, room_for_descent
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, clearance_samples, constraint_samples
 from guidefield.planner.optimize.passages import Passage, add_passage, nearest
-from guidefield.planner.optimize.settings import PASSAGE, OptimizationSettings
+from guidefield.planner.optimize.settings import EFFORT, PASSAGE, OptimizationSettings
+from guidefield.planner.task.effort import EffortLimit
 from guidefield.read_only import ReadOnly, read_only
 
 
@@ -46,6 +48,7 @@ class Question(ReadOnly):
     times: TimeLimits
     longest_step: float = math.inf  # pieces are no longer than this [s]
     passages: tuple[Passage, ...] = ()
+    effort: EffortLimit | None = None
 
     @cached_property
     def rules(self) -> DescentRules:
@@ -152,6 +155,8 @@ class Descent(ReadOnly):
         n, nv = spline.points.shape
         room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
         places = len(placed.pieces) + len(question.passages)
+        if question.effort is not None:
+            places += 2 * EFFORT.samples * spline.pieces
         hessians = _Memory.of(places, nv), _Memory.of(places, nv)
         calls = _CheckedOnce(clearance_along), _CheckedOnce(newton_descent)
         return cls(question, placed, near, samples, constrained, ends, unit, room, hessians, *calls)
@@ -210,6 +215,26 @@ class Descent(ReadOnly):
                 passage.place, spline, here[-1], PASSAGE.weight, crossing, count, gradient, pieces, basis, hessians
             )
             count += 1
+        if question.effort is not None:
+            effort = question.effort
+            beyond, count = effort_penalty(
+                effort.tree,
+                effort.limits,
+                spline.points,
+                spline.step,
+                EFFORT.samples,
+                EFFORT.weight,
+                EFFORT.share,
+                count,
+                gradient,
+                pieces,
+                basis,
+                hessians,
+                border,
+                by_times,
+                corner,
+            )
+            value += beyond
         places = count, pieces, basis, memory.seen
         model = ClearanceModel(
             value, spline.points, spline.step, spline.begin, gradient, *places, border, by_times, corner

@@ -298,6 +298,7 @@ class _Descending:
             TimeLimits(int(first.begin > 0.0), self._leave_by, self._arrive_from, first.duration),
             longest,
             self._passages,
+            problem.effort_limit,
         )
         within = brought_within(question, first) if problem.in_motion else first
         if within is None:

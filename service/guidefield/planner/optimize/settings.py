@@ -137,6 +137,18 @@ class PassageSettings:
 
 PASSAGE = PassageSettings()
 
+
+@dataclass(frozen=True)
+class EffortSettings:
+    """Of the penalty of torques beyond their limits."""
+
+    samples: int = 2  # on a piece
+    weight: float = 50.0  # of half the mean of squares of what is beyond, against the duration, which counts from 1
+    share: float = 0.95  # of a limit, up to which a torque costs nothing
+
+
+EFFORT = EffortSettings()
+
 OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
     {
         Objective.BALANCED: BALANCED,

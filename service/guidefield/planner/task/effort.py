@@ -163,13 +163,14 @@ class EffortLimit(ReadOnly):
         return max(1.0 / math.sqrt(least), SLOWER)
 
     def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
-        """As in `MotionLimit`: of a limit there is what gravity leaves, to either side."""
+        """As in `MotionLimit`: of a limit there is what gravity leaves."""
         still, at = cast(ChartRates, np.zeros_like(first)), self.limited
         held = holding_torques(self.tree, points)
         on_u = torques_of(self.tree, points, still, first) - held
         on_x = torques_of(self.tree, points, first, second) - held
-        left = np.maximum(self.limits[at] - np.abs(held[:, at]), LEAST * self.limits[at])
-        return CurveLimits(np.full(len(points), np.inf), on_u[:, at], on_x[:, at], left)
+        limits, held = self.limits[at], held[:, at]
+        below, above = (np.maximum(limits + side * held, LEAST * limits) for side in (1.0, -1.0))
+        return CurveLimits(np.full(len(points), np.inf), on_u[:, at], on_x[:, at], below, above)
 
     def faults(self, zs: ChartPoints) -> list[EffortFault | None]:
         """Of points (g, nv) the joint that gravity takes farthest beyond its limit; None where it can be held."""

@@ -43,10 +43,11 @@ class CurveLimits(NamedTuple):
     """What a limit allows along a curve q(r), at g places, of x = (dr/dt)² and u = d²r/dt²."""
 
     caps: np.ndarray  # of x, shape (g,)
-    # |on_u u + on_x x| is kept within limits: of k rows, each of shape (g, k)
+    # on_u u + on_x x is kept between -below and above, which are positive: of k rows, each of shape (g, k)
     on_u: np.ndarray
     on_x: np.ndarray
-    limits: np.ndarray
+    below: np.ndarray
+    above: np.ndarray
 
 
 class MotionLimit(Protocol):
@@ -109,13 +110,14 @@ class CartesianLimit(ReadOnly):
             caps = (self.speed / speeds) ** 2
         if not math.isfinite(self.acceleration):
             none = np.empty((count, 0))
-            return CurveLimits(caps, none, none, none)
+            return CurveLimits(caps, none, none, none, none)
         ways = velocities / np.maximum(np.linalg.norm(velocities, axis=1), 1e-30)[:, None]
         forward = np.einsum("gk,gk->g", ways, bends)
         across = np.linalg.norm(bends - forward[:, None] * ways, axis=1)
         with np.errstate(divide="ignore"):
             caps = np.minimum(caps, SHARED * self.acceleration / across)
-        return CurveLimits(caps, speeds[:, None], forward[:, None], np.full((count, 1), SHARED * self.acceleration))
+        kept = np.full((count, 1), SHARED * self.acceleration)
+        return CurveLimits(caps, speeds[:, None], forward[:, None], kept, kept)
 
 
 SHARED = 0.85
