@@ -23,14 +23,12 @@ from guidefield.planner.motion_certificate import Finished, certify_as_far_as_fo
 from guidefield.planner.optimized_motion import Crossed, optimize_motion, through_planes
 from guidefield.planner.path_so_far import (
     PathSoFar,
-    ScheduledPath,
     limits_of,
     motion_along,
     rounded_spline,
     soonest_along,
     stopping_along,
 )
-from guidefield.planner.schedule.slices import find_free_from, find_meeting, stays_free
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.prove.verdict import LIMITS, Reason
@@ -57,12 +55,10 @@ STOPPING = "no motion round the corners of the path was certified: this one stop
 def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     """Make a certified trajectory of a path whose straight pieces are free; judge one that failed as far as it goes.
 
-    Only one that is proven itself is worth a try where the optimised one is refused. One with a schedule keeps it then.
+    Only one that is proven itself is worth a try where the optimised one is refused.
     """
     if found.failure is not None or problem.optimization_iterations == 0 or len(distinct(found.path)) == 1:
         return found_motion(problem, found, stages)
-    if isinstance(found, ScheduledPath):
-        return _optimize_schedule(problem, found, stages) or found_motion(problem, found, stages)
     finished = _optimize_path(problem, found, stages)
     if finished is not None and (finished.verdict.free or not found.proven):
         return finished
@@ -80,24 +76,7 @@ def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished
     """The motion along a path as found, as fast as its limits or its schedule allow, judged as far as it goes."""
     if found.failure is not None:
         return certify_as_far_as_found(problem, found, stages)
-    if isinstance(found, ScheduledPath):
-        return certify_motion(problem, found.trajectory(), found.knots, stages)
     return _follow_path(problem, found, stages)
-
-
-def _optimize_schedule(problem: Problem, found: ScheduledPath, stages: Stages) -> Finished | None:
-    motion = found.trajectory()
-    crossed = Crossed.of(problem, found.path, found.crossings)
-    waits, end = bool((found.path[0] == found.path[1]).all()), found.z
-    leave_by, arrive_from = find_meeting(problem, problem.z_start)[0] if waits else 0.0, -np.inf
-    while True:
-        made = optimize_motion(problem, motion, (), stages, crossed, (leave_by, arrive_from))
-        if made is None or made.trajectory is None or not made.verdict.free:
-            return None
-        arrival = float(made.trajectory.times[-1])
-        if arrive_from > -np.inf or stays_free(problem, end, arrival) or not stays_free(problem, end, found.time):
-            return made
-        arrive_from = find_free_from(problem, end)
 
 
 def _optimize_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finished | None:
@@ -105,15 +84,16 @@ def _optimize_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finish
 
     None where it can't be brought onto a guide plane.
     """
-
-    def soonest(path: ChartPoints) -> Trajectory:
-        return soonest_along(problem, fewer_waypoints(problem, path, found.crossings) if found.crossings else path)
-
     with stages.entered("parameterize", "as fast as the limits allow along the path") as stage:
-        motion = soonest(found.path)
+        motion = soonest_through(problem, found, found.path)
         stage.outcome = f"{motion.duration:.3f} s"
-    others = (soonest(path) for path in found.others)
+    others = (soonest_through(problem, found, path) for path in found.others)
     return optimize_motion(problem, motion, others, stages, Crossed.of(problem, found.path, found.crossings))
+
+
+def soonest_through(problem: Problem, found: PathSoFar, path: ChartPoints) -> Trajectory:
+    """The fastest motion along a path (n, nv) of what was found, whatever its jerk; between guide planes straighter."""
+    return soonest_along(problem, fewer_waypoints(problem, path, found.crossings) if found.crossings else path)
 
 
 def _follow_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:

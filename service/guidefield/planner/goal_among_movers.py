@@ -8,7 +8,7 @@ waits until the obstacles have come to rest, if it may wait, and goes as the pla
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,14 +17,15 @@ import numpy as np
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
-from guidefield.planner.finish import finish, found_motion
-from guidefield.planner.held_paths import HeldPath, connections, detours, quick_paths
+from guidefield.planner.ends import are_free
+from guidefield.planner.finish import finish, found_motion, soonest_through
+from guidefield.planner.held_paths import HeldPath, Through, connections, detours, quick_paths
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct
 from guidefield.planner.motion_certificate import Finished, certify_motion, judge
 from guidefield.planner.optimize.clearance_samples import keeps_aside
-from guidefield.planner.optimized_motion import NO_PLANES, optimize_motion
-from guidefield.planner.path_so_far import PathSoFar, soonest_along
+from guidefield.planner.optimized_motion import Crossed, optimize_motion
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
     Occupancy,
@@ -46,11 +47,19 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 MotionJudge = Callable[[Trajectory], Verdict]  # judges a motion from time 0 on
 
 
-def reach_among_movers(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
-    """Bring a robot to one of several goals (m, nv), free once all rest, among obstacles that move; from time 0 on."""
-    search = _Search(problem, goals, stages)
-    finished = None if problem.path_constraints else search.by_quick_paths() or search.by_detours()
-    finished = finished or search.by_thorough_ways()
+def reach_among_movers(problem: Problem, goals: ChartPoints | None, through: Through, stages: Stages) -> Finished:
+    """Bring a robot through guide planes to a goal among obstacles that move, from time 0 on.
+
+    Args:
+        problem: Its start is free at time 0.
+        goals: Chart points, shape (m, nv), free once all rest; None where they are known behind the planes only.
+        through: Leads through the planes.
+        stages: Told of what is done.
+    """
+    search, finished = _Search(problem, goals, stages), None
+    if not problem.path_constraints:
+        finished = search.by_quick_paths(through) or search.by_detours(through)
+    finished = finished or search.by_thorough_ways(through)
     if finished is not None:
         return finished
     return search.failed()
@@ -89,7 +98,9 @@ class _Estimate:
 class _Search:
     """What is known by now: until when the start is free, when goals are, and where schedules ended."""
 
-    def __init__(self, problem: Problem, goals: ChartPoints, stages: Stages, also: MotionJudge | None = None) -> None:
+    def __init__(
+        self, problem: Problem, goals: ChartPoints | None, stages: Stages, also: MotionJudge | None = None
+    ) -> None:
         self._problem, self._goals, self._stages, self._also = problem, goals, stages, also
         self._slices = Slices(problem, step_of(problem.group) / slices_in(step_of(problem.group)))
         self._free_from: dict[bytes, float] = {}
@@ -101,24 +112,19 @@ class _Search:
         """Until when the robot may wait where it starts [s], and the refusal of a longer wait."""
         return find_meeting(self._problem, self._problem.z_start)
 
-    @cached_property
-    def _goals_from(self) -> float:
-        """From when on a robot may stand at any of the goals for good [s]."""
-        return min(map(self._from, self._goals))
-
-    def by_quick_paths(self) -> Finished | None:
+    def by_quick_paths(self, through: Through) -> Finished | None:
         """The motion along the way that is arrived on first, of those that a few motions find; None without any."""
         with self._stages.entered("connect", "ways to the goal, and when each can be gone") as stage:
-            estimates = list(self._estimates(quick_paths(self._problem, self._goals)))
+            estimates = list(self._estimates(quick_paths(self._problem, through)))
             stage.outcome = f"{len(estimates)} ways can be gone"
         return self._first(estimates)
 
-    def by_detours(self) -> Finished | None:
+    def by_detours(self, through: Through) -> Finished | None:
         """The motion by a place to wait at, where the robot may not wait where it starts; None without any."""
         if self.leave_by[0] == np.inf or self._problem.deadline.expired():
             return None
         with self._stages.entered("connect", "ways by places to wait at") as stage:
-            ways = detours(self._problem, self._goals, self._slices, self.leave_by[0])
+            ways = detours(self._problem, through, self._slices, self.leave_by[0])
             estimates = list(self._estimates(ways))
             stage.outcome = f"{len(estimates)} ways can be gone"
         return self._first(estimates)
@@ -132,12 +138,16 @@ class _Search:
                 return finished
         return None
 
-    def by_thorough_ways(self) -> Finished | None:
+    def by_thorough_ways(self, through: Through) -> Finished | None:
         """The motion along the way of the planner among obstacles at rest; None if there is none."""
         if self._problem.deadline.expired():
             return None
         resting, words = self._problem.at(self._problem.scene.end), "to the goal, among the obstacles once they rest"
-        for found in connections(resting, PathSoFar.at_start(resting), self._goals, self._stages, words):
+        crossed, goals = through(resting, PathSoFar.at_start(resting), True)
+        found_ways: Iterable[PathSoFar] = (crossed,)
+        if goals is not None and crossed.failure is None:
+            found_ways = connections(resting, crossed, goals, self._stages, words)
+        for found in found_ways:
             if found.failure is not None:
                 self._ending = self._ending or found.failure
                 return None
@@ -189,10 +199,10 @@ class _Search:
         deadline, known = self._problem.deadline.share(WAYS.share), set[tuple[bytes, bool]]()
         for way in ways:
             key = way.found.path.tobytes(), way.at_rest
-            if len(distinct(way.found.path)) == 1 or key in known:
+            if len(distinct(way.found.path)) == 1 or key in known or not self._ends_free(way):
                 continue
             known.add(key)
-            motion = soonest_along(way.problem, way.found.path)
+            motion = soonest_through(way.problem, way.found, way.found.path)
             chosen = self._earliest(motion, self._occupancy(motion, at_rest=way.at_rest), WAYS.rooms)
             if not chosen and deadline.expired():
                 return
@@ -200,9 +210,16 @@ class _Search:
                 continue
             arrival = chosen[0].arrival
             yield _Estimate(way, arrival)
-            unhindered = WAYS.unhindered * max(motion.duration, self._goals_from) + step_of(self._problem.group)
+            soonest = 0.0 if self._goals is None else min(map(self._from, self._goals))
+            unhindered = WAYS.unhindered * max(motion.duration, soonest) + step_of(self._problem.group)
             if arrival <= unhindered or deadline.expired():
                 return
+
+    def _ends_free(self, way: HeldPath) -> bool:
+        """Whether a way that led to no known goal ends where the robot may stand once all obstacles rest."""
+        if self._goals is not None:
+            return True
+        return bool(are_free(self._problem.at(self._problem.scene.end), way.found.path[-1:])[0])
 
     def _along(self, way: HeldPath) -> Finished | None:
         made, soonest = None, -np.inf
@@ -221,7 +238,8 @@ class _Search:
         if self._problem.optimization_iterations == 0 or motion.duration == 0.0:
             return made
         between = self.leave_by[0], self._from(motion.positions[-1])
-        better = optimize_motion(self._problem, motion, (), self._stages, NO_PLANES, between, self._judge)
+        crossed = Crossed.of(self._problem, made.path, made.crossings)
+        better = optimize_motion(self._problem, motion, (), self._stages, crossed, between, self._judge)
         if better is None or not better.verdict.free:
             return made
         return replace(better, warnings=(*made.warnings, *better.warnings))

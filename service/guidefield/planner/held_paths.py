@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,27 +142,37 @@ class HeldPath(ReadOnly):
     detour: bool = False  # whether it goes by a place to wait at, so that it may not be made shorter
 
 
-def quick_paths(problem: Problem, goals: ChartPoints) -> Iterator[HeldPath]:
-    """Ways that a few motions find, one after the other.
+Through = Callable[[Problem, PathSoFar, bool], tuple[PathSoFar, ChartPoints | None]]
+"""Leads a motion through the guide planes of a problem, if there are any, by all means or by the first one; and the
+goals (m, nv) after them, None where the last plane is the goal."""
 
-    Args:
-        goals: Chart points of which one is to be reached, shape (m, nv), free once all obstacles rest.
-    """
+
+def quick_paths(problem: Problem, through: Through) -> Iterator[HeldPath]:
+    """Ways that a few motions find, one after the other, through the guide planes to goals."""
     for draw, (name, among, at_rest) in enumerate(_holdings(problem)):
         if problem.deadline.expired():
             return
-        touching = among.lanes.touching(np.vstack([problem.z_start, goals]), problem.min_clearance)
-        if touching[0] or touching[1:].all():
+        if among.lanes.touching(problem.z_start[None], problem.min_clearance)[0]:
             continue
-        near = np.array([problem.group.unwrapped(goal, problem.z_start) for goal in goals[~touching[1:]]])
-        way = quickest_way(among, problem.z_start, near, np.random.default_rng([problem.seed, 5, draw]))
-        if way is not None:
-            found = PathSoFar.at_start(among).extended(way.path, proven=False, others=way.others)
+        rng = np.random.default_rng([problem.seed, 5, draw])
+        if (found := _go_on(among, PathSoFar.at_start(among), through, rng)) is not None:
             yield HeldPath(name, among, found, at_rest)
 
 
-def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) -> Iterator[HeldPath]:
-    """Ways to goals (m, nv) by places to wait at, where the robot can't stay from a time on [s]; free longest first."""
+def _go_on(among: Problem, found: PathSoFar, through: Through, rng: np.random.Generator) -> PathSoFar | None:
+    """Go on from where a motion ends, through the guide planes to the nearest free goal, by a few motions."""
+    found, goals = through(among, found, False)
+    if found.failure is not None or goals is None:
+        return found if found.failure is None else None
+    free = goals[~among.lanes.touching(goals, among.min_clearance)]
+    here = found.path[-1]
+    near = np.array([among.group.unwrapped(goal, here) for goal in free])
+    way = quickest_way(among, here, near, rng) if len(near) else None
+    return None if way is None else found.extended(way.path, proven=False, others=way.others)
+
+
+def detours(problem: Problem, through: Through, slices: Slices, since: float) -> Iterator[HeldPath]:
+    """Ways by places to wait at, where the robot can't stay from a time on [s]; those that are free longest first."""
     rng, among, last = np.random.default_rng([problem.seed, 6]), _among(problem, {}), problem.at(problem.scene.end)
     places = _places(among, rng)
     if not len(places):
@@ -176,13 +186,12 @@ def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) 
         if problem.deadline.expired():
             return
         there = quickest_way(among, problem.z_start, place[None], rng)
-        near = np.array([problem.group.unwrapped(goal, place) for goal in goals])
-        onward = (
-            None if there is None else quickest_way(last, place, near, rng) or quickest_way(among, place, near, rng)
-        )
-        if there is not None and onward is not None:
-            found = PathSoFar.at_start(among).extended(there.path, proven=False).extended(onward.path, proven=False)
-            yield HeldPath("by a place to wait at", among, found, detour=True)
+        if there is None:
+            continue
+        found = PathSoFar.at_start(among).extended(there.path, proven=False)
+        onward = _go_on(last, found, through, rng) or _go_on(among, found, through, rng)
+        if onward is not None:
+            yield HeldPath("by a place to wait at", among, onward, detour=True)
 
 
 def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:

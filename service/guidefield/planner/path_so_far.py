@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Self, cast
@@ -12,7 +12,6 @@ import numpy as np
 
 from guidefield.planner.connect.constrained import Keeper
 from guidefield.planner.motion.bspline import BSpline
-from guidefield.planner.motion.profiles import CUBIC, Profile
 from guidefield.planner.motion.timing import Limits, PathCurve, executed, parameterize
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.motion.waypoints import CURVE, distinct, lengths_of, polyline, subdivided
@@ -151,50 +150,3 @@ class PathSoFar(ReadOnly):
     def piece_times(self) -> np.ndarray:
         """When the pieces begin, and the last one ends, shape (m + 1,) [s]; their numbers where they have no times."""
         return np.arange(float(len(self.path))) if len(self.path) > 1 else np.zeros(2)
-
-
-@dataclass(frozen=True, eq=False)
-class ScheduledPath(PathSoFar):
-    """The motion found so far among obstacles that move: at rest at each point of its path."""
-
-    # when it is at each of them, shape (n,), increasing [s]
-    times: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    profile: Profile = CUBIC
-
-    @property
-    def time(self) -> float:
-        """When it ends [s]."""
-        return float(self.times[-1])
-
-    @property
-    def z(self) -> ChartPoint:
-        """Where it ends, a chart point, shape (nv,)."""
-        return cast(ChartPoint, self.path[-1])
-
-    @property
-    def waited(self) -> float:
-        """For how long the robot has stood where it was [s]."""
-        stands = (self.path[1:] == self.path[:-1]).all(axis=1)
-        return float(np.diff(self.times)[stands].sum())
-
-    def until(self, points: Sequence[ChartPoint], times: Sequence[float]) -> ScheduledPath:
-        """Gone on to more chart points, each of shape (nv,), where the robot is at some times [s]."""
-        path = cast(ChartPoints, np.array([*self.path, *points]))
-        return dataclasses.replace(self, path=path, times=np.array([*self.times, *times]))
-
-    def trajectory(self, since: int = 0) -> Trajectory:
-        """The motion from the point of an index on."""
-        return self.profile.through(self.path[since:], self.times[since:])
-
-    @property
-    def knots(self) -> Mapping[int, int]:
-        """By index of each guide plane that was reached, the knot of `trajectory` that is on it."""
-        return {plane: at * self.profile.pieces for plane, at in self.crossings.items()}
-
-    def bezier(self) -> ChartCurves:
-        """As in `PathSoFar`."""
-        return self.trajectory().bezier()
-
-    def piece_times(self) -> np.ndarray:
-        """As in `PathSoFar`."""
-        return self.trajectory().piece_times()

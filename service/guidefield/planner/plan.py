@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,15 +13,15 @@ from guidefield.errors import Status
 from guidefield.planner.crossings import cross_planes, find_led_goals
 from guidefield.planner.ends import UNREACHED, check_start, goal_points
 from guidefield.planner.finish import finish
-from guidefield.planner.goal_among_movers import keep_schedule, reach_among_movers
+from guidefield.planner.goal_among_movers import reach_among_movers
 from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.guide.rounds import Attempt
-from guidefield.planner.held_paths import connections
+from guidefield.planner.held_paths import Through, connections
 from guidefield.planner.in_motion import STOPS, finish_in_motion, moving_ends
 from guidefield.planner.leaving import continue_after, join_way_out, leave
-from guidefield.planner.motion.trajectory import Trajectory, led_to, one_after_another
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import Finished, certify_motion, executed_motion, find_excess
-from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed, Stages, refusal
 from guidefield.planner.task.trace import StageLeft
@@ -81,46 +81,42 @@ def _plan_from_start(problem: Problem, planner: Planner, attempts: Sequence[Atte
     if problem.in_motion:
         assert goals is not None, "planes are no goals then"
         return _plan_in_motion(problem, goals, stages)
-    found, scheduled = PathSoFar.at_start(problem), None
-    if planner is not Planner.TREE and problem.guide_planes:
-        found, scheduled = _through_planes(problem, planner, attempts, stages)
-    if scheduled is not None:
-        return scheduled
-    if goals is None and isinstance(problem.goal, TipGoal) and found.failure is None:
-        found, goals = find_led_goals(problem, found, stages, attempts)
+    through = _planes_of(problem, goals, planner, attempts, stages)
+    if problem.scene.moves:
+        return reach_among_movers(problem, goals, through, stages)
+    found, goals = through(problem, PathSoFar.at_start(problem), True)
     if goals is None or found.failure is not None:
         return finish(problem, found, stages)
-    if isinstance(found, ScheduledPath):
-        return _go_on_to_goal(problem, found, goals, stages)
     return _reach_goal(problem, found, goals, stages)
 
 
-def _through_planes(
-    problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages
-) -> tuple[PathSoFar, Finished | None]:
-    """The motion through the guide planes; or the whole one, where they are crossed as once all obstacles rest."""
-    if problem.scene.moves and problem.path_constraints:  # which only connections keep, and they know no time
-        return PathSoFar.at_start(problem), _plan_once_they_rest(problem, planner, attempts, stages)
-    found = cross_planes(problem, stages, attempts, connects=planner is Planner.AUTO)
-    stuck = found.failure is not None and not problem.deadline.expired()
-    if not (problem.scene.moves and stuck and planner is Planner.AUTO):
-        return found, None
-    scheduled = _plan_once_they_rest(problem, planner, attempts, stages)
-    return found, scheduled if scheduled.failure is None and scheduled.verdict.free else None
+def _planes_of(
+    problem: Problem, goals: ChartPoints | None, planner: Planner, attempts: Sequence[Attempt], stages: Stages
+) -> Through:
+    """The way through a problem's guide planes, among its obstacles or some of them, to the goals after them."""
+
+    def through(among: Problem, found: PathSoFar, thoroughly: bool) -> tuple[PathSoFar, ChartPoints | None]:
+        behind, tried = goals, attempts if thoroughly else attempts[:1]
+        if planner is not Planner.TREE and among.guide_planes:
+            connects = thoroughly and planner is Planner.AUTO
+            found = cross_planes(among, found, stages, tried, connects=connects)
+        if goals is None and isinstance(among.goal, TipGoal) and found.failure is None:
+            found, behind = find_led_goals(among, found, stages, tried)
+        if among.robot_field is not problem.robot_field:
+            problem.robot_field.evaluations += among.robot_field.evaluations
+            among.robot_field.evaluations = 0
+        return found, behind
+
+    return through
 
 
-def _plan_once_they_rest(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
-    """Plan among the obstacles that move as once they rest, and go along that when nothing is met."""
-    finished = _plan_from_start(problem.at(problem.scene.end), planner, attempts, stages)
-    if finished.failure is not None:
-        return replace(finished, failure=_once_they_rest(problem, finished.failure))
-    return keep_schedule(problem, finished, stages, at_rest=True) if finished.verdict.free else finished
-
-
-def _once_they_rest(problem: Problem, ending: Ending) -> Ending:
-    end = problem.scene.end
+def _once_they_rest(problem: Problem, failed: StageFailed) -> StageFailed:
+    """What is told of a goal, which is judged as the obstacles stand once they have come to rest."""
+    if not problem.scene.moves:
+        return failed
+    end, ending = problem.scene.end, failed.ending
     message = f"as the obstacles stand from {end:.2f} s on: {ending.message}"
-    return Ending(ending.status, message, {**ending.details, "time": end})
+    return StageFailed(ending.status, message, **{**ending.details, "time": end})
 
 
 def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
@@ -132,38 +128,16 @@ def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Fin
     if not problem.scene.moves:
         return finish_in_motion(problem, ends, stages)
 
-    stopped = _continue(problem, ends.stop, ends.inner_goals, ends.around, stages, {})
-    return replace(stopped, warnings=(*stopped.warnings, STOPS))
-
-
-def _go_on_to_goal(problem: Problem, found: ScheduledPath, goals: ChartPoints, stages: Stages) -> Finished:
-    crossed = finish(problem, found, stages)
-    begun = crossed.trajectory
-    assert begun is not None, "all planes were crossed"
-
-    def around(rest: Trajectory) -> Trajectory:
-        return one_after_another([led_to(begun, rest), rest])
-
-    return _continue(problem, begun, goals, around, stages, crossed.crossings)
-
-
-def _continue(
-    problem: Problem,
-    begun: Trajectory,
-    goals: ChartPoints,
-    around: Callable[[Trajectory], Trajectory],
-    stages: Stages,
-    crossings: Mapping[int, int],
-) -> Finished:
-    """Go on to a goal where a motion ends, and judge both as one."""
-    then = problem.since(float(begun.times[-1]), problem.group.from_chart(begun.positions[-1]))
-    rest = _reach_goal(then, PathSoFar.at_start(then), goals, stages)
-    whole = begun if rest.trajectory is None else around(rest.trajectory)
-    judged = certify_motion(problem, whole, crossings, stages, message="the whole motion, between samples too")
+    stop = ends.stop
+    then = problem.since(stop.duration, problem.group.from_chart(stop.positions[-1]))
+    through = _planes_of(then, ends.inner_goals, Planner.TREE, (), stages)
+    rest = reach_among_movers(then, ends.inner_goals, through, stages)
+    whole = stop if rest.trajectory is None else ends.around(rest.trajectory)
+    judged = certify_motion(problem, whole, {}, stages, message="the whole motion, between samples too")
     if rest.trajectory is None:
-        return replace(judged, trajectory=None, failure=rest.failure, warnings=rest.warnings)
-    path = np.concatenate([whole.positions[: len(begun.positions)], rest.path[1:]])
-    return replace(judged, path=path, warnings=rest.warnings)
+        return replace(judged, trajectory=None, failure=rest.failure, warnings=(*rest.warnings, STOPS))
+    path = np.concatenate([whole.positions[: len(stop.positions)], rest.path[1:]])
+    return replace(judged, path=path, warnings=(*rest.warnings, STOPS))
 
 
 def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | None:
@@ -173,13 +147,10 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
         try:
             goals = goal_points(problem.at(problem.scene.end))
         except StageFailed as failed:
-            if problem.scene.moves:  # it is judged as they stand once they have come to rest
-                ending = _once_they_rest(problem, failed.ending)
-                raise StageFailed(ending.status, ending.message, **ending.details) from None
             leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.path_constraints
             unreached = failed.ending.status in UNREACHED
             if not (leads and unreached and isinstance(problem.goal, TipGoal)):
-                raise
+                raise _once_they_rest(problem, failed) from None
             stage.outcome = "the start is free; the goal's pose is looked for from where guide planes lead"
             return None
         if goals is None:
@@ -191,8 +162,6 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
 
 def _reach_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages) -> Finished:
     """Connect and finish: what is free at samples is optimised at once; where that fails, it is proven before."""
-    if problem.scene.moves:
-        return reach_among_movers(problem, goals, stages)
     finished = None
     for connected in connections(problem, found, goals, stages, "to the goal"):
         finished = finish(problem, connected, stages)

@@ -37,18 +37,6 @@ from guidefield.robot.group.kinematics import mover_of, planned_values
 from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.guide_plane import SLACK, GuidePlane
 
-ANYWHERE = TipGuard(
-    origin=frozen(np.zeros(3)),
-    axes=frozen(np.eye(2, 3)),
-    inward=frozen(np.eye(2)),
-    offsets=frozen(np.zeros(2)),
-    corners=frozen(np.zeros((1, 2))),
-    inset=0.0,
-    farthest=np.inf,
-    depth=-np.inf,
-)
-"""A guard that lets the tip be anywhere."""
-
 
 @dataclass(frozen=True, eq=False)
 class Aim:

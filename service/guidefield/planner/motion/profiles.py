@@ -3,75 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
 
-from guidefield.planner.motion.timing import Limits
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
-
-
-@dataclass(frozen=True, eq=False)
-class Profile(ReadOnly):
-    """How a way d is gone in a time T."""
-
-    shares: np.ndarray  # of T, at its knots, shape (k,), from 0 to 1
-    ways: np.ndarray  # of d, at its knots, shape (k,), from 0 to 1
-    speeds: np.ndarray  # at its knots, in d/T, shape (k,)
-    velocity: float
-    acceleration: float
-    jerk: float
-
-    @property
-    def pieces(self) -> int:
-        """How many of a cubic it has."""
-        return len(self.shares) - 1
-
-    def through(self, points: ChartPoints, times: np.ndarray) -> Trajectory:
-        """The motion through points (n, nv), at rest at each, where it is at times (n,) [s]."""
-        spans, ways = np.diff(times)[:, None], np.diff(points, axis=0)[:, None]
-        begins, inner = times[:-1, None], slice(0, -1)
-        positions = points[:-1, None] + self.ways[inner, None] * ways
-        velocities = self.speeds[inner, None] * (ways / spans[:, None])
-        nv = points.shape[1]
-        return Trajectory(
-            np.append((begins + self.shares[inner] * spans).ravel(), times[-1]),
-            cast(ChartPoints, np.concatenate([positions.reshape(-1, nv), points[-1:]])),
-            cast(ChartRates, np.concatenate([velocities.reshape(-1, nv), np.zeros((1, nv))])),
-        )
-
-    def duration(self, start: ChartPoint, end: ChartPoint, limits: Limits, nominal: float) -> float:
-        """How long the motion takes from one chart point (nv,) to another [s].
-
-        It uses the nominal share of the velocity's limit; its square of the acceleration's, its cube of the jerk's.
-        """
-        way = np.abs(end - start)
-        lasts = [self.velocity * way / limits.velocity, np.sqrt(self.acceleration * way / limits.acceleration)]
-        if np.isfinite(self.jerk):
-            lasts.append(np.cbrt(self.jerk * way / limits.jerk))
-        return max(float(np.max(lasts)) / nominal, SHORTEST)
-
-
-SHORTEST = 1e-3  # a motion lasts so long at least [s]
-
-CUBIC = Profile(np.array([0.0, 1.0]), np.array([0.0, 1.0]), np.zeros(2), 1.5, 6.0, np.inf)
-LEAST_JERK = Profile(
-    np.array([0.0, 0.25, 0.75, 1.0]),
-    np.array([0.0, 1.0 / 12.0, 11.0 / 12.0, 1.0]),
-    np.array([0.0, 1.0, 1.0, 0.0]),
-    2.0,
-    8.0,
-    32.0,
-)
-
-
-def profile_of(limits: Limits) -> Profile:
-    """The one that is gone within limits."""
-    return LEAST_JERK if np.isfinite(limits.jerk).any() else CUBIC
-
 
 RAMP = 0.02  # where there is no limit of jerk, accelerations rise to their limit in this time [s]
 APART = 1e-9  # times that are closer than this are one [s]

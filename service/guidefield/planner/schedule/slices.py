@@ -294,11 +294,6 @@ def find_free_from(problem: Problem, z: ChartPoint) -> float:
     return last
 
 
-def stays_free(problem: Problem, z: ChartPoint, since: float) -> bool:
-    """Whether a robot may stand at a chart point (nv,) from a time on [s] until all obstacles have come to rest."""
-    return since >= problem.scene.end or _stands(problem, z, since, problem.scene.end).free
-
-
 def _stands(problem: Problem, z: ChartPoint, begin: float, end: float) -> Verdict:
     verdict = certify_moving(
         problem.world,
