@@ -239,16 +239,16 @@ class _Answering:
 
     def _judge(self, asked: Ask) -> StreamJudged:
         judge: StreamJudge = codec.decode(asked.payload, StreamJudge, asked.encoding)
-        told = self._stream.judged(judge.time)
+        verdict = self._stream.judged(judge.time)
         commit = self._stream.executing
-        pair = self._stream.pair_of(told)
+        pair = self._stream.pair_of(verdict)
         return StreamJudged(
-            proven=told.free,
+            proven=verdict.free,
             executing=commit.number,
             stops=commit.stops,
             pair=pair,
-            time=None if pair is None else told.time,
-            evaluations=told.evaluations,
+            time=None if pair is None else verdict.time,
+            evaluations=verdict.evaluations,
         )
 
     def _halt(self, _asked: Ask) -> Done:

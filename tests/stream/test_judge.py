@@ -16,7 +16,7 @@ from guidefield.messages.values import Placement
 from guidefield.scene.obstacle import build as built
 from guidefield.scene.scene import build
 from guidefield.stream.commit import Commit, JointBounds, towards
-from guidefield.stream.judge import Judge, Judgement
+from guidefield.stream.judge import CommitReason, Judge
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import Opened, read_opening
 from tests.robots import robot
@@ -60,8 +60,8 @@ class Judged:
         bounds = JointBounds(np.full(self.group.nv, -np.inf), np.full(self.group.nv, np.inf), rates)
         return towards(start, wanted, np.full(self.group.nv, np.inf), bounds, begins, 0.03, 1e-7)
 
-    def told(self, commit: Commit, most: int = 5000) -> Judgement:
-        return self.judge.judge(commit, self.obstacles.seen(0.0), most).judgement
+    def told(self, commit: Commit, most: int = 5000) -> CommitReason:
+        return self.judge.judge(commit, self.obstacles.seen(0.0), most).reason
 
     def least_room(self, commit: Commit, seen: Observation, shape: Any, rate: float, samples: int = 60) -> float:
         """By how much the distance exceeds what is promised, where least: dense samples, Pinocchio and Coal."""
@@ -112,13 +112,13 @@ def test_what_is_proven_holds_densely_and_what_is_not_close_to_failing_is_proven
             commit = judged.random_commit(rng)
             verdict = judged.told(commit)
             room = judged.least_room(commit, seen, shape, speed if assume == "largest_speed" else 0.2, 24)
-            verdicts.append(verdict is Judgement.FREE)
-            if verdict is Judgement.FREE:
+            verdicts.append(verdict is CommitReason.FREE)
+            if verdict is CommitReason.FREE:
                 assert room > -1e-6
-            elif verdict is Judgement.OBSTACLE:
+            elif verdict is CommitReason.OBSTACLE:
                 assert room <= 0.006  # hulls and convex parts stand off the meshes by some millimetres
             if room > 0.006:
-                assert verdict is Judgement.FREE
+                assert verdict is CommitReason.FREE
     assert 0 < sum(verdicts) < len(verdicts)
 
 
@@ -145,7 +145,7 @@ def test_a_cloud_a_mesh_and_a_half_space_are_judged_as_what_they_are() -> None:
         for where, free in ((tip, False), (far, True)):
             seen = Observation(message.name, 0.0, Placement(tuple(where.tolist())))
             judged.obstacles.observe(seen)
-            assert (judged.told(commit) is Judgement.FREE) == free, message.name
+            assert (judged.told(commit) is CommitReason.FREE) == free, message.name
 
 
 def test_a_robot_wholly_inside_a_closed_mesh_is_not_free() -> None:
@@ -158,23 +158,23 @@ def test_a_robot_wholly_inside_a_closed_mesh_is_not_free() -> None:
     dented += [(4, 6, 8), (6, 7, 8), (7, 5, 8), (5, 4, 8)]
     judged = Judged("ur5", [StreamObstacle(Mesh(name="room", vertices=vertices, triangles=dented), 0.0)])
     judged.obstacles.observe(Observation("room", 0.0, Placement((-0.5, 0.0, 0.0))))
-    assert judged.told(Commit.standing(judged.opened.start, 0.0)) is Judgement.OBSTACLE
+    assert judged.told(Commit.standing(judged.opened.start, 0.0)) is CommitReason.OBSTACLE
 
 
 @pytest.mark.parametrize("column", [0, 1, 2, 3, 4])
 def test_a_motion_that_breaks_a_limit_or_jumps_is_refused(column: int) -> None:
     judged = Judged("ur5", [])
     commit = judged.random_commit(np.random.default_rng(2))
-    assert judged.told(commit) is not Judgement.LIMITS
+    assert judged.told(commit) is not CommitReason.LIMITS
     phases = commit.phases.copy()
     phases[2, 1, column] += 1e-5 if column else 1e-4
     broken = Commit(1, 0.0, 0.03, commit.stops, commit.start, phases, commit.counts, commit.ends)
-    assert judged.told(broken) is Judgement.LIMITS
+    assert judged.told(broken) is CommitReason.LIMITS
 
 
 def test_the_robot_meets_itself() -> None:
     judged = Judged("ur5", [], start={"elbow_joint": 3.0})
-    assert judged.told(Commit.standing(judged.opened.start, 0.0)) is Judgement.OWN
+    assert judged.told(Commit.standing(judged.opened.start, 0.0)) is CommitReason.OWN
 
 
 def test_ways_are_bounded_by_what_is_travelled() -> None:

@@ -55,7 +55,7 @@ class StreamJudged(Reply):
         stops: Time at which the robot stands, by the client's clock [s].
         pair: The bodies that couldn't be proven apart: a link, and a link or an obstacle; null if proven, or undecided.
         time: Time of that [s]; null as there.
-        evaluations: Configurations at which it was certified.
+        evaluations: Segments of time in which it was certified.
     """
 
     proven: bool

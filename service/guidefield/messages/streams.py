@@ -265,7 +265,7 @@ class Piece(Reply):
         reaches_goal: Whether the robot stands at the goal in the end.
         position_names: Names of the columns.
         trajectory: The motion from `begins` to `stops`.
-        evaluations: Configurations at which it was certified.
+        evaluations: Segments of time in which it was certified.
     """
 
     number: int

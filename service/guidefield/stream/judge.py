@@ -40,8 +40,8 @@ from guidefield.stream.commit import STANDING, Commit, JointBounds
 from guidefield.stream.shapes import read_only_views, solid_parts
 
 
-class Judgement(enum.Enum):
-    """What the judge says of a commit."""
+class CommitReason(enum.Enum):
+    """The judge's answer about a commit."""
 
     FREE = "free"
     LIMITS = "limits"
@@ -51,18 +51,18 @@ class Judgement(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Told:
-    """A judgement."""
+class CommitVerdict:
+    """The judge's answer about a commit, and where it is refused."""
 
-    judgement: Judgement
+    reason: CommitReason
     evaluations: int
-    pair: int  # of those that the search counts, the robot's own first; of a limit the coordinate; -1: none is told
+    pair: int  # of those that the search counts, the robot's own first; of a limit the coordinate; -1: none is known
     time: float  # where it was refused, by the client's clock [s]
 
     @property
     def free(self) -> bool:
         """Whether the commit is proven."""
-        return self.judgement is Judgement.FREE
+        return self.reason is CommitReason.FREE
 
 
 class Closed(NamedTuple):
@@ -105,7 +105,7 @@ class Judge:
 
     def judge(
         self, commit: Commit, seen: SeenObstacles, most: int, *, reserved: bool = False, since: float | None = None
-    ) -> Told:
+    ) -> CommitVerdict:
         """Judge a commit among obstacles.
 
         Args:
@@ -115,7 +115,7 @@ class Judge:
         stops = commit.stops - commit.begins
         coordinate = broken_limit(commit.phases, commit.counts, commit.start, self._limits, stops)
         if coordinate >= 0:
-            return Told(Judgement.LIMITS, 0, coordinate, commit.begins)
+            return CommitVerdict(CommitReason.LIMITS, 0, coordinate, commit.begins)
         moving = self._moving(commit, seen, self._tolerances, seen.reserved if reserved else seen.movers)
         begin = 0.0 if since is None else min(max(0.0, since - commit.begins), stops)
         verdict = np.zeros(VERDICT)
@@ -128,15 +128,15 @@ class Judge:
         looked, pair, reason = int(verdict[SEGMENTS]), int(verdict[CULPRIT]), int(verdict[REASON])
         time = min(commit.begins + float(verdict[PLACE]), commit.stops)
         if reason == FREE and count > 0:
-            return Told(Judgement.UNDECIDED, looked, -1, commit.stops)
+            return CommitVerdict(CommitReason.UNDECIDED, looked, -1, commit.stops)
         if reason == FREE:
             pair = self._find_enclosure(commit, seen)
-            judgement, time = (Judgement.FREE, commit.begins) if pair < 0 else (Judgement.OBSTACLE, commit.stops)
+            judgement, time = (CommitReason.FREE, commit.begins) if pair < 0 else (CommitReason.OBSTACLE, commit.stops)
         elif reason == UNDECIDED:
-            judgement = Judgement.UNDECIDED
+            judgement = CommitReason.UNDECIDED
         else:
-            judgement = Judgement.OWN if pair < len(self._pairs.own) else Judgement.OBSTACLE
-        return Told(judgement, looked, pair, time)
+            judgement = CommitReason.OWN if pair < len(self._pairs.own) else CommitReason.OBSTACLE
+        return CommitVerdict(judgement, looked, pair, time)
 
     def travelled(self, commit: Commit, seen: SeenObstacles, since: float, until: float, parts: int = 16) -> float:
         """How far any point of the robot comes between two times by a commit, at most [m].

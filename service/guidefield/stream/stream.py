@@ -33,7 +33,7 @@ from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
 from guidefield.stream.commit import Commit, one_after_another, towards
 from guidefield.stream.dodging import Way, flights, pressure_at
-from guidefield.stream.judge import Judge, Judgement, SeenObstacles, Told
+from guidefield.stream.judge import CommitReason, CommitVerdict, Judge, SeenObstacles
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import read_opening
 from guidefield.stream.settings import STREAM, WITHIN
@@ -268,21 +268,26 @@ class CertifiedStream:
         executed, seen = state.find_executed(now), self._obstacles.seen(STREAM.reserve)
         return self._find_piece(_Cycle(now, now + self.request.latency, executed, broken, seen))
 
-    def _find_break(self, now: float) -> Told | None:
+    def _find_break(self, now: float) -> CommitVerdict | None:
         """Why what is executed from now on is no longer proven, where an obstacle is new; None: it is, or none is."""
         fresh, self._state.fresh = self._state.fresh, False
         if not fresh or now >= self._state.commits[self._state.current].stops:
             return None
-        told = self.judged(now)
-        return None if told.free else told
+        verdict = self.judged(now)
+        return None if verdict.free else verdict
 
     def _tell_none(
-        self, now: float, reason: Reason, broken: Told | None, base: Commit, told: Told | None = None
+        self,
+        now: float,
+        reason: Reason,
+        broken: CommitVerdict | None,
+        base: Commit,
+        verdict: CommitVerdict | None = None,
     ) -> StreamState:
-        """The state where there is no piece: what came into the way of what is executed is told before all else."""
+        """The state where there is no piece: what came into the way of what is executed comes before all else."""
         if broken is not None:
             return self._tell_state(now, "appeared", broken, base)
-        return self._tell_state(now, reason, told, base)
+        return self._tell_state(now, reason, verdict, base)
 
     def note(self, update: StreamUpdate) -> StreamState | None:
         """Take what an update says of obstacles and answer nothing, for a newer one is there already.
@@ -332,7 +337,7 @@ class CertifiedStream:
                 self._obstacles.observe(one.seen)
             self._obstacles.known[one.declared.obstacle.name].gone = one.gone
 
-    def judged(self, time: float) -> Told:
+    def judged(self, time: float) -> CommitVerdict:
         """Whether what is executed is still proven from a time on [s], by what was seen last.
 
         That is what the last update said, with the piece that answered it, if there was one.
@@ -409,8 +414,8 @@ class CertifiedStream:
             pursuit.refused = 0 if found is not None else pursuit.refused + 1
         if found is not None:
             return self._send(cycle, *found)
-        told = None if cycle.reason in ("standing", "at_goal") else cycle.told  # of a flight that was refused
-        return self._tell_none(cycle.now, cycle.reason, cycle.broken, cycle.base, told)
+        verdict = None if cycle.reason in ("standing", "at_goal") else cycle.verdict  # of a flight that was refused
+        return self._tell_none(cycle.now, cycle.reason, cycle.broken, cycle.base, verdict)
 
     def _make_commit(self, cycle: _Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
         goals = np.full(self.group.nv, np.inf) if last is None else last
@@ -447,7 +452,7 @@ class CertifiedStream:
                 stays = closing and flees and self._room.stays_free(self._obstacles.drifting(cycle.now), way.goal)
                 cycle.threatened = flees and not stays
                 return commit, "goal"
-        if cycle.told is None or pursuit.unfound:
+        if cycle.verdict is None or pursuit.unfound:
             cycle.reason = "no_way"
         return None
 
@@ -505,13 +510,13 @@ class CertifiedStream:
 
     def _prove(self, cycle: _Cycle, commit: Commit, reserved: bool) -> bool:
         """Whether a commit is proven; the cycle keeps the first refusal."""
-        told = self._judge.judge(commit, cycle.seen, STREAM.evaluations, reserved=reserved)
-        cycle.evaluations = told.evaluations
-        if told.free and not self._is_seen_far_enough(cycle, commit):
-            told = Told(Judgement.UNDECIDED, told.evaluations, -1, commit.stops)
-        if not told.free and cycle.told is None:
-            cycle.told = told
-        return told.free
+        verdict = self._judge.judge(commit, cycle.seen, STREAM.evaluations, reserved=reserved)
+        cycle.evaluations = verdict.evaluations
+        if verdict.free and not self._is_seen_far_enough(cycle, commit):
+            verdict = CommitVerdict(CommitReason.UNDECIDED, verdict.evaluations, -1, commit.stops)
+        if not verdict.free and cycle.verdict is None:
+            cycle.verdict = verdict
+        return verdict.free
 
     def _is_seen_far_enough(self, cycle: _Cycle, commit: Commit) -> bool:
         """Whether what isn't observed yet can't reach the robot before it stands."""
@@ -616,28 +621,28 @@ class CertifiedStream:
         return piece
 
     def _tell_state(
-        self, time: float, reason: Reason, told: Told | None = None, base: Commit | None = None
+        self, time: float, reason: Reason, verdict: CommitVerdict | None = None, base: Commit | None = None
     ) -> StreamState:
         commit = self.executing if base is None else base
         return StreamState(
             update=time,
             reason=reason,
-            pair=None if told is None else self.pair_of(told),
-            time=None if told is None or told.pair < 0 else told.time,
+            pair=None if verdict is None else self.pair_of(verdict),
+            time=None if verdict is None or verdict.pair < 0 else verdict.time,
             executing=commit.number,
             stops=commit.stops,
         )
 
-    def pair_of(self, told: Told) -> tuple[str, str] | None:
+    def pair_of(self, verdict: CommitVerdict) -> tuple[str, str] | None:
         """What a judgement couldn't tell apart: a link, and a link or an obstacle; None where that isn't the reason."""
-        if told.pair < 0 or told.judgement is Judgement.LIMITS:
+        if verdict.pair < 0 or verdict.reason is CommitReason.LIMITS:
             return None
         names, own = self._opened.world.body_names, self._opened.world.pairs.own
-        if told.pair < len(own):
-            first, second = own[told.pair]
+        if verdict.pair < len(own):
+            first, second = own[verdict.pair]
             return names[first], names[second]
         obstacles = self._obstacles.names
-        row, obstacle = divmod(told.pair - len(own), len(obstacles))
+        row, obstacle = divmod(verdict.pair - len(own), len(obstacles))
         return names[self._opened.world.pairs.moving[row]], obstacles[obstacle]
 
 
@@ -651,11 +656,11 @@ class _Cycle:
     """What an update is answered from, and what comes of it."""
 
     def __init__(
-        self, now: float, begins: float, executed: list[Commit], broken: Told | None, seen: SeenObstacles
+        self, now: float, begins: float, executed: list[Commit], broken: CommitVerdict | None, seen: SeenObstacles
     ) -> None:
         self.now, self.begins, self.executed, self.base = now, begins, executed, executed[-1]
         self.broken, self.seen = broken, seen
         self.reason: Reason = "too_close"
-        self.told: Told | None = None
+        self.verdict: CommitVerdict | None = None
         self.threatened = False
         self.evaluations = 0
