@@ -23,6 +23,7 @@ from guidefield.endpoint.ros.trajectory_action import VERSIONS, Version, action_
 
 ACTION = "control_msgs/action/FollowJointTrajectory"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+STEP = 0.01  # from one state to the next, on the controller's clock [s]
 
 
 def stamp_of(seconds: float) -> dict[str, int]:
@@ -61,7 +62,7 @@ class StandIn:
     version: Version = VERSIONS[0]
     name: str = "arm/joint_trajectory_controller"
     domain: int = 0
-    speed: float = 1.0  # how fast it runs, against the clock
+    speed: float = 1.0  # how fast its clock runs, at most
     bend: Callable[[float], float] = lambda _: 0.0  # how far its robot is from where it desires it, by the time [s]
     accepts: bool = True
     silent_after: float = np.inf  # when it says no more [s]
@@ -155,7 +156,7 @@ class StandIn:
         return {"accepted": self.accepts}
 
     def _execute(self, goal_id: Any, goal: Any) -> None:
-        points, begun = goal.trajectory.points, time.monotonic()
+        points = goal.trajectory.points
         order = [goal.trajectory.joint_names.index(joint) for joint in self.joints]
         end = points[-1].time_from_start.sec + 1e-9 * points[-1].time_from_start.nanosec
         now = 0.0
@@ -164,13 +165,13 @@ class StandIn:
                 self._status = CANCELED
                 self._ended.set()
                 return
-            now = min((time.monotonic() - begun) * self.speed, end)
+            now = min(now + STEP * self.speed, end)
             desired = interpolated(points, now)[order]
             actual = desired + self.bend(now)
             self.executed.append((now, actual))
             if now < self.silent_after:
                 self._tell(goal_id, now, desired, actual)
-            time.sleep(0.01)
+            time.sleep(STEP)
         if now < self.silent_after:
             self._status = SUCCEEDED if self._code == 0 else ABORTED
             self._ended.set()
