@@ -9,6 +9,7 @@ import coal
 import msgspec
 import numpy as np
 
+from guidefield.errors import InvalidConfiguration
 from guidefield.messages.conditions import AttachedObject, JointLimits
 from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, PointCloud, Scene, Sphere
@@ -187,7 +188,11 @@ def _held(
     size = float(rng.uniform(0.03, 0.08))
     shape = Sphere(name="held", radius=size) if rng.random() < 0.5 else Box(name="held", size=(size, size, 2.0 * size))
     held = [AttachedObject(shape, link, place)]
-    with CertifiedStream(msgspec.structs.replace(plain, attached_objects=held), robot, scene) as stream:
+    try:
+        stream = CertifiedStream(msgspec.structs.replace(plain, attached_objects=held), robot, scene)
+    except InvalidConfiguration:  # it touches the hand wherever the joints are
+        return []
+    with stream:
         zs = [stream.group.random(rng) for _ in range(HELD)]
         fits = sum(bool(stream._room.resting_free(z[None])[0]) for z in zs) >= 3
     return held if fits else []
