@@ -46,7 +46,7 @@ def kept(error: InternalFailure, cache: Path) -> Path:
 def test_a_false_certificate_is_no_answer(
     monkeypatch: pytest.MonkeyPatch, cache: Path, kind: str, gap: float, asked: float
 ) -> None:
-    for name in ("certify", "certify_and_measure"):
+    for name in ("certify", "certify_given"):
         monkeypatch.setattr(judgement, name, free)
     robot, one = arm(GEOMETRIES["cylinder"]), obstacle(kind, gap)
     with pytest.raises(
@@ -58,7 +58,7 @@ def test_a_false_certificate_is_no_answer(
 
 
 def test_a_false_certificate_in_time_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("certify", "certify_and_measure"):
+    for name in ("certify", "certify_given"):
         monkeypatch.setattr(judgement, name, free)
     one = obstacle("box", -0.003)
     placements = [{"position": one.pop("position")}] * 2
@@ -69,7 +69,7 @@ def test_a_false_certificate_in_time_is_no_answer(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_false_certificate_of_the_robot_itself_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("certify", "certify_and_measure"):
+    for name in ("certify", "certify_given"):
         monkeypatch.setattr(judgement, name, free)
     robot = arm(GEOMETRIES["cylinder"])
     x, y, z = obstacle("box", 0.0)["position"]
