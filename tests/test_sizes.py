@@ -5,10 +5,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 import pytest
 
-from guidefield import Box, Cylinder, JointsGoal, PlanReply, PlanRequest, Scene, UrdfText, answer
+from guidefield import Box, Cylinder, InverseKinematics, JointsGoal, PlanReply, PlanRequest, Scene, UrdfText, answer
+from guidefield.messages.kinematics_requests import TargetPose
+from guidefield.messages.scene import GuidePlane
 from guidefield.messages.values import Placement
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model.size import LEAST_USUAL, USUAL_REACH
@@ -120,6 +123,31 @@ def test_twice_as_large_has_the_same_answer_to_the_last_digits() -> None:
     assert small.metrics.smoothness == pytest.approx(large.metrics.smoothness, rel=1e-9)
     assert 2.0 * small.clearance.mean == pytest.approx(large.clearance.mean, rel=1e-6)
     assert 2.0 * small.clearance.inner == pytest.approx(large.clearance.inner, rel=1e-4)
+
+
+def guided(size: float) -> PlanRequest:
+    """The same, through a guide plane beside the post and to the pose at the goal."""
+    corners = [(0.35, -0.5, 0.75), (0.35, -0.2, 0.75), (0.35, -0.2, 1.1), (0.35, -0.5, 1.1)]
+    plane = GuidePlane("gate", [(x * size, y * size, z * size) for x, y, z in corners])
+    return msgspec.structs.replace(problem(size), guide_planes=[plane])
+
+
+def test_a_guide_plane_of_an_arm_twice_as_large_is_crossed_in_the_same_way() -> None:
+    small, large = (ask(guided(size)) for size in (4.0, 8.0))
+    assert small.trajectory.times == pytest.approx(large.trajectory.times, rel=1e-9)
+
+
+@pytest.mark.parametrize("size", [0.02, 0.2, 8.0, 30.0])
+def test_inverse_kinematics_are_the_same_at_every_size(size: float) -> None:
+    def found(by: float) -> list[dict[str, float]]:
+        poses = [TargetPose((by * x, by * 0.3, by * 0.7), (0.0, 1.0, 0.0, 0.0)) for x in (0.3, 0.5, 0.7)]
+        return [one[0] for one in answer(InverseKinematics(arm(by), poses, start_configurations=[{}])).configurations]
+
+    for one, other in zip(found(size), found(0.5 * size), strict=True):
+        for name, value in one.items():
+            assert value / (size if name == "slide" else 1.0) == pytest.approx(
+                other[name] / (0.5 * size if name == "slide" else 1.0), abs=1e-3
+            )
 
 
 @pytest.mark.parametrize(

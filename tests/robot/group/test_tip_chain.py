@@ -26,12 +26,13 @@ def distances(chain: ChainToTip, target: pin.SE3, zs: np.ndarray) -> np.ndarray:
 
     One by one: the errors of all others are free.
     """
-    found = np.empty((len(zs), 6))
+    found, ones = np.empty((len(zs), 6)), np.ones(zs.shape[1])
+    ones.setflags(write=False)
     for row in range(6):
         aimed, squared = np.full(6, np.inf), np.empty(len(zs))
         aimed[row] = 0.0
         aimed.setflags(write=False)
-        squared_errors(chain.from_target(target), Tolerances(aimed, aimed), zs, squared)
+        squared_errors(chain.from_target(target), Tolerances(aimed, aimed, 1.0, ones), zs, squared)
         found[:, row] = np.sqrt(squared) / (1.0 if row < 3 else LEVER)
     return found
 

@@ -176,10 +176,28 @@ def _newly_blocked(mover: Any, q: Floats, room: Any) -> int:
 
 
 @inlined
+def _count_by_size(mover: Any, subspaces: Floats) -> None:
+    """Have tangents (m, 6) count by the robot's size: what slides goes as far for one step as at size 1 by its size."""
+    for r in range(mover.leaders.shape[0]):
+        for c in range(6):
+            subspaces[r, c] *= mover.sizes[mover.leaders[r]]
+
+
+@inlined
+def _from_counted(mover: Any, room: Any) -> None:
+    """Give a step, and what takes it back onto the constraint, in the group's own tangents."""
+    for k in range(room.v.shape[0]):
+        room.v[k] *= mover.sizes[k]
+        for a in range(room.error.shape[0]):
+            room.Z[a, k] *= mover.sizes[k]
+
+
+@inlined
 def direction(mover: Any, constraint: Any, regularization: float, here: Any, factors: Any, room: Any) -> float:
     """The projected step into `room`, no joint beyond its longest; its slope g.v, 0 where there is none."""
     joints = mover.joints
     motion_subspaces(joints, here.world, factors.subspaces)
+    _count_by_size(mover, factors.subspaces)
     _gradient(mover, factors.subspaces, here.wrenches, room.forces, room.gradient)
     constraint_rows(constraint, mover, here.world, factors.subspaces, room.jacobian, room.rows)
     room.blocked[:] = 0
@@ -207,6 +225,7 @@ def direction(mover: Any, constraint: Any, regularization: float, here: Any, fac
         return 0.0
     for k in range(room.v.shape[0]):
         room.v[k] /= longest
+    _from_counted(mover, room)
     return slope / longest
 
 

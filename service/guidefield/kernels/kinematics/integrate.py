@@ -38,7 +38,9 @@ class Mover(NamedTuple):
     leaders: Indices  # (m,) the group's tangent that each of the model's follows
     factors: Row  # (m,) how far it follows
     norms: Row  # (nv,) sum of squared factors of those that follow
-    largest: Row  # (nv,) the longest step [rad or m]
+    largest: Row  # (nv,) the longest step, over `sizes` [rad or m]
+    size: float  # the robot's
+    sizes: Row  # (nv,) how far each goes for one step: 1 for angles, the size for what slides
     values: Indices  # (nv,) where in the model's configuration a value with limits stands; -1 where there are none
     # lower, upper: (nv,) the limits
     lower: Row
@@ -184,9 +186,9 @@ def tip_jacobian(mover: Mover, subspaces: Floats, tip: Vector3, jacobian_out: Fl
 
 
 _STEPS = 30
-_ARRIVED = 1e-6  # accuracy with which the point is reached [m]
-_LONGEST = 0.4  # no joint moves more than this in a step [rad or m]
-_OWN = 0.05  # added to what a turn moves: one about the tip itself is not free [m]
+_ARRIVED = 1e-6  # accuracy with which the point is reached [m], at size 1
+_LONGEST = 0.4  # no joint moves more than this in a step [rad, or m at size 1]
+_OWN = 0.05  # added to what a turn moves: one about the tip itself is not free [m], at size 1
 
 
 @inlined
@@ -195,7 +197,9 @@ def _weights(mover: Any, world: Floats, weights_out: Floats) -> None:
     joints, tip = mover.joints, tip_position(mover, world)
     for i in range(joints.parents.shape[0] - 1, 0, -1):  # a leader stands before its followers and has the last word
         T, kind = world[i], joints.kinds[i]
-        reach = _OWN + math.sqrt((tip[0] - T[0, 3]) ** 2 + (tip[1] - T[1, 3]) ** 2 + (tip[2] - T[2, 3]) ** 2)
+        reach = _OWN * mover.size + math.sqrt(
+            (tip[0] - T[0, 3]) ** 2 + (tip[1] - T[1, 3]) ** 2 + (tip[2] - T[2, 3]) ** 2
+        )
         slides = 3 if kind == FLOATING else 2 if kind == PLANAR else 1 if kind == PRISMATIC else 0
         for k in range(joints.nv[i]):
             weights_out[mover.leaders[joints.idx_v[i] + k]] = 1.0 if k < slides else 1.0 / (reach * reach)
@@ -246,7 +250,7 @@ def reach(mover: Mover, q: Row, point: Row, q_out: RowOut) -> bool:
         joint_placements(joints, q_out, world)
         tip = tip_position(mover, world)
         missing[0], missing[1], missing[2] = point[0] - tip[0], point[1] - tip[1], point[2] - tip[2]
-        if math.sqrt(missing[0] ** 2 + missing[1] ** 2 + missing[2] ** 2) < _ARRIVED:
+        if math.sqrt(missing[0] ** 2 + missing[1] ** 2 + missing[2] ** 2) < _ARRIVED * mover.size:
             return True
         if count == 0:
             _weights(mover, world, weights)
@@ -255,7 +259,7 @@ def reach(mover: Mover, q: Row, point: Row, q_out: RowOut) -> bool:
         _step(mover, q_out, jacobian, weights, missing, room, v)
         largest = 0.0
         for k in range(nv):
-            largest = max(largest, abs(v[k]))
+            largest = max(largest, abs(v[k]) / mover.sizes[k])
         scale = min(1.0, _LONGEST / max(largest, 1e-12))
         for k in range(nv):
             v[k] *= scale

@@ -24,20 +24,23 @@ TRUTHS_OUT = types.Array(types.boolean, 1, "C")
 
 MAX_ITERATIONS = 60
 PATIENCE = 5  # a start is given up if this many iterations in a row haven't halved the squared error
-LEVER = 0.3  # a rotation error of one radian counts as much as a position error of this [m]
+LEVER = 0.3  # a rotation error of one radian counts as much as a position error of this [m], at size 1
 DAMPING = 0.05
 """Damping per squared error. Of 0.005 to 0.5, with levers of 0.15 to 1 m, these take the fewest iterations on Panda,
 UR5, xArm7 and Kinova."""
-DAMPING_FLOOR = 1e-10  # least damping [m^2]: keeps the equations solvable where fewer coordinates than rows move
+# least damping [m^2], at size 1: keeps the equations solvable where fewer coordinates than rows move
+DAMPING_FLOOR = 1e-10
 
 IDLE = -1
 
 
 class Tolerances(NamedTuple):
-    """Tolerances of the tip's offset from its target: translation, rotation vector."""
+    """Tolerances of the tip's offset from its target, translation and rotation vector, and how these count."""
 
     allowed: Row  # shape (6,) [m, rad], maybe infinite
     aimed: Row  # the part of it that a search aims at, shape (6,) [m, rad]
+    size: float  # the robot's
+    sizes: Row  # how far each chart coordinate goes for one step: 1 for angles, the size for what slides, (nv,)
 
 
 TOLERANCES = numba_type(Tolerances)
@@ -52,7 +55,7 @@ def _store_excess(offset: Any, tolerances: Tolerances, excess_out: Floats, there
         value, aimed = offset[row], tolerances.aimed[row]
         excess = select(value > aimed, value - aimed, select(value < -aimed, value + aimed, zero))
         store(excess_out, row * LANES, excess)
-        weighted = excess if row < 3 else LEVER * excess
+        weighted = excess if row < 3 else LEVER * tolerances.size * excess
         squared = squared + weighted * weighted
         within = select(magnitude(value) <= tolerances.allowed[row], within, zero)
     store(there_out, 0, within)
@@ -60,23 +63,32 @@ def _store_excess(offset: Any, tolerances: Tolerances, excess_out: Floats, there
 
 
 @inlined
-def _store_step(chain: TipChain, zs: Floats, excess: Floats, squared: Any, rates: Floats, step_out: Floats) -> None:
+def _store_step(
+    chain: TipChain,
+    tolerances: Tolerances,
+    zs: Floats,
+    excess: Floats,
+    squared: Any,
+    rates: Floats,
+    step_out: Floats,
+) -> None:
     """Write a damped step of every coordinate: -J^T (J J^T + damping)^-1 r; J becomes its weighted, free part."""
-    nv = chain.lower.shape[0]
+    nv, floor = chain.lower.shape[0], DAMPING_FLOOR * tolerances.size * tolerances.size
+    lever = LEVER * tolerances.size
     factor = np.empty(36 * LANES)
     for row in range(6):
         for column in range(row + 1):
             store(
                 factor,
                 (6 * row + column) * LANES,
-                DAMPING_FLOOR + DAMPING * squared if row == column else 0.0 * squared,
+                floor + DAMPING * squared if row == column else 0.0 * squared,
             )
     for d in range(nv):
-        z, slope = load(zs, d * LANES), 0.0 * squared
+        z, slope, size = load(zs, d * LANES), 0.0 * squared, tolerances.sizes[d]
         for row in range(6):
             residual = load(excess, row * LANES)
-            weight = 1.0 if row < 3 else LEVER
-            rate = select(residual == 0.0, 0.0 * squared, weight * load(rates, d * COLUMN + row * LANES))
+            weight = 1.0 if row < 3 else lever
+            rate = select(residual == 0.0, 0.0 * squared, weight * size * load(rates, d * COLUMN + row * LANES))
             store(rates, d * COLUMN + row * LANES, rate)
             slope = slope + weight * residual * rate
         zero = 0.0 * squared
@@ -87,20 +99,20 @@ def _store_step(chain: TipChain, zs: Floats, excess: Floats, squared: Any, rates
             for column in range(row + 1):
                 at = (6 * row + column) * LANES
                 store(factor, at, load(factor, at) + rate * load(rates, d * COLUMN + column * LANES))
-    _solve(factor, excess)
+    _solve(factor, lever, excess)
     for d in range(nv):
         step = 0.0 * squared
         for row in range(6):
             step = step - load(factor, row * LANES) * load(rates, d * COLUMN + row * LANES)
-        store(step_out, d * LANES, step)
+        store(step_out, d * LANES, tolerances.sizes[d] * step)
 
 
 @inlined
-def _solve(factor: Floats, excess: Floats) -> None:
+def _solve(factor: Floats, lever: float, excess: Floats) -> None:
     """Solve for the weighted errors by Cholesky; the lower triangle is overwritten, its first six by the solution."""
     y = np.empty(6 * LANES)
     for row in range(6):
-        value = (1.0 if row < 3 else LEVER) * load(excess, row * LANES)
+        value = (1.0 if row < 3 else lever) * load(excess, row * LANES)
         for column in range(row + 1):
             entry = load(factor, (6 * row + column) * LANES)
             for k in range(column):
@@ -208,7 +220,7 @@ def descend(
             else:
                 start_of[lane], running = IDLE, running - 1
         offset_rates(chain, offset, columns, rates)
-        _store_step(chain, zs, excess, squared, rates, step)
+        _store_step(chain, tolerances, zs, excess, squared, rates, step)
         _move(chain, step, going, zs)
     return iterations
 

@@ -31,8 +31,8 @@ class TipPlane(NamedTuple):
     """A robot's tip, and a guide plane's heights: over it, and over its inset edges, where it is one side of it."""
 
     tip: CarriedPoint  # the tip
-    directions: Rows  # along which heights are taken, the plane's first, shape (k, 3)
-    heights: Row  # of the plane and its inset edges along them, shape (k,) [m]
+    directions: Rows  # along which heights are taken, the plane's first, over the robot's size, shape (k, 3) [1/m]
+    heights: Row  # of the plane and its inset edges along them, shape (k,)
 
 
 TIP_PLANE = numba_type(TipPlane)
@@ -112,8 +112,8 @@ def add_crossing(
         place: The plane.
         points: Control points, shape (m + 3, nv) [rad or m].
         at: Where the motion comes nearest, in pieces from the start.
-        weight: w [1/m²].
-        crossing: κ [m].
+        weight: w.
+        crossing: κ.
         s: Which place it is.
         gradient_out: By the control points, shape (m + 3, nv).
         pieces_out: As `ClearanceModel` has them, shape (places,).

@@ -38,7 +38,7 @@ from guidefield.scene.guide_plane import GuidePlane
 class PlanePlace:
     """The tip on a guide plane, at least `inset` from its edges.
 
-    Its misses are the height over the plane, and for each edge how far the tip is beyond it [m].
+    Its misses are the height over the plane, and for each edge how far the tip is beyond it [m, at size 1].
     """
 
     problem: Problem
@@ -71,9 +71,13 @@ class PlanePlace:
 
     @cached_property
     def _heights(self) -> tuple[np.ndarray, np.ndarray]:
-        """Directions (3, 1 + edges) and offsets (1 + edges,) of the heights over the plane and its inset edges."""
-        plane = self.plane
-        rows = np.vstack([plane.normal, plane.inward @ plane.flat.axes]).T, np.r_[0.0, plane.offsets + self.inset]
+        """Directions (3, 1 + edges) and offsets (1 + edges,) of the heights over the plane and its inset edges.
+
+        Both are over the robot's size.
+        """
+        plane, size = self.plane, self.problem.group.size
+        directions = np.vstack([plane.normal, plane.inward @ plane.flat.axes]).T
+        rows = directions / size, np.r_[0.0, plane.offsets + self.inset] / size
         read_only(*rows)
         return rows
 

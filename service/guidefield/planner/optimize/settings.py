@@ -124,12 +124,12 @@ SAMPLED_ROBOT = SampledRobotSettings()
 class PassageSettings:
     """Of places that a motion passes at a time that is free."""
 
-    # of half the square of what is missed, against the duration, which counts from 1 [1/m² or 1/rad²]
+    # of half the square of what is missed, against the duration, which counts from 1 [1/m² at size 1, or 1/rad²]
     weight: float = 1e5
     spacing: float = 0.25  # of samples about where a motion came nearest, in pieces
     closer: float = 0.125  # share of that with which samples are taken again
     shifts: int = 8  # how often samples are taken at most
-    reached: float = 1e-6  # what may be missed in the end [m or rad]
+    reached: float = 1e-6  # what may be missed in the end [m at size 1, or rad]
     corrections: int = 60  # how often a motion is moved onto all places at most
     reaching: float = 1e-3  # least sum of squares of a place's shares of inner control points: below it it is at an end
     shortest: float = 1e-3  # a place that is nearer to a knot than this, in pieces, is the knot

@@ -94,7 +94,10 @@ class PoseSearch:
         tolerances = np.concatenate([target.position_tolerance, target.orientation_tolerance])
         allowed = np.where(tolerances > EXACT, tolerances, 0.5 * EXACT)  # half: others may check in another way
         self._tolerances = Tolerances(
-            _frozen(allowed), _frozen(np.where(tolerances > EXACT, SEARCH.aim * tolerances, 0.0))
+            _frozen(allowed),
+            _frozen(np.where(tolerances > EXACT, SEARCH.aim * tolerances, 0.0)),
+            group.size,
+            group.sizes,
         )
         self._closest = np.full(7, np.inf)
 
