@@ -112,6 +112,11 @@ class _Search:
         """Until when the robot may wait where it starts [s], and the refusal of a longer wait."""
         return find_meeting(self._problem, self._problem.z_start)
 
+    @cached_property
+    def _resting(self) -> Problem:
+        """The problem once all obstacles have come to rest."""
+        return self._problem.at(self._problem.scene.end)
+
     def by_quick_paths(self, through: Through) -> Finished | None:
         """The motion along the way that is arrived on first, of those that a few motions find; None without any."""
         with self._stages.entered("connect", "ways to the goal, and when each can be gone") as stage:
@@ -142,7 +147,7 @@ class _Search:
         """The motion along the way of the planner among obstacles at rest; None if there is none."""
         if self._problem.deadline.expired():
             return None
-        resting, words = self._problem.at(self._problem.scene.end), "to the goal, among the obstacles once they rest"
+        resting, words = self._resting, "to the goal, among the obstacles once they rest"
         crossed, goals = through(resting, PathSoFar.at_start(resting), True)
         found_ways: Iterable[PathSoFar] = (crossed,)
         if goals is not None and crossed.failure is None:
@@ -184,8 +189,7 @@ class _Search:
 
     def _blocked(self, _: float, z: ChartPoint) -> Ending:
         problem = self._problem
-        resting = problem.at(problem.scene.end)
-        found = clearance_at(resting.world, problem.group.expand_from_chart(z))
+        found = clearance_at(self._resting.world, problem.group.expand_from_chart(z))
         pair = list(found.obstacle_pair) if found.obstacle_pair else None
         names = " and ".join(pair) if pair else "what moves"
         message = f"no schedule along a way to the goal passes where {names} come near; the robot waited there in vain"
@@ -219,7 +223,7 @@ class _Search:
         """Whether a way that led to no known goal ends where the robot may stand once all obstacles rest."""
         if self._goals is not None:
             return True
-        return bool(are_free(self._problem.at(self._problem.scene.end), way.found.path[-1:])[0])
+        return bool(are_free(self._resting, way.found.path[-1:])[0])
 
     def _along(self, way: HeldPath) -> Finished | None:
         made, soonest = None, -np.inf
