@@ -81,9 +81,9 @@ def _make_motion(request: MotionRequest, world: World, curve: Curve, min_clearan
 def require_declarable(motion: GivenMotion) -> None:
     """Raise MalformedRequest if a motion is drawn in another way than proofs and the referee can tell."""
     if motion.tube is not None or motion.kind is CurveKind.QUINTIC:
+        other = "steps or a tolerance" if motion.tube is not None else "pieces of degree 5"
         raise MalformedRequest(
-            "proofs and the referee are about cubic and straight pieces that are followed exactly: not about an"
-            f" `execution` with a tolerance, or with the curve {motion.kind.value!r}",
+            f"proofs and the referee are about cubic and straight pieces that are followed exactly: not about {other}",
             unserved="execution",
         )
 

@@ -9,6 +9,9 @@ import msgspec
 from guidefield.messages.values import Message, NonNegative, Reply, require_finite_number
 
 Interpolation = Literal["linear", "cubic", "quintic", "first_order_hold", "zero_order_hold"]
+MOST_SENT_ROWS = 100_000
+"""The largest number of rows, or of commands, that a controller is sent."""
+
 HOLDS = ("first_order_hold", "zero_order_hold")
 """Interpolations of commands at the ticks of a clock."""
 
@@ -26,7 +29,7 @@ class ExecutionOptions(Message):
     """
 
     interpolation: Interpolation
-    rate: Annotated[float, msgspec.Meta(gt=0.0, le=10_000.0)] | None = None
+    rate: Annotated[float, msgspec.Meta(ge=0.1, le=10_000.0)] | None = None
     tolerance: NonNegative | dict[str, NonNegative] = 0.0
 
     def __post_init__(self) -> None:

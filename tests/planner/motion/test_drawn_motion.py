@@ -145,8 +145,19 @@ def test_a_motion_that_goes_nowhere_is_drawn_where_it_is():
 def test_too_many_rows_are_refused_by_name():
     plan = planned(0)
     slow = Trajectory(1e6 * plan.times, plan.positions, plan.velocities / 1e6)
-    with pytest.raises(MalformedRequest, match=r"`execution\.rate` 1000 makes"):
+    with pytest.raises(MalformedRequest, match=r"`execution` makes .* at 1000 Hz; at most 100000 are sent"):
         draw_plan(slow, execution("quintic", 1000.0), 1)
+
+
+def test_the_deviation_of_many_rows_is_found_in_parts(monkeypatch):
+    plan = planned(3, 40)
+    for kind in Interpolation:
+        drawn = draw_plan(plan, execution(kind.value, 50.0), 1).motion
+        whole = deviations(plan, drawn)
+        monkeypatch.setattr("guidefield.planner.motion.drawn_motion.AT_ONCE", 7)
+        parts = deviations(plan, drawn)
+        monkeypatch.undo()
+        np.testing.assert_array_equal(parts.values, whole.values)
 
 
 def test_steps_have_a_tube_from_each_command_to_the_next():

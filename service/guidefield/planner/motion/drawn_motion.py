@@ -18,13 +18,15 @@ from typing import cast
 import numpy as np
 
 from guidefield.errors import MalformedRequest
-from guidefield.messages.certify_request import MOST_ROWS
+from guidefield.messages.execution import MOST_SENT_ROWS
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, StraightMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import ROUNDING, ControllerModel, Interpolation
 from guidefield.prove.curve import find_pieces, largest_magnitudes, restricted
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints, ChartRates
+
+AT_ONCE = 20_000  # spans between knots whose deviation is found at once: some 10 MB of control points
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +65,13 @@ def draw(
         accelerations: At its knots, shape (n, nv) [rad/s² or m/s²]; None: those of the motion.
 
     Raises:
-        MalformedRequest: if there are more than `MOST_ROWS`.
+        MalformedRequest: if there are more than `MOST_SENT_ROWS`.
     """
-    if execution.rate is not None and (count := execution.count_rows(planned.times, parts)) > MOST_ROWS:
+    if (count := execution.count_rows(planned.times, parts)) > MOST_SENT_ROWS:
+        rate = "" if execution.rate is None else f" at {execution.rate:g} Hz"
         raise MalformedRequest(
-            f"`execution.rate` {execution.rate:g} makes {count:.6g} rows of {planned.duration:.6g} s; at most"
-            f" {MOST_ROWS} are served",
-            path="$.execution.rate",
+            f"`execution` makes {count:.6g} rows of {planned.duration:.6g} s{rate}; at most {MOST_SENT_ROWS} are sent",
+            path="$.execution",
         )
     kind, tolerance = execution.interpolation, execution.tolerance if execution.tolerance.any() else None
     if kind.holds:
@@ -150,13 +152,23 @@ def deviations(planned: Trajectory | StraightMotion, drawn: GivenMotion) -> Devi
 
     The planned motion stands before its begin and after its end; so does the other one.
     """
-    pieces, times = drawn.pieces, drawn.scheduled.piece_times()
+    times = drawn.scheduled.piece_times()
     knots = np.unique(np.concatenate([planned.piece_times(), times]))
     if len(knots) < 2:
-        return Deviations(
-            np.abs(planned.positions[0] - drawn.positions[0]), np.repeat(planned.times[:1], pieces.shape[2])
-        )
-    mine, own = _between(planned.bezier(), planned.piece_times(), knots), _between(pieces, times, knots)
+        apart = np.abs(planned.positions[0] - drawn.positions[0])
+        return Deviations(apart, np.repeat(planned.times[:1], len(apart)))
+    parts = [_deviations_at(planned, drawn, knots[k : k + AT_ONCE + 1]) for k in range(0, len(knots) - 1, AT_ONCE)]
+    values, moments = (np.array(each) for each in zip(*parts, strict=True))
+    largest, columns = np.argmax(values, axis=0), np.arange(values.shape[1])
+    return Deviations(values[largest, columns], moments[largest, columns])
+
+
+def _deviations_at(
+    planned: Trajectory | StraightMotion, drawn: GivenMotion, knots: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The largest deviation of each coordinate between some of all knots (n,) of both motions, and when, (nv,) each."""
+    times = drawn.scheduled.piece_times()
+    mine, own = _between(planned.bezier(), planned.piece_times(), knots), _between(drawn.pieces, times, knots)
     order = max(mine.shape[1], own.shape[1])
     apart = _elevated(mine, order) - _elevated(own, order)
     beside = None
@@ -164,7 +176,7 @@ def deviations(planned: Trajectory | StraightMotion, drawn: GivenMotion) -> Devi
         at = find_pieces(times, 0.5 * (knots[1:] + knots[:-1]))[0]
         beside = 0.5 * np.abs(drawn.straight[at, 1] - drawn.straight[at, 0])
     values, piece, places = largest_magnitudes(apart, beside)
-    return Deviations(values, knots[piece] + places * (knots[piece + 1] - knots[piece]))
+    return values, knots[piece] + places * (knots[piece + 1] - knots[piece])
 
 
 def _between(pieces: np.ndarray, times: np.ndarray, knots: np.ndarray) -> np.ndarray:
