@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.kernels.optimize.effort_penalty import effort_penalty
+from guidefield.kernels.optimize.effort_penalty import effort_penalty, effort_value
 from guidefield.planner.motion.bspline import basis, basis_bends, basis_slopes
 from guidefield.planner.task.effort import tree_of
 from tests.robots import group
@@ -51,7 +51,10 @@ def test_the_value_is_of_what_pinocchios_torques_are_beyond() -> None:
         for z, dz, ddz in zip(*rows, strict=True):
             beyond = np.abs(pin.rnea(ARM.model, data, z, dz, ddz)) / LIMITS - SHARE
             total += 0.5 * WEIGHT * float((np.maximum(beyond, 0.0) ** 2).sum()) / (SAMPLES * (len(points) - 3))
+    tree = tree_of(ARM)
+    assert not isinstance(tree, str)
     assert add(points).value == pytest.approx(total)
+    assert effort_value(tree, LIMITS, points, STEP, SAMPLES, WEIGHT, SHARE) == pytest.approx(total)
     assert total > 0.1
 
 

@@ -93,6 +93,27 @@ def _add_joint(
 
 
 @kernel
+def effort_value(
+    tree: MassTree, limits: Row, points: Rows, step: float, samples: int, weight: float, share: float
+) -> float:
+    """Return the penalty alone; arguments are those of `effort_penalty`."""
+    nv, m, count = points.shape[1], tree.joints.sources.shape[0], points.shape[0] - 3
+    n, chain = tree.joints.table.parents.shape[0], tree.chains.shape[1]
+    places, state, room = joint_places(tree.joints), empty_bounds(nv, m), torque_room(n, nv, chain)
+    torques, bases, total = np.empty(nv), np.empty((3, 4)), 0.0
+    for piece in range(count):
+        for sample in range(samples):
+            _write_bases((sample + 0.5) / samples, step, bases)
+            _write_bent(points, piece, bases, state)
+            place_tree(tree, state, places)
+            write_torques(tree, state, places, room, torques)
+            for j in range(nv):
+                beyond = max(0.0, abs(torques[j]) / limits[j] - share)
+                total += 0.5 * weight / (samples * count) * beyond * beyond
+    return total
+
+
+@kernel
 def effort_penalty(
     tree: MassTree,
     limits: Row,

@@ -20,7 +20,7 @@ from guidefield.kernels.barrier.sampled_robot import SampledRobot
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
-from guidefield.kernels.optimize.effort_penalty import effort_penalty
+from guidefield.kernels.optimize.effort_penalty import effort_penalty, effort_value
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier, time_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRoom, DescentRules, newton_descent, room_for_descent
@@ -156,7 +156,7 @@ class Descent(ReadOnly):
         room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
         places = len(placed.pieces) + len(question.passages)
         if question.effort is not None:
-            places += 2 * EFFORT.samples * spline.pieces
+            places += 2 * EFFORT.on_piece(spline.pieces) * spline.pieces
         hessians = _Memory.of(places, nv), _Memory.of(places, nv)
         calls = _CheckedOnce(clearance_along), _CheckedOnce(newton_descent)
         return cls(question, placed, near, samples, constrained, ends, unit, room, hessians, *calls)
@@ -184,6 +184,12 @@ class Descent(ReadOnly):
         hessians = memory.hessians
         gradient, pieces, basis = np.empty((n, nv)), np.empty(len(hessians), np.int64), np.empty((len(hessians), 4))
         border, by_times, corner = np.empty((2, n, nv)), np.empty(2), np.empty((2, 2))
+        effort, beyond = question.effort, 0.0
+        if effort is not None:
+            on_piece = EFFORT.on_piece(spline.pieces)
+            asked = effort.tree, effort.limits, spline.points, spline.step, on_piece, EFFORT.weight, EFFORT.share
+            beyond = effort_value(*asked)
+            most -= beyond
         value, count = self.clearance_along(
             question.robot,
             question.tables,
@@ -215,25 +221,8 @@ class Descent(ReadOnly):
                 passage.place, spline, here[-1], PASSAGE.weight, crossing, count, gradient, pieces, basis, hessians
             )
             count += 1
-        if question.effort is not None:
-            effort = question.effort
-            beyond, count = effort_penalty(
-                effort.tree,
-                effort.limits,
-                spline.points,
-                spline.step,
-                EFFORT.samples,
-                EFFORT.weight,
-                EFFORT.share,
-                count,
-                gradient,
-                pieces,
-                basis,
-                hessians,
-                border,
-                by_times,
-                corner,
-            )
+        if effort is not None and math.isfinite(value):
+            _, count = effort_penalty(*asked, count, gradient, pieces, basis, hessians, border, by_times, corner)
             value += beyond
         places = count, pieces, basis, memory.seen
         model = ClearanceModel(

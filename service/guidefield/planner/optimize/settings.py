@@ -140,11 +140,19 @@ PASSAGE = PassageSettings()
 
 @dataclass(frozen=True)
 class EffortSettings:
-    """Of the penalty of torques beyond their limits."""
+    """Of the penalty of torques beyond their limits.
 
-    samples: int = 2  # on a piece
-    weight: float = 50.0  # of half the mean of squares of what is beyond, against the duration, which counts from 1
+    By 30 public problems of a Panda with 3 kg in the hand, at 15 rad/s² and 500 rad/s³. With a weight of 100 there are
+    half as many looks again, with 5 a fifth fewer; motions are 1 % slower with either, and 1 % slower with 64 samples.
+    """
+
+    samples: int = 128  # about so many on a motion, one on each piece at least
+    weight: float = 20.0  # of half the mean of squares of what is beyond, against the duration, which counts from 1
     share: float = 0.95  # of a limit, up to which a torque costs nothing
+
+    def on_piece(self, pieces: int) -> int:
+        """How many samples are on each of so many pieces."""
+        return max(1, round(self.samples / pieces))
 
 
 EFFORT = EffortSettings()

@@ -27,7 +27,9 @@ GRAVITY = (0.0, 0.0, -9.81)  # [m/s², world]
 TOLD = 1e-2  # share of a limit, or of what was found, by which a bound of a torque may be above what was found
 CLOSE = 1e-4  # the same where a limit is between the two
 SAMPLES = 4  # of a piece, by which the slowing down is found that a limit takes
-SLOWER = 1.002  # a motion is slowed down by so much at least, where its bound is above a limit
+ROOM = 2e-3  # share of a limit that is left to what is between samples, and to the bound
+ROUNDING = 1e-9
+SLOWER = 1.002  # a motion is slowed down by so much where its bound is above a limit, and no sample is
 LEAST = 1e-3  # share of a limit that is there for speeding up, though gravity takes more
 
 
@@ -148,19 +150,20 @@ class EffortLimit(ReadOnly):
         """
         if not len(motion.powers):
             return 0.0
-        reached, _ = largest_efforts(self.tree, motion, self.limits, CLOSE)
-        if all(one.bound <= limit for one, limit in zip(reached, self.limits.tolist(), strict=True)):
-            return 0.0
         zs, rates, rises = sample(motion, SAMPLES)
         held = holding_torques(self.tree, zs)[:, self.limited]
         others = torques_of(self.tree, zs, rates, rises)[:, self.limited] - held
-        limits = (1.0 - CLOSE) * self.limits[self.limited]
+        limits = (1.0 - ROOM) * self.limits[self.limited]
         with np.errstate(divide="ignore", invalid="ignore"):
             kept = (limits - np.sign(others) * held) / np.abs(others)
         least = float(np.min(np.where(others == 0.0, np.inf, kept)))
-        if least <= 0.0 or (np.abs(held) > self.limits[self.limited]).any():
+        if least <= 0.0 or (np.abs(held) > limits).any():
             return math.inf
-        return max(1.0 / math.sqrt(least), SLOWER)
+        if least < 1.0 - ROUNDING:
+            return 1.0 / math.sqrt(least)
+        reached, _ = largest_efforts(self.tree, motion, self.limits, 0.5 * ROOM)
+        fits = all(one.bound <= limit for one, limit in zip(reached, self.limits.tolist(), strict=True))
+        return 0.0 if fits else SLOWER
 
     def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
         """As in `MotionLimit`: of a limit there is what gravity leaves."""
