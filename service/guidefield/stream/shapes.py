@@ -80,12 +80,13 @@ class StreamShape(ReadOnly):
 
 def shape_of(obstacle: Obstacle) -> StreamShape:
     """The shape of an obstacle that was built where its frame is the world's."""
-    own = own_boxes([obstacle])
-    if obstacle.cloud is not None:
-        points, radius = obstacle.cloud.points, obstacle.cloud.radius
-        points = points[curve_order(points)]
-        return StreamShape(obstacle, _balls_of_cloud(points, radius), own, _clusters(points, radius))
-    return StreamShape(obstacle, parts_of(obstacle), own, _box_about(obstacle))
+    cloud = obstacle.cloud
+    if cloud is None:
+        return StreamShape(obstacle, parts_of(obstacle), own_boxes([obstacle]), _box_about(obstacle))
+    points, radius = cloud.points[curve_order(cloud.points)], cloud.radius
+    low, high = cloud.box[:1] - radius, cloud.box[1:] + radius
+    own = OwnBoxes(np.eye(3).reshape(1, 9), 0.5 * (low + high), 0.5 * (high - low), np.hstack([low, high]))
+    return StreamShape(obstacle, _balls_of_cloud(points, radius), own, _clusters(points, radius))
 
 
 def _box_about(obstacle: Obstacle) -> np.ndarray:
