@@ -482,6 +482,17 @@ def test_what_moves_is_picked_up_where_it_comes_to_rest_and_put_down_on_what_mov
                 assert min(apart) > 0.0
 
 
+def test_a_later_step_tells_times_of_the_request() -> None:
+    """A box comes to rest where the second step would end."""
+    ends = {"times": [3.0, 5.0], "placements": [{"position": (2.0, 0.5, 0.5)}, {"position": (0.25, 0.25, 0.6)}]}
+    box = {"type": "box", "name": "box", "size": [0.2, 0.2, 0.2], "trajectory": ends}
+    scene = {"name": "s", "obstacles": [box]}
+    reply = ask([joints(panda_joint1=-0.6) | {"pause": 2.0}, joints(panda_joint1=0.8)], scene=scene, start=READY)
+    assert reply.status.name == "GOAL_IN_COLLISION", reply.status.message
+    assert "`steps[1]`: as the obstacles stand from 5.00 s on: the goal is in collision" in reply.status.message
+    assert reply.status.details["time"] == 5.0
+
+
 @pytest.mark.parametrize(
     ("fields", "says"),
     [

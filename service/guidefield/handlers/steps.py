@@ -96,7 +96,7 @@ class Steps:
                     f"`linear` is served for joints of one coordinate, and planned for is {', '.join(several)}",
                     joints=several,
                 )
-        problem = dataclasses.replace(problem, counters=self.counters)
+        problem = dataclasses.replace(problem, counters=self.counters, began=begin)
         way = _way(step, asked, problem) if step.linear else None
         return StepMotion(problem, self._planned(asked, way), way)
 

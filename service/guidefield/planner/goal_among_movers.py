@@ -39,7 +39,7 @@ from guidefield.planner.schedule.schedule import (
 )
 from guidefield.planner.schedule.slices import SCHEDULE, WAYS, Slices, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Ending, Stages
+from guidefield.planner.task.stages import Ending, Stages, once_they_rest
 from guidefield.planner.task.trace import Note
 from guidefield.prove.verdict import Verdict
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
@@ -138,7 +138,8 @@ class _Search:
         for estimate in sorted(estimates, key=lambda one: one.arrival):
             if self._problem.deadline.expired():
                 return None
-            self._problem.tell(Note(f"a way {estimate.way.name} may arrive at {estimate.arrival:.2f} s"))
+            arrival = self._problem.began + estimate.arrival
+            self._problem.tell(Note(f"a way {estimate.way.name} may arrive at {arrival:.2f} s"))
             if (finished := self._along(estimate.way)) is not None:
                 return finished
         return None
@@ -172,16 +173,14 @@ class _Search:
             message = f"{end_reason(status)} before a motion among the obstacles that move was found{last}"
             return Ending(status, message, {"stage": "connect"})
         if refusal is not None:
-            names = " and ".join(refusal.pair or ("a link", "an obstacle"))
+            names, leave_by = " and ".join(refusal.pair or ("a link", "an obstacle")), problem.began + leave_by
             message = (
                 f"at {leave_by:.2f} s {names} meet where the robot starts, and no way was found that leaves before"
             )
             details = {"stage": "start", "time": leave_by, "pair": list(refusal.pair) if refusal.pair else None}
             return Ending(Status.START_STATE_INVALID, message, details)
-        end = problem.scene.end
         if self._ending is not None:
-            message = f"among the obstacles as they stand from {end:.2f} s on: {self._ending.message}"
-            return Ending(self._ending.status, message, {**self._ending.details, "time": end})
+            return once_they_rest(problem, self._ending)
         if self._farthest is None:
             message = "no motion to the goal was certified among the obstacles that move"
             return Ending(Status.PLANNING_FAILED, message, {"stage": "connect"})
@@ -193,7 +192,8 @@ class _Search:
         pair = list(found.obstacle_pair) if found.obstacle_pair else None
         names = " and ".join(pair) if pair else "what moves"
         message = f"no schedule along a way to the goal passes where {names} come near; the robot waited there in vain"
-        return Ending(Status.PLANNING_FAILED, message, {"stage": "connect", "pair": pair, "time": problem.scene.end})
+        time = problem.began + problem.scene.end
+        return Ending(Status.PLANNING_FAILED, message, {"stage": "connect", "pair": pair, "time": time})
 
     def _estimates(self, ways: Iterator[HeldPath]) -> Iterator[_Estimate]:
         """Those of some ways that have a schedule, each way once.
@@ -324,5 +324,5 @@ class _Search:
         when = float(begin + verdict.parameter * (end - begin))
         since = np.array([max(when - schedule.departure, 0.0)])
         own = float(schedule.at(since, schedule.step)[0][0]) * along.duration / schedule.motion.duration
-        self._problem.tell(Note(f"refused at {when:.2f} s: {verdict.reason.value}"))
+        self._problem.tell(Note(f"refused at {self._problem.began + when:.2f} s: {verdict.reason.value}"))
         occupancy.take_out(when, min(max(own, 0.0), along.duration))

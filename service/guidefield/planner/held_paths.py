@@ -210,12 +210,13 @@ def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:
     resting = problem.at(end)
     yield "where they come to rest", resting, True
     for share in WAYS.moments:
-        yield f"where they are at {share * end:.2f} s", problem.at(share * end), False
+        yield f"where they are at {problem.began + share * end:.2f} s", problem.at(share * end), False
     times = (np.arange(WAYS.swept) + 0.5) / WAYS.swept
     moving = [index for index, one in enumerate(problem.scene.obstacles) if one.motion is not None]
     for until in (0.5 * end, end):
         moments = (until * times).tolist()
-        yield f"wherever they are until {until:.2f} s", _among(problem, dict.fromkeys(moving, moments)), False
+        name = f"wherever they are until {problem.began + until:.2f} s"
+        yield name, _among(problem, dict.fromkeys(moving, moments)), False
     for _ in range(WAYS.draws - 1):
         yield "among what rests, again", _among(problem, {}), False
 

@@ -23,7 +23,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import Finished, certify_motion, executed_motion, find_excess
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Problem, TipGoal
-from guidefield.planner.task.stages import Ending, StageFailed, Stages, refusal
+from guidefield.planner.task.stages import Ending, StageFailed, Stages, once_they_rest, refusal
 from guidefield.planner.task.trace import StageLeft
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
@@ -110,15 +110,6 @@ def _planes_of(
     return through
 
 
-def _once_they_rest(problem: Problem, failed: StageFailed) -> StageFailed:
-    """What is told of a goal, which is judged as the obstacles stand once they have come to rest."""
-    if not problem.scene.moves:
-        return failed
-    end, ending = problem.scene.end, failed.ending
-    message = f"as the obstacles stand from {end:.2f} s on: {ending.message}"
-    return StageFailed(ending.status, message, **{**ending.details, "time": end})
-
-
 def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
     """From a start in motion, or to an end in motion; among obstacles that move the robot stops first."""
     try:
@@ -150,7 +141,8 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
             leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.path_constraints
             unreached = failed.ending.status in UNREACHED
             if not (leads and unreached and isinstance(problem.goal, TipGoal)):
-                raise _once_they_rest(problem, failed) from None
+                told = once_they_rest(problem, failed.ending)
+                raise StageFailed(told.status, told.message, **told.details) from None
             stage.outcome = "the start is free; the goal's pose is looked for from where guide planes lead"
             return None
         if goals is None:

@@ -181,6 +181,7 @@ class Problem(Conditions):
     end_velocity: ChartRate | None = None  # with which it ends, shape (nv,); None: at rest
     objective: Objective = Objective.BALANCED
     seed: int = 0
+    began: float = 0.0  # when its time 0 is, in the time of what was asked for [s]
 
     @cached_property
     def z_start(self) -> ChartPoint:
@@ -221,7 +222,9 @@ class Problem(Conditions):
 
     def since(self, time: float, q: Configuration) -> Problem:
         """The same, from rest to rest, from a time on [s], which is its time 0, and a configuration (nq,) on."""
-        resting = dataclasses.replace(self, q_start=q, start_velocity=None, start_acceleration=None, end_velocity=None)
+        resting = dataclasses.replace(
+            self, began=self.began + time, q_start=q, start_velocity=None, start_acceleration=None, end_velocity=None
+        )
         if not self.scene.moves:
             return resting
         scene = self.scene.since(time)

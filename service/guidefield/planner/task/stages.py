@@ -11,7 +11,7 @@ from typing import Any
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
-from guidefield.planner.task.problem import Conditions
+from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.planner.task.trace import StageEntered, StageLeft
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.group.group import PlanningGroup
@@ -93,6 +93,15 @@ def refusal(conditions: Conditions, verdict: Verdict) -> Ending:
         measured = {"clearance": distance, "min_clearance": conditions.min_clearance}
         return Ending(Status.CLEARANCE_BELOW_MINIMUM, message, details | measured)
     return Ending(status, message, details)
+
+
+def once_they_rest(problem: Problem, ending: Ending) -> Ending:
+    """How what is judged as the obstacles stand once they have come to rest ended; the same where none moves."""
+    if not problem.scene.moves:
+        return ending
+    end = problem.began + problem.scene.end
+    message = f"as the obstacles stand from {end:.2f} s on: {ending.message}"
+    return Ending(ending.status, message, {**ending.details, "time": end})
 
 
 class StageFailed(Exception):
