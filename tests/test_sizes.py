@@ -125,15 +125,18 @@ def test_twice_as_large_has_the_same_answer_to_the_last_digits() -> None:
     assert 2.0 * small.clearance.inner == pytest.approx(large.clearance.inner, rel=1e-4)
 
 
-def guided(size: float) -> PlanRequest:
-    """The same, through a guide plane beside the post and to the pose at the goal."""
-    corners = [(0.35, -0.5, 0.75), (0.35, -0.2, 0.75), (0.35, -0.2, 1.1), (0.35, -0.5, 1.1)]
-    plane = GuidePlane("gate", [(x * size, y * size, z * size) for x, y, z in corners])
-    return msgspec.structs.replace(problem(size), guide_planes=[plane])
+GATE = [(0.35, -0.5, 0.75), (0.35, -0.2, 0.75), (0.35, -0.2, 1.1), (0.35, -0.5, 1.1)]
+"""Corners of a guide plane beside the post [m]."""
 
 
-def test_a_guide_plane_of_an_arm_twice_as_large_is_crossed_in_the_same_way() -> None:
-    small, large = (ask(guided(size)) for size in (4.0, 8.0))
+@pytest.mark.parametrize("derived", [False, True])
+def test_guide_planes_of_an_arm_twice_as_large_are_crossed_in_the_same_way(derived: bool) -> None:
+    replies = []
+    for size in (4.0, 8.0):
+        gate = GuidePlane("gate", [(x * size, y * size, z * size) for x, y, z in GATE])
+        replies.append(ask(msgspec.structs.replace(problem(size), guide_planes="auto" if derived else [gate])))
+    small, large = replies
+    assert len(small.guide_planes) == len(large.guide_planes) >= 1
     assert small.trajectory.times == pytest.approx(large.trajectory.times, rel=1e-9)
 
 

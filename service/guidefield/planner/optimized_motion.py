@@ -196,8 +196,9 @@ def through_planes(problem: Problem, spline: BSpline, crossed: Crossed) -> tuple
 
     None where it can't be brought there.
     """
-    about = first_places(crossed.passages, Trajectory(*spline.knots()), spline.pieces)
-    exact = passing(spline, crossed.passages, about)
+    sizes = problem.group.sizes
+    about = first_places(crossed.passages, Trajectory(*spline.knots()), spline.pieces, sizes)
+    exact = passing(spline, crossed.passages, about, sizes)
     if exact is None:
         return None
     knots, passed = with_knots(*exact)

@@ -106,7 +106,7 @@ def test_a_motion_is_brought_exactly_to_all_places_and_its_ends_stay(seed: int, 
     aside = 0.02 * np.random.default_rng(seed).normal(size=(2, 3))
     places = (at, at + 2.0)
     passages = [Passage(Waypoint(z + by, radius), z) for z, by in zip(spline.at(np.array(places)), aside, strict=True)]
-    found = passing(spline, passages, places)
+    found = passing(spline, passages, places, np.ones(spline.points.shape[1]))
     assert found is not None
     moved, reached = found
     for passage, where in zip(passages, reached, strict=True):
@@ -118,7 +118,7 @@ def test_a_motion_is_brought_exactly_to_all_places_and_its_ends_stay(seed: int, 
 def test_what_an_end_would_have_to_reach_is_given_up() -> None:
     spline = curve(2)
     z = spline.at(np.array([0.0]))[0]
-    assert passing(spline, [Passage(Waypoint(z - [1.0, 0.0, 0.0], 0.0), z)], [0.0]) is None
+    assert passing(spline, [Passage(Waypoint(z - [1.0, 0.0, 0.0], 0.0), z)], [0.0], np.ones(len(z))) is None
 
 
 def test_knots_at_places_leave_the_curve_as_it_is() -> None:
@@ -137,7 +137,7 @@ def test_passages_begin_where_the_motion_is_at_their_waypoints_also_on_the_way_b
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 0.5], [1.0, 0.0], [0.0, 0.0]])
     motion = soonest(path, np.ones(2), np.ones(2))
     passages = [Passage(Waypoint(path[k], 0.0), path[k]) for k in (1, 2, 3)]
-    there, turned, back = first_places(passages, motion, 20)
+    there, turned, back = first_places(passages, motion, 20, np.ones(2))
     assert 0.0 < there < turned < back < 20.0
     assert turned == pytest.approx(10.0, abs=0.5)
     times = motion.duration / 20 * np.array([there, turned, back])

@@ -227,7 +227,7 @@ def optimize(
         return Optimized(motion, descending.steps, motion.duration, Outcome.NOT_WITHIN)
     look = descending.fine(best)
     problem.counters.iterations += descending.steps
-    exact = passing(look.spline, passages, look.passed)
+    exact = passing(look.spline, passages, look.passed, best.question.limits.sizes)
     if exact is None:
         return Optimized(motion, descending.steps, motion.duration, Outcome.NOT_PASSING)
     spline, places = exact
@@ -303,7 +303,7 @@ class _Descending:
         within = brought_within(question, first) if problem.in_motion else first
         if within is None:
             return None
-        passed = first_places(self._passages, motion, within.pieces)
+        passed = first_places(self._passages, motion, within.pieces, self._limits.sizes)
         settings, begun = self._settings, (within, passed)
         coarse = question
         if self._passages:  # links of chains have many points, and through a gate all of them are near something

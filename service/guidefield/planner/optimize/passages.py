@@ -115,11 +115,14 @@ class Passage(ReadOnly):
     waypoint: ChartPoint  # a chart point of the path there, shape (nv,) [rad or m]
 
 
-def first_places(passages: Sequence[Passage], motion: Trajectory, pieces: int) -> tuple[float, ...]:
-    """Where on a spline of so many pieces, evenly in time, the passages of a motion through all their waypoints are."""
+def first_places(passages: Sequence[Passage], motion: Trajectory, pieces: int, sizes: np.ndarray) -> tuple[float, ...]:
+    """Where on a spline of so many pieces, evenly in time, the passages of a motion through all their waypoints are.
+
+    Coordinates count by their sizes (nv,).
+    """
     places, first = [], 0
     for passage in passages:
-        away = np.linalg.norm(motion.positions[first:] - passage.waypoint, axis=1)
+        away = np.linalg.norm((motion.positions[first:] - passage.waypoint) / sizes, axis=1)
         first += int(np.argmin(away))
         places.append(float(pieces * (motion.times[first] - motion.times[0]) / motion.duration))
     return tuple(places)
@@ -188,9 +191,12 @@ def add_passage(
 
 
 def passing(
-    spline: BSpline, passages: Sequence[Passage], places: Sequence[float]
+    spline: BSpline, passages: Sequence[Passage], places: Sequence[float], sizes: np.ndarray
 ) -> tuple[BSpline, list[float]] | None:
-    """A motion that passes all places exactly, and where; None where it can't be, or not in their order."""
+    """A motion that passes all places exactly, and where; None where it can't be, or not in their order.
+
+    Coordinates count by their sizes (nv,).
+    """
     at = [nearest(one.place, spline, about) for one, about in zip(passages, places, strict=True)]
     # or at the knot next to it: no piece becomes too short
     at = [float(np.round(one)) if abs(one - np.round(one)) < PASSAGE.shortest else one for one in at]
@@ -199,14 +205,14 @@ def passing(
     for _ in range(PASSAGE.corrections):
         worst = 0.0
         for passage, where in zip(passages, at, strict=True):
-            spline, missed = _moved_onto(passage.place, spline, where)
+            spline, missed = _moved_onto(passage.place, spline, where, sizes)
             worst = max(worst, missed)
         if worst <= PASSAGE.reached:
             return spline, at
     return None
 
 
-def _moved_onto(place: Place, spline: BSpline, at: float) -> tuple[BSpline, float]:
+def _moved_onto(place: Place, spline: BSpline, at: float, sizes: np.ndarray) -> tuple[BSpline, float]:
     """The motion with control points about a place moved least to be there to first order; what it missed."""
     where = np.array([at])
     z = spline.at(where)[0]
@@ -216,7 +222,8 @@ def _moved_onto(place: Place, spline: BSpline, at: float) -> tuple[BSpline, floa
     shares = np.where(inner, basis(t)[0], 0.0)
     if not missed.any() or shares @ shares < PASSAGE.reaching:
         return spline, float(np.abs(missed).max())
-    move = -np.linalg.pinv(place.rows(z)[missed != 0.0], rcond=1e-6) @ missed[missed != 0.0]
+    rows = place.rows(z)[missed != 0.0] * sizes
+    move = -np.linalg.pinv(rows, rcond=1e-6) @ missed[missed != 0.0] * sizes
     points = spline.points.copy()
     points[piece : piece + 4] += np.outer(shares / (shares @ shares), move)
     return dataclasses.replace(spline, points=points), float(np.abs(missed).max())
