@@ -156,3 +156,12 @@ def test_a_refusal_of_what_is_drawn_leads_to_where_the_plan_is_then() -> None:
     assert reply.status.name == "INVALID_MOTION_PLAN"
     assert "tolerance" in reply.status.message
     assert reply.status.details["pair"] == ["panda_leftfinger", "book4"]
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_motion_that_goes_nowhere_is_refused_where_it_is() -> None:
+    made = plan(
+        start=READY, goal=joints(**READY), guide_planes=[], execution={"interpolation": "cubic", "tolerance": 1.0}
+    )
+    assert made.status.name == "INVALID_MOTION_PLAN"
+    assert "where the execution may be" in made.status.message

@@ -72,8 +72,8 @@ def _at_same_times(verdict: Verdict, judged: GivenMotion, trajectory: Trajectory
         time = judged.along(*place)[1]
         assert time is not None, "a controller draws in time"
         piece = int(np.clip(np.searchsorted(times, time, "right") - 1, 0, len(times) - 2))
-        share = (time - times[piece]) / (times[piece + 1] - times[piece])
-        places.append((piece, float(np.clip(share, 0.0, 1.0))))
+        span = times[piece + 1] - times[piece]  # none of a motion that goes nowhere
+        places.append((piece, float(np.clip((time - times[piece]) / span, 0.0, 1.0)) if span > 0.0 else 0.0))
     return replace(verdict, piece=places[0][0], parameter=places[0][1], free_until=places[1])
 
 
