@@ -90,7 +90,7 @@ def _format_number(value: float | None, unit: float = 1.0) -> str:
 
 SHOWN_DIGITS = 16  # number of digits of a hash to show
 
-VERDICT_FIELDS = ("status", "curve", "certificate", "clearance", "self_clearance", "limits")
+VERDICT_FIELDS = ("status", "curve", "certificate", "clearance", "self_clearance", "limits", "cartesian", "effort")
 """The fields of a certify reply that are the verdict itself."""
 
 out = Console()

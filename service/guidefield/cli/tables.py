@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from guidefield.errors import Status
-from guidefield.messages.certify_reply import describe_certificate, describe_place
+from guidefield.messages.certify_reply import describe_certificate, describe_effort, describe_place, describe_speed
 from guidefield.messages.execution import describe_deviation, describe_execution
 from guidefield.messages.replies import (
     CertifyReply,
@@ -197,6 +197,9 @@ def _distance_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
         rows.append(("as executed", Text(f"{describe_execution(reply.execution)}; {leaves}")))
     if reply.clearance is not None:
         rows.append(("clearance", Text(_clearance(reply.clearance))))
+    rows += [("in space", Text(describe_speed(use))) for use in reply.cartesian]
+    if reply.effort is not None and (strongest := describe_effort(reply.effort)) is not None:
+        rows.append(("torque", Text(strongest)))
     own = reply.self_clearance
     if own is not None and own.minimum is not None:
         rows.append(("to itself", Text(f"{_format_millimetres(own.minimum)}{_format_pair(own.pair)}")))

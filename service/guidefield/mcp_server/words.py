@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from guidefield.errors import GuidefieldError, Status
-from guidefield.messages.certify_reply import describe_certificate
+from guidefield.messages.certify_reply import describe_certificate, describe_effort, describe_speed
 from guidefield.messages.replies import (
+    CartesianUse,
     CertifyReply,
     ClearanceFigures,
     ClearanceReply,
+    EffortFigures,
     InverseKinematicsReply,
     LimitUse,
     Outcome,
@@ -32,6 +34,7 @@ def describe_plan(reply: PlanReply) -> str:
             f" {reply.metrics.tip_path_length:.3f} m."
         )
     told += [*_clearances(reply.clearance, reply.self_clearance), f"Certificate: {describe_certificate(reply)}."]
+    told += _loads(reply.cartesian, reply.effort)
     if reply.trajectory is not None:
         told.append(f"`trajectory` with run_id {reply.run_id!r} gives its times, positions and velocities.")
     return _join_sentences(told, reply.warnings)
@@ -53,7 +56,14 @@ def describe_verdict(reply: CertifyReply) -> str:
         if use.share is not None and use.joint is not None:
             beyond = ", which is beyond it" if use.share > 1.0 else ""
             told.append(f"{use.joint} uses {100.0 * use.share:.1f} % of its {name} limit{beyond}.")
-    return _join_sentences(told, reply.warnings)
+    return _join_sentences([*told, *_loads(reply.cartesian, reply.effort)], reply.warnings)
+
+
+def _loads(cartesian: list[CartesianUse], effort: EffortFigures | None) -> list[str]:
+    """The speeds in space that are limited, and the largest torque."""
+    told = [f"{describe_speed(use)}." for use in cartesian]
+    strongest = None if effort is None else describe_effort(effort)
+    return told if strongest is None else [*told, f"{strongest}."]
 
 
 def describe_clearance(reply: ClearanceReply) -> str:

@@ -179,6 +179,22 @@ def describe_place(row: float, time: float | None) -> str:
     return f"row {row:.6g}" if time is None else f"{time:.6g} s (row {row:.6g})"
 
 
+def describe_speed(use: CartesianUse) -> str:
+    """Say in words how fast a frame or link is at most."""
+    return f"{use.frame or use.link} reaches {use.speed:.4g} m/s of {use.speed_limit:g}, at {use.speed_time:.2f} s"
+
+
+def describe_effort(effort: EffortFigures) -> str | None:
+    """Say in words which joint takes the largest share of its torque; None where no torque with a limit is told."""
+    limited = [use for use in effort.joints if use.share is not None]
+    if not limited:
+        return None
+    use = max(limited, key=lambda use: use.share or 0.0)
+    return (
+        f"{use.joint} takes {use.effort:.4g} N m, {100.0 * (use.share or 0.0):.1f} % of its limit, at {use.time:.2f} s"
+    )
+
+
 def describe_certificate(reply: PlanReply) -> str:
     """Say in words what a plan's certificate covers, and whether that is free."""
     covers = reply.certificate.covers
