@@ -9,9 +9,22 @@ import msgspec
 import numpy as np
 import pytest
 
-from guidefield import Box, Cylinder, InverseKinematics, JointsGoal, PlanReply, PlanRequest, Scene, UrdfText, answer
+from guidefield import (
+    Box,
+    Cylinder,
+    InverseKinematics,
+    JointsGoal,
+    PlanReply,
+    PlanRequest,
+    PoseGoal,
+    Scene,
+    Sphere,
+    UrdfText,
+    answer,
+)
 from guidefield.messages.kinematics_requests import TargetPose
-from guidefield.messages.scene import GuidePlane
+from guidefield.messages.requests import OrientationCone, PlanStep
+from guidefield.messages.scene import GuidePlane, ObstacleTrajectory
 from guidefield.messages.values import Placement
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model.size import LEAST_USUAL, USUAL_REACH
@@ -123,6 +136,30 @@ def test_twice_as_large_has_the_same_answer_to_the_last_digits() -> None:
     assert small.metrics.smoothness == pytest.approx(large.metrics.smoothness, rel=1e-9)
     assert 2.0 * small.clearance.mean == pytest.approx(large.clearance.mean, rel=1e-6)
     assert 2.0 * small.clearance.inner == pytest.approx(large.clearance.inner, rel=1e-4)
+
+
+def otherwise_asked(size: float) -> dict[str, PlanRequest]:
+    """The same problem with more that has lengths, all of them so many times as large."""
+    asked, places = problem(size), ((0.7, -0.6, 0.9), (0.5, 0.6, 0.7))
+    way = [Placement(position=(size * x, size * y, size * z)) for x, y, z in places]
+    ball = Sphere(name="ball", radius=0.1 * size, trajectory=ObstacleTrajectory([0.0, 2.0], way))
+    cell = msgspec.structs.replace(asked.scene, obstacles=[*asked.scene.obstacles, ball])
+    steps = [PlanStep(JointsGoal({"j0": -0.3, "j1": 0.4})), PlanStep(asked.goal)]
+    near = PoseGoal((0.5 * size, 0.45 * size, 0.6 * size), (0.0, 1.0, 0.0, 0.0), position_tolerance=(0.01 * size,) * 3)
+    changes: dict[str, dict[str, object]] = {
+        "away": {"objective": "clearance", "min_clearance": 0.01 * size},
+        "among what moves": {"scene": cell},
+        "upright": {"path_constraints": [OrientationCone("l5", (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), 2.2)]},
+        "in steps": {"goal": None, "steps": steps},
+        "to a pose": {"goal": near},
+    }
+    return {name: msgspec.structs.replace(asked, **change) for name, change in changes.items()}
+
+
+@pytest.mark.parametrize("name", list(otherwise_asked(1.0)))
+def test_twice_as_large_is_the_same_whatever_is_asked(name: str) -> None:
+    small, large = (ask(otherwise_asked(size)[name]) for size in (4.0, 8.0))
+    assert small.trajectory.times == pytest.approx(large.trajectory.times, rel=1e-9)
 
 
 GATE = [(0.35, -0.5, 0.75), (0.35, -0.2, 0.75), (0.35, -0.2, 1.1), (0.35, -0.5, 1.1)]
