@@ -198,9 +198,11 @@ class _Search:
     def _estimates(self, ways: Iterator[HeldPath]) -> Iterator[_Estimate]:
         """Those of some ways that have a schedule, each way once.
 
-        No more once one is not hindered, except until a goal stays free, or a share of the time is up.
+        No more once one is not hindered, except until a goal stays free, several in a row arrive no sooner, or a share
+        of the time is up.
         """
         deadline, known = self._problem.deadline.share(WAYS.share), set[tuple[bytes, bool]]()
+        step, best, in_vain = step_of(self._problem.group), np.inf, 0
         for way in ways:
             key = way.found.path.tobytes(), way.at_rest
             if len(distinct(way.found.path)) == 1 or key in known or not self._ends_free(way):
@@ -215,8 +217,9 @@ class _Search:
             arrival = chosen[0].arrival
             yield _Estimate(way, arrival)
             soonest = 0.0 if self._goals is None else min(map(self._from, self._goals))
-            unhindered = WAYS.unhindered * max(motion.duration, soonest) + step_of(self._problem.group)
-            if arrival <= unhindered or deadline.expired():
+            unhindered = WAYS.unhindered * max(motion.duration, soonest) + step
+            best, in_vain = (arrival, 0) if arrival < best - step else (best, in_vain + 1)
+            if arrival <= unhindered or in_vain == WAYS.patience or deadline.expired():
                 return
 
     def _ends_free(self, way: HeldPath) -> bool:

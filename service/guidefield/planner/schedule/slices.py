@@ -85,6 +85,7 @@ class WaySettings:
     share: float = 0.5  # of the time left for ways that a few motions find. A choice
     # a way of at most this times the time without obstacles, or until a goal stays free, ends the looking. A choice
     unhindered: float = 1.05
+    patience: int = 4  # so many ways in a row that arrive no sooner, by a step, end it as well. A choice
 
 
 WAYS = WaySettings()
