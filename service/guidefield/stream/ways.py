@@ -55,7 +55,7 @@ class Room:
         self.robot: RoomRobot = room_robot(group)
         self._lanes = BatchCollision.build(world)
         self._least, self._tolerance = least, tolerance
-        self.size = group.size
+        self.size, self._sizes = group.size, group.sizes
 
     def gaps(self, boxes: np.ndarray, z: ChartPoint) -> np.ndarray:
         """What may be kept from boxes (k, 16) at coordinates z (nv,), shape (k,) [m]: less than how far they are."""
@@ -146,6 +146,7 @@ class Room:
             horizon=STREAM.planned,
             widening=STREAM.widening * self.size,
             spacing=STREAM.spacing,
+            sizes=self._sizes,
         )
         return read_only_views(among)
 

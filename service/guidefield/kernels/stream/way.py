@@ -44,7 +44,8 @@ class Surroundings(NamedTuple):
     speeds: Row  # of the coordinates, at most, shape (nv,) [rad/s or m/s]
     horizon: float  # so far it is foreseen where boxes are when the robot could come at the soonest [s]
     widening: float  # see `gaps` [m/s]
-    spacing: float  # of the samples along a way [rad or m]
+    spacing: float  # of the samples along a way [rad, or m at size 1]
+    sizes: Row  # how far each coordinate goes for a length of 1: 1 for angles, the size for what slides, shape (nv,)
 
 
 SURROUNDINGS = numba_type(Surroundings)
@@ -75,7 +76,7 @@ def straight_free(among: Surroundings, z0: Row, z1: Row) -> bool:
     nv, square = z0.shape[0], 0.0
     rows = np.empty((2, nv), np.float32)
     for j in range(nv):
-        square += (z1[j] - z0[j]) ** 2
+        square += ((z1[j] - z0[j]) / among.sizes[j]) ** 2
         rows[0, j], rows[1, j] = z0[j], z1[j]
     count = max(1, math.ceil(math.sqrt(square) / among.spacing))
     z, moved = np.empty(nv), among.boxes.copy()
@@ -100,13 +101,13 @@ def straight_free(among: Surroundings, z0: Row, z1: Row) -> bool:
 
 
 @inlined
-def _closest(nodes: Floats, count: int, z: Floats) -> int:
+def _closest(nodes: Floats, count: int, z: Floats, sizes: Floats) -> int:
     """Return which of some nodes, rows of shape (n, nv), is closest to z, shape (nv,)."""
     best, least = 0, np.inf
     for i in range(count):
         square = 0.0
         for j in range(z.shape[0]):
-            square += (nodes[i, j] - z[j]) ** 2
+            square += ((nodes[i, j] - z[j]) / sizes[j]) ** 2
         if square < least:
             best, least = i, square
     return best
@@ -122,16 +123,16 @@ def _grow(
     longest: float,
     steps: int,
 ) -> tuple[int, bool]:
-    """Grow a tree from its closest point towards another one, by edges of at most `longest` [rad or m].
+    """Grow a tree from its closest point towards another one, by edges of at most `longest` [rad, or m at size 1].
 
     Returns how many points there are then, and whether the last one is where it was to grow to.
     """
     nv = towards.shape[0]
-    at = _closest(nodes, size, towards)
+    at = _closest(nodes, size, towards, among.sizes)
     for _ in range(steps):
         square = 0.0
         for j in range(nv):
-            square += (towards[j] - nodes[at, j]) ** 2
+            square += ((towards[j] - nodes[at, j]) / among.sizes[j]) ** 2
         length = math.sqrt(square)
         share = min(1.0, longest / length) if length > 0.0 else 1.0
         if size == nodes.shape[0]:
