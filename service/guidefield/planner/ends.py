@@ -154,7 +154,9 @@ def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
     By the velocity limits a straight motion along d takes at least max_j |d_j| / V_j. Goals that hardly differ from one
     before are left out.
     """
-    group = problem.group
+    group, limit = problem.group, problem.effort_limit
+    if limit is not None and any(held := [fault is None for fault in limit.faults(zs)]):
+        zs = cast(ChartPoints, zs[held])
     ways = np.array([group.unwrapped(z, problem.z_start) for z in zs]) - problem.z_start
     order = np.argsort((np.abs(ways) / group.velocity_limits).max(axis=1), kind="stable").tolist()
     steps, chosen = ways / group.units, list[int]()

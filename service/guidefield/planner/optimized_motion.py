@@ -19,7 +19,7 @@ from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.limit_load import at_limits, limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.motion_certificate import Finished, Judge, certify_motion, judge
+from guidefield.planner.motion_certificate import Finished, Judge, certify_motion, find_excess, judge
 from guidefield.planner.optimize import settings as presets
 from guidefield.planner.optimize.clearance_samples import better
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
@@ -107,6 +107,7 @@ def optimize_motion(
         settings = presets.lengthened(settings, length_of(begun.positions, problem.group.sizes))
     message = f"shape and time together, {'among what moves, ' if moves else ''}{problem.objective.value}"
     touched: list[TouchedPoint] = []
+    heaviest = presets.EFFORT.heavier**2 * settings.effort_weight
     for attempt in range(2 + LOOKS):
         with stages.entered("relax", message) as stage:
             optimized = optimize(problem, begun, settings, others, crossed.passages, None, *between, touched)
@@ -118,8 +119,16 @@ def optimize_motion(
             made = _of_optimized(problem, optimized, begun, settings, crossed, between[1], stages, judged_by)
             if made is not None and (made.verdict.free or finished is None):
                 finished = made
-        if moves or problem.deadline.expired() or (finished is not None and finished.verdict.free):
+        settled = finished is not None and finished.verdict.free
+        if moves or problem.deadline.expired() or (settled and not _is_overloaded(problem, finished)):
             break
+        if settled and made is finished:
+            if settings.effort_weight >= heaviest:
+                break
+            weight = presets.EFFORT.heavier * settings.effort_weight
+            message = "again, minding torques, because they exceed their limits"
+            settings, others = replace(settings, effort_weight=weight), ()
+            continue
         if attempt == 0:
             why = "a guide plane was lost" if finished is None else "the certificate refused it"
             message, settings, others = f"again, looking closer, because {why}", presets.closer(settings), ()
@@ -130,6 +139,15 @@ def optimize_motion(
         touched += found
         message = "again, looking at where it touched, because the certificate refused it"
     return finished
+
+
+def _is_overloaded(problem: Problem, finished: Finished | None) -> bool:
+    """Whether a motion's torques exceed limits that bind it: where gravity alone does, no time is long enough."""
+    return (
+        problem.effort_limit is not None
+        and finished is not None
+        and find_excess(problem, finished.trajectory) is not None
+    )
 
 
 def settings_of(problem: Problem, *, passes: bool = False) -> presets.OptimizationSettings:

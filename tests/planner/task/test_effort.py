@@ -31,6 +31,11 @@ LIMIT = '<limit lower="-2" upper="2" effort="40" velocity="2"/>'
 
 def weighty_chain(kinds: list[str], seed: int) -> PlanningGroup:
     """A chain of links with any masses and inertias, and joints with any axes."""
+    return grouped(UrdfText(text=weighty_urdf(kinds, seed)))
+
+
+def weighty_urdf(kinds: list[str], seed: int) -> str:
+    """Its URDF."""
     rng = np.random.default_rng(seed)
     parts = ['<link name="l0"/>']
     for i, kind in enumerate(kinds, 1):
@@ -47,7 +52,7 @@ def weighty_chain(kinds: list[str], seed: int) -> PlanningGroup:
             f'<joint name="j{i}" type="{kind}"><origin xyz="0.1 {place[4]} 0.3" rpy="{" ".join(place[5:8])}"/>'
             f'<parent link="l{i - 1}"/><child link="l{i}"/><axis xyz="{axis}"/>{limit}</joint>'
         )
-    return grouped(UrdfText(text=f'<robot name="chain">{"".join(parts)}</robot>'))
+    return f'<robot name="chain">{"".join(parts)}</robot>'
 
 
 def dense_torques(planned: PlanningGroup, motion: MotionPolynomials) -> np.ndarray:
@@ -85,6 +90,22 @@ def test_a_bound_holds_on_any_chain(kinds, seed, degree) -> None:
     np.testing.assert_allclose(torques_of(tree, *states(motion)), dense, atol=1e-9, rtol=1e-9)
     bounds = [one.bound for one in largest_efforts(tree, motion, np.full(planned.nv, 40.0))[0]]
     assert (np.abs(dense).max(axis=0) <= np.array(bounds) + 1e-9).all()
+
+
+@settings(max_examples=5)
+@given(KINDS, st.integers(0, 2**32 - 1))
+def test_torques_are_mujocos(kinds, seed) -> None:
+    mujoco = pytest.importorskip("mujoco", reason="the extra `mujoco` isn't installed")
+    planned = weighty_chain(kinds, seed)
+    tree, rows = tree_of(planned), [row[::50] for row in states(random_motion(planned, seed, 1))]
+    assert not isinstance(tree, str)
+    model = mujoco.MjModel.from_xml_string(weighty_urdf(kinds, seed))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data, found = mujoco.MjData(model), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*rows, strict=True):
+        mujoco.mj_inverse(model, data)
+        found.append(data.qfrc_inverse.copy())
+    np.testing.assert_allclose(torques_of(tree, *rows), found, rtol=1e-6, atol=1e-6)
 
 
 @settings(max_examples=8)

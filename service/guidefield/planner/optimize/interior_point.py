@@ -187,7 +187,15 @@ class Descent(ReadOnly):
         effort, beyond = question.effort, 0.0
         if effort is not None:
             on_piece = EFFORT.on_piece(spline.pieces)
-            asked = effort.tree, effort.limits, spline.points, spline.step, on_piece, EFFORT.weight, EFFORT.share
+            asked = (
+                effort.tree,
+                effort.limits,
+                spline.points,
+                spline.step,
+                on_piece,
+                question.settings.effort_weight,
+                EFFORT.share,
+            )
             beyond = effort_value(*asked)
             most -= beyond
         value, count = self.clearance_along(
