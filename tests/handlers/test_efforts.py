@@ -114,6 +114,20 @@ def test_what_has_no_answer_is_refused_by_name(fields, words) -> None:
         ask(**{**THERE, **fields})
 
 
+def test_straight_pieces_have_no_torques_to_limit() -> None:
+    limits = {"panda_joint1": {"effort": 9.0}}
+    path = {"path": [[0.0], [0.1]], "position_names": ["panda_joint1"]}
+    assert certify(**path, start=READY).effort is None
+    with pytest.raises(MalformedRequest, match="straight pieces have none"):
+        certify(**path, start=READY, limits=limits)
+    with pytest.raises(MalformedRequest, match="'linear' limits of effort are not served"):
+        ask(**THERE, limits=limits, execution={"interpolation": "linear", "rate": 125})
+    drawn = ask(**THERE, limits=limits, execution={"interpolation": "quintic", "rate": 125})
+    assert drawn.status.name == "SUCCESS"
+    assert drawn.effort is not None
+    assert drawn.effort.joints[0].effort <= 9.0
+
+
 def test_a_held_object_without_a_mass_is_warned_of() -> None:
     reply = ask(**THERE, attached_objects=[load(None)], limits={"panda_joint1": {"effort": 87.0}})
     assert any("'load', which is held, has no `mass`" in warning for warning in reply.warnings)

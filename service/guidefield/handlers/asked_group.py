@@ -149,6 +149,13 @@ def execution_of(request: MotionRequest, group: PlanningGroup) -> ControllerMode
             "with `execution.interpolation` 'zero_order_hold' `cartesian_limits` are not served: steps have no speed",
             unserved="cartesian_limits",
         )
+    if bounds_efforts(request) and asked.interpolation not in ("cubic", "quintic"):
+        raise MalformedRequest(
+            f"with `execution.interpolation` {asked.interpolation!r} limits of effort are not served: velocities jump,"
+            " which takes any torque",
+            unserved="limits",
+            path="$.limits",
+        )
     if not group.is_euclidean:
         several = [joint.name for joint in group.joints if joint.nv > 1]
         raise InvalidConfiguration(

@@ -12,6 +12,7 @@ from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGroup, MalformedRequest
 from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import (
+    bounds_efforts,
     cartesian_limits_of,
     constraints_of,
     effort_limit_of,
@@ -73,6 +74,12 @@ def certify_problem(
     _require_in_group(columns, group)
     given, odd = _motion(request, request.trajectory, "trajectory", columns, rows, group)
     planned = given if request.planned is None else _planned(request, request.planned, given, columns, group)
+    if bounds_efforts(request) and (given.times is None or (given.velocities is None and not given.is_point)):
+        raise MalformedRequest(
+            "limits of effort need accelerations, and straight pieces have none: give a `trajectory` with `velocities`,"
+            " or samples of a spline",
+            path="$.limits",
+        )
     execution = execution_of(request, group)
     drawn = None if execution is None else _draw(planned, execution)
     problem = GivenProblem(
