@@ -29,8 +29,11 @@ def random_motion(seed: int, kind: CurveKind = CurveKind.HERMITE, knots: int = 1
             rates = rng.normal(size=positions.shape) * 3.0
         case CurveKind.SPLINE:
             rates = spline_rates(times, positions)
-        case CurveKind.LINEAR:
+        case CurveKind.LINEAR | CurveKind.STEPS:
             return GivenMotion(kind, positions, rows, times)
+        case CurveKind.QUINTIC:
+            rates, rises = rng.normal(size=(2, *positions.shape)) * 3.0
+            return GivenMotion(kind, positions, rows, times, rates, rises)
     return GivenMotion(kind, positions, rows, times, rates)
 
 
