@@ -14,10 +14,10 @@ from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.planner.guide.guide import ATTEMPTS, cross
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Descent, descend, evaluated, on_plane, reorienting, sliding
-from guidefield.planner.guide.rounds import ANYWHERE
 from guidefield.planner.guide.settings import DESCENT
 from guidefield.planner.task.problem import Problem
 from guidefield.potential import Precision, RobotField
+from tests.planner.guide.guards import ANYWHERE
 from tests.planner.problems import library_scene, problem, seed_problem
 from tests.robots import ARMS, group, rest
 

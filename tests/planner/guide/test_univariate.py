@@ -12,10 +12,11 @@ from guidefield.errors import InvalidGroup, Status
 from guidefield.planner.guide.guide import ATTEMPTS, Univariate, cross
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected, descend, on_plane
-from guidefield.planner.guide.rounds import ANYWHERE, Minimizer
+from guidefield.planner.guide.rounds import Minimizer
 from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.link_chain import link_chain
+from tests.planner.guide.guards import ANYWHERE
 from tests.planner.problems import densely_free, seed_problem
 from tests.robots import ARMS, box_arm, group, grouped
 
