@@ -114,6 +114,18 @@ def test_what_has_no_answer_is_refused_by_name(fields, words) -> None:
         ask(**{**THERE, **fields})
 
 
+def test_a_proof_says_that_it_is_not_about_speeds_and_torques(tmp_path) -> None:
+    limits = {
+        "cartesian_limits": [{"frame": "panda_hand_tcp", "speed": 0.5}],
+        "limits": {"panda_joint1": {"effort": 9.0}},
+    }
+    request = {"robot": "panda", "scene": "table", **THERE, **limits, **PATIENT, "proof": True}
+    reply = answer(request, proof_to=tmp_path / "motion.npz")
+    assert isinstance(reply, PlanReply)
+    told = "the proof doesn't tell that panda_hand_tcp keeps its speed and joints keep their torques"
+    assert told in reply.warnings
+
+
 def test_straight_pieces_have_no_torques_to_limit() -> None:
     limits = {"panda_joint1": {"effort": 9.0}}
     path = {"path": [[0.0], [0.1]], "position_names": ["panda_joint1"]}

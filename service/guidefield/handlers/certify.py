@@ -36,7 +36,6 @@ from guidefield.planner.quality import (
     clearances,
     travelled_way,
 )
-from guidefield.planner.task.motion_limits import untold_limits
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Silent
 from guidefield.prove.tables import robot_bodies
@@ -187,5 +186,5 @@ def _declared(request: CertifyRequest, problem: GivenProblem, leaving: Leaving |
         path_constraints=request.path_constraints,
         touching=() if leaving is None else [one.pair for one in leaving.contacts],
         left_at=(0, 0.0) if leaving is None else (leaving.piece, leaving.share),
-        untold=untold_limits(problem.cartesian_limits),
+        untold=problem.untold,
     )

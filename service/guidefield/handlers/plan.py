@@ -33,7 +33,6 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import settle_execution
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.quality import UNMEASURED, Clearance, MotionInTime, clearance_profile, clearances
-from guidefield.planner.task.motion_limits import untold_limits
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import LimitFault, limit_faults
@@ -175,7 +174,7 @@ def _motion(request: PlanRequest, problem: Problem, made: Plan, drawn: DrawnMoti
         path_constraints=request.path_constraints,
         touching=[one.pair for one in contacts],
         left_at=(int(np.searchsorted(trajectory.times, made.judged_from)), 0.0),
-        untold=untold_limits(problem.cartesian_limits),
+        untold=problem.untold,
     )
 
 

@@ -38,7 +38,6 @@ from guidefield.messages.requests import PlanRequest
 from guidefield.planner.quality import UNMEASURED, Clearance, clearances
 from guidefield.planner.sequence.sequence import Leg, SequencePlan, plan_sequence
 from guidefield.planner.sequence.stretches import Stretch
-from guidefield.planner.task.motion_limits import untold_limits
 from guidefield.planner.task.trace import Silent
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.model import RobotModel
@@ -107,9 +106,7 @@ def _motion(request: PlanRequest, made: SequencePlan[Standing], stretch: Stretch
         min_clearance=stretch.min_clearance,
         path_constraints=request.path_constraints if stretch.path_constraints else (),
         limited=None if leg.problem is None else leg.problem.group,
-        untold=untold_limits(stretch.cartesian_limits)
-        if stretch.way is None
-        else f"{stretch.way.frame} keeps to its straight way",
+        untold=stretch.untold if stretch.way is None else f"{stretch.way.frame} keeps to its straight way",
     )
 
 

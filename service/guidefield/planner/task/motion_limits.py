@@ -266,11 +266,6 @@ def measure_cartesian(limits: Sequence[CartesianLimit], motion: MotionPolynomial
     return tuple(found)
 
 
-def untold_limits(limits: Sequence[CartesianLimit]) -> str:
-    """What a proof, which is about where a motion is free, doesn't tell of these, in words."""
-    return f"{' and '.join(one.name for one in limits)} keep their speed" if limits else ""
-
-
 def slower(limits: Sequence[CartesianLimit]) -> tuple[CartesianLimit, ...]:
     """The lowest limits of each frame and link."""
     lowest: dict[tuple[str, bool], CartesianLimit] = {}
