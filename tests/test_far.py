@@ -253,7 +253,7 @@ OF_JOINTS = ("start", "path", "positions", "configuration", "configurations", "s
 
 ELSEWHERE = {
     "obstacles, which scenes see": "Box Sphere Cylinder Capsule Mesh Polygon HalfSpace PointCloud ObstacleTrajectory",
-    "in the frame of a link": "AttachedObject Payload RelativeGoal OrientationCone.axis",
+    "in that of a link or object": "AttachedObject Attach.centre_of_mass Payload RelativeGoal OrientationCone.axis",
     "directions": "OrientationCone.target_axis PlaneConstraint.normal LineConstraint.direction LinkWrench.force "
     "LinkWrench.torque Dynamics.gravity PointPotentialReply.gradient Observation.velocity Observation.angular_velocity",
     "double precision in the world": "ForwardKinematics Jacobian Dynamics DynamicsReply ForwardKinematicsReply "
