@@ -58,6 +58,14 @@ def cases(request: pytest.FixtureRequest) -> list[tuple[Case, Proof]]:
     return certain(request.param, 8)
 
 
+def test_segments_that_end_before_they_begin_are_told(cases: list[tuple[Case, Proof]]) -> None:
+    case, proof = cases[0]
+    backwards = proof.segments.copy()
+    backwards[-1] = backwards[-1, ::-1]
+    with pytest.raises(UnusableFile, match="contradicts itself"):
+        replayed(case, proof, segments=backwards)
+
+
 def test_proofs_of_certified_motions_hold(cases: list[tuple[Case, Proof]]) -> None:
     assert sum(len(proof.slab_segments) for _, proof in cases) > 60
     for case, proof in cases:

@@ -145,6 +145,7 @@ def proof_of(arrays: dict[str, np.ndarray]) -> Proof:
         (divided == (child[:, 1] >= 0)).all() and _within(child[divided], nodes) and (once <= 1).all(),
         (child[divided] > np.flatnonzero(divided)[:, None]).all(),
         (p.node_bodies[child[divided]] == p.node_bodies[divided, None]).all(),
+        (p.segments[:, 0] <= p.segments[:, 1]).all(),
     ]
     if not all(right):
         raise UnusableFile(f"the proof contradicts itself ({right.index(False)})")
