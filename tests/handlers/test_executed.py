@@ -90,6 +90,11 @@ CONTINUOUS = """<robot name="wheel"><link name="base"/>
         (states()._replace(times=states().times[::-1]), 0.0, MalformedRequest, "in the wrong order: state 1"),
         (states(), 99.0, MalformedRequest, "no joint state is of 99 s or later: the last one is of"),
         (JointStates(NAMES, [], []), 0.0, MalformedRequest, "there are none"),
+        (JointStates(NAMES, [0.0, np.nan], [[0.0] * 7] * 2), 0.0, MalformedRequest, "state 1 is of nan s, which is no"),
+        (JointStates(NAMES, [0.0], [[0.0, np.nan, *[0.0] * 5]]), 0.0, MalformedRequest, "'panda_joint2' at nan"),
+        (JointStates(NAMES, [0.0], [[0.0] * 6]), 0.0, MalformedRequest, "state 0 has 6 values for 7 joints"),
+        (JointStates(NAMES, [0.0, 1.0], [[0.0] * 7]), 0.0, MalformedRequest, "have 2 times and 1 rows"),
+        (JointStates(NAMES, [0.0, 1e300], [[0.0] * 7] * 2), 0.0, MalformedRequest, "`times.1.` must be within"),
     ],
 )
 def test_odd_joint_states_are_refused_by_name(told: JointStates, begin: float, error: type, said: str) -> None:

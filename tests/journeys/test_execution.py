@@ -27,7 +27,7 @@ from guidefield.endpoint.ros.trajectory_action import (
 from guidefield.errors import MalformedRequest, NoService, TimedOut, UnknownObject
 from guidefield.messages.exports import SentMotion, trajectory_message
 from guidefield.recorder.reading import read_recording
-from tests.endpoint.ros.stand_in import ACTION, controller_listening, interpolated
+from tests.endpoint.ros.stand_in import ACTION, StandIn, controller_listening, interpolated
 from tests.handlers.test_executed import REQUEST
 from tests.handlers.test_plan import READY
 
@@ -167,18 +167,22 @@ def test_an_interrupt_cancels(endpoint: str, monkeypatch: pytest.MonkeyPatch) ->
 def test_what_is_wrong_with_a_controller_is_said_by_name(endpoint: str) -> None:
     there, start = motion(), list(READY.values())
 
-    def refused(error: type, match: str, joints: list[str] = JOINTS, at: list[float] = start, **how: object) -> None:
+    def refused(error: type, match: str, joints: list[str] = JOINTS, at: list[float] = start, **how: object) -> StandIn:
         with (
-            controller_listening(endpoint, joints, at, **how),
+            controller_listening(endpoint, joints, at, **how) as stand_in,
             controller_at(endpoint, 0, CONTROLLER, 1.0) as controller,
             pytest.raises(error, match=match),
         ):
             controller.follow(there, lambda _: None)
+        return stand_in
 
     refused(MalformedRequest, "refuses the motion", accepts=False)
     refused(MalformedRequest, "joint 'panda_joint1' is at 0.5, not at 0", at=[0.5, *start[1:]])
     refused(TimedOut, "no joint states of panda_joint1", joints=[*JOINTS[1:], "other"])
     refused(MalformedRequest, "feedback has no joint 'panda_joint7'", told=[*JOINTS[:6], "other"])
+    refused(MalformedRequest, "joint 'panda_joint1' is at nan, not at 0", at=[float("nan"), *start[1:]])
+    stand_in = refused(MalformedRequest, "isn't a finite position", bend=lambda time: np.nan if time > 0.1 else 0.0)
+    assert stand_in.canceled.is_set(), "nobody watches what goes on moving"
     refused(TimedOut, "is silent: neither feedback nor a result within 1 s; the robot was last at", silent_after=0.2)
     with (
         controller_listening(endpoint, JOINTS, start),

@@ -153,3 +153,19 @@ def test_what_no_controller_takes_is_refused_by_name() -> None:
     close = msgspec.structs.replace(rows("cubic"), times=[0.0, 1e-10, 0.1, 0.2, 0.3])
     with pytest.raises(MalformedRequest, match="row 1 is less than a nanosecond"):
         written(close, "yaml")
+
+
+@pytest.mark.parametrize(
+    "name", ['a "q"', "new\nline\n  movej(0)\n#", "\U0001f600", "\u2028", "it's: {x}, #", "\x7f\\"]
+)
+def test_a_name_is_a_name_in_every_kind(name: str) -> None:
+    """It adds no line to a program, and is read as it was."""
+    joints = ["pan", name, *JOINTS[2:]]
+    program = export("r", joints, rows("zero_order_hold"), "script").decode()
+    assert program.count("\n") == written(rows("zero_order_hold"), "script").count(b"\n")
+    assert program.isascii()
+    read = yaml.safe_load(export("r", joints, rows("quintic"), "yaml"))
+    assert read["trajectory"]["joint_names"] == joints
+    assert json.loads(export("r", joints, rows("quintic"), "ros.json"))["trajectory"]["joint_names"] == joints
+    table = export("r", joints, rows("linear"), "csv").decode().partition("\n")[2]
+    assert next(csv.reader(io.StringIO(table, newline="")))[2] == f"position:{name}"

@@ -67,6 +67,8 @@ def make_recorded_fields(request: MotionRequest, reply: dict[str, Any], run: str
 def _select_motion(found: dict[str, Any], name: str) -> dict[str, Any]:
     """Select the fields of the motion from those of a file: a plan's reply, or flat arrays."""
     motion = found.get("trajectory") or {key: found[key] for key in TRAJECTORY_FIELDS if found.get(key) is not None}
+    if not isinstance(motion, dict):
+        raise MalformedRequest(f"{name!r} holds no motion: `trajectory` is a {type(motion).__name__}", path=name)
     fields = {key: found[key] for key in ("position_names", "velocity_names") if found.get(key) is not None}
     if motion.get("positions"):
         timed = "times" in motion
@@ -238,11 +240,14 @@ def _read_states(file: Path, joints: Sequence[str], topic: str) -> JointStates:
         return read_bag(file, topic, joints)
     fields = read_fields(file)
     motion, names = fields.get("trajectory"), fields.get("position_names")
-    if motion is None or names is None or motion.get("times") is None:
+    if not isinstance(motion, dict) or names is None or motion.get("times") is None:
         raise MalformedRequest(
             f"{file.name!r} has no `time` or no names of joints: it isn't joint states", path=str(file)
         )
-    return JointStates(names, motion["times"], motion["positions"])
+    try:
+        return msgspec.convert((names, motion["times"], motion["positions"]), JointStates)
+    except msgspec.ValidationError as error:
+        raise MalformedRequest(f"{file.name!r} holds no joint states: {error}", path=str(file)) from None
 
 
 def run_referee(request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool) -> bool:

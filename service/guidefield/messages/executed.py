@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -56,8 +57,8 @@ def judgement_of(
 
     Raises:
         UnknownObject: if the plan has no motion.
-        MalformedRequest: if a joint of the plan has no state, two states are in the wrong order, there are none since
-            the motion began, or the plan is one of steps.
+        MalformedRequest: if a joint of the plan has no state, a state isn't one finite value for each joint, two states
+            are in the wrong order, there are none since the motion began, or the plan is one of steps.
     """
     planned = reply.trajectory
     if planned is None:
@@ -72,8 +73,11 @@ def judgement_of(
                 available=[*states.joints],
             )
     columns = [states.joints.index(joint) for joint in reply.position_names]
+    if len(states.times) != len(states.positions):
+        raise MalformedRequest(f"the joint states have {len(states.times)} times and {len(states.positions)} rows")
     times, positions = list[float](), list[list[float]]()
     for index, (time, row) in enumerate(zip(states.times, states.positions, strict=True)):
+        _require_state(index, time, row, columns, states.joints)
         if index and time < states.times[index - 1]:
             raise MalformedRequest(
                 f"the joint states are in the wrong order: state {index} is of {time:.9g} s, the one before of"
@@ -88,13 +92,34 @@ def judgement_of(
         raise MalformedRequest(f"no joint state is of {begin:.9g} s or later: {last}")
     shared = {name: getattr(request, name) for name in SHARED_FIELDS if name != "leave_start_contact"}
     plan = GivenTrajectory(positions=planned.positions, times=planned.times, velocities=planned.velocities)
+    try:
+        executed = GivenTrajectory(positions=positions, times=times)
+    except ValueError as error:
+        raise MalformedRequest(f"the joint states, since the motion began, in the plan's columns: {error}") from None
     return CertifyRequest(
         **shared,
         tip=request.tip,
         position_names=reply.position_names,
-        trajectory=GivenTrajectory(positions=positions, times=times),
+        trajectory=executed,
         interpolation="linear",
         planned=plan,
         allowed_time=allowed_time,
         recording=request.recording,
     )
+
+
+def _require_state(
+    index: int, time: float, row: Sequence[float], columns: Sequence[int], joints: Sequence[str]
+) -> None:
+    """Raise MalformedRequest unless a state has a value for each joint, and its time and columns are finite."""
+    if len(row) != len(joints):
+        raise MalformedRequest(f"joint state {index} has {len(row)} values for {len(joints)} joints", row=index)
+    if not math.isfinite(time):
+        raise MalformedRequest(f"joint state {index} is of {time} s, which is no time", row=index)
+    for column in columns:
+        if not math.isfinite(row[column]):
+            raise MalformedRequest(
+                f"joint state {index}, of {time:.9g} s, has joint {joints[column]!r} at {row[column]}",
+                row=index,
+                joint=joints[column],
+            )

@@ -104,7 +104,7 @@ def _ros_json(motion: SentMotion) -> bytes:
 def _ros_yaml(motion: SentMotion) -> bytes:
     """The goal of a FollowJointTrajectory action, in YAML 1.1: there a number with an exponent has a point."""
     message, lines = trajectory_message(motion), [f"# {describe_certified(motion)}", "trajectory:"]
-    lines.append(f"  joint_names: [{', '.join(json.dumps(name) for name in message['joint_names'])}]")
+    lines.append(f"  joint_names: [{', '.join(map(_quoted, message['joint_names']))}]")
     lines.append("  points:")
     for point in message["points"]:
         fields = [f"{name}: {_yaml_row(point[name])}" for name in point if name != "time_from_start"]
@@ -112,6 +112,11 @@ def _ros_yaml(motion: SentMotion) -> bytes:
         fields.append(f"time_from_start: {{sec: {stamp['sec']}, nanosec: {stamp['nanosec']}}}")
         lines += [f"  - {fields[0]}", *(f"    {field}" for field in fields[1:])]
     return ("\n".join(lines) + "\n").encode()
+
+
+def _quoted(name: str) -> str:
+    """A name in double quotes and ASCII, on one line: in YAML an escape is of a character, not of half of one."""
+    return "".join(c if " " <= c <= "~" else f"\\U{ord(c):08x}" for c in json.dumps(name, ensure_ascii=False))
 
 
 def _yaml_row(values: Sequence[float]) -> str:
@@ -144,7 +149,7 @@ def _urscript(motion: SentMotion) -> bytes:
     given = f"0, 0, {step!r}, {SERVO_LOOKAHEAD}, {SERVO_GAIN}"
     lines = [
         f"# {describe_certified(motion)}",
-        f"# joints: {', '.join(motion.joints)}",
+        f"# joints: {', '.join(map(_quoted, motion.joints))}",
         "def guidefield_motion():",
         f"  start = {first}",
         "  now = get_actual_joint_positions()",

@@ -22,7 +22,9 @@ BEGIN = 1_700_000_000.0
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
-def write_bag(path: Path, joints: list[str], topic: str = "/joint_states", stamped: bool = True) -> Path:
+def write_bag(
+    path: Path, joints: list[str], topic: str = "/joint_states", stamped: bool = True, bare: bool = False
+) -> Path:
     told = states(begin=BEGIN)
     columns = [told.joints.index(joint) for joint in joints]
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
@@ -31,9 +33,8 @@ def write_bag(path: Path, joints: list[str], topic: str = "/joint_states", stamp
             sec, nanosec = divmod(round(time * 1e9), 10**9) if stamped else (0, 0)
             stamp = STORE.types["builtin_interfaces/msg/Time"](sec, nanosec)
             empty = np.empty(0)
-            message = STORE.types[STATE](
-                STORE.types["std_msgs/msg/Header"](stamp, ""), joints, np.array(row)[columns], empty, empty
-            )
+            places = empty if bare else np.array(row)[columns]
+            message = STORE.types[STATE](STORE.types["std_msgs/msg/Header"](stamp, ""), joints, places, empty, empty)
             bag.write(connection, round(time * 1e9), STORE.serialize_cdr(message, STATE))
     return path
 
@@ -57,6 +58,10 @@ def test_what_a_bag_lacks_is_said_by_name(tmp_path: Path) -> None:
     (tmp_path / "text.mcap").write_text("no bag")
     with pytest.raises(MalformedRequest, match="is no bag that can be read"):
         read_bag(tmp_path / "text.mcap", "/joint_states", NAMES)
+    told = states()
+    bare = write_bag(tmp_path / "bare", told.joints, bare=True)
+    with pytest.raises(MalformedRequest, match="no message has all joints of the plan"):
+        read_bag(bare, "/joint_states", NAMES)
 
 
 def test_the_command_line_judges_a_bag_against_a_plan(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -83,22 +84,23 @@ def read_bag(path: Path, topic: str, joints: Sequence[str]) -> JointStates:
     times, positions, seen = list[float](), list[list[float]](), dict[str, None]()
     try:
         with AnyReader([path]) as reader:
-            told = [one for one in reader.connections if one.topic == topic and one.msgtype == JOINT_STATES]
-            if not told:
+            found = [one for one in reader.connections if one.topic == topic and one.msgtype == JOINT_STATES]
+            if not found:
                 topics = sorted({one.topic for one in reader.connections if one.msgtype == JOINT_STATES})
                 raise MalformedRequest(
                     f"bag {path.name!r} has no joint states on {topic!r}; on: {', '.join(topics) or 'no topic'}",
                     available=topics,
                 )
-            for connection, stamp, data in reader.messages(told):
+            for connection, stamp, data in reader.messages(found):
                 message: Any = reader.deserialize(data, connection.msgtype)
                 seen |= dict.fromkeys(message.name)
-                if not all(joint in message.name for joint in joints):
+                told = dict(zip(message.name, message.position.tolist(), strict=False))  # without positions: none
+                if not all(joint in told for joint in joints):
                     continue
                 at = message.header.stamp.sec * NANO + message.header.stamp.nanosec
                 times.append((at or stamp) / NANO)
-                positions.append([float(message.position[message.name.index(joint)]) for joint in joints])
-    except (AnyReaderError, Bag1Error, Bag2Error, OSError) as error:
+                positions.append([told[joint] for joint in joints])
+    except (AnyReaderError, Bag1Error, Bag2Error, OSError, ValueError, OverflowError, struct.error) as error:
         raise MalformedRequest(f"{path.name!r} is no bag that can be read: {error}", path=str(path)) from None
     if not times:
         lacking = next((joint for joint in joints if joint not in seen), None)

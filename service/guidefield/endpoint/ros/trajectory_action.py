@@ -28,7 +28,7 @@ from guidefield.endpoint.ros.cdr import MESSAGES, SERVICES, STORES, Types, Unrea
 from guidefield.endpoint.ros.names import GRAPH, Attachment, Entity, Kind, Node, Seen
 from guidefield.endpoint.ros.node import client_config
 from guidefield.endpoint.ros.options import Distribution
-from guidefield.errors import MalformedRequest, NoService, TimedOut, UnknownObject
+from guidefield.errors import GuidefieldError, MalformedRequest, NoService, TimedOut, UnknownObject
 from guidefield.messages.executed import JointStates
 
 ACTION = "control_msgs/action/FollowJointTrajectory"
@@ -148,7 +148,7 @@ class TrajectoryController:
         self._hearing = self._version_of(offered, f"{ACTION}_FeedbackMessage", Kind.PUBLISHER, "feedback")
 
     def follow(self, motion: FollowedMotion, say: Callable[[str], None]) -> Followed:
-        """Have the controller follow a motion until it ends; an interrupt cancels it.
+        """Have the controller follow a motion until it ends; an interrupt or an error cancels it.
 
         Args:
             motion: From where the robot is.
@@ -161,16 +161,20 @@ class TrajectoryController:
         watch = _Watch(motion)
         with self._listening():
             self._require_at_start(motion)
-            goal_id = os.urandom(16)
+            goal_id, duration = os.urandom(16), float(motion.times[-1] - motion.times[0])
             self._send(motion, goal_id)
-            say(f"{self.name} follows {float(motion.times[-1] - motion.times[0]):.3f} s")
-            self._ask_result(goal_id, float(motion.times[-1] - motion.times[0]))
             try:
+                say(f"{self.name} follows {duration:.3f} s")
+                self._ask_result(goal_id, duration)
                 self._watch(watch, say)
             except KeyboardInterrupt:
                 say("canceling")
                 self._cancel(goal_id)
                 self._watch(watch, say)
+            except GuidefieldError:  # nobody would watch what goes on moving
+                with contextlib.suppress(TimedOut, Unreadable):
+                    self._cancel(goal_id)
+                raise
         return watch.followed()
 
     def _find(self) -> list[Seen]:
@@ -237,11 +241,14 @@ class TrajectoryController:
         while (left := until - time.monotonic()) > 0.0:
             with contextlib.suppress(queue.Empty):
                 what, message = self._heard.get(timeout=left)
-                if what != "states" or not all(joint in message.name for joint in motion.joints):
+                if what != "states":
+                    continue
+                told = dict(zip(message.name, message.position, strict=False))  # some nodes tell velocities alone
+                if not all(joint in told for joint in motion.joints):
                     continue
                 for joint, first in zip(motion.joints, motion.places[0].tolist(), strict=True):
-                    place = float(message.position[message.name.index(joint)])
-                    if abs(place - first) > AT_START:
+                    place = float(told[joint])
+                    if not abs(place - first) <= AT_START:  # neither is what is no number
                         raise MalformedRequest(
                             f"the robot isn't at the start of the motion: joint {joint!r} is at {place:.6g}, not at"
                             f" {first:.6g}",
@@ -361,7 +368,12 @@ class _Watch:
                 f"the controller's feedback has no joint {lacking!r}; it has {', '.join(names)}", joint=lacking
             )
         order = [names.index(joint) for joint in motion.joints]
-        desired, actual = (np.asarray(one.positions)[order] for one in (feedback.desired, feedback.actual))
+        told = [np.asarray(one.positions) for one in (feedback.desired, feedback.actual)]
+        if any(len(one) != len(names) or not np.isfinite(one[order]).all() for one in told):
+            raise MalformedRequest(
+                "the controller's feedback isn't a finite position of each joint, desired and actual"
+            )
+        desired, actual = (one[order] for one in told)
         stamp = feedback.header.stamp.sec + 1e-9 * feedback.header.stamp.nanosec or time.monotonic()
         place, off = self._go_on(desired, stamp)
         there = float(np.interp(self._at, np.arange(len(motion.times)), motion.times))
