@@ -119,6 +119,17 @@ def test_what_a_controller_draws_keeps_them(interpolation) -> None:
     assert 0.24 < reply.cartesian[0].speed <= 0.25
 
 
+def test_what_is_too_slow_to_flee_is_told_so() -> None:
+    placements = [{"position": [0.8, y, 0.6]} for y in (1.4, -0.2)]
+    bar = {"type": "box", "name": "bar", "size": [0.9, 0.1, 1.2]}
+    scene = {"name": "b", "obstacles": [{**bar, "trajectory": {"times": [0.6, 2.5], "placements": placements}}]}
+    asked = {"robot": "panda", "scene": scene, **THERE, "goal": joints(panda_joint1=-2.0), **PATIENT}
+    assert answer(asked).status.name == "SUCCESS"
+    slow = answer({**asked, "cartesian_limits": [{**TIP, "speed": 0.01}]})
+    assert slow.status.name == "START_STATE_INVALID"
+    assert "no way was found that leaves before, where panda_hand_tcp keeps its speed" in slow.status.message
+
+
 def test_steps_have_no_speed() -> None:
     with pytest.raises(MalformedRequest, match="steps have no speed"):
         ask(**THERE, cartesian_limits=[TIP], execution={"interpolation": "zero_order_hold", "rate": 125})

@@ -143,3 +143,26 @@ def test_straight_pieces_have_no_torques_to_limit() -> None:
 def test_a_held_object_without_a_mass_is_warned_of() -> None:
     reply = ask(**THERE, attached_objects=[load(None)], limits={"panda_joint1": {"effort": 87.0}})
     assert any("'load', which is held, has no `mass`" in warning for warning in reply.warnings)
+
+
+def test_among_what_moves_a_limit_that_no_schedule_keeps_is_named() -> None:
+    """The forearm passes where it lies level: there gravity takes more."""
+    ball = {"type": "sphere", "name": "ball", "radius": 0.1}
+    flies = {"times": [0.0, 2.0], "placements": [{"position": [0.5, y, 0.5]} for y in (-1.0, 1.0)]}
+    asked = {
+        "robot": "panda",
+        "scene": {"name": "moving", "obstacles": [{**ball, "trajectory": flies}]},
+        "group": ["panda_joint4"],
+        "start": {**READY, "panda_joint2": 0.0, "panda_joint4": -0.3},
+        "goal": joints(panda_joint4=-2.9),
+        "guide_planes": [],
+        "recording": "off",
+        **PATIENT,
+    }
+    refused, made = (answer({**asked, "limits": {"panda_joint4": {"effort": most}}}) for most in (15.0, 20.0))
+    assert refused.status.name == "INVALID_MOTION_PLAN"
+    assert refused.status.details["joint"] == "panda_joint4"
+    assert "its limit is 15 N m" in refused.status.message
+    assert refused.trajectory is None
+    assert made.status.name == "SUCCESS"
+    assert 17.0 < made.effort.joints[0].effort <= 20.0

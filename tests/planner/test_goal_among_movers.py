@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import guidefield
@@ -23,6 +24,8 @@ from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.planner.in_motion import STOPS
 from guidefield.planner.plan import Plan, plan
 from guidefield.planner.schedule.slices import SCHEDULE
+from guidefield.planner.task.effort import EffortLimit, tree_of
+from guidefield.planner.task.motion_limits import frame_limit
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.robot.group.path_constraints import Cone
 from guidefield.robot.ik.pose_search import PoseTarget
@@ -76,6 +79,60 @@ def test_it_waits_for_a_door_and_arrives_sooner_than_if_it_waited_until_all_rest
     assert 2.0 < found.trajectory.times[-1] < 6.0
 
 
+POST = messages.Box(name="post", size=(0.12, 0.12, 1.6))
+PASSING = messages.Sphere(name="ball", radius=0.15, trajectory=flight([0.0, 4.5], (0.45, -1.2, 0.6), (0.45, 1.2, 0.6)))
+
+
+def post_and_door() -> tuple[messages.Obstacle, ...]:
+    """A post comes to the start and goes again, long before the door opens."""
+    x, y, _ = made_tip(LEFT).translation
+    way = flight([1.0, 2.0, 2.5, 3.5], (x, y + 1.2, 0.8), (x, y, 0.8), (x, y, 0.8), (x, y + 1.2, 0.8))
+    late = msgspec.structs.replace(DOOR, trajectory=flight([6.0, 7.0], (0.85, 0.0, 0.8), (2.6, 0.0, 0.8)))
+    return msgspec.structs.replace(POST, trajectory=way), late
+
+
+def efforts(*most: float) -> EffortLimit:
+    """Limits of the first joints of a Panda [N m]."""
+    tree = tree_of(PANDA)
+    assert not isinstance(tree, str)
+    return EffortLimit(tree, np.r_[most, np.full(7 - len(most), np.inf)], tuple(PANDA.velocity_names))
+
+
+def test_where_it_waits_on_its_way_it_keeps_the_speed_and_acceleration_of_the_hand() -> None:
+    """By dense differences of places."""
+    limit = frame_limit(PANDA, "panda_hand_tcp", 0.5, 2.0)
+    made = asked(*post_and_door(), cartesian_limits=(limit,))
+    found = plan(made)
+    require_free(made, found, step=0.2)
+    times, step = np.linspace(0.0, found.trajectory.times[-1], 4001, retstep=True)
+    data, frame = PANDA.model.createData(), PANDA.model.getFrameId("panda_hand_tcp")
+    places = []
+    for z in found.trajectory.evaluate(times)[0]:
+        pin.framesForwardKinematics(PANDA.model, data, PANDA.expand_from_chart(z))
+        places.append(data.oMf[frame].translation.copy())
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / step
+    accelerations = np.linalg.norm(np.diff(places, 2, axis=0), axis=1) / step**2
+    assert 0.4 < speeds.max() <= 0.5
+    assert 1.5 < accelerations.max() <= 2.0
+
+
+@pytest.mark.parametrize("jerk", [None, 300.0])
+def test_among_what_moves_torques_keep_their_limits(jerk: float | None) -> None:
+    """By Pinocchio's inverse dynamics."""
+    limit = efforts(12.0, 30.0, 20.0, 26.0)
+    obstacles = post_and_door() if jerk is None else (PASSING,)
+    made = asked(*obstacles, effort_limit=limit, jerk_limits=None if jerk is None else np.full(7, jerk))
+    found = plan(made)
+    require_free(made, found, step=0.2)
+    data = PANDA.model.createData()
+    taken = [
+        pin.rnea(PANDA.model, data, PANDA.expand_from_chart(z), PANDA.expand_velocity @ v, PANDA.expand_velocity @ a)
+        for z, v, a in zip(*found.trajectory.evaluate(np.linspace(0.0, found.trajectory.times[-1], 3001)), strict=True)
+    ]
+    shares = np.abs(taken)[:, :7].max(axis=0) / limit.limits
+    assert 0.7 < shares.max() <= 1.0
+
+
 def test_what_comes_to_where_it_waits_is_met_by_leaving_before() -> None:
     """A bar sweeps over the start; behind it, where it rests in the end, the way would be closed."""
     bar = messages.Box(
@@ -88,12 +145,7 @@ def test_what_comes_to_where_it_waits_is_met_by_leaving_before() -> None:
 
 
 def test_where_it_may_not_wait_it_gives_way_and_waits_elsewhere() -> None:
-    """A post comes to the start and goes again, long before the door opens."""
-    x, y, _ = made_tip(LEFT).translation
-    way = flight([1.0, 2.0, 2.5, 3.5], (x, y + 1.2, 0.8), (x, y, 0.8), (x, y, 0.8), (x, y + 1.2, 0.8))
-    bar = messages.Box(name="bar", size=(0.12, 0.12, 1.6), trajectory=way)
-    late = msgspec.structs.replace(DOOR, trajectory=flight([6.0, 7.0], (0.85, 0.0, 0.8), (2.6, 0.0, 0.8)))
-    made = asked(bar, late)
+    made = asked(*post_and_door())
     assert any(contacts_at(made.at(t).world, PANDA.expand_from_chart(LEFT)) for t in np.arange(1.0, 3.1, 0.05))
     found = plan(made)
     require_free(made, found)

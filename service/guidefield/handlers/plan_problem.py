@@ -126,7 +126,6 @@ def problem_of(
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
     group = limited(group.starting_at(request.start), request)
     planes = given_planes(request, scene, deadline)
-    _require_served(request, scene)
     if request.path_constraints and request.planner == "guided":
         raise MalformedRequest("path constraints are kept by connections: planner 'guided' makes none, 'auto' does")
     if in_motion(request):
@@ -164,21 +163,6 @@ def problem_of(
         *many_turns_warnings(request, robot),
         *unweighed(request),
     )
-
-
-def _require_served(request: PlanRequest, scene: Scene) -> None:
-    """Refuse what is part of the wire but not served among obstacles that move, by name."""
-    if not scene.moves:
-        return
-    moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
-    for what, asked in (("cartesian_limits", bool(request.cartesian_limits)), ("limits", bounds_efforts(request))):
-        if asked:
-            of = "limits of effort" if what == "limits" else f"`{what}`"
-            raise MalformedRequest(
-                f"among obstacles that move ({moving}) {of} are not served: leave them out",
-                unserved=what,
-                path=f"$.{what}",
-            )
 
 
 def in_motion(request: PlanRequest) -> bool:

@@ -22,10 +22,10 @@ from guidefield.planner.finish import finish, found_motion, soonest_through
 from guidefield.planner.held_paths import HeldPath, Through, connections, detours, quick_paths
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct
-from guidefield.planner.motion_certificate import Finished, certify_motion, judge
+from guidefield.planner.motion_certificate import Finished, certify_motion, executed_motion, find_excess, judge
 from guidefield.planner.optimize.clearance_samples import keeps_aside
 from guidefield.planner.optimized_motion import Crossed, optimize_motion
-from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.path_so_far import PathSoFar, motion_along
 from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
     Occupancy,
@@ -106,6 +106,7 @@ class _Search:
         self._free_from: dict[bytes, float] = {}
         self._farthest: tuple[float, ChartPoint] | None = None
         self._ending: Ending | None = None
+        self._excess: Ending | None = None
 
     @cached_property
     def leave_by(self) -> tuple[float, Verdict | None]:
@@ -172,10 +173,14 @@ class _Search:
             last = f"; once they rest: {self._ending.message}" if self._ending else ""
             message = f"{end_reason(status)} before a motion among the obstacles that move was found{last}"
             return Ending(status, message, {"stage": "connect"})
+        if self._excess is not None:
+            return self._excess
         if refusal is not None:
             names, leave_by = " and ".join(refusal.pair or ("a link", "an obstacle")), problem.began + leave_by
+            kept = f", where {problem.untold}" if problem.beside else ""
             message = (
                 f"at {leave_by:.2f} s {names} meet where the robot starts, and no way was found that leaves before"
+                f"{kept}"
             )
             details = {"stage": "start", "time": leave_by, "pair": list(refusal.pair) if refusal.pair else None}
             return Ending(Status.START_STATE_INVALID, message, details)
@@ -208,7 +213,10 @@ class _Search:
             if len(distinct(way.found.path)) == 1 or key in known or not self._ends_free(way):
                 continue
             known.add(key)
-            motion = soonest_through(way.problem, way.found, way.found.path)
+            if self._problem.beside:  # they may let it be many times as slow
+                motion = motion_along(way.problem, way.found.path)
+            else:
+                motion = soonest_through(way.problem, way.found, way.found.path)
             chosen = self._earliest(motion, self._occupancy(motion, at_rest=way.at_rest), WAYS.rooms)
             if not chosen and deadline.expired():
                 return
@@ -247,9 +255,15 @@ class _Search:
         between = self.leave_by[0], self._from(motion.positions[-1])
         crossed = Crossed.of(self._problem, made.path, made.crossings)
         better = optimize_motion(self._problem, motion, (), self._stages, crossed, between, self._judge)
-        if better is None or not better.verdict.free:
+        if better is None or not better.verdict.free or self._exceeds(better.trajectory):
             return made
         return replace(better, warnings=(*made.warnings, *better.warnings))
+
+    def _exceeds(self, motion: Trajectory | None) -> bool:
+        """Whether a motion exceeds a limit of what it does as a whole."""
+        excess = find_excess(self._problem, executed_motion(self._problem, motion)) if self._problem.beside else None
+        self._excess = excess or self._excess
+        return excess is not None
 
     def _judge(self, problem: Problem, motion: Trajectory) -> Verdict:
         verdict = judge(problem, motion)
@@ -270,7 +284,8 @@ class _Search:
             with self._stages.entered("parameterize", "when to be where, among what moves") as stage:
                 schedules = self._earliest(finished.trajectory, occupancy, SCHEDULE.rooms)
                 motions = ((one, retime(self._problem, one)) for one in schedules)
-                found = next(((one, motion) for one, motion in motions if motion is not None), None)
+                within = ((one, motion) for one, motion in motions if motion is not None and not self._exceeds(motion))
+                found = next(within, None)
                 stage.outcome = "blocked" if found is None else f"departs at {found[0].departure:.2f} s"
             if found is None:
                 return None
@@ -303,7 +318,8 @@ class _Search:
         problem, even = self._problem, at_one_rate(self._problem, motion, occupancy)
         found, by = [even], even.arrival if isinstance(even, Schedule) else np.inf
         found += [at_any_rate(problem, motion, room, occupancy, by) for room in rooms if motion.duration / room < by]
-        if isinstance(even, Stuck) and occupancy.free_at_rest and occupancy.leave_by == np.inf:
+        waits = isinstance(even, Stuck) or bool(problem.beside)  # at its own rate it keeps all limits
+        if waits and occupancy.free_at_rest and occupancy.leave_by == np.inf:
             found.append(depart_after(motion, problem.scene.end, step_of(problem.group)))
         schedules = sorted((one for one in found if isinstance(one, Schedule)), key=lambda one: one.arrival)
         if not schedules:

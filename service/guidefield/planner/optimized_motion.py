@@ -185,8 +185,8 @@ def _of_optimized(
     found = (optimized.trajectory, crossed.knots(optimized.trajectory, optimized.passed))
     candidates: Iterable[tuple[Trajectory, dict[int, int]]] = (found,)
     if problem.scene.moves:
-        within = _within_limits(problem, optimized.trajectory, arrive_from)
-        candidates = ((one, found[1]) for one in within if better(problem, one, begun, settings))
+        within = _within_limits(problem, optimized.trajectory, found[1], crossed, arrive_from)
+        candidates = (one for one in within if better(problem, one[0], begun, settings))
     elif problem.beside and not problem.in_motion:
         candidates = filter(None, (_retimed(problem, optimized.trajectory, crossed), found))
     for shaped, passed in candidates:
@@ -225,12 +225,19 @@ def through_planes(problem: Problem, spline: BSpline, crossed: Crossed) -> tuple
     return trajectory, crossed.knots(trajectory, passed)
 
 
-def _within_limits(problem: Problem, motion: Trajectory, arrive_from: float) -> Iterator[Trajectory]:
-    """A motion as fast as it may go, if it doesn't arrive too soon then; and as it is, if it is within its limits."""
+def _within_limits(
+    problem: Problem, motion: Trajectory, passed: dict[int, int], crossed: Crossed, arrive_from: float
+) -> Iterator[tuple[Trajectory, dict[int, int]]]:
+    """A motion as fast as it may go, if it doesn't arrive too soon then; and as it is, if it is within its limits.
+
+    With its knots on guide planes. For limits beside those of rates it is timed anew along its way as well.
+    """
     begin, rates = float(motion.times[0]), limits_of(problem)
     knots = (motion.times - begin, motion.positions, motion.velocities)
-    fast = at_limits(*knots, *rates[:3])
-    if begin + fast.duration >= arrive_from:
-        yield Trajectory(begin + fast.times, fast.positions, fast.velocities)
-    if limit_load(*knots, *rates[:3]) <= 1.0:
-        yield motion
+    fast = at_limits(*knots, *rates[:3], rates.beside)
+    anew = _retimed(problem, fast, crossed) if rates.beside else None
+    for one, on_planes in filter(None, (anew, (fast, passed))):
+        if begin + one.duration >= arrive_from:
+            yield Trajectory(begin + one.times, one.positions, one.velocities), on_planes
+    if limit_load(*knots, *rates[:3]) <= 1.0 and all(it.stretch(motion.polynomials) <= 1.0 for it in rates.beside):
+        yield motion, passed

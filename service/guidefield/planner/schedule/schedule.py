@@ -215,22 +215,28 @@ def _changes(problem: Problem, motion: Trajectory) -> tuple[np.ndarray, np.ndarr
     """By how many rates a schedule may change in a step: least and most, at each place at each rate.
 
     With the motion's own time s, its rate v and its change u the robot's acceleration is q'' v^2 + q' u, and its jerk
-    q''' v^3 + 3 q'' v u + q' du/dt, where u changes within a step by no more than twice what it may be.
+    q''' v^3 + 3 q'' v u + q' du/dt, where u changes within a step by no more than twice what it may be. Limits of what
+    the motion does as a whole are of the same form in v^2 and u; those of speed are kept at every rate up to 1.
     """
     group, step = problem.group, step_of(problem.group)
     at = _spacing(step) * np.arange(_places(motion, step))
-    _, first, second = motion.evaluate(at)
+    points, first, second = motion.evaluate(at)
+    kept = np.broadcast_to(group.acceleration_limits, first.shape)
+    beside = [limit.along(points, first, second)[1:] for limit in problem.beside]
+    on_u, on_x, below, above = map(np.hstack, zip((first, second, kept, kept), *beside, strict=True))
     rates = np.arange(SCHEDULE.rates + 1)[:, None] / SCHEDULE.rates
     unit = 1.0 / SCHEDULE.rates / step
-    along = np.abs(first)[:, None] * unit
-    curved = np.sign(first)[:, None] * second[:, None] * rates**2
+    by_u = np.abs(on_u)[:, None] * unit
+    curved = np.sign(on_u)[:, None] * on_x[:, None] * rates**2
+    upper, lower = (np.where(on_u < 0.0, *sides)[:, None] for sides in ((below, above), (above, below)))
     with np.errstate(divide="ignore", invalid="ignore"):
-        most = ((group.acceleration_limits - curved) / along).min(axis=2, initial=SCHEDULE.changes)
-        least = ((-group.acceleration_limits - curved) / along).max(axis=2, initial=-SCHEDULE.changes)
+        most = ((upper - curved) / by_u).min(axis=2, initial=SCHEDULE.changes)
+        least = ((-lower - curved) / by_u).max(axis=2, initial=-SCHEDULE.changes)
         if problem.jerk_limits is not None:
             start, end = piece_accelerations(motion.times, motion.positions, motion.velocities)
             jerk = (end - start) / np.diff(motion.times)[:, None]
             third = np.abs(jerk[np.clip(np.searchsorted(motion.times, at, side="right") - 1, 0, len(jerk) - 1)])
+            along = np.abs(first)[:, None] * unit
             needed = 3.0 * np.abs(second)[:, None] * rates * unit + 2.0 * along / step
             allowed = ((problem.jerk_limits - third[:, None] * rates**3) / needed).min(axis=2, initial=np.inf)
             most, least = np.minimum(most, allowed), np.maximum(least, -allowed)
