@@ -13,9 +13,18 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given, settings, strategies as st
 
 import guidefield
-from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, UnknownObject
+from guidefield.errors import (
+    GuidefieldError,
+    InvalidConfiguration,
+    InvalidGoal,
+    MalformedRequest,
+    UnknownFrame,
+    UnknownObject,
+)
+from guidefield.messages.conditions import CartesianLimit
 from guidefield.messages.goals import JointSetGoal, JointsGoal
 from guidefield.messages.scene import Box, Mesh, PointCloud, Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
@@ -69,6 +78,61 @@ def test_the_goal_is_reached_and_every_piece_follows_the_one_before() -> None:
     assert [one.reason for one in answers if isinstance(one, StreamState)][-1] == "at_goal"
 
 
+def fastest(stream: CertifiedStream, piece: Piece, frame: str) -> float:
+    """The largest speed of a frame along a piece and its braking, by dense differences of its places [m/s]."""
+    sent, model = piece.trajectory, stream.group.model
+    begins, q, v, a = (np.array(rows) for rows in (sent.times, sent.positions, sent.velocities, sent.accelerations))
+    data, index, places, times = model.createData(), model.getFrameId(frame), [], []
+    for k, span in enumerate(np.diff(begins)):
+        for t in np.linspace(0.0, span, 8, endpoint=False):
+            z = q[k] + t * (v[k] + t * (a[k] / 2.0 + t * (a[k + 1] - a[k]) / (6.0 * span)))
+            pin.framesForwardKinematics(model, data, stream.group.expand_from_chart(z))
+            places.append(data.oMf[index].translation.copy())
+            times.append(begins[k] + t)
+    apart = np.diff(times) > 1e-5  # nearer ones are but rounding
+    return float((np.linalg.norm(np.diff(places, axis=0), axis=1)[apart] / np.diff(times)[apart]).max(initial=0.0))
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.floats(0.15, 0.8), st.floats(-1.5, 1.5), st.floats(-0.5, 1.5), st.floats(0.2, 0.6))
+def test_pieces_and_their_stops_keep_speeds_in_space(speed: float, pan: float, elbow: float, y: float) -> None:
+    """By dense differences, past a ball that drifts along."""
+    goal = JointsGoal({"shoulder_pan_joint": pan, "elbow_joint": elbow})
+    limits = [CartesianLimit(speed, frame="tool0"), CartesianLimit(0.5 * speed, link="forearm_link")]
+    with opened(ball(speed=0.1), goal=goal, cartesian_limits=limits) as stream:
+        answers = told(stream, 60, Observation("ball", 0.0, Placement((0.7, y, 0.4))))
+        pieces = [one for one in answers if isinstance(one, Piece)]
+        assert pieces
+        tool, forearm = (max(fastest(stream, one, name) for one in pieces[::4]) for name in ("tool0", "forearm_link"))
+    assert tool <= speed * (1.0 + 1e-6)
+    assert forearm <= 0.5 * speed * (1.0 + 1e-6)
+
+
+def test_a_goal_is_reached_at_a_limit_of_speed_in_space() -> None:
+    arrivals = []
+    for limits in ([], [CartesianLimit(0.25, frame="tool0")]):
+        with opened(cartesian_limits=limits) as stream:
+            pieces = [one for one in told(stream, 130) if isinstance(one, Piece)]
+            assert pieces[-1].reaches_goal
+            arrivals.append(pieces[-1].stops)
+            speeds = [fastest(stream, one, "tool0") for one in pieces[10:-10:5]]
+    assert 0.2 < max(speeds) <= 0.25
+    assert arrivals[0] < 1.0 < arrivals[1] < 2.5
+
+
+@pytest.mark.parametrize(
+    ("limit", "error", "words"),
+    [
+        (CartesianLimit(0.2, frame="nose"), UnknownFrame, "no frame 'nose'"),
+        (CartesianLimit(0.2, link="nose"), UnknownFrame, "no link 'nose'"),
+        (CartesianLimit(0.2, frame="tool0", acceleration=1.0), MalformedRequest, "limits of acceleration in space"),
+    ],
+)
+def test_limits_in_space_that_are_not_served_are_refused_by_name(limit, error, words) -> None:
+    with pytest.raises(error, match=words):
+        opened(cartesian_limits=[limit])
+
+
 def test_who_stands_at_the_goal_is_told_so_also_where_it_is_given_again() -> None:
     for away in (0.0, 1e-12):
         goal = {"type": "joints", "positions": {"elbow_joint": 1.0 + away}}
@@ -82,16 +146,19 @@ def test_who_stands_at_the_goal_is_told_so_also_where_it_is_given_again() -> Non
 OPENED = """
 from guidefield.kernels.prove import search
 from guidefield.kernels.stream import dodge, judge, room, way
+from guidefield.kernels.timing import carried_rates
+from guidefield.messages.conditions import CartesianLimit
 from guidefield.messages.scene import Scene
 from guidefield.messages.streams import StreamOpen
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream
 
-with CertifiedStream(StreamOpen("ur5", "empty"), Catalog().load("ur5"), build(Scene("empty"))):
+asked = StreamOpen("ur5", "empty", cartesian_limits=[CartesianLimit(0.2, frame="tool0")])
+with CertifiedStream(asked, Catalog().load("ur5"), build(Scene("empty"))):
     asked = [
         dodge.dodged, search.prove_along, judge.broken_limit, judge.travelled, way.piece_and_braking, room.distances,
-        room.pressure, room.swept, way.cut_short, way.straight_free, way.way_between,
+        room.pressure, room.swept, way.cut_short, way.straight_free, way.way_between, carried_rates.largest_point_rates,
     ]
     print(*(one.__name__ for one in asked if not one.overloads))
 """

@@ -233,7 +233,7 @@ def unweighed(request: MotionRequest) -> list[str]:
     return [f"{name!r}, which is held, has no `mass`: it counts as massless in torques" for name in names]
 
 
-def cartesian_limits_of(request: MotionRequest, group: PlanningGroup) -> tuple[CartesianLimit, ...]:
+def cartesian_limits_of(request: MotionRequest | StreamOpen, group: PlanningGroup) -> tuple[CartesianLimit, ...]:
     """Build the limits of speed in space of a request.
 
     Raises UnknownFrame if the robot has no such frame or link; MalformedRequest if a link has no geometry, or a ball or

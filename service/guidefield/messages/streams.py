@@ -12,6 +12,7 @@ import msgspec
 from guidefield.messages.conditions import (
     AllowedCollisions,
     AttachedObjects,
+    CartesianLimits,
     JointLimits,
     RobotReference,
     SceneReference,
@@ -111,6 +112,7 @@ class StreamOpen(Message):
         attached_objects: Objects held by links.
         allowed_collisions: Pairs of links and obstacles that may touch; the obstacles must be declared.
         limits: Limits of joints, by name. Without a jerk limit the acceleration reaches its limit in 0.05 s.
+        cartesian_limits: Limits of the speed of frames and links in space; `acceleration` is not served.
         max_velocity_scaling_factor: Fraction of the velocity limits that is used.
         max_acceleration_scaling_factor: Fraction of the acceleration limits that is used.
         obstacles: Shapes that may be observed.
@@ -149,6 +151,7 @@ class StreamOpen(Message):
     attached_objects: AttachedObjects = []
     allowed_collisions: AllowedCollisions = []
     limits: dict[str, JointLimits] = {}
+    cartesian_limits: CartesianLimits = []
     max_velocity_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     max_acceleration_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     obstacles: Annotated[list[StreamObstacle], msgspec.Meta(max_length=MOST_OBSTACLES)] = []

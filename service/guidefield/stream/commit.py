@@ -11,8 +11,9 @@ import numpy as np
 
 from guidefield.kernels.stream.judge import find_states
 from guidefield.kernels.stream.way import MOST_PHASES, piece_and_braking
+from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.messages.streams import PieceTrajectory
-from guidefield.read_only import ReadOnly
+from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoint
 
 SAME_TIME = 1e-9  # knots that are closer are one [s]; see `ROUNDED`
@@ -61,13 +62,26 @@ class Commit(ReadOnly):
         held = np.arange(self.phases.shape[1]) < self.counts[:, None]
         return np.unique(np.concatenate([self.phases[:, :, 0][held], [0.0, self.stops - self.begins]]))
 
+    @property
+    def _bounds_of_pieces(self) -> np.ndarray:
+        """The knots; of one that stands there is a piece, too."""
+        return self.knots if len(self.knots) > 1 else np.array([0.0, STANDING])
+
+    @property
+    def polynomials(self) -> MotionPolynomials:
+        """The motion by powers of the time since a piece begins; times from its beginning on."""
+        times = self._bounds_of_pieces.copy()
+        powers = np.ascontiguousarray((self._states(times[:-1]) / np.array([1.0, 1.0, 2.0, 6.0])).swapaxes(1, 2))
+        read_only(times, powers)
+        return MotionPolynomials(times, powers)
+
     @cached_property
     def curve(self) -> tuple[np.ndarray, np.ndarray]:
         """The motion as Bezier curves: knots (k + 1,) and control points (k, 4, nv); one that stands has a piece, too.
 
         After its end it stands.
         """
-        times = self.knots if len(self.knots) > 1 else np.array([0.0, STANDING])
+        times = self._bounds_of_pieces
         states, spans = self._states(times), np.diff(times)[:, None]
         q, v, a = (states[:-1, :, k] for k in range(3))
         inner = q + v * spans / 3.0, q + spans * (2.0 * v / 3.0 + spans * a / 6.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -33,6 +34,7 @@ from guidefield.kernels.prove.tables import (
     ObstacleBodies,
 )
 from guidefield.kernels.stream.judge import broken_limit, travelled
+from guidefield.planner.task.motion_limits import CartesianLimit
 from guidefield.prove.search import EVERY_KIND, RESOLUTION_FLOOR, TOLERANCE
 from guidefield.prove.tables import ARITHMETIC, body_pairs, robot_bodies, rounding_of
 from guidefield.robot.group.kinematics import lent_data
@@ -90,9 +92,18 @@ class Judge:
     Args:
         keep: What to keep from obstacles [m].
         tolerances: How far the robot may be off, by coordinate, shape (nv,) [rad or m].
+        in_space: Limits of speed in space.
     """
 
-    def __init__(self, world: World, bounds: JointBounds, keep: float, tolerances: np.ndarray) -> None:
+    def __init__(
+        self,
+        world: World,
+        bounds: JointBounds,
+        keep: float,
+        tolerances: np.ndarray,
+        in_space: Sequence[CartesianLimit] = (),
+    ) -> None:
+        self._in_space = tuple(in_space)
         roots, parts, self._inside = solid_parts(world.group)
         self._robot = read_only_views(robot_bodies(world)._replace(roots=roots, parts=parts, anchor=np.zeros(3)))
         self._pairs, self._group, self._limits = body_pairs(world), world.group, bounds.columns
@@ -116,6 +127,8 @@ class Judge:
         coordinate = broken_limit(commit.phases, commit.counts, commit.start, self._limits, stops)
         if coordinate >= 0:
             return CommitVerdict(CommitReason.LIMITS, 0, coordinate, commit.begins)
+        if self.speed_share(commit) > 1.0:
+            return CommitVerdict(CommitReason.LIMITS, 0, -1, commit.begins)
         moving = self._moving(commit, seen, self._tolerances, seen.reserved if reserved else seen.movers)
         begin = 0.0 if since is None else min(max(0.0, since - commit.begins), stops)
         verdict = np.zeros(VERDICT)
@@ -137,6 +150,13 @@ class Judge:
         else:
             judgement = CommitReason.OWN if pair < len(self._pairs.own) else CommitReason.OBSTACLE
         return CommitVerdict(judgement, looked, pair, time)
+
+    def speed_share(self, commit: Commit) -> float:
+        """The largest share of a limit of speed in space that a commit reaches, by a bound; 0 where there is none."""
+        if not self._in_space:
+            return 0.0
+        motion = commit.polynomials
+        return max(one.reached(motion)[0].bound / one.speed for one in self._in_space)
 
     def travelled(self, commit: Commit, seen: SeenObstacles, since: float, until: float, parts: int = 16) -> float:
         """How far any point of the robot comes between two times by a commit, at most [m].

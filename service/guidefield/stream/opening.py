@@ -12,9 +12,10 @@ from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, MalformedRequest, UnknownObject
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import bounds_efforts, jerk_limits, limited, start_of
+from guidefield.handlers.asked_group import bounds_efforts, cartesian_limits_of, jerk_limits, limited, start_of
 from guidefield.handlers.attached import holding
 from guidefield.messages.streams import Deviation, StreamOpen
+from guidefield.planner.task.motion_limits import CartesianLimit
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import limit_faults
@@ -35,6 +36,7 @@ class Opened:
     group: PlanningGroup
     world: World
     bounds: JointBounds
+    cartesian_limits: tuple[CartesianLimit, ...]
     start: ChartPoint  # where it stands, shape (nv,)
     assumption: Assumption
     warnings: tuple[str, ...]
@@ -71,6 +73,14 @@ def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: S
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
     if bounds_efforts(request):
         raise MalformedRequest("streams don't serve limits of effort: leave `effort` out of `limits`", path="$.limits")
+    for index, limit in enumerate(request.cartesian_limits):
+        if limit.acceleration is not None:
+            raise MalformedRequest(
+                "streams don't serve limits of acceleration in space: they brake as hard as joints may. Leave"
+                " `acceleration` out, or give joints lower ones in `limits`",
+                unserved="acceleration",
+                path=f"$.cartesian_limits[{index}].acceleration",
+            )
     group = limited(group, request)
     turned = group.starting_at(request.start).whole_turns
     turns = np.zeros(group.nv) if turned is None else turned
@@ -110,6 +120,7 @@ def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: S
         group=group,
         world=world,
         bounds=bounds,
+        cartesian_limits=cartesian_limits_of(request, group),
         start=cast(ChartPoint, group.chart(q_start) + turns),
         assumption=Assumption(deviation, request.min_clearance, request.clock_error),
         warnings=(*robot.warnings, *scene.warnings, *coarse, *warnings, *touching),

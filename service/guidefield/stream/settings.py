@@ -29,6 +29,8 @@ class StreamSettings:
     # shares of the velocity limits at which the way is followed, tried one after the other: those of the prototype, and
     # a slow one, in which a robot comes to goals that are just free
     speeds: tuple[float, ...] = (1.0, 0.6, 0.35, 0.15, 0.05)
+    in_space: float = 0.97  # a piece that is too fast in space is slowed down to such a share of its limit,
+    slowed: int = 4  # so often at most. Choices
     reserve: float = 0.06  # kept beyond what is proven along the way, so that fleeing has room [s]: the prototype's
     evaluations: int = 600  # a commit that isn't judged after so many segments isn't sent: the median takes 4
     ahead: float = 0.25  # the way is aimed at so far ahead of where the robot could stand, less where slow [s]

@@ -22,6 +22,7 @@ from guidefield.errors import (
 from guidefield.kernels.jit.compilers import load
 from guidefield.kernels.prove import search
 from guidefield.kernels.stream import dodge, judge, room, way
+from guidefield.kernels.timing import carried_rates
 from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import ORIGIN
@@ -94,7 +95,7 @@ class CertifiedStream:
         taking: TakeOver | None = None,
         watching: Watching | None = None,
     ) -> None:
-        for kernels in KERNELS:
+        for kernels in (*KERNELS, *([carried_rates] if request.cartesian_limits else [])):
             load(kernels)
         anchor, self.request = Anchor.of(request, lambda _: robot), request
         coarse = () if anchor is None else anchor.coarse_warnings(request, scene)
@@ -112,7 +113,7 @@ class CertifiedStream:
         for index, one in enumerate(request.obstacles):
             self._obstacles.take(self._obstacles.prepared(one, f"$.obstacles[{index}]", asked.group.robot.links))
         tolerances = np.full(asked.group.nv, request.tracking_tolerance)
-        self._judge = Judge(asked.world, asked.bounds, request.min_clearance, tolerances)
+        self._judge = Judge(asked.world, asked.bounds, request.min_clearance, tolerances, asked.cartesian_limits)
         self._rng = np.random.default_rng(request.seed)
         self._speeds = asked.bounds.rates[:, 0]
         self._state = State.at_rest(asked.start)
@@ -418,8 +419,15 @@ class CertifiedStream:
         return self._tell_none(cycle.now, cycle.reason, cycle.broken, cycle.base, verdict)
 
     def _make_commit(self, cycle: _Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
-        goals = np.full(self.group.nv, np.inf) if last is None else last
-        return towards(state, velocities, goals, self._opened.bounds, cycle.begins, self.request.piece, WITHIN)
+        """The commit of a piece from a state (nv, 3) towards velocities (nv,), or lower ones for limits in space."""
+        goals, slowed = np.full(self.group.nv, np.inf) if last is None else last, 0
+        while True:
+            bounds = self._opened.bounds
+            commit = towards(state, velocities, goals, bounds, cycle.begins, self.request.piece, WITHIN)
+            share = self._judge.speed_share(commit)
+            if share <= 1.0 or slowed == STREAM.slowed or not velocities.any():
+                return commit
+            velocities, slowed = velocities * (STREAM.in_space / share), slowed + 1
 
     def _follow(
         self, cycle: _Cycle, pursuit: Pursuit | None, state: np.ndarray, still: Commit
