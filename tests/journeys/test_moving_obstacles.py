@@ -61,7 +61,7 @@ def test_what_is_asked_for_among_what_rests_is_served_among_what_moves(
     asked: dict[str, Any], wire: PlainClient, request: pytest.FixtureRequest
 ) -> None:
     scene = {"name": "gate", "obstacles": [GATE]}
-    run_id = request.node.callspec.id
+    run_id = f"among-what-moves-{request.node.callspec.id}"
     fields = {"robot": "panda", "scene": scene, "start": {**READY, "panda_joint1": -0.9}, "run_id": run_id}
     told = wire.ask("guidefield/local/plan", {**fields, **asked, "recording": "off", "allowed_planning_time": 60.0})
     assert told["status"]["name"] == "SUCCESS", told["status"]

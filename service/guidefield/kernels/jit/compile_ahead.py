@@ -45,6 +45,7 @@ FIRST = (
     "optimize.newton_descent",
     "prove.search",
     "timing.path_parameterization",
+    "timing.torques",
     "timing.travel",
     "tree.rrt_connect",
     "tree.shortcut",
