@@ -34,7 +34,9 @@ def test_where_it_was_off_it_stays_off(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_it_waits_for_the_first_answer_that_needs_kernels_only(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[bool] = []
     compiled = engine.compile_kernels
-    monkeypatch.setattr(engine, "compile_kernels", lambda told: (seen.append(gc.isenabled()), compiled(told)))
+    monkeypatch.setattr(
+        engine, "compile_kernels", lambda told, **options: (seen.append(gc.isenabled()), compiled(told, **options))
+    )
     asked, answering = Potential(scene="table", points=[(0.0, 0.0, 1.0)]), Engine()
     dispatch = answering._dispatch
     monkeypatch.setattr(answering, "_dispatch", lambda *a: (seen.append(gc.isenabled()), dispatch(*a))[1])
