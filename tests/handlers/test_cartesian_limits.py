@@ -92,6 +92,7 @@ def test_each_step_keeps_its_own() -> None:
     [
         ({"cartesian_limits": [{"speed": 0.2}]}, MalformedRequest, "give a `frame` or a `link`, got neither"),
         ({"cartesian_limits": [{"speed": 0.0, "frame": "panda_hand"}]}, MalformedRequest, "cartesian_limits"),
+        ({"cartesian_limits": [{"speed": 1e-300, "frame": "panda_hand"}]}, MalformedRequest, "at least 1e-09"),
         ({"cartesian_limits": [{"speed": 0.2, "frame": "nose"}]}, UnknownFrame, "no frame 'nose'"),
         ({"cartesian_limits": [{"speed": 0.2, "link": "nose"}]}, UnknownFrame, "no link 'nose'"),
         (

@@ -69,7 +69,8 @@ def answer_certify(
     Raises:
         GuidefieldError: InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
             MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
-        DeadlineExpired: if the deadline passed before the scene or the motion was prepared.
+        DeadlineExpired: if the deadline passed before the scene or the motion was prepared, or before speeds in space
+            and torques that are limited were found.
     """
     began = time.monotonic() if began is None else began
     deadline = Deadline(received + request.allowed_time) if deadline is None else deadline

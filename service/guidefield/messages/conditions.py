@@ -21,7 +21,7 @@ from guidefield.messages.values import (
     UrdfCharacters,
     Vector3,
     require_finite,
-    require_finite_number,
+    require_limit,
 )
 
 
@@ -188,8 +188,7 @@ class CartesianLimit(Message):
         if (self.frame is None) == (self.link is None):
             raise ValueError(f"give a `frame` or a `link`, got {'neither' if self.link is None else 'both'}")
         for field in ("speed", "acceleration"):
-            if (limit := getattr(self, field)) is not None:
-                require_finite_number(field, limit)
+            require_limit(field, getattr(self, field))
 
 
 CartesianLimits = Annotated[list[CartesianLimit], msgspec.Meta(max_length=MOST_CONSTRAINTS)]
@@ -214,5 +213,4 @@ class JointLimits(Message):
 
     def __post_init__(self) -> None:
         for field in ("velocity", "acceleration", "jerk", "effort"):
-            if (limit := getattr(self, field)) is not None:
-                require_finite_number(field, limit)
+            require_limit(field, getattr(self, field))

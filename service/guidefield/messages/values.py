@@ -30,6 +30,8 @@ ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 IDENTITY: QuaternionXYZW = (0.0, 0.0, 0.0, 1.0)
 LARGEST = 1e9
 """Largest magnitude of a quantity, in SI units: squares and cubes of larger ones lose precision or overflow."""
+SMALLEST_LIMIT = 1e-9
+"""The smallest limit of a rate or a torque, in SI units: what is within a smaller one is rounding."""
 Mass = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST)]
 InertiaTensor = tuple[float, float, float, float, float, float]
 """Ixx, Ixy, Ixz, Iyy, Iyz, Izz [kg m^2]."""
@@ -95,6 +97,15 @@ def require_finite_number(field: str, value: float) -> None:
     if not abs(value) <= LARGEST:
         wanted = f"within {LARGEST:g}" if math.isfinite(value) else "a finite number"
         raise ValueError(f"`{field}` must be {wanted}, got {value}")
+
+
+def require_limit(field: str, value: float | None) -> None:
+    """Raise ValueError if a limit is NaN, infinite, beyond `LARGEST` or below `SMALLEST_LIMIT`; None is none."""
+    if value is None:
+        return
+    require_finite_number(field, value)
+    if value < SMALLEST_LIMIT:
+        raise ValueError(f"`{field}` must be at least {SMALLEST_LIMIT:g}, got {value}")
 
 
 def require_unit_quaternion(field: str, quaternion: QuaternionXYZW) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from guidefield.collision.blocking_pairs import Contact, contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
+from guidefield.deadline import DeadlineExpired
 from guidefield.planner.leaving import DISTANCE_ERROR, LEFT_DISTANCE, SLIGHT_DEPTH, distances_of, touching_pairs
 from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.given_motion import GivenMotion
@@ -163,6 +164,7 @@ def judge(problem: GivenProblem, uses: Uses) -> Judgement:
 
     Raises:
         ValueError: if obstacles move and the motion has no times.
+        DeadlineExpired: if time is up before all of a long motion is looked at for limits beside those of rates.
     """
     if (fault := problem.still_fault) is not None:
         z = problem.motion.start
@@ -177,7 +179,7 @@ def judge(problem: GivenProblem, uses: Uses) -> Judgement:
     problem.counters.collision_checks += verdict.evaluations
     cartesian: tuple[CartesianUse, ...] = ()
     if problem.cartesian_limits:
-        cartesian = measure_cartesian(problem.cartesian_limits, problem.motion.polynomials)
+        cartesian = measure_cartesian(problem.cartesian_limits, problem.motion.polynomials, problem.deadline)
     return Judgement(verdict, uses, leaving=leaving, cartesian=cartesian, efforts=_efforts(problem))
 
 
@@ -185,7 +187,12 @@ def _efforts(problem: GivenProblem) -> Efforts | None:
     motion = problem.motion
     if motion.times is None or (motion.velocities is None and not motion.is_point):
         return None
-    return measure_efforts(problem.group, problem.effort_limit, motion.polynomials)
+    try:
+        return measure_efforts(problem.group, problem.effort_limit, motion.polynomials, problem.deadline)
+    except DeadlineExpired:
+        if problem.effort_limit is not None:
+            raise
+        return Efforts("the time that is allowed was up")
 
 
 def _constraints(problem: GivenProblem) -> Verdict:

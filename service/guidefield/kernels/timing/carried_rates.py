@@ -38,6 +38,7 @@ from guidefield.kernels.kinematics.poses import moved_by
 
 FOUND, BOUND, TIME = range(3)  # columns of what is told of a quantity: the largest found, a bound of it, when
 SHORTEST = 2.0**-40  # share of a piece below which intervals aren't halved any more
+HALVINGS = 200_000  # of intervals of a motion, at most: what is found may be rounding alone, and no bound close to it
 
 
 class CarriedBody(NamedTuple):
@@ -238,15 +239,15 @@ def largest_point_rates(
 ) -> None:
     """Write the largest speed and acceleration of a body's points along a motion, (2, 3): see `FOUND`.
 
-    Intervals are halved until the bounds are no more than a share above what is found. Without `counts_acceleration`
-    that isn't bounded.
+    Intervals are halved, `HALVINGS` times at most, until the bounds are no more than a share above what is found.
+    Without `counts_acceleration` that isn't bounded.
     """
     times, nv = motion.times, motion.powers.shape[2]
     joints, rows = body.joints, body.joints.sources.shape[0]
     places, twists, radii, next_radii = joint_places(joints), np.zeros((3, 6)), np.zeros(rows), np.zeros(rows)
     state = empty_bounds(nv, rows)
     found_out[:, :] = 0.0
-    pieces = times.shape[0] - 1
+    pieces, halved = times.shape[0] - 1, 0
     for piece in range(pieces):
         for half in range(3):
             t = 0.5 * half * (times[piece + 1] - times[piece])
@@ -278,8 +279,9 @@ def largest_point_rates(
             is_close = most_speed <= (1.0 + share) * found_out[0, FOUND]
             if counts_acceleration and most_acceleration > (1.0 + share) * found_out[1, FOUND]:
                 is_close = False
-            if not is_close and step > SHORTEST * length:
+            if not is_close and step > SHORTEST * length and halved < HALVINGS:
                 step *= 0.5
+                halved += 1
                 continue
             found_out[0, BOUND] = max(found_out[0, BOUND], most_speed)
             found_out[1, BOUND] = max(found_out[1, BOUND], most_acceleration)

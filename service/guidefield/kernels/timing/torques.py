@@ -46,6 +46,9 @@ from guidefield.kernels.timing.carried_rates import (
     write_state,
 )
 
+HALVINGS = 20_000  # of intervals, at most, as in `carried_rates`: each look takes longer
+EXCESS = 1e-4  # share of what is found that its bound may always be above it: it matters where a limit isn't kept
+
 
 class MassTree(NamedTuple):
     """The bodies of a robot's model, by the joint that carries each; none is carried by a ball or floating joint."""
@@ -248,7 +251,8 @@ def _note(torques: Floats, time: float, found_out: Floats) -> None:
 def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, found_out: RowsOut) -> float:
     """Write the largest torque of each coordinate along a motion, (nv, 3): see `carried_rates.FOUND`; return the work.
 
-    Intervals are halved until each bound is no more than its tolerance (nv,) above what is found; infinite ones may be.
+    Intervals are halved, `HALVINGS` times at most, until each bound is no more than its tolerance (nv,) above what is
+    found, or a share `EXCESS` of that; infinite ones may be.
     The work is that of all joints, taken or given back alike, by Simpson's rule on each piece [J].
     """
     joints, times, nv = tree.joints, motion.times, motion.powers.shape[2]
@@ -257,7 +261,7 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
     radii, next_radii, now, then = np.empty((n, chain)), np.empty((n, chain)), np.empty(nv), np.empty(nv)
     room = torque_room(n, nv, chain)
     found_out[:, :] = 0.0
-    pieces, work = times.shape[0] - 1, 0.0
+    pieces, work, halved = times.shape[0] - 1, 0.0, 0
     for piece in range(pieces):
         length = times[piece + 1] - times[piece]
         for half in range(3):
@@ -290,10 +294,11 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
             is_close = True
             for j in range(nv):
                 most = max(abs(now[j]), abs(then[j])) + step * step / 8.0 * room.bounds[j]
-                if most > found_out[j, FOUND] + tolerances[j]:
+                if most > found_out[j, FOUND] + max(tolerances[j], EXCESS * found_out[j, FOUND]):
                     is_close = False
-            if not is_close and step > SHORTEST * length:
+            if not is_close and step > SHORTEST * length and halved < HALVINGS:
                 step *= 0.5
+                halved += 1
                 continue
             for j in range(nv):
                 most = max(abs(now[j]), abs(then[j])) + step * step / 8.0 * room.bounds[j]

@@ -13,10 +13,11 @@ from typing import Any, cast
 
 import numpy as np
 
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import Status
 from guidefield.kernels.timing.carried_rates import BOUND, FOUND, TIME, MotionPolynomials
 from guidefield.kernels.timing.torques import MassTree, largest_torques, torques_at
-from guidefield.planner.task.motion_limits import KEPT, CurveLimits, Reached
+from guidefield.planner.task.motion_limits import KEPT, CurveLimits, Reached, join_reached, parts_of
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, group_joints
@@ -246,8 +247,13 @@ class Efforts:
         )
 
 
-def measure_efforts(group: PlanningGroup, limit: EffortLimit | None, motion: MotionPolynomials) -> Efforts:
-    """The torques of a group along a motion, by its own limits, and by those that bind it instead."""
+def measure_efforts(
+    group: PlanningGroup, limit: EffortLimit | None, motion: MotionPolynomials, deadline: Deadline = UNLIMITED
+) -> Efforts:
+    """The torques of a group along a motion, by its own limits, and by those that bind it instead.
+
+    Raises DeadlineExpired if time is up before all of a long motion is looked at.
+    """
     tree = tree_of(group)
     if isinstance(tree, str):
         return Efforts(tree)
@@ -255,11 +261,16 @@ def measure_efforts(group: PlanningGroup, limit: EffortLimit | None, motion: Mot
     limits = cast(ChartRate, np.where(np.isfinite(binding), binding, stated_efforts(group)))
     if not len(motion.powers):
         return Efforts("the motion goes nowhere")
-    reached, work = largest_efforts(tree, motion, limits)
-    if any(one.found <= most < one.bound for one, most in zip(reached, binding.tolist(), strict=True)):
-        reached, work = largest_efforts(tree, motion, limits, CLOSE)
+    parts, works = list[list[Reached]](), list[float]()
+    for part in parts_of(motion, deadline):
+        found, work = largest_efforts(tree, part, limits)
+        if any(one.found <= most < one.bound for one, most in zip(found, binding.tolist(), strict=True)):
+            found, work = largest_efforts(tree, part, limits, CLOSE)
+        parts.append(found)
+        works.append(work)
+    reached = [join_reached(each) for each in zip(*parts, strict=True)]
     rows = zip(group.velocity_names, reached, limits.tolist(), np.isfinite(binding).tolist(), strict=True)
-    return Efforts(None, tuple(EffortUse(*row) for row in rows), work)
+    return Efforts(None, tuple(EffortUse(*row) for row in rows), sum(works))
 
 
 def largest_efforts(

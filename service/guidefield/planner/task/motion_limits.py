@@ -7,7 +7,7 @@ by more than `ACCURACY`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
@@ -15,6 +15,7 @@ import coal
 import numpy as np
 
 from guidefield.collision.solids import link_hulls
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import MalformedRequest, UnknownFrame
 from guidefield.geometry.cover import enclosing_ball
 from guidefield.geometry.placements import transform_points
@@ -36,6 +37,7 @@ from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
 ACCURACY = 1e-3  # share by which the bound of what is reached may be above what was found
 CLOSE = 1e-6  # the same where a limit is between the two
 KEPT = 1.0 + 1e-6  # a share up to this keeps its limit, for rounding
+AT_ONCE = 10_000  # pieces of a motion that are looked at between looks at the time
 CORNERS = 16  # of the prism about a cylinder, on each rim
 
 
@@ -255,15 +257,41 @@ def polynomials_of(pieces: ChartCurves, times: np.ndarray) -> MotionPolynomials:
     return MotionPolynomials(known, by_power)
 
 
-def measure_cartesian(limits: Sequence[CartesianLimit], motion: MotionPolynomials) -> tuple[CartesianUse, ...]:
-    """How fast bodies are along a motion, more closely where a limit is between what was found and its bound."""
+def measure_cartesian(
+    limits: Sequence[CartesianLimit], motion: MotionPolynomials, deadline: Deadline = UNLIMITED
+) -> tuple[CartesianUse, ...]:
+    """How fast bodies are along a motion, more closely where a limit is between what was found and its bound.
+
+    Raises DeadlineExpired if time is up before the last limit, or the last `AT_ONCE` pieces.
+    """
     found = []
-    for one in limits:
-        made = one.reached(motion)
-        if any(it.found <= most < it.bound for it, most in zip(made, (one.speed, one.acceleration), strict=True)):
-            made = one.reached(motion, CLOSE)
-        found.append(CartesianUse(one, *made))
+    for index, one in enumerate(limits):
+        if index:
+            deadline.check("speeds in space were found")
+        parts = [_closely(one, part) for part in parts_of(motion, deadline)]
+        found.append(CartesianUse(one, *(join_reached(each) for each in zip(*parts, strict=True))))
     return tuple(found)
+
+
+def _closely(limit: CartesianLimit, motion: MotionPolynomials) -> tuple[Reached, Reached]:
+    made = limit.reached(motion)
+    if any(it.found <= most < it.bound for it, most in zip(made, (limit.speed, limit.acceleration), strict=True)):
+        made = limit.reached(motion, CLOSE)
+    return made
+
+
+def parts_of(motion: MotionPolynomials, deadline: Deadline) -> Iterator[MotionPolynomials]:
+    """A motion in parts of `AT_ONCE` pieces at most; raises DeadlineExpired before another than the first."""
+    yield MotionPolynomials(motion.times[: AT_ONCE + 1], motion.powers[:AT_ONCE])
+    for k in range(AT_ONCE, len(motion.powers), AT_ONCE):
+        deadline.check("the whole motion was looked at")
+        yield MotionPolynomials(motion.times[k : k + AT_ONCE + 1], motion.powers[k : k + AT_ONCE])
+
+
+def join_reached(parts: Sequence[Reached]) -> Reached:
+    """What is reached along all parts of a motion."""
+    largest = max(parts, key=lambda one: one.found)
+    return largest._replace(bound=max(one.bound for one in parts))
 
 
 def slower(limits: Sequence[CartesianLimit]) -> tuple[CartesianLimit, ...]:
