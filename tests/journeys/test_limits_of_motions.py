@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from guidefield import Client, MalformedRequest
+from guidefield import Client, MalformedRequest, Piece
 
 START = {"panda_joint2": -0.785398, "panda_joint4": -2.0, "panda_joint6": 1.570796}
 GOAL = {"type": "joints", "positions": {"panda_joint1": 1.0, "panda_joint4": -1.7}}
@@ -32,6 +32,19 @@ def test_a_load_is_carried_within_limits_of_speed_and_torque(client: Client) -> 
     faster = client.certify(**{**asked, "cartesian_limits": [{"frame": "panda_hand_tcp", "speed": 0.2}]}, **motion)
     assert "frame 'panda_hand_tcp' reaches 0.2" in faster.status.message
     assert client.run(made.run_id).reply == made
+
+
+def test_a_stream_keeps_a_speed_in_space(client: Client) -> None:
+    goal = {"type": "joints", "positions": {"shoulder_pan_joint": 1.0}}
+    asked = {"robot": "ur5", "scene": "table", "goal": goal, "start": {"shoulder_lift_joint": -1.5}, "recording": "off"}
+    with client.stream(**asked, cartesian_limits=[{"frame": "tool0", "speed": 0.2}]) as stream:
+        stream.update()
+        piece = stream.answer(within=5.0)
+    assert isinstance(piece, Piece)
+    assert piece.leads_to == "goal"
+    hard = [{"frame": "tool0", "speed": 0.2, "acceleration": 1.0}]
+    with pytest.raises(MalformedRequest, match="limits of acceleration in space"):
+        client.stream(**asked, cartesian_limits=hard).__enter__()
 
 
 def test_a_load_that_is_too_heavy_is_refused_with_the_joint(client: Client) -> None:

@@ -29,12 +29,13 @@ from guidefield.planner.goal_among_movers import keep_schedule
 from guidefield.planner.held_paths import among_what_rests
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.motion_certificate import Finished
+from guidefield.planner.motion_certificate import Finished, find_excess
 from guidefield.planner.optimize import settings as presets
 from guidefield.planner.optimize.clearance_samples import Sections
-from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
+from guidefield.planner.optimize.optimization import Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
-from guidefield.planner.path_so_far import motion_along, soonest_along
+from guidefield.planner.optimized_motion import Crossed, through_planes
+from guidefield.planner.path_so_far import motion_along, retimed_spline, soonest_along
 from guidefield.planner.sequence.joined import (
     Joined,
     Part,
@@ -79,16 +80,15 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
     problem = dataclasses.replace(problem, deadline=problem.deadline.share(PASSING.time))
     if not _may_be(parts) or problem.deadline.expired():
         return None
-    goals = [one.goal for one in parts if one.goal is not None]
-    passages = tuple(
-        Passage(goal, first.motion.positions[at.nearest]) for goal, at in zip(goals, first.passages, strict=True)
-    )
+    passages = _passages(parts, first)
     sections, settings = _sections(problem, parts), _settings(problem, parts, first.motion)
     for _ in range(PASSING.tries):
         with stages.entered("relax", f"past the goals, shape and time together, {problem.objective.value}") as stage:
             optimized = optimize(problem, first.motion, settings, (), passages, sections)
             stage.outcome = optimized.outcome.value
-        joined = None if optimized.outcome is Outcome.NOT_PASSING else _join(optimized, parts)
+        joined = (
+            None if optimized.outcome is Outcome.NOT_PASSING else _join(optimized.trajectory, optimized.passed, parts)
+        )
         if joined is not None:
             with stages.entered("certify", "between the goals and past them, between samples too") as stage:
                 fault = find_refused_part(parts, joined)
@@ -167,9 +167,17 @@ def _settings(problem: Problem, parts: Sequence[Part], motion: Trajectory) -> pr
     return dataclasses.replace(settings, least_pieces=least, most_pieces=max(PASSING.most_pieces, least))
 
 
-def _join(optimized: Optimized, parts: Sequence[Part]) -> Joined:
-    motion = optimized.trajectory
-    bounds = [0, *optimized.passed, len(motion.times) - 1]
+def _passages(parts: Sequence[Part], joined: Joined) -> tuple[Passage, ...]:
+    """The goals, and where a motion passes them."""
+    goals = [one.goal for one in parts if one.goal is not None]
+    return tuple(
+        Passage(goal, joined.motion.positions[at.nearest]) for goal, at in zip(goals, joined.passages, strict=True)
+    )
+
+
+def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[Part]) -> Joined:
+    """The motion that passes goals at knots."""
+    bounds = [0, *passed, len(motion.times) - 1]
     goals = [one.goal for one in parts if one.goal is not None]
     passages = list[PassedAt]()
     for goal, first, about, last in zip(goals, bounds, bounds[1:], bounds[2:], strict=False):
@@ -357,9 +365,34 @@ def join(parts: Sequence[Part], stages: Stages) -> Joined:
     still = [dataclasses.replace(one, problem=among_what_rests(one.problem)) for one in parts]
     along = rounded_motion(still, stages)
     first = stopping if along is None else _soonest(still, along[1])
-    past = [optimized_past(still, first, stages), None if along is None else along[0]]
-    found = [_schedule(parts, one, stages) for one in past if one is not None]
+    optimized = optimized_past(still, first, stages)
+    anew = None if optimized is None else _timed_anew(still, optimized, stages)
+    past = [anew or optimized, None if along is None else along[0]]
+    found = [_schedule(parts, one, stages) for one in past if one is not None and not _exceeds(still, one)]
     return min(filter(None, [*found, stopping]), key=lambda one: one.motion.duration)
+
+
+def _exceeds(parts: Sequence[Part], joined: Joined) -> bool:
+    """Whether a motion past goals exceeds a limit of what it does as a whole, for which no time is long enough."""
+    return find_excess(slowest(parts), joined.motion) is not None
+
+
+def _timed_anew(parts: Sequence[Part], joined: Joined, stages: Stages) -> Joined | None:
+    """A motion past goals timed for limits beside those of rates along its way, certified; None where that's slower.
+
+    It passes goals at the same places.
+    """
+    problem = slowest(parts)
+    crossed = Crossed(_passages(parts, joined), tuple(range(len(joined.passages))), {})
+    spline = retimed_spline(problem, joined.motion) if problem.beside else None
+    found = None if spline is None else through_planes(problem, spline, crossed)
+    if found is None or found[0].duration >= joined.motion.duration:
+        return None
+    made = _join(found[0], [found[1][k] for k in crossed.on_way], parts)
+    with stages.entered("certify", "the same, timed anew for limits of the whole") as stage:
+        fault = find_refused_part(parts, made)
+        stage.outcome = "free" if fault is None else fault[1].reason.value
+    return made if fault is None else None
 
 
 def _schedule(parts: Sequence[Part], joined: Joined, stages: Stages) -> Joined | None:
