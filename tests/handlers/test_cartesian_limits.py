@@ -64,7 +64,9 @@ def test_a_motion_is_judged_by_the_speed_of_a_link_and_of_its_acceleration() -> 
 def test_straight_pieces_are_as_fast_as_they_are() -> None:
     names = ["panda_joint1"]
     motion = {"trajectory": {"times": [0.0, 1.0], "positions": [[0.0], [0.5]]}, "position_names": names}
-    reply = certify(**motion, start=READY, interpolation="linear", cartesian_limits=[{**TIP, "acceleration": 1.0}])
+    limits = [{**TIP, "speed": 0.5, "acceleration": 1e-3}]  # turning alone takes more, and who draws it any
+    reply = certify(**motion, start=READY, interpolation="linear", cartesian_limits=limits)
+    assert reply.status.name == "SUCCESS"
     (use,) = reply.cartesian
     assert use.speed == pytest.approx(0.5 * 0.307, abs=1e-2)  # of the radius at which it goes round
     assert use.acceleration is None
@@ -148,3 +150,13 @@ def test_what_is_too_slow_to_flee_is_told_so() -> None:
 def test_steps_have_no_speed() -> None:
     with pytest.raises(MalformedRequest, match="steps have no speed"):
         ask(**THERE, cartesian_limits=[TIP], execution={"interpolation": "zero_order_hold", "rate": 125})
+
+
+def test_rows_are_taken_more_finely_where_chords_are_too_fast() -> None:
+    """Between far rows the tip swings out of the plan's arc, at the joints' mean rates."""
+    execution = {"interpolation": "linear", "rate": 2}
+    reply = ask(**THERE, cartesian_limits=[{"link": "panda_hand", "speed": 0.3}], execution=execution)
+    assert reply.status.name == "SUCCESS", reply.status
+    for kind in ("linear", "first_order_hold"):
+        with pytest.raises(MalformedRequest, match="velocities jump, which takes any acceleration"):
+            ask(**THERE, cartesian_limits=[{**TIP, "acceleration": 1}], execution={"interpolation": kind, "rate": 125})

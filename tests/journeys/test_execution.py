@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 import yaml
@@ -200,6 +201,20 @@ def test_only_what_is_certified_for_a_controller_is_sent(endpoint: str, tmp_path
     code, said = ask("execute", str(tmp_path / "plain.rrd"), *words)
     assert code == 2
     assert "is not certified for a controller" in said
+    given = {"times": [0.0, 1.0], "positions": [[*READY.values()], [3.5, *[*READY.values()][1:]]]}
+    beyond = {"type": "certify", "robot": "panda", "scene": "table", "position_names": JOINTS, "trajectory": given}
+    beyond |= {"interpolation": "linear", "execution": {"interpolation": "linear"}}
+    failed = guidefield.answer(beyond, record_to=tmp_path / "failed.rrd")
+    assert failed.execution is not None
+    code, said = ask("execute", str(tmp_path / "failed.rrd"), *words)
+    assert code == 2
+    assert "is not certified: " in said
+    tight = msgspec.structs.replace(request(), execution=guidefield.ExecutionOptions("cubic", tolerance=1.0))
+    assert guidefield.answer(tight, record_to=tmp_path / "tight.rrd").status.name == "INVALID_MOTION_PLAN"
+    code, said = ask("runs", "export", str(tmp_path / "tight.rrd"), str(tmp_path / "tight.csv"))
+    assert code == 2
+    assert "is not certified: the certificate refused" in said
+    assert not (tmp_path / "tight.csv").exists()
     guidefield.answer(request("zero_order_hold"), record_to=tmp_path / "held.rrd")
     assert "certified for 'zero_order_hold'" in ask("execute", str(tmp_path / "held.rrd"), *words)[1]
 

@@ -161,9 +161,9 @@ def export(
         runs.require(run_id)
         write_whole(file, runs.recordings.read_proof(run_id))
         return
-    reply = find_run(run, data, name).reply
+    found = find_run(run, data, name)
     kind = next((kind for kind in KINDS if file.name.endswith(f".{kind}")), None)
-    if kind is not None and (reply.execution is not None or kind in CONTROLLER_KINDS):
-        write_whole(file, reply.export(kind))
+    if kind is not None and (found.request.execution is not None or kind in CONTROLLER_KINDS):
+        write_whole(file, found.reply.export(kind))
         return
     write_motion(run_arrays(find_plan(run, data, name)), file)

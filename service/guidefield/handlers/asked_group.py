@@ -149,7 +149,15 @@ def execution_of(request: MotionRequest, group: PlanningGroup) -> ControllerMode
             "with `execution.interpolation` 'zero_order_hold' `cartesian_limits` are not served: steps have no speed",
             unserved="cartesian_limits",
         )
-    if bounds_efforts(request) and asked.interpolation not in ("cubic", "quintic"):
+    jumps = asked.interpolation not in ("cubic", "quintic")
+    if jumps and any(one.acceleration is not None for one in request.cartesian_limits):
+        raise MalformedRequest(
+            f"with `execution.interpolation` {asked.interpolation!r} limits of acceleration in space are not served:"
+            " velocities jump, which takes any acceleration",
+            unserved="cartesian_limits",
+            path="$.cartesian_limits",
+        )
+    if jumps and bounds_efforts(request):
         raise MalformedRequest(
             f"with `execution.interpolation` {asked.interpolation!r} limits of effort are not served: velocities jump,"
             " which takes any torque",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from guidefield.errors import MalformedRequest
 from guidefield.messages.execution import ExecutionFigures
 from guidefield.messages.exports import export
 from guidefield.messages.scene import GuidePlane
@@ -352,4 +353,6 @@ class PlanReply(Reply):
         Raises:
             MalformedRequest: if the motion isn't certified for what draws such a file.
         """
+        if self.status.name != "SUCCESS":
+            raise MalformedRequest(f"run {self.run_id!r} is not certified: {self.status.message}", run_id=self.run_id)
         return export(self.run_id, self.position_names, self.execution, kind)

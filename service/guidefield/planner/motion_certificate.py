@@ -104,7 +104,9 @@ def settle_execution(problem: Problem, trajectory: Trajectory) -> Settled:
     while True:
         drawn = draw_plan(trajectory, execution, parts)
         settled = Settled(drawn, _judge_drawn(problem, drawn.motion, deadline))
-        if settled.verdict.free or not refines or parts >= MOST_PARTS or deadline.expired():
+        if not refines or parts >= MOST_PARTS or deadline.expired():
+            break
+        if settled.verdict.free and find_excess(problem, drawn.motion) is None:
             break
         if parts == 1:
             tube = execution.tolerance if execution.tolerance.any() else None
@@ -112,7 +114,7 @@ def settle_execution(problem: Problem, trajectory: Trajectory) -> Settled:
             itself = GivenMotion(
                 CurveKind.HERMITE, trajectory.positions, knots, trajectory.times, trajectory.velocities, tolerance=tube
             )
-            if not _judge_drawn(problem, itself, deadline).free:
+            if not _judge_drawn(problem, itself, deadline).free or find_excess(problem, trajectory) is not None:
                 break
         parts *= 2
     _SETTLED.keep(trajectory, execution, (settled, weakref.ref(problem.world)))

@@ -262,14 +262,18 @@ def measure_cartesian(
 ) -> tuple[CartesianUse, ...]:
     """How fast bodies are along a motion, more closely where a limit is between what was found and its bound.
 
+    Through straight pieces, whose velocities jump, no acceleration is told, and none is limited.
+
     Raises DeadlineExpired if time is up before the last limit, or the last `AT_ONCE` pieces.
     """
-    found = []
+    found, jumps = [], motion.powers.shape[1] <= 2  # straight pieces
     for index, one in enumerate(limits):
         if index:
             deadline.check("speeds in space were found")
-        parts = [_closely(one, part) for part in parts_of(motion, deadline)]
-        found.append(CartesianUse(one, *(join_reached(each) for each in zip(*parts, strict=True))))
+        looked = replace(one, acceleration=math.inf) if jumps else one  # what takes any acceleration keeps no limit
+        parts = [_closely(looked, part) for part in parts_of(motion, deadline)]
+        speed, acceleration = (join_reached(each) for each in zip(*parts, strict=True))
+        found.append(CartesianUse(one, speed, Reached(0.0, 0.0, 0.0) if jumps else acceleration))
     return tuple(found)
 
 
