@@ -39,7 +39,10 @@ from guidefield.prove.search import EVERY_KIND, RESOLUTION_FLOOR, TOLERANCE
 from guidefield.prove.tables import ARITHMETIC, body_pairs, robot_bodies, rounding_of
 from guidefield.robot.group.kinematics import lent_data
 from guidefield.stream.commit import STANDING, Commit, JointBounds
+from guidefield.stream.settings import STREAM
 from guidefield.stream.shapes import read_only_views, solid_parts
+
+UNHALVED = 1e12  # accuracy to which any bound will do: where it is within a limit, no closer one is looked for
 
 
 class CommitReason(enum.Enum):
@@ -155,8 +158,13 @@ class Judge:
         """The largest share of a limit of speed in space that a commit reaches, by a bound; 0 where there is none."""
         if not self._in_space:
             return 0.0
-        motion = commit.polynomials
-        return max(one.reached(motion)[0].bound / one.speed for one in self._in_space)
+        motion, shares = commit.polynomials, []
+        for one in self._in_space:
+            bound = one.reached(motion, UNHALVED)[0].bound
+            if bound > STREAM.in_space * one.speed:
+                bound = one.reached(motion)[0].bound
+            shares.append(bound / one.speed)
+        return max(shares)
 
     def travelled(self, commit: Commit, seen: SeenObstacles, since: float, until: float, parts: int = 16) -> float:
         """How far any point of the robot comes between two times by a commit, at most [m].

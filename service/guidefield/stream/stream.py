@@ -424,8 +424,9 @@ class CertifiedStream:
         while True:
             bounds = self._opened.bounds
             commit = towards(state, velocities, goals, bounds, cycle.begins, self.request.piece, WITHIN)
-            share = self._judge.speed_share(commit)
-            if share <= 1.0 or slowed == STREAM.slowed or not velocities.any():
+            if slowed == STREAM.slowed or not velocities.any():
+                return commit
+            if (share := self._judge.speed_share(commit)) <= 1.0:
                 return commit
             velocities, slowed = velocities * (STREAM.in_space / share), slowed + 1
 
