@@ -107,6 +107,7 @@ def test_what_a_step_picks_up_weighs_from_then_on() -> None:
         ({"limits": {"panda_joint1": {"effort": 0.0}}}, "effort"),
         ({"limits": {"panda_joint1": {"effort": 1e-12}}}, "`effort` must be at least 1e-09"),
         ({"limits": {"panda_joint1": {"effort": 9.0}}, **MOVING}, "`limits` is not served"),
+        ({"attached_objects": [{**load(None), "inertia": [1, 0, 0, 1, 0, 1]}]}, "`inertia` needs a `mass`"),
         ({"attached_objects": [{**load(1.0), "inertia": [1, 0, 0, 0.1, 0, 0.1]}]}, "attached_objects.0..inertia"),
     ],
 )

@@ -22,6 +22,7 @@ from guidefield.messages.values import (
     Vector3,
     require_finite,
     require_limit,
+    require_mass,
 )
 
 
@@ -109,6 +110,7 @@ class AttachedObject(Message):
     def __post_init__(self) -> None:
         require_finite("centre_of_mass", self.centre_of_mass)
         require_finite("inertia", self.inertia)
+        require_mass(self.mass, self.inertia)
 
 
 class OrientationCone(Message, tag_field="type", tag="orientation_cone"):

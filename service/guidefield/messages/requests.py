@@ -87,6 +87,7 @@ from guidefield.messages.values import (
     Vector3,
     require_finite,
     require_finite_number,
+    require_mass,
     require_unit_quaternion,
 )
 
@@ -142,6 +143,7 @@ class Attach(Message):
     def __post_init__(self) -> None:
         require_finite("centre_of_mass", self.centre_of_mass)
         require_finite("inertia", self.inertia)
+        require_mass(self.mass, self.inertia)
 
 
 class PlanStep(Message):

@@ -108,6 +108,12 @@ def require_limit(field: str, value: float | None) -> None:
         raise ValueError(f"`{field}` must be at least {SMALLEST_LIMIT:g}, got {value}")
 
 
+def require_mass(mass: float | None, inertia: InertiaTensor) -> None:
+    """Raise ValueError if an inertia is given without a mass, which would count for nothing."""
+    if mass is None and inertia != NO_INERTIA:
+        raise ValueError("`inertia` needs a `mass`")
+
+
 def require_unit_quaternion(field: str, quaternion: QuaternionXYZW) -> None:
     """Raise ValueError unless the norm of a quaternion is 1 within `QUATERNION_TOLERANCE`."""
     if abs(math.hypot(*quaternion) - 1.0) <= QUATERNION_TOLERANCE:  # trajectories have a hundred thousand
