@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import coal
 import numpy as np
@@ -15,7 +18,16 @@ from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
-from guidefield.scene.cloud import CORNERS, Cloud, cloud_surface, covering, leak_limit, spacings
+from guidefield.scene.cloud import (
+    CORNERS,
+    Cloud,
+    CloudTables,
+    cloud_surface,
+    covering,
+    leak_limit,
+    make_cloud_tables,
+    spacings,
+)
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.obstacle import build
 from guidefield.scene.scene import build as build_scene
@@ -122,3 +134,20 @@ def test_packed_points_mean_the_same_and_twins_count_once() -> None:
     assert len(obstacle.charges.cloud) == len(SCAN)
     assert obstacle.charges.cloud[:, 3].sum() == pytest.approx(2.0 * (0.48 + 0.32 + 0.24), rel=0.3)
     assert math.isfinite(obstacle.charges.cloud.sum())
+
+
+def test_threads_that_ask_at_the_same_time_get_the_same_tables(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others keep the address of a cloud's tables alone: of two that were made, one would be gone."""
+    made = []
+
+    def make_slowly(*asked: Any) -> CloudTables:
+        made.append(make_cloud_tables(*asked))
+        time.sleep(0.05)
+        return made[-1]
+
+    monkeypatch.setattr("guidefield.scene.cloud.make_cloud_tables", make_slowly)
+    seen = Cloud(SCAN, RADIUS)
+    with ThreadPoolExecutor(4) as threads:
+        told = list(threads.map(lambda _: seen.tables, range(4)))
+    assert len(made) == 1
+    assert all(one is made[0] for one in told)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -139,6 +140,9 @@ _DENSEST = 0.01  # least spacing that a cloud's charges count with, over its rad
 _SPHERE = math.sqrt(4.0 * math.pi)  # side of the square with the area of a sphere, over its radius
 
 
+_MAKING = threading.Lock()
+
+
 @dataclass(frozen=True, eq=False)
 class Cloud:
     """Balls of one radius about points (n, 3) [m, world], of which some may be the same."""
@@ -153,8 +157,15 @@ class Cloud:
 
     @cached_property
     def tables(self) -> CloudTables:
-        """Its tables for kernels."""
-        return make_cloud_tables(self.points, self.box, self.radius)
+        """Its tables for kernels: the same for all threads, as others keep no more than their address.
+
+        Since Python 3.12 two threads that ask at the same time would make a cached property each.
+        """
+        with _MAKING:
+            made: CloudTables | None = vars(self).get("tables")
+            if made is None:
+                made = vars(self)["tables"] = make_cloud_tables(self.points, self.box, self.radius)
+            return made
 
 
 def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
