@@ -398,7 +398,7 @@ def test_others_read_while_it_is_written(database: RunDatabase, tmp_path: Path) 
 
 
 READER = """
-import os, sys
+import os, sys, urllib.parse  # Python 3.13 imports it for an address of a path, where nobody else may read it
 from pathlib import Path
 from guidefield.messages.identities import PLAIN
 from guidefield.stores.runs import RunDatabase

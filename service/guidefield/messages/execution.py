@@ -1,4 +1,4 @@
-"""How a controller executes a motion: the curve that it draws through the rows that it is sent."""
+"""The curve that a controller draws of a motion, and the rows that it is sent."""
 
 from __future__ import annotations
 
