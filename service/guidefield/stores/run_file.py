@@ -179,7 +179,7 @@ def fault_of(error: sqlite3.Error, name: str) -> str:
 
 def _connected(file: Path, mode: str) -> sqlite3.Connection:
     address = f"{file.absolute().as_uri()}?mode={mode}"
-    return sqlite3.connect(address, LONGEST_LOCK_S, isolation_level=None, check_same_thread=False, uri=True)
+    return sqlite3.connect(address, timeout=LONGEST_LOCK_S, isolation_level=None, check_same_thread=False, uri=True)
 
 
 def _require_version(db: sqlite3.Connection, file: Path) -> None:
