@@ -247,6 +247,46 @@ def _note(torques: Floats, time: float, found_out: Floats) -> None:
             found_out[j, FOUND], found_out[j, TIME] = abs(torques[j]), time
 
 
+@uncounted
+def _write_most(begin: Floats, end: Floats, span: float, room: TorqueRoom, most_out: Floats) -> None:
+    """Write what no torque exceeds in a time, by those at its ends and the bounds of their second derivatives."""
+    for j in range(begin.shape[0]):
+        most_out[j] = max(abs(begin[j]), abs(end[j])) + span * span / 8.0 * room.bounds[j]
+
+
+@uncounted
+def _is_close(most: Floats, tolerances: Floats, found: Floats) -> bool:
+    """Whether no bound is farther above what was found than it may be."""
+    is_close = True
+    for j in range(most.shape[0]):
+        is_close &= most[j] <= found[j, FOUND] + max(tolerances[j], EXCESS * found[j, FOUND])
+    return is_close
+
+
+@uncounted
+def _take(most: Floats, found_out: Floats) -> None:
+    """Take what no torque exceeds in a time into the bounds of the whole motion."""
+    for j in range(most.shape[0]):
+        found_out[j, BOUND] = max(found_out[j, BOUND], most[j])
+
+
+@uncounted
+def _place_and_write(
+    tree: MassTree,
+    motion: MotionPolynomials,
+    piece: int,
+    t: float,
+    state: CoordinateBounds,
+    places: JointPlaces,
+    room: TorqueRoom,
+    torques_out: Floats,
+) -> None:
+    """Place the bodies as they are at a time in a piece, and write the torques (nv,) there."""
+    write_state(motion, piece, t, state)
+    place_tree(tree, state, places)
+    write_torques(tree, state, places, room, torques_out)
+
+
 @kernel
 def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, found_out: RowsOut) -> float:
     """Write the largest torque of each coordinate along a motion, (nv, 3): see `carried_rates.FOUND`; return the work.
@@ -259,50 +299,49 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
     n, m, chain = joints.table.parents.shape[0], joints.sources.shape[0], tree.chains.shape[1]
     places, state = joint_places(joints), empty_bounds(nv, m)
     radii, next_radii, now, then = np.empty((n, chain)), np.empty((n, chain)), np.empty(nv), np.empty(nv)
-    room = torque_room(n, nv, chain)
+    room, pieces, work, halved = torque_room(n, nv, chain), times.shape[0] - 1, 0.0, 0
+    most, reached = np.empty((2 * pieces, nv)), np.empty(nv)  # bounds of each half of a piece, and of what is looked at
     found_out[:, :] = 0.0
-    pieces, work, halved = times.shape[0] - 1, 0.0, 0
     for piece in range(pieces):
         length = times[piece + 1] - times[piece]
         for half in range(3):
             t = 0.5 * half * length
-            write_state(motion, piece, t, state)
-            place_tree(tree, state, places)
-            write_torques(tree, state, places, room, now)
-            _note(now, times[piece] + t, found_out)
+            _place_and_write(tree, motion, piece, t, state, places, room, then)
+            _note(then, times[piece] + t, found_out)
             for j in range(nv):
-                work += length / 6.0 * (4.0 if half == 1 else 1.0) * abs(now[j] * state.dz[j])
+                work += length / 6.0 * (4.0 if half == 1 else 1.0) * abs(then[j] * state.dz[j])
+            if half > 0:
+                bound_rates(joints, motion, piece, t - 0.5 * length, t, state)
+                _write_bounds(tree, 0.5 * length, state, radii, room)
+                _write_most(now, then, 0.5 * length, room, most[2 * piece + half - 1])
+            now[:] = then
+            write_radii(tree, places, radii)
     for j in range(nv):
         found_out[j, BOUND] = found_out[j, FOUND]
-    for piece in range(pieces):
+    for half in range(2 * pieces):
+        if halved >= HALVINGS or _is_close(most[half], tolerances, found_out):
+            _take(most[half], found_out)
+            continue
+        piece = half // 2
         length = times[piece + 1] - times[piece]
-        since, step = 0.0, length
-        write_state(motion, piece, 0.0, state)
-        place_tree(tree, state, places)
-        write_torques(tree, state, places, room, now)
+        since, end, step = 0.5 * (half % 2) * length, 0.5 * (half % 2 + 1) * length, 0.25 * length
+        halved += 1
+        _place_and_write(tree, motion, piece, since, state, places, room, now)
         write_radii(tree, places, radii)
-        while since < length:
-            step = min(step, length - since)
-            until = length if since + step >= length else since + step
+        while since < end:
+            step = min(step, end - since)
+            until = end if since + step >= end else since + step
             bound_rates(joints, motion, piece, since, until, state)
             _write_bounds(tree, step, state, radii, room)
-            write_state(motion, piece, until, state)
-            place_tree(tree, state, places)
-            write_torques(tree, state, places, room, then)
+            _place_and_write(tree, motion, piece, until, state, places, room, then)
             write_radii(tree, places, next_radii)
             _note(then, times[piece] + until, found_out)
-            is_close = True
-            for j in range(nv):
-                most = max(abs(now[j]), abs(then[j])) + step * step / 8.0 * room.bounds[j]
-                if most > found_out[j, FOUND] + max(tolerances[j], EXCESS * found_out[j, FOUND]):
-                    is_close = False
-            if not is_close and step > SHORTEST * length and halved < HALVINGS:
+            _write_most(now, then, step, room, reached)
+            if step > SHORTEST * length and halved < HALVINGS and not _is_close(reached, tolerances, found_out):
                 step *= 0.5
                 halved += 1
                 continue
-            for j in range(nv):
-                most = max(abs(now[j]), abs(then[j])) + step * step / 8.0 * room.bounds[j]
-                found_out[j, BOUND] = max(found_out[j, BOUND], most)
+            _take(reached, found_out)
             since = until
             now[:], radii[:, :] = then, next_radii
             step *= 2.0
