@@ -101,6 +101,13 @@ def test_what_a_step_picks_up_weighs_from_then_on() -> None:
     assert after.joints[1].effort > before.joints[1].effort + 5.0
 
 
+def test_what_a_step_picks_up_with_an_inertia_of_no_body_is_refused_before_anything_is_planned() -> None:
+    attach = {"object": "crate", "link": "panda_hand", "mass": 1.0, "inertia": [1, 0, 0, 0.1, 0, 0.1]}
+    with pytest.raises(MalformedRequest, match=r"`steps\[1\]`: `attach.inertia` is no body's") as refused:
+        answer({"robot": "panda", "scene": "table", "steps": [{"goal": joints(panda_joint1=0.3)}, {"attach": attach}]})
+    assert refused.value.details["path"] == "$.steps[1].attach.inertia"
+
+
 @pytest.mark.parametrize(
     ("fields", "words"),
     [

@@ -26,7 +26,7 @@ from guidefield.handlers.asked_group import (
     limited,
     start_of,
 )
-from guidefield.handlers.attached import holding
+from guidefield.handlers.attached import holding, payload_inertia
 from guidefield.handlers.plan import refuse_ends
 from guidefield.handlers.plan_problem import in_motion, problem_of, with_derived_planes
 from guidefield.handlers.preparation import prepare_problem
@@ -69,6 +69,9 @@ class Steps:
         q, self.warnings = start_of(request.start, robot)
         for index, step in enumerate(request.steps):
             self.warnings += [f"step {index}: {warning}" for warning in clamped_goals(step.goal, robot)]
+            if step.attach is not None and step.attach.mass is not None:
+                with _in_step(index):
+                    payload_inertia(step.attach.mass, step.attach.centre_of_mass, step.attach.inertia, "attach")
         objects = tuple(Held(one) for one in request.attached_objects)
         self.start = Standing(robot, se3(base.position, base.quaternion_xyzw), scene, q, objects)
         self._moving = self._moving_joints()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from guidefield.errors import MalformedRequest
 from guidefield.messages.execution import ExecutionFigures, MotionDeviation
-from guidefield.messages.exports import export
+from guidefield.messages.exports import export_reply
 from guidefield.messages.plan_reply import (
     CartesianUse,
     CertificateFigures,
@@ -164,14 +163,11 @@ class CertifyReply(Reply):
     effort: EffortFigures | None = None
 
     def export(self, kind: str) -> bytes:
-        """Write the rows of `execution` as a file: "ros.json" or "yaml" (ROS), "script" (UR), "csv", "json", "npz".
+        """Write the rows of `execution` as a file of a kind, "ros.json", "yaml", "script", "csv", "json" or "npz".
 
-        Raises:
-            MalformedRequest: if the motion isn't certified for what draws such a file.
+        Raises MalformedRequest if the motion isn't certified for what draws such a file.
         """
-        if self.status.name != "SUCCESS":
-            raise MalformedRequest(f"run {self.run_id!r} is not certified: {self.status.message}", run_id=self.run_id)
-        return export(self.run_id, self.position_names, self.execution, kind)
+        return export_reply(self, kind)
 
 
 def describe_place(row: float, time: float | None) -> str:

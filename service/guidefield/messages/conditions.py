@@ -20,9 +20,8 @@ from guidefield.messages.values import (
     RootJoint,
     UrdfCharacters,
     Vector3,
-    require_finite,
     require_limit,
-    require_mass,
+    require_load,
 )
 
 
@@ -108,9 +107,7 @@ class AttachedObject(Message):
     inertia: InertiaTensor = NO_INERTIA
 
     def __post_init__(self) -> None:
-        require_finite("centre_of_mass", self.centre_of_mass)
-        require_finite("inertia", self.inertia)
-        require_mass(self.mass, self.inertia)
+        require_load(self.mass, self.centre_of_mass, self.inertia)
 
 
 class OrientationCone(Message, tag_field="type", tag="orientation_cone"):

@@ -36,6 +36,16 @@ class SentMotion(msgspec.Struct, frozen=True):
     rows: ExecutionFigures
 
 
+def export_reply(reply: Any, kind: str) -> bytes:
+    """Write the rows that a `PlanReply` or `CertifyReply` certifies for a controller: see `export`.
+
+    Raises MalformedRequest if the motion isn't certified at all, too.
+    """
+    if reply.status.name != "SUCCESS":
+        raise MalformedRequest(f"run {reply.run_id!r} is not certified: {reply.status.message}", run_id=reply.run_id)
+    return export(reply.run_id, reply.position_names, reply.execution, kind)
+
+
 def export(run_id: str, joints: Sequence[str], rows: ExecutionFigures | None, kind: str) -> bytes:
     """Write the rows of an execution as a file of a kind, one of `KINDS`.
 

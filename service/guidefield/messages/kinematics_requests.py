@@ -35,6 +35,7 @@ from guidefield.messages.values import (
     Vector3,
     require_finite,
     require_finite_number,
+    require_load,
     require_unit_quaternion,
 )
 
@@ -340,8 +341,7 @@ class Payload(Message):
     inertia: InertiaTensor = NO_INERTIA
 
     def __post_init__(self) -> None:
-        require_finite("centre_of_mass", self.centre_of_mass)
-        require_finite("inertia", self.inertia)
+        require_load(self.mass, self.centre_of_mass, self.inertia)
 
 
 DynamicsQuantity = Literal["inverse_dynamics", "gravity", "mass_matrix", "centre_of_mass"]

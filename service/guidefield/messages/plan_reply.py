@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from guidefield.errors import MalformedRequest
 from guidefield.messages.execution import ExecutionFigures
-from guidefield.messages.exports import export
+from guidefield.messages.exports import export_reply
 from guidefield.messages.scene import GuidePlane
 from guidefield.messages.values import Reply
 
@@ -348,11 +347,8 @@ class PlanReply(Reply):
     effort: EffortFigures | None = None
 
     def export(self, kind: str) -> bytes:
-        """Write the rows of `execution` as a file: "ros.json" or "yaml" (ROS), "script" (UR), "csv", "json", "npz".
+        """Write the rows of `execution` as a file of a kind, "ros.json", "yaml", "script", "csv", "json" or "npz".
 
-        Raises:
-            MalformedRequest: if the motion isn't certified for what draws such a file.
+        Raises MalformedRequest if the motion isn't certified for what draws such a file.
         """
-        if self.status.name != "SUCCESS":
-            raise MalformedRequest(f"run {self.run_id!r} is not certified: {self.status.message}", run_id=self.run_id)
-        return export(self.run_id, self.position_names, self.execution, kind)
+        return export_reply(self, kind)

@@ -87,7 +87,7 @@ from guidefield.messages.values import (
     Vector3,
     require_finite,
     require_finite_number,
-    require_mass,
+    require_load,
     require_unit_quaternion,
 )
 
@@ -141,9 +141,7 @@ class Attach(Message):
     inertia: InertiaTensor = NO_INERTIA
 
     def __post_init__(self) -> None:
-        require_finite("centre_of_mass", self.centre_of_mass)
-        require_finite("inertia", self.inertia)
-        require_mass(self.mass, self.inertia)
+        require_load(self.mass, self.centre_of_mass, self.inertia)
 
 
 class PlanStep(Message):

@@ -108,8 +108,10 @@ def require_limit(field: str, value: float | None) -> None:
         raise ValueError(f"`{field}` must be at least {SMALLEST_LIMIT:g}, got {value}")
 
 
-def require_mass(mass: float | None, inertia: InertiaTensor) -> None:
-    """Raise ValueError if an inertia is given without a mass, which would count for nothing."""
+def require_load(mass: float | None, centre_of_mass: Vector3, inertia: InertiaTensor) -> None:
+    """Raise ValueError if a number isn't finite, or an inertia has no mass: it would count for nothing."""
+    require_finite("centre_of_mass", centre_of_mass)
+    require_finite("inertia", inertia)
     if mass is None and inertia != NO_INERTIA:
         raise ValueError("`inertia` needs a `mass`")
 
