@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import concurrent.futures
-import contextlib
 import itertools
 import signal
-import socket
 import threading
 from collections.abc import Iterator
 
@@ -16,52 +14,11 @@ import pytest
 from guidefield import Client, MalformedRequest
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import Question
+from tests.journeys.links import Link
 from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, Service, await_that, plain_client
 
 STANDS_STILL = 3.0
 """How long a service is stopped: far less than a link lasts without a word [s]."""
-
-
-class Link:
-    """Carries bytes between clients and a service, until it is cut; new connections are taken again at once."""
-
-    def __init__(self, endpoint: str) -> None:
-        host, port = endpoint.removeprefix("tcp/").rsplit(":", 1)
-        self._service = host, int(port)
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.endpoint = f"tcp/127.0.0.1:{self._listener.getsockname()[1]}"
-        self._ends: list[socket.socket] = []
-        self.cuts = 0
-        threading.Thread(target=self._accept, daemon=True).start()
-
-    def cut(self) -> None:
-        ends, self._ends = self._ends, []
-        assert ends, "there is a connection to cut"
-        for end in ends:
-            with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
-        self.cuts += 1
-
-    def close(self) -> None:
-        self._listener.close()
-
-    def _accept(self) -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                near, _ = self._listener.accept()
-                far = socket.create_connection(self._service)
-                self._ends += [near, far]
-                for one, other in ((near, far), (far, near)):
-                    threading.Thread(target=_carry, args=(one, other), daemon=True).start()
-
-
-def _carry(one: socket.socket, other: socket.socket) -> None:
-    with contextlib.suppress(OSError):
-        while data := one.recv(1 << 16):
-            other.sendall(data)
-    for end in (one, other):
-        with contextlib.suppress(OSError):
-            end.shutdown(socket.SHUT_RDWR)
 
 
 @pytest.fixture
@@ -77,7 +34,7 @@ def test_a_stream_whose_link_is_cut_goes_on(link: Link) -> None:
     with Client.connect(link.endpoint, wait=CONNECTED_WITHIN) as far, far.stream(asked) as stream:
         stream.update(time=0.0)
         assert stream.answer(ANSWERED_WITHIN) is not None
-        link.cut()
+        assert link.cut(), "there is a connection to cut"
         times = itertools.count(1)
 
         def answered() -> bool:
@@ -100,7 +57,7 @@ def test_a_plan_whose_link_is_cut_is_answered_by_its_own_run(
     ):
         asked = threads.submit(far.plan, {**LONG, "run_id": run_id, "allowed_planning_time": 1.5})
         await_that(lambda: client.info().busy or asked.done())
-        link.cut()
+        assert link.cut(), "there is a connection to cut"
         reply = asked.result(ANSWERED_WITHIN)
         assert reply.run_id == run_id
         assert client.run(run_id).reply == reply
@@ -134,7 +91,7 @@ def test_a_plan_whose_link_is_cut_again_and_again_is_answered(
         for _ in range(4):
             assert asked.acquire(timeout=ANSWERED_WITHIN)
             await_that(lambda: client.info().busy)
-            link.cut()
+            assert link.cut(), "there is a connection to cut"
         assert asked.acquire(timeout=ANSWERED_WITHIN)
         assert not plan.done()
         client.cancel("often")
@@ -170,5 +127,5 @@ def test_questions_outlive_cuts_between_and_amid_them(client: Client, link: Link
     with Client.connect(link.endpoint, wait=CONNECTED_WITHIN) as far:
         for _ in range(2):
             assert "bookshelf" in far.scenes()
-            link.cut()
+            assert link.cut(), "there is a connection to cut"
     assert link.cuts == 2

@@ -26,7 +26,6 @@ import os
 import random
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -42,7 +41,9 @@ from typing import Any
 
 import msgspec
 import zenoh
+from tests.journeys.links import Link
 
+from attacks.isolation import LARGE
 from guidefield import Client, GuidefieldError, NoService, ServerBusy, WorkerCrashed, answer
 from guidefield.cli.demonstration import REQUESTS
 from guidefield.cli.serving import TRACE_SIGNAL, ChildService, service_in_child
@@ -66,20 +67,6 @@ ROUNDING = 1e-9
 TIME_IS_UP = b"Timeout"
 """Zenoh's own answer to a query that nobody answered within its time-out."""
 USERS = tuple(f"user{number}" for number in range(5))
-LARGE = """
-import json, sys, threading, zenoh
-config = zenoh.Config()
-config.insert_json5("mode", '"client"')
-config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
-config.insert_json5("scouting/multicast/enabled", "false")
-ball = {"name": "s", "obstacles": [{"type": "sphere", "name": "b", "radius": 0.1}]}
-payload = json.dumps({"type": "potential", "scene": ball, "points": [[0.1, 0.0, 2.0]] * 50_000})
-with zenoh.open(config) as session:
-    for _ in range(2):
-        session.get(f"guidefield/local/as/{sys.argv[2]}/kinematics", lambda reply: None, payload=payload, timeout=600.0)
-    print("asked", flush=True)
-    threading.Event().wait()
-"""
 """A client that asks for large answers, some MB each."""
 POSE = {"position": [0.4, 0.0, 0.5], "quaternion_xyzw": [1, 0, 0, 0]}
 BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}
@@ -353,7 +340,7 @@ def stop_clients(endpoint: str, seconds: float, tally: Tally, over: threading.Ev
     begin = time.monotonic()
     while not over.is_set() and time.monotonic() - begin < 0.5 * seconds:
         user = USERS[tally.stopped % len(USERS)]
-        command = [sys.executable, "-c", LARGE, endpoint, user]
+        command = [sys.executable, "-c", LARGE, endpoint, user, "2"]
         with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
             assert process.stdout is not None
             process.stdout.readline()
@@ -361,48 +348,6 @@ def stop_clients(endpoint: str, seconds: float, tally: Tally, over: threading.Ev
             tally.stopped += 1
             over.wait(0.05 * seconds)
             process.kill()
-
-
-class Link:
-    """Carries bytes between clients and a service, until it is cut; new connections are taken again at once."""
-
-    def __init__(self, endpoint: str) -> None:
-        host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
-        self._service = host, int(port)
-        self._door = socket.create_server(("127.0.0.1", 0))
-        self.endpoint = f"tcp/127.0.0.1:{self._door.getsockname()[1]}"
-        self._ends: list[socket.socket] = []
-        threading.Thread(target=self._accept, daemon=True).start()
-
-    def cut(self) -> None:
-        """End every connection."""
-        ends, self._ends = self._ends, []
-        for end in ends:
-            with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
-
-    def close(self) -> None:
-        """Take no more connections, and end those there are."""
-        self._door.close()
-        self.cut()
-
-    def _accept(self) -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                near, _ = self._door.accept()
-                far = socket.create_connection(self._service)
-                self._ends += [near, far]
-                for one, other in ((near, far), (far, near)):
-                    threading.Thread(target=_carry, args=(one, other), daemon=True).start()
-
-
-def _carry(one: socket.socket, other: socket.socket) -> None:
-    with contextlib.suppress(OSError):
-        while data := one.recv(1 << 16):
-            other.sendall(data)
-    for end in (one, other):
-        with contextlib.suppress(OSError):
-            end.shutdown(socket.SHUT_RDWR)
 
 
 def plan_over_a_bad_link(
