@@ -209,5 +209,5 @@ def test_a_first_plan_for_a_robot_that_nothing_is_kept_of_needs_what_is_compiled
     status, loaded = json.loads(ran.stdout.splitlines()[-1])
     assert status == "SUCCESS"
     assert len(loaded) > 30
-    assert set(loaded) <= compile_ahead.needed_first()
+    assert set(loaded) <= compile_ahead.find_needed_first()
     assert set(compile_ahead.FIRST) <= set(kernel_cache.sources().names)

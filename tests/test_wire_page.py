@@ -18,7 +18,7 @@ from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, DEFAULT_ST
 from guidefield.errors import ERRORS, Status
 from guidefield.handlers.info import Figures, Rules, info
 from guidefield.messages import codec, requests, schemas
-from guidefield.messages.schemas import describe_message, json_schemas, write_schemas
+from guidefield.messages.schemas import describe_message, make_schemas, write_schemas
 from guidefield.messages.served import CODES, KEYS, MEANINGS
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION
@@ -44,7 +44,7 @@ def test_the_tables_are_those_of_the_code(wire: ModuleType) -> None:
 def test_the_schemas_beside_the_page_are_those_of_the_code() -> None:
     kept = HOUSE / "service" / "docs" / "wire.schema.json"
     assert kept.read_text() == write_schemas(), "`tools/wire_page` makes them again"
-    assert json.loads(kept.read_text())["$defs"] == json.loads(json.dumps(json_schemas()["$defs"]))
+    assert json.loads(kept.read_text())["$defs"] == json.loads(json.dumps(make_schemas()["$defs"]))
 
 
 def test_every_message_that_a_key_takes_or_gives_is_named_on_the_page_and_described() -> None:
@@ -52,14 +52,14 @@ def test_every_message_that_a_key_takes_or_gives_is_named_on_the_page_and_descri
     told = set(re.findall(r"`(\w+)`", PAGE.partition("<!-- made from the code: messages -->")[2]))
     assert named <= told
     for name in told:
-        schema, text = json_schemas()["$defs"][name], describe_message(name)
+        schema, text = make_schemas()["$defs"][name], describe_message(name)
         rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| (`[^`]*`|) \| (.*) \|$", text.replace("\\|", "/"), re.MULTILINE)
         assert {row for row, *_ in rows} == set(schema.get("properties", {})), name
         assert {row for row, default, _ in rows if not default} == set(schema.get("required", [])), name
 
 
 def test_every_field_of_a_plan_request_says_what_it_means() -> None:
-    properties = json_schemas()["$defs"]["PlanRequest"]["properties"]
+    properties = make_schemas()["$defs"]["PlanRequest"]["properties"]
     assert [name for name, one in properties.items() if not one.get("description")] == []
 
 
@@ -85,7 +85,7 @@ class Odd(msgspec.Struct):
 
 
 def test_kinds_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(schemas, "json_schemas", lambda: {"$defs": schemas.schema_of([Odd])[1]})
+    monkeypatch.setattr(schemas, "make_schemas", lambda: {"$defs": schemas.make_schemas_of([Odd])[1]})
     assert dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", describe_message("Odd"), re.MULTILINE)) == {
         "whole": "integer",
         "maybe": "text or null",

@@ -6,7 +6,7 @@ import pytest
 
 from guidefield.messages import keys, stream_keys
 from guidefield.messages.codec import Encoding
-from guidefield.messages.schemas import json_schemas
+from guidefield.messages.schemas import make_schemas
 from guidefield.messages.served import KEYS, SERVED, KeyInfo
 
 QUERIED = [key for key in KEYS if key.how == "query"]
@@ -22,7 +22,7 @@ def _check(query: keys.Query) -> None:
 
 
 def test_every_message_has_its_schema() -> None:
-    messages = json_schemas()
+    messages = make_schemas()
     known = {*messages["messages"], *messages["$defs"]}
     assert {name for key in KEYS for name in (*key.takes, *key.gives)} <= known
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, DEFAULT_STREAMS, limits_of
-from guidefield.messages.schemas import json_schemas, table
+from guidefield.messages.schemas import make_schemas, make_table
 from guidefield.messages.served import CODES, KEYS, KeyInfo
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION
@@ -29,7 +29,7 @@ def filled(page: str) -> str:
 
 def keys() -> str:
     """Every key: what it is for, its parameters, what it takes and gives, and whether it waits for a worker."""
-    return table(
+    return make_table(
         ("key", "what", "parameters", "takes", "gives", "needs a worker"),
         (
             (
@@ -60,7 +60,7 @@ def _named(names: Iterable[str]) -> str:
 
 def codes() -> str:
     """Every code."""
-    return table(
+    return make_table(
         ("code", "name", "travels as", "exception", "meaning"),
         (
             (str(one.code), f"`{one.name}`", one.travels, f"`{one.exception}`" if one.exception else "", one.meaning)
@@ -72,7 +72,7 @@ def codes() -> str:
 def limits() -> str:
     """Every limit of a service that was started without options."""
     told = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE, DEFAULT_STREAMS)
-    return table(
+    return make_table(
         ("limit", "value", "what"), ((f"`{one.name}`", f"{_figure(one.value)} {one.unit}", one.what) for one in told)
     )
 
@@ -88,7 +88,7 @@ def delivery() -> str:
 
 def messages() -> str:
     """Every message that a key takes or gives, and what they are made of."""
-    schemas = json_schemas()["$defs"]
+    schemas = make_schemas()["$defs"]
     taken = {name for key in KEYS for name in key.takes}
     given = {name for key in KEYS for name in key.gives} | {"ErrorReply"}
     known = _within(taken | given, schemas)

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from guidefield.errors import UnknownObject
 from guidefield.messages.faults import MAX_QUOTED_CHARACTERS, suggest
-from guidefield.messages.schemas import describe_message, json_schemas
+from guidefield.messages.schemas import describe_message, make_schemas
 
 _PACKAGE = "guidefield.docs"
 
@@ -32,7 +32,7 @@ def read_page(subject: str) -> str:
     Raises:
         UnknownObject: if there is no such page or message; with the subjects.
     """
-    available, messages = list_subjects(), json_schemas()["$defs"]
+    available, messages = list_subjects(), make_schemas()["$defs"]
     if subject in messages:
         return describe_message(subject)
     if subject not in available:

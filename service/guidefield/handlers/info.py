@@ -23,7 +23,7 @@ from guidefield.messages.replies import (
     LimitInfo,
     UserFigures,
 )
-from guidefield.messages.schemas import json_schemas
+from guidefield.messages.schemas import make_schemas
 from guidefield.messages.served import CODES, KEYS
 from guidefield.system import resident
 
@@ -67,7 +67,7 @@ def info(figures: Figures, rules: Rules | None = None) -> InfoReply:
         codes=list(CODES),
         limits=list(kept.limits),
         delivery=list(kept.delivery),
-        schemas=json_schemas(),
+        schemas=make_schemas(),
     )
 
 

@@ -23,7 +23,7 @@ from guidefield.messages.replies import (
     to_plain_data,
 )
 from guidefield.messages.requests import CertifyRequest, Clearance, InverseKinematics, PlanRequest
-from guidefield.messages.schemas import schema_of
+from guidefield.messages.schemas import make_schemas_of
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def _trajectory_figures(reply: PlanReply) -> dict[str, Any]:
 
 def _schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
     """JSON Schema of a message, without the tag, which the tool's name stands for."""
-    (root,), parts = schema_of([kind])
+    (root,), parts = make_schemas_of([kind])
     whole = dict(parts.pop(root["$ref"].rpartition("/")[2]))
     tag = kind.__struct_config__.tag_field
     whole["properties"] = {field: what for field, what in whole["properties"].items() if field != tag}

@@ -49,16 +49,16 @@ _MEANING = re.compile(r"^ {4}(\w+(?:, \w+)*): (.*)$")
 
 
 @functools.cache
-def json_schemas() -> dict[str, Any]:
+def make_schemas() -> dict[str, Any]:
     """Make the JSON Schema of every message that travels: references under ``messages``, all parts under ``$defs``."""
-    references, parts = schema_of(MESSAGES)
+    references, parts = make_schemas_of(MESSAGES)
     return {
         "messages": {kind.__name__: one for kind, one in zip(MESSAGES, references, strict=True)},
         "$defs": parts,
     }
 
 
-def schema_of(kinds: Sequence[type[msgspec.Struct]]) -> tuple[tuple[dict[str, Any], ...], dict[str, Any]]:
+def make_schemas_of(kinds: Sequence[type[msgspec.Struct]]) -> tuple[tuple[dict[str, Any], ...], dict[str, Any]]:
     """Make references to the schemas of messages, and all that these are made of, by name.
 
     A schema's description is what the docstring says before it comes to fields; a field's is what it says of the field.
@@ -78,7 +78,7 @@ def schema_of(kinds: Sequence[type[msgspec.Struct]]) -> tuple[tuple[dict[str, An
 
 def write_schemas() -> str:
     """Write the schemas as JSON, a line for each message, so that a change shows where it is."""
-    schemas = json_schemas()
+    schemas = make_schemas()
     lines = (
         f"{json.dumps(name)}: {json.dumps(one, ensure_ascii=False)}" for name, one in sorted(schemas["$defs"].items())
     )
@@ -88,12 +88,12 @@ def write_schemas() -> str:
 
 def describe_message(name: str) -> str:
     """Describe a message, and each field of it, in Markdown; raises KeyError where there is no such message."""
-    schema = json_schemas()["$defs"][name]
+    schema = make_schemas()["$defs"][name]
     required = schema.get("required", ())
     rows = [
         (
             f"`{field}`",
-            _word(one),
+            _name_value(one),
             ""
             if field in required or "default" not in one
             else f"`{json.dumps(one['default'], separators=(',', ':'))}`",
@@ -102,11 +102,11 @@ def describe_message(name: str) -> str:
         for field, one in schema.get("properties", {}).items()
     ]
     return f"# {name}\n\n{schema['description']}\n" + (
-        f"\n{table(('field', 'is', 'default', 'meaning'), rows)}\n" if rows else ""
+        f"\n{make_table(('field', 'is', 'default', 'meaning'), rows)}\n" if rows else ""
     )
 
 
-def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+def make_table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     """Make a table in Markdown."""
     lines = [head, tuple("---" for _ in head), *rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
@@ -153,43 +153,44 @@ def _read_meanings(message: type) -> dict[str, str]:
     return found
 
 
-def _word(schema: dict[str, Any]) -> str:
+def _name_value(schema: dict[str, Any]) -> str:
     """What a value may be, in words."""
     if "$ref" in schema:
         return str(schema["$ref"].rpartition("/")[2])
     if "enum" in schema:
         return " or ".join(f"`{value}`" for value in schema["enum"])
     if "anyOf" in schema:
-        words = [_word(one) for one in sorted(_alternatives(schema), key=lambda one: one.get("type") == "null")]
+        null_last = sorted(_list_alternatives(schema), key=lambda one: one.get("type") == "null")
+        words = [_name_value(one) for one in null_last]
         return " or ".join(f"({one})" if " or " in one else one for one in words)
-    return _WORDS[schema.get("type", "anything")](schema)
+    return _NAMES[schema.get("type", "anything")](schema)
 
 
-def _alternatives(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def _list_alternatives(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
     for one in schema["anyOf"]:
-        yield from _alternatives(one) if "anyOf" in one else (one,)
+        yield from _list_alternatives(one) if "anyOf" in one else (one,)
 
 
-def _word_default(schema: dict[str, Any]) -> str:
+def _format_default(schema: dict[str, Any]) -> str:
     return f"`{json.dumps(schema['default'], separators=(',', ':'))}`" if "default" in schema else ""
 
 
-def _word_text(schema: dict[str, Any]) -> str:
+def _name_text(schema: dict[str, Any]) -> str:
     if "pattern" in schema:
         return f"`{schema['pattern']}`"
     if "contentEncoding" in schema:
         return "bytes (base64 in JSON)"
-    return f"text{_word_lengths(schema.get('minLength', 0), schema.get('maxLength'), ' characters')}"
+    return f"text{_format_lengths(schema.get('minLength', 0), schema.get('maxLength'), ' characters')}"
 
 
-def _word_list(schema: dict[str, Any]) -> str:
+def _name_list(schema: dict[str, Any]) -> str:
     if "prefixItems" in schema:
-        return f"[{', '.join(map(_word, schema['prefixItems']))}]"
-    lengths = _word_lengths(schema.get("minItems", 0), schema.get("maxItems"), "")
-    return f"list of {_bracket(_word(schema.get('items', {})))}{lengths}"
+        return f"[{', '.join(map(_name_value, schema['prefixItems']))}]"
+    lengths = _format_lengths(schema.get("minItems", 0), schema.get("maxItems"), "")
+    return f"list of {_bracket(_name_value(schema.get('items', {})))}{lengths}"
 
 
-def _word_number(schema: dict[str, Any]) -> str:
+def _name_number(schema: dict[str, Any]) -> str:
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
     bounds = (f" {sign} {schema[key]:.15g}" for key, sign in signs.items() if key in schema)
     return f"{schema['type']}{','.join(bounds)}"
@@ -199,20 +200,20 @@ def _bracket(words: str) -> str:
     return f"({words})" if " or " in words or " (" in words else words
 
 
-def _word_lengths(least: int, most: int | None, what: str) -> str:
+def _format_lengths(least: int, most: int | None, what: str) -> str:
     if most is not None:
         return f" ({least} to {most:,}{what})"
     return f" (at least {least}{what})" if least else ""
 
 
-_WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
+_NAMES: dict[str, Callable[[dict[str, Any]], str]] = {
     "anything": lambda _: "anything",
-    "array": _word_list,
+    "array": _name_list,
     "boolean": lambda _: "true or false",
-    "integer": _word_number,
+    "integer": _name_number,
     "null": lambda _: "null",
-    "number": _word_number,
-    "object": lambda schema: f"object of names to {_bracket(_word(schema.get('additionalProperties') or {}))}",
-    "string": _word_text,
+    "number": _name_number,
+    "object": lambda schema: f"object of names to {_bracket(_name_value(schema.get('additionalProperties') or {}))}",
+    "string": _name_text,
 }
 """How each kind of value is told."""

@@ -91,7 +91,7 @@ class _Work:
         self._sizes = {name: _size_of(name) for name in needs}
         self._ahead = _ahead_of(needs, self._sizes)
         self._waiting, self._done = set(needs), set[str]()
-        self._first = needed_first() & set(needs)
+        self._first = find_needed_first() & set(needs)
         self._counted = self._first if until_ready else set(needs)
         if not self._first:
             told(READY)
@@ -163,7 +163,7 @@ class _Work:
         return f"compiling kernels {100 * done // counted} %, once for this version: {begun} ({name})"
 
 
-def needed_first() -> set[str]:
+def find_needed_first() -> set[str]:
     """Find all files that a first plan needs."""
     names = set(sources().names)
     return set().union(*(sources().imported(name) for name in FIRST if name in names))
@@ -219,7 +219,7 @@ def _compile_for_all(until_ready: bool) -> None:
                 compiled_marker().touch()
                 break
         missing = uncompiled()
-        if until_ready and not needed_first() & missing:
+        if until_ready and not find_needed_first() & missing:
             tell(READY)
             break
         tell(f"another process compiles the kernels, once for this version: {len(missing)} files are left")

@@ -264,8 +264,8 @@ def _is_close(most: Floats, tolerances: Floats, found: Floats) -> bool:
 
 
 @uncounted
-def _take(most: Floats, found_out: Floats) -> None:
-    """Take what no torque exceeds in a time into the bounds of the whole motion."""
+def _note_bounds(most: Floats, found_out: Floats) -> None:
+    """Note what no torque exceeds in a time among the bounds of the whole motion."""
     for j in range(most.shape[0]):
         found_out[j, BOUND] = max(found_out[j, BOUND], most[j])
 
@@ -320,7 +320,7 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
         found_out[j, BOUND] = found_out[j, FOUND]
     for half in range(2 * pieces):
         if halved >= HALVINGS or _is_close(most[half], tolerances, found_out):
-            _take(most[half], found_out)
+            _note_bounds(most[half], found_out)
             continue
         piece = half // 2
         length = times[piece + 1] - times[piece]
@@ -341,7 +341,7 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
                 step *= 0.5
                 halved += 1
                 continue
-            _take(reached, found_out)
+            _note_bounds(reached, found_out)
             since = until
             now[:], radii[:, :] = then, next_radii
             step *= 2.0
