@@ -41,6 +41,10 @@ PLAIN_VARIABLE = "GUIDEFIELD_PLAIN_NUMBA"  # the environment variable that disab
 KNOWN_NUMBA = ("0.68.0", "0.68.1")  # versions of numba whose internals are changed; others are used unchanged
 
 
+class CannotCompile(RuntimeError):
+    """The kernels can't be compiled; says why in one sentence."""
+
+
 def compile_kernels(
     told: Callable[[str], None], is_cancelled: Callable[[], bool] = lambda: False, *, wholly: bool = True
 ) -> None:
@@ -53,7 +57,7 @@ def compile_kernels(
             also after the end of this process.
 
     Raises:
-        RuntimeError: if a kernel can't be compiled.
+        CannotCompile: if a kernel can't be compiled.
     """
     if compiled_marker().exists():
         return
@@ -83,8 +87,11 @@ def compile_kernels(
             child.stdout.close()
         log.seek(0)
         fault = log.read().strip()
+    if child.returncode < 0:
+        ended = signal.Signals(-child.returncode).name
+        raise CannotCompile(f"the kernels' compiler was ended by {ended}; what is compiled is kept: start again")
     if child.returncode != 0:
-        raise RuntimeError(fault.splitlines()[-1] if fault else "the kernels' compiler ended without a reason")
+        raise CannotCompile(fault.splitlines()[-1] if fault else "the kernels' compiler ended without a reason")
 
 
 def compiled_marker() -> Path:

@@ -45,7 +45,7 @@ from guidefield.endpoint.ros.options import Distribution, RosSettings
 from guidefield.endpoint.service import DEFAULT_STREAMS, CannotServe, ServiceSettings
 from guidefield.engine import answer
 from guidefield.errors import GuidefieldError, MalformedRequest, Status
-from guidefield.first_start import compile_kernels
+from guidefield.first_start import CannotCompile, compile_kernels
 from guidefield.messages import codec, requests
 from guidefield.messages.faults import list_choices
 from guidefield.messages.quotas import DEFAULT_QUOTAS
@@ -104,7 +104,7 @@ def main() -> None:
     """Run the command line; what is wrong with a request, a service or a file becomes one line and exit code 2."""
     try:
         app()
-    except (GuidefieldError, CannotServe, CannotWork, OSError) as error:
+    except (GuidefieldError, CannotCompile, CannotServe, CannotWork, OSError) as error:
         err.print(f"[red]{_name(error)}[/red]: {escape(str(error))}", highlight=False, soft_wrap=True)
         sys.exit(2)
 

@@ -232,4 +232,9 @@ if __name__ == "__main__":
     if _CHILD in sys.argv[1:]:
         _compile_what_is_named()
     else:
-        _compile_for_all(UNTIL_READY in sys.argv[1:])
+        try:
+            _compile_for_all(UNTIL_READY in sys.argv[1:])
+        except OSError as error:
+            sys.exit(f"machine code can't be kept: {error}; set NUMBA_CACHE_DIR to another folder")
+        except RuntimeError as error:
+            sys.exit(str(error))
