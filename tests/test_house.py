@@ -147,7 +147,8 @@ def _says_shapes(function: ast.FunctionDef) -> bool:
 def test_the_top_level_holds_what_was_agreed() -> None:
     visible = {path.name for path in HOUSE.iterdir() if not path.name.startswith(".")}
     folders = {"service", "robots", "scenes", "tests", "tools"}
-    pages = {"README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "pyproject.toml"}
+    pages = {"README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "CITATION.cff"}
+    pages |= {"pyproject.toml", "pixi.toml"}
     assert folders | pages <= visible
     assert visible - folders - pages <= {"runs", "build", "dist"} | {n for n in visible if n.endswith(".egg-info")}
 

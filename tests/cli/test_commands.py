@@ -15,9 +15,11 @@ from urllib.parse import unquote
 from urllib.request import ProxyHandler, build_opener
 
 import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
 
 from guidefield import Scene
-from guidefield.cli import main
+from guidefield.cli import app, main
 from guidefield.cli.serving import free_port
 from guidefield.engine import answer
 from guidefield.errors import Status
@@ -315,3 +317,23 @@ def test_the_help_says_every_unit_and_version() -> None:
     assert "[MiB]" in said
     assert "[GiB]" in said
     assert " ." not in said  # words in brackets that the help's markup has swallowed
+
+
+def test_each_option_of_a_service_has_a_variable(monkeypatch: pytest.MonkeyPatch) -> None:
+    command = get_command(app).commands["serve"]  # type: ignore[attr-defined]
+    monkeypatch.setenv("GUIDEFIELD_WORKERS", "3")
+    monkeypatch.setenv("GUIDEFIELD_LISTEN", "tcp/127.0.0.1:1 tcp/127.0.0.1:2")
+    monkeypatch.setenv("GUIDEFIELD_JSON_LOGS", "1")
+    asked = command.make_context("serve", []).params
+    assert (asked["workers"], asked["json_logs"]) == (3, True)
+    assert list(asked["listen"]) == ["tcp/127.0.0.1:1", "tcp/127.0.0.1:2"]
+    assert command.make_context("serve", ["--workers", "4"]).params["workers"] == 4
+    monkeypatch.setenv("GUIDEFIELD_WORKERS", "0")
+    refused = CliRunner().invoke(app, ["serve"])
+    assert (refused.exit_code, "--workers" in refused.output) == (2, True)
+
+
+def test_a_shell_completes_commands() -> None:
+    asking = {"_GUIDEFIELD_COMPLETE": "complete_bash", "COMP_WORDS": "guidefield se", "COMP_CWORD": "1"}
+    done = CliRunner().invoke(app, [], env=asking, prog_name="guidefield")
+    assert done.output.split() == ["serve", "secure"]

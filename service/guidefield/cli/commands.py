@@ -55,11 +55,7 @@ from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.runs import Retention
 
-app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 
 scenes_app = typer.Typer(help="Read scenes from files and store them at a service.", no_args_is_help=True)
 
@@ -318,7 +314,7 @@ class RecordingTime(enum.StrEnum):
     EAGER = "eager"
 
 
-@app.command()
+@app.command(context_settings={"auto_envvar_prefix": "GUIDEFIELD"})
 def serve(
     listen: Annotated[
         list[str] | None, typer.Option(help=f"Zenoh endpoint, may be repeated; else {DEFAULT_LISTEN}.")
@@ -369,7 +365,11 @@ def serve(
         str | None, typer.Option(help="Zenoh endpoint of the router, rmw_zenohd, that they are reached through.")
     ] = None,
 ) -> None:
-    """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise."""
+    """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise.
+
+    The variable GUIDEFIELD_WORKERS stands for --workers, and so on for each option. Values of an option that may be
+    repeated are separated by spaces, folders by colons.
+    """
     settings = ServiceSettings(
         data=default_data_folder(name) if data is None else data,
         instance=name,

@@ -11,6 +11,7 @@ import os
 import re
 import struct
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, distribution
@@ -78,13 +79,11 @@ def read(path: Path) -> np.ndarray:
 
 @functools.cache
 def _prefix() -> Path:
-    """Folder that the command and its libraries are in."""
+    """Folder of the command and its libraries: those of the package cmeel-assimp, else of a conda environment."""
     try:
         return Path(str(distribution("cmeel-assimp").locate_file(PREFIX)))
     except PackageNotFoundError:
-        raise UnreadableMesh(
-            "meshes are read by Assimp's command, of the package cmeel-assimp, which isn't there"
-        ) from None
+        return Path(sys.prefix)
 
 
 def _run(*arguments: str) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import distribution
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -37,8 +39,12 @@ NAME_ITS_FOLDER = "name the folder of its package: `package_dirs`, or --package-
 
 @functools.cache
 def catalog_share() -> Path:
-    """The folder that holds the package `example-robot-data`."""
-    return Path(str(distribution(CATALOG_PACKAGE).locate_file("cmeel.prefix/share"))).resolve()
+    """The folder that holds the package `example-robot-data`: a wheel's, else that of a conda environment."""
+    with contextlib.suppress(PackageNotFoundError):
+        found = Path(str(distribution(CATALOG_PACKAGE).locate_file("cmeel.prefix/share"))).resolve()
+        if found.is_dir():
+            return found
+    return Path(sys.prefix) / "share"
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,68 @@
+"""The files of a release agree with pyproject.toml, and with one another."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+
+HOUSE = Path(__file__).resolve().parents[2]
+PROJECT = tomllib.loads((HOUSE / "pyproject.toml").read_text())["project"]
+CONDA_NAMES = {"pin": "pinocchio", "mapbox-earcut": "mapbox_earcut", "xxhash": "python-xxhash"}
+"""Packages that conda-forge has by other names than PyPI."""
+
+
+def _read(name: str) -> Any:
+    return yaml.safe_load((HOUSE / name).read_text())
+
+
+def _needed() -> dict[str, SpecifierSet]:
+    needed = map(Requirement, PROJECT["dependencies"])
+    return {CONDA_NAMES.get(one.name, one.name): one.specifier for one in needed}
+
+
+def test_the_environment_of_conda_has_what_the_package_needs() -> None:
+    declared = tomllib.loads((HOUSE / "pixi.toml").read_text())["dependencies"]
+    own = {name: SpecifierSet(declared.pop(name).replace("*", "")) for name in ("python", "pip", "setuptools")}
+    assert own["python"].contains("3.11")
+    assert {name: SpecifierSet(text) for name, text in declared.items()} == _needed()
+
+
+def test_the_recipe_has_what_the_package_needs() -> None:
+    recipe = _read("tools/deploy/recipe.yaml")
+    lines = [line.partition(" ") for line in recipe["requirements"]["run"] if line != "__unix"]
+    declared = {name: SpecifierSet(text) for name, _, text in lines}
+    assert declared.pop("python") == SpecifierSet(PROJECT["requires-python"])
+    assert declared == _needed()
+    assert recipe["build"]["python"]["entry_points"] == [f"guidefield = {PROJECT['scripts']['guidefield']}"]
+
+
+def test_one_version_stands_everywhere() -> None:
+    told = {_read("CITATION.cff")["version"], _read("tools/deploy/recipe.yaml")["context"]["version"]}
+    told.add(re.findall(r"^## (\S+)", (HOUSE / "CHANGELOG.md").read_text(), re.MULTILINE)[0])
+    assert told == {PROJECT["version"]}
+
+
+def test_who_reads_the_repository_runs_the_tests_and_uses_the_wheels() -> None:
+    steps = [step for job in _read(".github/workflows/test.yml")["jobs"].values() for step in job["steps"]]
+    commands = [shlex.split(step["run"])[0] for step in steps if "run" in step]
+    assert commands == [".ci/run", "tools/wheel"]
+    hooks = [hook for one in _read(".pre-commit-config.yaml")["repos"] for hook in one["hooks"]]
+    assert {Path(shlex.split(hook["entry"])[0]).name for hook in hooks} == {"ruff", "lint-imports"}
+
+
+@pytest.mark.parametrize("name", ["false_certificate", "robot", "fault"])
+def test_an_issue_asks_what_a_maintainer_needs(name: str) -> None:
+    form = _read(f".github/ISSUE_TEMPLATE/{name}.yml")
+    asked = [field for field in form["body"] if field["type"] != "markdown"]
+    assert form["name"]
+    assert form["description"]
+    assert all(field["validations"]["required"] and field["attributes"]["label"] for field in asked)
+    assert "--version" in str(asked)
