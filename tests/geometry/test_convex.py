@@ -6,7 +6,7 @@ import scipy.spatial
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.convex import FlatError, convex_hull
+from guidefield.geometry.convex import convex_hull
 from tests.geometry.measures import is_closed, volume
 from tests.oracles import EPS
 
@@ -78,15 +78,6 @@ def test_no_point_is_outside_the_hull_of_points_that_are_close_to_each_other(apa
         areas = np.linalg.norm(normals, axis=1)
         normals, a = normals[areas > 1e-14] / areas[areas > 1e-14, None], a[areas > 1e-14]
         assert (points @ normals.T - np.einsum("ni,ni->n", normals, a)).max() < 2e-8
-
-
-def test_what_is_flat_has_no_hull() -> None:
-    flat = np.array([[x, y, 0.3] for x in (0, 1, 2) for y in (0, 1, 2)])
-    for points in (np.zeros((0, 3)), np.zeros((9, 3)), np.eye(3), flat):
-        with pytest.raises(FlatError, match="lie in a plane"):
-            convex_hull(points)
-    with pytest.raises(ValueError, match="finite"):
-        convex_hull(np.full((5, 3), np.inf))
 
 
 def test_known_hulls() -> None:

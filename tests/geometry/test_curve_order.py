@@ -23,11 +23,6 @@ def test_the_order_is_that_of_interleaved_bits_and_of_the_same_ones_that_of_indi
     assert curve_order(points, bits).tolist() == sorted(range(200), key=lambda k: (codes[k], k))
 
 
-def test_no_points_and_one_place_have_an_order() -> None:
-    assert curve_order(np.empty((0, 3))).tolist() == []
-    assert curve_order(np.ones((3, 3))).tolist() == [0, 1, 2]
-
-
 @pytest.mark.parametrize("seed", range(20))
 def test_the_order_after_a_change_is_the_one_that_is_found_anew(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -78,14 +78,6 @@ def test_one_bit_that_is_another_is_found(
     assert "damaged" in caplog.text
 
 
-@pytest.mark.parametrize("damage", [lambda c: c[:-64], lambda c: c + bytes(64), lambda c: c[:4096] + c[8192:]])
-def test_another_length_is_found(damage: Any, tmp_path: Path) -> None:
-    path = tmp_path / "entry"
-    write_arrays(path, in_memory(LAYOUT))
-    path.write_bytes(damage(path.read_bytes()))
-    assert read_arrays(path) is None
-
-
 def test_without_room_it_is_in_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

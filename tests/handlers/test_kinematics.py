@@ -95,12 +95,6 @@ class TestForwardKinematics:
         with pytest.raises(InvalidConfiguration, match="no joint 'elbow'"):
             forward_kinematics(requests.ForwardKinematics("panda", ["panda_link5"], [{"elbow": 1.0}]), panda)
 
-    def test_no_configurations_no_placements(self):
-        assert (
-            forward_kinematics(requests.ForwardKinematics("panda", ["panda_link5"], []), robot("panda")).placements
-            == []
-        )
-
 
 class TestInverseKinematics:
     POSE = TargetPose(elbow(0.4, 1.1), about_y(1.2))
@@ -303,10 +297,6 @@ class TestPotential:
             assert value == pytest.approx(expected, rel=1e-9)
             assert gradient == pytest.approx(tuple(slope), rel=1e-9)
         assert reply.winding == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
-
-    def test_no_points_no_values(self):
-        reply = self.at([])
-        assert (reply.potential, reply.gradient, reply.winding) == ([], [], [])
 
     def test_the_generalized_force_is_minus_the_slope_of_the_potential(self):
         h, here = 1e-6, {"j1": 0.2, "j2": 0.4, "j3": -0.5}

@@ -214,15 +214,6 @@ def test_a_start_in_collision_names_the_pair_and_how_deep() -> None:
     assert " mm deep" in reply.status.message
 
 
-def test_allowed_collisions_may_touch() -> None:
-    start = {**READY, "panda_joint2": 1.2, "panda_joint4": -1.2}
-    pairs = ask(start=start).status.details["pairs"]
-    allowed = ask(
-        start=start, allowed_collisions=pairs, goal=joints(panda_joint2=1.2, panda_joint4=-1.2, panda_joint1=0.01)
-    )
-    assert allowed.status.name != "START_STATE_IN_COLLISION"
-
-
 @pytest.mark.parametrize(
     ("request_part", "error", "match"),
     [
@@ -335,20 +326,6 @@ def test_recordings_are_opened_told_and_finished() -> None:
     assert finished is reply
     assert profile.obstacle_distance.min() == pytest.approx(reply.clearance.minimum)
     assert len(told) > 3
-
-
-def test_jerk_limits_are_kept_and_cost_time() -> None:
-    goal = joints(panda_joint1=0.6, panda_joint4=-2.0)
-    free = ask(start=READY, goal=goal)
-    gentle = ask(start=READY, goal=goal, limits={f"panda_joint{i}": {"jerk": 15.0} for i in range(1, 8)})
-    assert gentle.status.name == "SUCCESS"
-    assert gentle.certificate.collision_free
-    assert gentle.metrics is not None
-    assert free.metrics is not None
-    assert gentle.metrics.peak_jerk <= 15.0 * (1 + 1e-6)
-    assert gentle.metrics.duration > free.metrics.duration
-    assert gentle.trajectory is not None
-    assert np.abs(gentle.trajectory.accelerations[0]).max() < 1e-6
 
 
 def test_time_that_is_up_before_a_scenes_meshes_are_prepared_is_told():

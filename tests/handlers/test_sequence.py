@@ -336,25 +336,6 @@ def test_a_grasp_that_leaves_no_way_on_is_not_chosen() -> None:
     assert (refused.status.details["step"], refused.status.details["chosen_by"]) == (1, 0)
 
 
-def test_a_rectangle_is_drawn_with_straight_sides() -> None:
-    reply = answer(example("rectangle"))
-    assert isinstance(reply, PlanReply)
-    assert reply.status.name == "SUCCESS", reply.status.message
-    bare = Bare(reply, "ur5")
-    corners = [(0.35, -0.12), (0.35, 0.12), (0.51, 0.12), (0.51, -0.12), (0.35, -0.12)]
-    for step, (x0, y0), (x1, y1) in zip(reply.steps[1:5], corners, corners[1:], strict=False):
-        for share, moment in zip(np.linspace(0, 1, 30), np.linspace(step.begin, step.end, 30), strict=True):
-            bare.stand(states(reply, np.array([moment]))[0])
-            tip = bare.frame("tool0")
-            x, y, z = tip.translation
-            assert min(x0, x1) - 1.2e-3 <= x <= max(x0, x1) + 1.2e-3
-            assert min(y0, y1) - 1.2e-3 <= y <= max(y0, y1) + 1.2e-3
-            assert abs(z - 0.1) < 1.2e-3
-            np.testing.assert_allclose(tip.rotation, np.diag((1.0, -1.0, -1.0)), atol=1.2e-2)
-            if share in (0.0, 1.0):
-                np.testing.assert_allclose((x, y), ((x0, y0), (x1, y1))[int(share)], atol=1e-3)
-
-
 TAKE = {"attach": {"object": "can"}}
 PASS = {"stop": False}
 
@@ -511,18 +492,6 @@ def test_what_does_not_go_with_steps_is_named(fields: dict[str, Any], says: str)
 def test_limits_of_joints_that_no_step_moves_are_refused() -> None:
     with pytest.raises(InvalidConfiguration, match="panda_finger_joint1"):
         ask([joints(panda_joint1=0.1)], limits={"panda_finger_joint1": {"velocity": 0.1}})
-
-
-def test_continuous_joints_go_on_beyond_a_turn() -> None:
-    arm = box_arm("continuous", 2)
-    angles = (3.0, 5.0, 7.0)
-    steps = [joints(j1=angle) for angle in angles]
-    reply = ask(steps, arm, {"name": "empty"})
-    assert reply.status.name == "SUCCESS", reply.status.message
-    assert reply.trajectory is not None
-    along = np.array(reply.trajectory.positions)[:, reply.position_names.index("j1")]
-    marks = [along[reply.trajectory.times.index(step.end)] for step in reply.steps]
-    np.testing.assert_allclose(marks, angles, atol=1e-9)
 
 
 def test_straight_ways_of_planar_joints_are_refused() -> None:

@@ -53,7 +53,3 @@ def test_it_falls_is_convex_and_continuous(reach: float) -> None:
 def test_it_goes_with_the_size(distance: float) -> None:
     value, slope, curvature = penalty(distance, 0.08)
     assert of_a_size(8.0 * distance, 8.0 * 0.08, 8.0) == pytest.approx((value, slope / 8.0, curvature / 64.0))
-
-
-def test_it_runs_without_a_compiler() -> None:
-    assert barrier.py_func(0.04, 0.08, 1.0) == pytest.approx((2.0, -250.0, 32500.0))

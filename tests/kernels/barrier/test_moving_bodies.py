@@ -73,8 +73,3 @@ def _by_coal(one: object, time: float, point: np.ndarray) -> float:
     there = coal.Transform3s(at.rotation, at.translation)
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     return coal.distance(coal.Sphere(1e-12), coal.Transform3s(np.eye(3), point), one.shape, there, request, result)
-
-
-def test_a_scene_in_which_nothing_moves_has_no_bodies() -> None:
-    tables = moving_tables(scene_of())
-    assert len(tables.motions) == len(tables.spans) == len(tables.times) == 0

@@ -8,7 +8,7 @@ from numba import njit
 
 from guidefield.kernels.collide.broadphase import cloud_near
 from guidefield.kernels.distance.point_tree import cloud_of, nearest_distance, next_block
-from guidefield.kernels.simd.packing import AROUND, pointers
+from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import splat
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud import CloudTables
@@ -43,25 +43,6 @@ def cloud(count: int) -> tuple[np.ndarray, CloudTables]:
     cloud = build(messages.PointCloud(name="scan", points=rows, radius=RADIUS), 0).cloud
     assert cloud is not None
     return points, cloud.tables
-
-
-@pytest.mark.parametrize("count", SIZES)
-def test_blocks_hold_every_point_and_boxes_all_below_them(count: int) -> None:
-    points, found = cloud(count)
-    tables = found.tables
-    held = tables.points.reshape(-1, 3, 16).transpose(0, 2, 1).reshape(-1, 3)
-    assert (np.unique(held[held[:, 0] < 1e29], axis=0) == np.unique(points, axis=0)).all()
-    below = tables.points.reshape(-1, 3, 16)
-    low, high = np.where(below < 1e29, below, np.inf).min(axis=2), np.where(below < 1e29, below, -np.inf).max(axis=2)
-    boxes = tables.boxes.reshape(-1, 6, 16)
-    assert AROUND * len(boxes) == len(tables.boxes)
-    for level in range(1, tables.levels + 1):
-        here = boxes[tables.firsts[level] : tables.firsts[level + 1] if level < tables.levels else None]
-        rows = here.transpose(0, 2, 1).reshape(-1, 6)
-        assert (rows[: len(low)] == np.hstack([low, high])).all()
-        assert np.isinf(rows[len(low) :]).all()
-        low, high = here[:, :3].min(axis=2), here[:, 3:].max(axis=2)
-    assert len(low) == 1
 
 
 @pytest.mark.parametrize("count", SIZES)

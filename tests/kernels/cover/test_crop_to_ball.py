@@ -71,8 +71,3 @@ def test_far_away_and_far_from_the_origin_something_is_chosen() -> None:
         chosen = chosen_of(points, np.arange(500)[:, None], centre, 0.01)
         apart = np.linalg.norm(points - centre, axis=1)
         assert chosen[apart.argmin()]
-
-
-def test_points_at_one_place_are_all_chosen() -> None:
-    points = np.zeros((50, 3))
-    assert chosen_of(points, np.arange(50)[:, None], np.ones(3), 0.5).all()

@@ -11,7 +11,6 @@ import pytest
 
 from guidefield.geometry import surfaces
 from guidefield.kernels.distance.distance import DistanceTables, distance_at_points
-from guidefield.kernels.distance.shape_distance import box_distance, capsule_distance, cylinder_distance
 from guidefield.messages import scene as messages
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
@@ -255,23 +254,10 @@ def test_moving_the_scene_and_the_points_alike_changes_nothing() -> None:
         np.testing.assert_allclose(turned_normals, normals @ motion.rotation.T, atol=1e-5)
 
 
-def test_an_empty_scene_is_infinitely_far() -> None:
-    distances, normals, obstacles = distance_at_points(tables_of(), points_about(3))
-    assert (distances == np.inf).all()
-    assert (normals == 0.0).all()
-    assert (obstacles == -1).all()
-
-
 @pytest.mark.parametrize("points", [np.zeros(3), np.zeros((2, 2)), np.array([[0.0, np.nan, 0.0]])])
 def test_points_that_are_none_are_refused(points: np.ndarray) -> None:
     with pytest.raises(ValueError, match="`points`"):
         distance_at_points(tables_of(), points)
-
-
-def test_the_formulas_run_without_a_compiler() -> None:
-    assert box_distance.py_func((2.0, 0.0, 0.0), (1.0, 1.0, 1.0)) == (1.0, 1.0, 0.0, 0.0)
-    assert cylinder_distance.py_func((0.0, 0.0, 3.0), 1.0, 2.0) == (1.0, 0.0, 0.0, 1.0)
-    assert capsule_distance.py_func((0.0, 2.0, 1.0), 0.5, 1.0) == (1.5, 0.0, 1.0, 0.0)
 
 
 def test_tables_are_read_only_and_made_once() -> None:

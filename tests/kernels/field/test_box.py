@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from tests.kernels.evaluation import Field, field, gradient_by_differences, rigid_motions, vectors
+from tests.kernels.evaluation import Field, field, rigid_motions, vectors
 from tests.oracles import EPS, SolidCase, distance_to_triangle, solid_cases
 
 laws = settings(deadline=None, max_examples=18)
@@ -84,16 +82,6 @@ def test_thin_plates_keep_their_digits(width: float, height: float) -> None:
 
 
 @laws
-@given(sizes, vectors(2.0))
-def test_gradient_is_the_derivative_of_the_potential(size: np.ndarray, point: np.ndarray) -> None:
-    near = distance(point, size)
-    assume(near > 0.01)
-    at = as_box(point, size)
-    differences = gradient_by_differences(point, 1e-3 * near, boxes=[row(size)])
-    assert differences == pytest.approx(at.gradient, rel=0.0, abs=1e-8 * at.potential / near)
-
-
-@laws
 @given(sizes, vectors(2.0), rigid_motions(), st.floats(-3.0, 3.0).map(lambda e: 10.0**e))
 def test_motion_and_scaling(
     size: np.ndarray, point: np.ndarray, motion: tuple[np.ndarray, np.ndarray], scale: float
@@ -108,31 +96,6 @@ def test_motion_and_scaling(
     assert scale**2 * there.gradient == pytest.approx(rotation @ here.gradient, rel=0.0, abs=1e-10 * steep)
     assert scale**3 * there.curvature == pytest.approx(here.curvature, rel=1e-8)
     assert there.winding == here.winding
-
-
-@laws
-@given(sizes, vectors(2.0), vectors(1.0).filter(lambda v: np.linalg.norm(v) > 0.1), st.floats(0.0, 0.95))
-def test_bounds_and_harnack(size: np.ndarray, point: np.ndarray, direction: np.ndarray, share: float) -> None:
-    near = distance(point, size)
-    assume(near > 1e-3)
-    at = as_box(point, size)
-    assert 0.0 < at.potential <= 6.0 * 2.0 * math.pi / near
-    assert np.linalg.norm(at.gradient) <= 3.0 * at.potential / near * (1.0 + 1e-12)
-    moved = as_box(point + share * near * direction / np.linalg.norm(direction), size).potential
-    assert at.potential * (1.0 + share) ** -3 * (1.0 - 1e-11) <= moved
-    assert moved <= at.potential * (1.0 - share) ** -3 * (1.0 + 1e-11)
-
-
-@pytest.mark.parametrize("height", [1e-4, 1e-7])
-def test_near_and_far_laws(height: float) -> None:
-    size = np.array([0.5, 0.4, 0.3])
-    at = as_box(np.array([0.05, 0.02, 0.15 + height]), size)
-    assert at.potential * height == pytest.approx(2.0 * math.pi, rel=100.0 * height)
-    assert at.curvature * height**3 == pytest.approx(4.0 * math.pi, rel=1e-3)
-    far = np.array([1.0, 2.0, -2.0]) / height
-    area = 2.0 * (0.2 + 0.15 + 0.12)
-    assert as_box(far, size).potential == pytest.approx(area / np.linalg.norm(far) ** 3, rel=1e-6)
-    assert as_box(far, size).gradient == pytest.approx(-3.0 * area * far / np.linalg.norm(far) ** 5, rel=1e-6)
 
 
 def test_winding_number_inside_on_and_outside() -> None:

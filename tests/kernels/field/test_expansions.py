@@ -38,13 +38,6 @@ def test_no_error_is_no_expansion() -> None:
     assert exact.gradient == pytest.approx(sum(at.gradient for at in blocks), rel=1e-11)
 
 
-def test_trees_in_single_precision() -> None:
-    points = np.random.default_rng(4).uniform(-2.0, 2.0, (40, 3))
-    tables = field_tables(BUMPY, opening=within(1e-3))
-    exact, rough = field_at_points(tables, points), field_at_points(single_precision(tables, np.zeros(3)), points)
-    assert rough.potential == pytest.approx(exact.potential, rel=2e-3)
-
-
 def test_reach_solves_the_bound() -> None:
     radii, spreads = np.array([0.1, 0.1, 2.0]), np.array([0.3, 1.0, 0.5])
     for error in (1e-2, 1e-4):

@@ -47,11 +47,6 @@ def test_nothing_charged_has_no_field() -> None:
     assert not winding.any()
 
 
-def test_no_points_give_empty_answers() -> None:
-    potential, gradient, _, winding = field_at_points(field_tables(TRIANGLES), np.zeros((0, 3)))
-    assert (potential.shape, gradient.shape, winding.shape) == ((0,), (0, 3), (0,))
-
-
 @pytest.mark.parametrize("points", [np.zeros(3), np.zeros((2, 4)), np.array([[0.0, np.nan, 0.0]])])
 def test_points_that_are_none_are_refused(points: np.ndarray) -> None:
     with pytest.raises(ValueError, match="`points` must"):

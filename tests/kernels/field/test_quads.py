@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import convex_quads
-from tests.kernels.evaluation import field, gradient_by_differences, rigid_motions, vectors
+from tests.kernels.evaluation import field, rigid_motions, vectors
 from tests.oracles import EPS, PolygonCase, distance_to_triangle, fan, polygon_cases
 
 laws = settings(deadline=None, max_examples=18)
@@ -48,25 +48,6 @@ def test_agrees_with_its_two_triangles(corners: np.ndarray, point: np.ndarray) -
 
 
 @laws
-@given(convex_quads_in_space(), vectors(2.0))
-def test_gradient_is_the_derivative_of_the_potential(corners: np.ndarray, point: np.ndarray) -> None:
-    near = min(distance_to_triangle(point, triangle) for triangle in fan(corners))
-    assume(near > 0.02)
-    at = field(point, quads=corners[None])
-    differences = gradient_by_differences(point, 1e-3 * near, quads=corners[None])
-    assert differences == pytest.approx(at.gradient, rel=0.0, abs=1e-8 * at.potential / near)
-
-
-@laws
-@given(convex_quads_in_space(), vectors(2.0), st.integers(0, 3))
-def test_where_the_quad_is_cut_does_not_matter(corners: np.ndarray, point: np.ndarray, turn: int) -> None:
-    assume(min(distance_to_triangle(point, triangle) for triangle in fan(corners)) > 0.02)
-    one, other = field(point, quads=corners[None]), field(point, quads=np.roll(corners, turn, axis=0)[None])
-    assert other.potential == pytest.approx(one.potential, rel=1e-12)
-    assert other.gradient == pytest.approx(one.gradient, rel=0.0, abs=1e-11 * np.linalg.norm(one.gradient))
-
-
-@laws
 @given(vectors(1.5))
 def test_a_prism_of_quads_is_the_prism_of_triangles(point: np.ndarray) -> None:
     prism = surfaces.cylinder(0.3, 0.8)
@@ -91,19 +72,3 @@ def test_finite_on_corners_edges_and_the_diagonal() -> None:
         at = field(np.array(point, float), quads=corners[None])
         assert at.potential > 0.0
         assert np.isfinite([at.potential, *at.gradient, at.curvature, at.winding]).all()
-
-
-@laws
-@given(st.floats(0.1, 1.0), st.floats(0.1, 1.0), vectors(1.5), rigid_motions())
-def test_bounds_of_a_rectangle(
-    width: float, height: float, point: np.ndarray, motion: tuple[np.ndarray, np.ndarray]
-) -> None:
-    rotation, translation = motion
-    corners = np.array([(0, 0, 0), (width, 0, 0), (width, height, 0), (0, height, 0)]) @ rotation.T + translation
-    p = rotation @ point + translation
-    distance = min(distance_to_triangle(p, triangle) for triangle in fan(corners))
-    assume(distance > 1e-3)
-    w = 0.5 * min(width, height)
-    potential = field(p, quads=corners[None]).potential
-    assert potential >= 0.5 * np.pi * w**2 / (2.0 * distance * (distance + w) ** 2) * (1.0 - 1e-12)
-    assert potential <= min(2.0 * np.pi / distance, width * height / distance**3) * (1.0 + 1e-12)

@@ -1,7 +1,6 @@
 """The exact extrema of a Hermite curve against its roots and against dense samples."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
@@ -37,20 +36,6 @@ def roots_between(curve, coordinate, start, end):
     return [start + (end - start) * a / (a - b)] if a * b < 0.0 else []
 
 
-def test_a_constant_speed_has_no_acceleration():
-    times = np.array([0.0, 0.3, 1.0])
-    speeds, accelerations = peaks(piece_peaks, times, 2.0 * times[:, None], np.full((3, 1), 2.0))
-    np.testing.assert_allclose(speeds, 2.0, rtol=1e-15)
-    np.testing.assert_allclose(accelerations, 0.0, atol=1e-13)
-
-
-def test_from_rest_to_rest_in_one_piece_is_fastest_in_the_middle():
-    # q = 3 t² - 2 t³
-    speeds, accelerations = peaks(piece_peaks, np.array([0.0, 1.0]), np.array([[0.0], [1.0]]), np.zeros((2, 1)))
-    assert speeds[0, 0] == pytest.approx(1.5, rel=1e-15)
-    assert accelerations[0, 0] == pytest.approx(6.0, rel=1e-15)
-
-
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_shares_are_those_of_the_peaks_and_of_the_jerk_between_the_ends(seed):
@@ -63,11 +48,6 @@ def test_shares_are_those_of_the_peaks_and_of_the_jerk_between_the_ends(seed):
     largest_shares(times, positions, velocities, *limits, shares)
     wanted = [(speeds / limits[0]).max(), (accelerations / limits[1]).max(), (np.abs(jerks) / limits[2]).max()]
     np.testing.assert_allclose(shares, wanted, rtol=1e-9)
-
-
-def test_runs_undecorated():
-    knots = random_knots(5)
-    np.testing.assert_allclose(peaks(piece_peaks.py_func, *knots), peaks(piece_peaks, *knots), rtol=1e-12)
 
 
 @settings(max_examples=12, deadline=None)

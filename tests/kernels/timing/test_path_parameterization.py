@@ -60,35 +60,3 @@ def test_agrees_with_a_linear_program_at_every_point(seed, aside):
         )
         x_next = largest((1.0, 2.0 * steps[i]), rows, bounds, (x[i] * (1 - 1e-12), x[i]))
         assert x[i + 1] == pytest.approx(x_next, rel=1e-6, abs=FEASIBLE)
-
-
-@settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), factor=st.floats(0.1, 10.0))
-def test_limits_k_times_as_large_allow_squared_speeds_k_times_as_large(seed, factor):
-    first, second, steps, caps, limits = random_path(seed)
-    _, x = profile(first, second, steps, caps, limits)
-    _, scaled = profile(first, second, steps, factor * caps, factor * limits)
-    np.testing.assert_allclose(scaled, factor * x, rtol=1e-9, atol=1e-12)
-
-
-def test_runs_undecorated():
-    path = random_path(3)
-    np.testing.assert_allclose(profile(*path, kernel=fastest_speeds.py_func), profile(*path), rtol=1e-12)
-
-
-def test_a_straight_path_is_bang_bang():
-    points, limit = 101, 2.0
-    s = np.linspace(0.0, 1.0, points)
-    straight = np.ones((points, 1)), np.zeros((points, 1))
-    _, x = profile(*straight, np.diff(s), np.full(points, 100.0), np.full((points - 1, 1), limit))
-    np.testing.assert_allclose(x, 2.0 * limit * np.minimum(s, 1.0 - s), atol=1e-12)
-
-
-def test_a_limit_on_curvature_alone_caps_the_speed():
-    # joint 0 turns back in the middle: there q' = 0 and only |q''| x <= A binds
-    s = np.linspace(-1.0, 1.0, 41)
-    first, second = np.stack([-2.0 * s, np.ones(41)], axis=1), np.tile([-2.0, 0.0], (41, 1))
-    _, x = profile(first, second, np.diff(s), np.full(41, 1e6), np.tile([3.0, 1e6], (40, 1)))
-    assert first[20, 0] == 0.0
-    assert x[20] == pytest.approx(1.5, rel=0.05)
-    assert x[20] <= 1.5

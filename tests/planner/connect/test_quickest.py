@@ -105,12 +105,3 @@ def test_where_a_few_motions_do_not_lead_to_any_all_are_tried_together(monkeypat
     assert connection.status is Status.SUCCESS
     assert (connection.path[-1] == goals).all(axis=1).any()
     assert densely_free(made, connection.path)
-
-
-def test_the_same_seed_leads_the_same_way() -> None:
-    made, start, goal = wall_between()
-    goals = np.array([goal, goal + 0.05])
-    first, second = (quickest_way(made, start, goals, np.random.default_rng(3)) for _ in range(2))
-    assert first is not None
-    assert second is not None
-    np.testing.assert_array_equal(first.path, second.path)

@@ -89,11 +89,6 @@ def test_run_to_convergence_projected_ends_at_its_potential_or_below(title: str)
     assert lowest <= other * (1.0 + 5e-4)
 
 
-def test_it_is_deterministic() -> None:
-    ends = [settled(made, Univariate(link_chain(made.group))).q for made in map(seed_problem, SCENES[:1] * 2)]
-    np.testing.assert_array_equal(*ends)
-
-
 @pytest.mark.parametrize("name", ARMS)
 def test_arms_are_refused_by_name(name: str) -> None:
     with pytest.raises(InvalidGroup, match=r"univariate.*ball joints.*projected"):

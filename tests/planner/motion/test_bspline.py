@@ -84,10 +84,3 @@ def test_towards_another_it_goes_evenly_and_keeps_its_ends(seed: int, count: int
     _, positions, velocities = between.knots()
     np.testing.assert_array_equal(positions[[0, -1]], [spline.start.position, spline.end.position])
     np.testing.assert_array_equal(velocities[[0, -1]], [spline.start.velocity, spline.end.velocity])
-
-
-@given(seeds, pieces)
-def test_at_rest_its_ends_have_neither_velocity_nor_acceleration(seed: int, count: int) -> None:
-    spline = random_spline(seed, count, rest=True)
-    assert (spline.points[:3] == spline.start.position).all()
-    assert (spline.points[-3:] == spline.end.position).all()

@@ -68,11 +68,6 @@ def test_twice_as_many_control_points_are_at_half_the_distance_from_the_path(see
     assert farthest[4] < 0.15 * farthest[0]
 
 
-def test_the_way_back_is_the_same_curve() -> None:
-    path = walk(3)
-    np.testing.assert_allclose(dense(curve_along(path[::-1]))[::-1], dense(curve_along(path)), atol=1e-12)
-
-
 @settings(max_examples=18, deadline=None)
 @given(waypoints=ANY_WAYPOINTS, spacing=st.floats(0.05, 3.0))
 def test_places_along_a_path_are_on_it_and_close(waypoints: np.ndarray, spacing: float) -> None:
