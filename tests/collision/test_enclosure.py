@@ -2,16 +2,12 @@
 
 import dataclasses
 
-import coal
 import numpy as np
 import pytest
-import trimesh
-from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.enclosure import enclosed, enclosed_each
 from guidefield.geometry import cache
 from guidefield.geometry.convex import bvh
-from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages import scene as messages
 from guidefield.robot.group.group import Alike
@@ -106,24 +102,3 @@ def test_many_configurations_are_told_as_one_by_one():
     assert enclosed_each(world, qs) == one_by_one
     assert {one is None for one in one_by_one} == {True, False}
     assert enclosed_each(world, []) == []
-
-
-@settings(deadline=None, max_examples=12)
-@given(st.integers(0, 10**6))
-def test_winding_number_tells_what_trimesh_tells(seed):
-    rng = np.random.default_rng(seed)
-    hull = trimesh.convex.convex_hull(rng.normal(size=(15, 3)))
-    point = rng.uniform(-1.5, 1.5, 3)
-    heights = np.einsum("ij,ij->i", hull.face_normals, point - hull.vertices[hull.faces[:, 0]])
-    inside = float(heights.max() < 0)
-    vertices, triangles = np.array(hull.vertices), np.array(hull.faces)
-    assert winding_by_angles(*point.tolist(), vertices, triangles) == pytest.approx(inside, abs=1e-9)
-    turned = np.ascontiguousarray(triangles[:, ::-1])
-    assert winding_by_angles(*point.tolist(), vertices, turned) == pytest.approx(-inside, abs=1e-9)
-
-
-def test_coal_alone_does_not_notice():
-    around = bvh(*room(5.0, 3.0))
-    ball, here = coal.Sphere(0.1), coal.Transform3s(np.eye(3), np.array([2.0, 0, 0]))
-    there = coal.Transform3s.Identity()
-    assert not coal.collide(around, there, ball, here, coal.CollisionRequest(), coal.CollisionResult())

@@ -133,19 +133,6 @@ def test_the_bound_is_not_far_above_what_happens(name):
     assert 0.75 < best <= 1.0 + 1e-9
 
 
-@pytest.mark.parametrize("name", sorted(ARMS.keys() - {"kinova"}))
-def test_own_pairs_lose_what_joints_that_move_one_of_them_move_it(name):
-    place, rng = world(name), np.random.default_rng(3)
-    middle, half_widths = random_box(place, rng)
-    bound, q = place.motion_bound, place.group.expand_from_chart(middle)
-    jacobian = pin.computeJointJacobians(place.model, place.data, q).reshape(1, 6, -1)
-    reach = bound.reach(jacobian, place.bodies.centres_in_world(place.joint_placements)[None])[0]
-    sweep = bound.sweep(half_widths[None])[0]
-    first, second = bound.own.T
-    expected = (reach[first] * bound.first_only + reach[second] * bound.second_only) @ sweep
-    assert bounds_at(place, middle, half_widths)[: len(expected)] == pytest.approx(expected, rel=1e-12, abs=1e-15)
-
-
 def test_only_joints_between_two_links_count():
     place = world("panda")
     shoulder = np.zeros(7)
@@ -165,11 +152,6 @@ def test_a_turn_beyond_half_a_circle_is_half_a_circle():
     centre = 0.15
     radius = np.linalg.norm([0.02, 0.02, 0.135])
     assert half == pytest.approx(2 * (centre + radius))
-
-
-def test_a_slide_counts_as_it_is():
-    place = world_of(grouped(box_arm("slide", 1)), [box("crate", (0.1, 0.1, 0.1), (2, 0, 0))])
-    assert bounds_at(place, np.zeros(1), np.array([0.25])) == pytest.approx(0.25)
 
 
 def test_a_follower_counts_with_its_multiplier():

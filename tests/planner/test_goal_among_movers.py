@@ -189,12 +189,6 @@ def made_tip(z: np.ndarray) -> Any:
     return asked(DOOR).kinematics.frame_placement(PANDA.expand_from_chart(z), PANDA.tip_id)
 
 
-def test_the_same_again_is_the_same_bit_for_bit() -> None:
-    first, second = (plan(asked(DOOR, seed=3)) for _ in range(2))
-    np.testing.assert_array_equal(first.trajectory.times, second.trajectory.times)
-    np.testing.assert_array_equal(first.trajectory.positions, second.trajectory.positions)
-
-
 # ---- refusals
 
 

@@ -125,14 +125,6 @@ def test_a_plane_is_the_goal_where_nothing_comes_to_the_robot_any_more() -> None
         assert not contacts_at(made.at(now).world, q), now
 
 
-def test_the_same_again_is_the_same_bit_for_bit() -> None:
-    first, second = (planned(seed_problem("door")) for _ in range(2))
-    np.testing.assert_array_equal(first.path, second.path)
-    assert first.trajectory is not None
-    assert second.trajectory is not None
-    np.testing.assert_array_equal(first.trajectory.times, second.trajectory.times)
-
-
 def closing(until: float) -> Problem:
     """A shutter comes down in front of the arm, and stays."""
     down = messages.ObstacleTrajectory(

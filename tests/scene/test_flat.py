@@ -8,11 +8,6 @@ from hypothesis import given, settings, strategies as st
 from guidefield.scene import flat as flats
 from guidefield.scene.flat import PLANARITY, FlatPolygon, FlatPolygons, flat_polygons
 
-STAR = np.array(
-    [[np.cos(a) * r, np.sin(a) * r, 0.0] for a, r in zip(np.arange(10) * np.pi / 5, [1, 0.3] * 5, strict=True)]
-)
-PENTAGRAM = STAR[[0, 4, 8, 2, 6]]
-
 
 def flat_polygon(points: np.ndarray) -> FlatPolygon:
     return flat_polygons(points[None]).one(0)
@@ -68,18 +63,6 @@ def test_coinciding_corners_are_told(corners):
 
 def test_a_line_is_told():
     assert "line" in flatness_fault(flat_polygon(np.array([[0, 0, 0], [1, 1, 1], [3, 3, 3]], float)))
-
-
-def test_crossing_edges_are_found():
-    assert crossing_edges(flat_polygon(STAR)) is None
-    assert crossing_edges(flat_polygon(PENTAGRAM)) is not None
-    hourglass = np.array([[0, 0, 0], [2, 1, 0], [2, 0, 0], [0, 1.5, 0]], float)
-    assert crossing_edges(flat_polygon(hourglass)) == (0, 2)
-
-
-def test_an_edge_that_touches_another_crosses_it():
-    pinched = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0, 0], [0, 2, 0]], float)
-    assert crossing_edges(flat_polygon(pinched)) is not None
 
 
 def test_a_spike_folds_back():

@@ -120,16 +120,6 @@ def test_drawn_surface_lies_on_the_primitive_and_faces_outwards(seed):
         assert drawn.volume == pytest.approx(obstacle.shape.computeVolume(), rel=0.1)
 
 
-def test_volumes_and_areas():
-    box = build(messages.Box(name="b", size=(0.2, 0.3, 0.5)), 0)
-    assert trimesh.Trimesh(box.vertices, box.triangles).volume == pytest.approx(0.03)
-    assert trimesh.Trimesh(box.vertices, box.triangles).area == pytest.approx(2 * (0.06 + 0.1 + 0.15))
-    can = build(messages.Cylinder(name="c", radius=0.1, length=0.4), 0)
-    prism = trimesh.Trimesh(can.vertices, can.triangles)
-    assert prism.volume == pytest.approx(24 * 0.01 * np.tan(np.pi / 24) * 0.4)
-    assert len(can.charges.quads) == 24 + 2 * 11
-
-
 @LAWS
 @given(seeds)
 def test_convex_mesh_is_judged_as_a_solid(seed):

@@ -65,24 +65,10 @@ def test_the_field_moves_with_an_obstacle():
         assert moved[1] == pytest.approx(expected[1] @ placement.rotation.T, rel=1e-6, abs=1e-6)
 
 
-def test_far_away_an_obstacle_is_its_area():
-    far = np.array([[40.0, -30.0, 0.0]])
-    box, can = field([OBSTACLES[0]], far)[0], field([OBSTACLES[2]], far)[0]
-    assert box == pytest.approx(2 * (0.06 + 0.08 + 0.12) / 50**3, rel=0.05)
-    assert can == pytest.approx((2 * np.pi * 0.05 * 0.2 + 2 * np.pi * 0.0025) / 50**3, rel=0.05)
-
-
 def test_winding_tells_inside_from_outside():
     inside = np.array([[1.2, 1.2, 0.0], [0.5, 0.0, 0.0], [0.0, -0.5, 0.05]])
     assert field([OBSTACLES[0], OBSTACLES[2], OBSTACLES[4]], inside)[2] == pytest.approx(1.0, abs=1e-9)
     assert field([OBSTACLES[0], OBSTACLES[2], OBSTACLES[4]])[2] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_an_empty_scene_has_no_field():
-    potential, gradient, winding = field([])
-    assert not potential.any()
-    assert not gradient.any()
-    assert not winding.any()
 
 
 def test_obstacles_are_found_by_name():

@@ -127,23 +127,6 @@ def test_touching_is_what_coal_says(name: str) -> None:
         assert abs(narrowest(world, z)) <= BAND
 
 
-@pytest.mark.parametrize("name", [CHAINS[3], *BALLS])
-def test_close_to_contact_too(name: str) -> None:
-    """Where a motion into contact is halved down to a micrometre, both still agree but within the band."""
-    world, lanes = world_of(name)
-    zs = draw(world.group, 400, 3)
-    touching = np.array([world.in_collision(world.group.expand_from_chart(z)) for z in zs])
-    for free, hit in zip(zs[~touching][:12], zs[touching][:12], strict=False):
-        low, high = free, hit
-        for _ in range(22):
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if world.in_collision(world.group.expand_from_chart(middle)) else (middle, high)
-        near = low + np.linspace(-1e-5, 1e-5, 9)[:, None]
-        for row, mine in zip(near, lanes.touching(near), strict=True):
-            if mine != world.in_collision(world.group.expand_from_chart(row)):
-                assert abs(narrowest(world, row)) <= BAND
-
-
 @pytest.mark.usefixtures("own_memory")
 def test_groups_that_start_elsewhere_share_what_carries_over() -> None:
     model = of(BALLS[1])

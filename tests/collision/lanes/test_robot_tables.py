@@ -16,7 +16,6 @@ from guidefield.geometry.convex import bvh, convex_hull, hull_planes
 from guidefield.geometry.decomposition import Part, decompose
 from guidefield.geometry.solid import solid
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, KIND, LINK, OWN, POLYTOPE, SHAPE, SURFACE, Parts
-from guidefield.kernels.cover.cut_halves import not_beyond
 from guidefield.kernels.simd.packing import BLOCK
 from guidefield.messages import scene as messages
 from guidefield.prove.tables import robot_bodies
@@ -42,19 +41,6 @@ def test_a_sliver_of_a_hull_takes_no_triangle_from_a_part() -> None:
         )
         found = _surface_of(box.vertices, box.triangles, Part(thin, 0.0))
         assert {row.tobytes() for row in found} == {row.tobytes() for row in box.vertices}
-
-
-def test_triangles_beyond_a_plane_are_left_out() -> None:
-    rng = np.random.default_rng(0)
-    corners = rng.normal(size=(500, 3, 3))
-    normals = rng.normal(size=(6, 3))
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    planes = np.column_stack([normals, np.full(6, 0.4)])
-    kept = np.empty(500, np.bool_)
-    not_beyond(corners.reshape(-1, 3), planes, 1e-6, kept)
-    beyond = corners @ normals.T > 0.4 + 1e-6
-    np.testing.assert_array_equal(kept, ~beyond.all(axis=1).any(axis=1))
-    assert 0 < kept.sum() < 500
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -94,22 +94,6 @@ def test_the_tip_heads_for_the_polygon_inset_by_its_own_radius() -> None:
     assert inset_of(made, narrow) == pytest.approx(0.8 * narrow.inradius)
 
 
-def test_a_plane_out_of_reach_is_refused_at_once() -> None:
-    made = problem("panda", scene_of())
-    crossing = cross(made, made.q_start, build(plane_at(3.0), 0), 0)
-    assert crossing.status is Status.GUIDE_PLANE_UNREACHABLE
-    assert "the arm reaches" in crossing.message
-    assert crossing.details["guide_plane"] == "GP"
-    assert len(crossing.path) == 1
-
-
-def test_a_plane_too_small_for_the_tip_is_refused_at_once() -> None:
-    made = problem("panda", scene_of())
-    crossing = cross(made, made.q_start, build(plane_at(0.45, half=0.002), 0), 0)
-    assert crossing.status is Status.GUIDE_PLANE_UNREACHABLE
-    assert "inscribed radius" in crossing.message
-
-
 def test_a_plane_inside_an_obstacle_is_refused_at_once() -> None:
     made = problem("panda", scene_of(messages.Box(name="block", size=(0.2, 0.4, 0.4), position=(0.6, 0.0, 0.5))))
     crossing = cross(made, made.q_start, build(plane_at(0.6), 0), 0)

@@ -9,7 +9,6 @@ import sys
 import threading
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from guidefield.bounded_map import MESH_TREES, TRIANGULATIONS, BoundedMap
@@ -19,7 +18,6 @@ from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.bodies import by_shape
-from guidefield.robot.bodies.by_shape import ShapeTask
 from guidefield.robot.bodies.convex_parts import convex_parts, known_parts
 from guidefield.robot.bodies.sphere_cover import coverage, known_coverage
 from guidefield.robot.catalog.catalog import Catalog
@@ -190,12 +188,3 @@ def test_a_robot_without_meshes_needs_few_tasks() -> None:
         f"spreading points on {robot.name}",
     ]
     assert convex_parts(robot) == (None,) * 5
-
-
-def test_the_largest_shape_is_first(tmp_path: Path) -> None:
-    begun: list[ShapeTask] = []
-    coverage(Catalog().load(many(tmp_path)), progress=begun.append)
-    extents = [task.extent for task in begun]
-    assert len(begun) >= 7
-    assert extents == sorted(extents, reverse=True)
-    assert all(np.isfinite(extents))

@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 
 from guidefield.geometry.convex import convex
-from guidefield.geometry.decomposition import TOLERANCE, decompose
-from guidefield.geometry.solid import solid
-from guidefield.geometry.solid_cache import filled
-from guidefield.robot.bodies.convex_parts import MOST, TIGHT, convex_parts
-from guidefield.robot.model.shapes import HULL_STAND_OFF, WIDEST_GAP, triangulation
-from tests.geometry import solids
+from guidefield.geometry.decomposition import TOLERANCE
+from guidefield.robot.bodies.convex_parts import MOST, convex_parts
+from guidefield.robot.model.shapes import HULL_STAND_OFF, triangulation
 from tests.robots import robot
 
 
@@ -53,28 +50,3 @@ def test_what_touches_a_mesh_touches_one_of_its_parts(part: str) -> None:
         assert hull or not any(parts)
     assert touched > 100
     assert clear > 0, "the parts tell more than the hull"
-
-
-def test_what_is_kept_is_what_was_found() -> None:
-    model = robot("ur5")
-    index = next(k for k, shape in enumerate(model.geometry.geometryObjects) if shape.name == "wrist_3_link_0")
-    kept = convex_parts(model)[index]
-    body = solid(*triangulation(model.geometry.geometryObjects[index].geometry), WIDEST_GAP)
-    again = decompose(filled(body), TIGHT, MOST)
-    assert kept is not None
-    for a, b in zip((kept.hull, *kept.parts), (again.hull, *again.parts), strict=True):
-        assert (a.hull.vertices == b.hull.vertices).all()
-        assert (a.hull.triangles == b.hull.triangles).all()
-        assert a.stand_off == b.stand_off
-    # and they contain it
-    points = solids.on_surface(
-        triangulation(model.geometry.geometryObjects[index].geometry), 1000, np.random.default_rng(1)
-    )
-    inside = np.zeros(len(points), bool)
-    for part in kept.parts:
-        corners = part.hull.corners
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        heights = points @ normals.T - np.einsum("ij,ij->i", normals, corners[:, 0])
-        inside |= (heights <= 1e-9).all(axis=1)
-    assert inside.all()

@@ -8,9 +8,6 @@ import coal
 import numpy as np
 import pytest
 
-from guidefield.geometry.cover import cover
-from guidefield.geometry.inner import inner_balls
-from guidefield.geometry.solid import solid
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.bodies import sphere_cover as module
@@ -126,22 +123,6 @@ def test_it_is_computed_once_and_says_how_far_it_is(monkeypatch: pytest.MonkeyPa
     assert coverage(model, 0.0123, lambda _: pytest.fail("nothing is left to do")) is first
     assert coverage(model, 0.02) is not first
     assert isinstance(first, Coverage)
-
-
-def test_what_is_kept_is_what_was_computed() -> None:
-    body, found = shape("panda", "panda_link6_0")
-    fresh = solid(*triangulation(body))
-    again = cover(fresh, DELTA)
-    for name in ("spheres", "overhangs", "groups", "first", "bound"):
-        assert (getattr(found.cover, name) == getattr(again, name)).all()
-        assert not getattr(found.cover, name).flags.writeable
-    assert (found.inner == inner_balls(fresh)).all()
-
-
-@pytest.mark.parametrize("delta", [0.0, -1.0, np.nan])
-def test_delta_must_be_positive(delta: float) -> None:
-    with pytest.raises(ValueError, match="delta"):
-        coverage(robot("panda"), delta)
 
 
 def test_what_is_known_is_told_without_computing_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

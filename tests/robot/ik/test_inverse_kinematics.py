@@ -161,26 +161,6 @@ def test_a_sliding_joint_has_its_length():
     assert np.allclose(result.solutions[0], q, rtol=0.0, atol=1e-5)
 
 
-@pytest.mark.parametrize("kind", ["y", "continuous", "slide", "oblique"])
-def test_one_joint_is_enough(kind):
-    planned = grouped(box_arm(kind, 1))
-    z = np.array([0.7])
-    result = found(planned, exact(tip(planned, z)))
-    assert len(result.solutions) == 1
-    assert np.allclose(result.solutions[0], z, rtol=0.0, atol=EXACT)
-
-
-def test_followers_move_along():
-    planned = grouped(box_arm("y mimic x x", 4))
-    assert planned.nq == 3
-    for seed in range(5):
-        goal = tip(planned, drawn(planned, seed))
-        result = found(planned, exact(goal), seed=seed)
-        assert result.solutions
-        for q in result.solutions:
-            assert exact(goal).is_reached(tip(planned, q))
-
-
 def test_moving_base_and_goal_alike_changes_nothing():
     T_world_base = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 1.0), np.array([1.0, -2.0, 0.5]))
     panda = robot("panda")

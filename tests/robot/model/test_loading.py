@@ -76,18 +76,6 @@ def test_without_an_srdf_adjacent_links_are_left_out_and_others_tested() -> None
     assert tested == {("l0", "l2"), ("l0", "l3"), ("l1", "l3")}
 
 
-def test_links_that_always_touch_are_left_out() -> None:
-    box = '<link name="{0}"><collision><geometry><box size="0.5 0.5 0.5"/></geometry></collision></link>'
-    joint = (
-        '<joint name="j{0}" type="revolute"><parent link="l{0}"/><child link="l{1}"/><axis xyz="0 0 1"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-    )
-    text = "".join(box.format(f"l{i}") for i in range(3)) + joint.format(0, 1) + joint.format(1, 2)
-    arm = load(UrdfText(text=f'<robot name="stack">{text}</robot>'))
-    reasons = {pair.links: pair.reason for pair in arm.pairs_left_out}
-    assert reasons["l0", "l2"] == "touching in 100 % of random configurations"
-
-
 def test_a_mesh_is_judged_by_its_hull_only_where_that_is_as_tight() -> None:
     judged = {choice.name: choice for choice in robot("panda").geometry_choices}
     assert judged["panda_link3_0"].judged_as == "convex hull"
@@ -95,13 +83,6 @@ def test_a_mesh_is_judged_by_its_hull_only_where_that_is_as_tight() -> None:
     hand = {choice.name: choice for choice in robot("kinova").geometry_choices}["j2s6s200_link_6_0"]
     assert hand.judged_as == "triangle mesh"
     assert all(choice.stand_off <= 0.005 for choice in judged.values())
-
-
-def test_a_robot_without_collision_geometry_says_so() -> None:
-    ghost = load(UrdfText(text='<robot name="ghost"><link name="l"/></robot>'))
-    assert any("has no collision geometry" in warning for warning in ghost.warnings)
-    with pytest.raises(RobotInvalid, match="no collision geometry"):
-        ghost.require_collision_geometry()
 
 
 def test_an_unknown_name_lists_the_known() -> None:
@@ -197,11 +178,6 @@ def test_what_is_taken_for_a_robots_text_or_name_is_told() -> None:
         Catalog().load("arm.urdf")
     with pytest.raises(RobotInvalid, match="did you mean panda"):
         Catalog().load("Panda")
-
-
-def test_a_loaded_robot_is_kept() -> None:
-    catalog = Catalog()
-    assert catalog.load("ur5") is catalog.load("ur5")
 
 
 def test_root_joints_add_their_freedom() -> None:
