@@ -13,12 +13,17 @@ from numba import njit
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import (
     LANES,
+    below,
+    first_lane,
+    lane,
+    largest_lane,
     largest_of,
     load,
     magnitude,
     rint,
     root,
     select,
+    smallest_lane,
     smallest_of,
     splat,
     store,
@@ -43,6 +48,14 @@ def _arithmetic(x, y, out):
     store(out, 144, select(a < b, a * 10.0, splat(7.0)))
 
 
+@njit
+def _masks(x, y):
+    x, y = pointers(x), pointers(y)
+    a, b = load(x, 0), load(y, 0)
+    mask = below(a, b)
+    return mask, first_lane(mask), lane(a, 5), largest_lane(a), smallest_lane(a)
+
+
 def check_arithmetic() -> None:
     out = np.zeros(160, np.float32)
     _arithmetic(X, Y, out)
@@ -53,6 +66,22 @@ def check_arithmetic() -> None:
 
 def test_every_operation_is_numpys_lane_by_lane() -> None:
     check_arithmetic()
+
+
+def test_masks_have_a_bit_for_each_lane() -> None:
+    mask, first, fifth, largest, smallest = _masks(X, Y)
+    bits = [(mask >> k) & 1 == 1 for k in range(LANES)]
+    np.testing.assert_array_equal(bits, X < Y)
+    assert first == int(np.flatnonzero(X < Y)[0])
+    assert fifth == X[5]
+    assert (largest, smallest) == (X.max(), X.min())
+
+
+def test_a_lane_that_is_not_a_number_is_below_everything() -> None:
+    broken = X.copy()
+    broken[3] = np.nan
+    mask = _masks(broken, X - np.float32(1))[0]
+    assert mask == 1 << 3
 
 
 @pytest.mark.parametrize("processor", ["haswell", "nehalem"])
