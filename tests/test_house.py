@@ -38,6 +38,8 @@ FOREIGN_NAMES = {"get_cache_path", "get_call_template", "_get_module_for_linking
 IN_CMEEL = {"pinocchio": ["pin"], "coal": ["coal"]}
 """Packages below a folder of their own, which `importlib.metadata` doesn't look into."""
 OPTIONAL = {
+    "IPython",
+    "rerun_notebook",
     "cryptography",
     "ray",
     "opentelemetry",

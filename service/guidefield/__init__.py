@@ -7,6 +7,7 @@ this door too, with the rooms of the client behind it.
 from __future__ import annotations
 
 import importlib
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -206,6 +207,8 @@ def __getattr__(name: str) -> Any:
         raise ImportError(f"guidefield.{name} isn't in guidefield-client, which only asks: pip install guidefield")
     elif name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)
+        if _IS_WHOLE and "IPython" in sys.modules:
+            importlib.import_module("guidefield.notebook").register_displays()
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value

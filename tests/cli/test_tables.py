@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from guidefield.cli.tables import plan_table
+from guidefield.cli.tables import motion_table
 from guidefield.errors import Status
 from guidefield.messages.replies import (
     CertificateFigures,
@@ -43,7 +43,7 @@ def test_a_plan_says_what_a_person_wants_to_know() -> None:
         recording="runs/r1.rrd",
         warnings=["start panda_joint4 was clamped"],
     )
-    text = _text(plan_table(reply, "the shelf"))
+    text = _text(motion_table(reply, "the shelf"))
     for said in (
         "the shelf",
         "SUCCESS",
@@ -64,20 +64,20 @@ def test_what_a_certificate_is_about_is_told() -> None:
     figures = CertificateFigures(collision_free=True, method="Coal", covers="path", evaluations=0)
     failed = msgspec.structs.replace(plan_reply("r1", Status.GOAL_IN_COLLISION), certificate=figures)
     refused = msgspec.structs.replace(failed, path=failed.path[:1])
-    assert "free: the start alone, 0 evaluations" in _text(plan_table(refused))
+    assert "free: the start alone, 0 evaluations" in _text(motion_table(refused))
     partly = msgspec.structs.replace(failed, path=[[0.0], [1.0], [2.0]])
-    assert "free: the motion as far as it got, 0 evaluations" in _text(plan_table(partly))
+    assert "free: the motion as far as it got, 0 evaluations" in _text(motion_table(partly))
 
 
 def test_an_honest_no_is_a_table_too() -> None:
-    text = _text(plan_table(plan_reply("r1", Status.STUCK_IN_MINIMUM)))
+    text = _text(motion_table(plan_reply("r1", Status.STUCK_IN_MINIMUM)))
     assert "STUCK_IN_MINIMUM" in text
     assert "nothing was judged" in text
     assert "recording" not in text
 
 
 def _recorded(where: str) -> str:
-    return _text(plan_table(msgspec.structs.replace(plan_reply("r1"), recording=where)))
+    return _text(motion_table(msgspec.structs.replace(plan_reply("r1"), recording=where)))
 
 
 def test_a_recording_in_a_file_is_said_how_to_open() -> None:

@@ -37,7 +37,7 @@ from guidefield.cli.found_run import Data, Service, StreamName, fetch_files, rec
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.replaying import replay
 from guidefield.cli.serving import read_quotas
-from guidefield.cli.tables import certify_table, plan_table, robot_table, robots_table
+from guidefield.cli.tables import motion_table, robot_table, robots_table
 from guidefield.client import Client
 from guidefield.doctor.examination import Finding, State, examination
 from guidefield.endpoint.link import DEFAULT_LISTEN
@@ -663,7 +663,7 @@ def _show(reply: Reply, output: Path | None) -> None:
     if output is not None:
         output.write_text(_format_json(reply) + "\n")
     if isinstance(reply, PlanReply | CertifyReply):
-        out.print(plan_table(reply) if isinstance(reply, PlanReply) else certify_table(reply))
+        out.print(motion_table(reply))
     elif output is None:
         typer.echo(_format_json(reply))
 

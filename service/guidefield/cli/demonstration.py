@@ -8,7 +8,7 @@ from rich.console import Console
 
 from guidefield.cli.found_run import fetch_files
 from guidefield.cli.serving import service_in_child
-from guidefield.cli.tables import plan_table
+from guidefield.cli.tables import motion_table
 from guidefield.client import Client
 from guidefield.errors import Status
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest, PoseGoal, Positions
@@ -59,7 +59,7 @@ def run(folder: Path, out: Console) -> int:
         for name, (title, request) in REQUESTS.items():
             out.print(f"\nplanning: {title} …", style="dim", highlight=False)
             reply = fetch_files(client, client.plan(request), folder / f"{name}.rrd")
-            out.print(plan_table(reply, title))
+            out.print(motion_table(reply, title))
             codes.append(reply.status.code)
     return 0 if all(code == Status.SUCCESS for code in codes) else 1
 

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from guidefield.cli.found_run import Data, RunName, Service, find_run, require_writable
-from guidefield.cli.tables import certify_table
+from guidefield.cli.tables import motion_table
 from guidefield.engine import answer
 from guidefield.errors import MalformedRequest
 from guidefield.messages.executed import JointStates, judgement_of
@@ -74,7 +74,7 @@ def execute(
     if record is not None and isinstance(reply, PlanReply) and isinstance(found.request, PlanRequest):
         judged = answer(judgement_of(found.request, reply, followed.states), record_to=record)
         assert isinstance(judged, CertifyReply), "a motion was judged"
-        Console().print(certify_table(judged))
+        Console().print(motion_table(judged))
     raise typer.Exit(0 if followed.is_fine else 1)
 
 

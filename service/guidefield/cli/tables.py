@@ -141,30 +141,31 @@ def _format_numbers(values: list[float]) -> str:
     return ", ".join(f"{value:.4g}" for value in dict.fromkeys(values))
 
 
-def plan_table(reply: PlanReply, title: str = "plan") -> RenderableType:
-    """Make a table of a plan: outcome, motion, clearance and its place, certificate, time by stage, recording."""
-    return _make_table(title, [*_plan_rows(reply), *_last_rows(reply)])
-
-
-def certify_table(reply: CertifyReply, title: str = "certify") -> RenderableType:
-    """Make a table of a verdict: the free part, clearance and its place, shares of limits, recording."""
-    return _make_table(title, [*_verdict_rows(reply), *_last_rows(reply)])
-
-
-def _make_table(title: str, rows: list[tuple[str, RenderableType]]) -> Table:
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.ROUNDED, show_header=False)
+def motion_table(reply: MotionReply, title: str | None = None) -> RenderableType:
+    """Make a table of a plan or a verdict; its title, unless given, says which it is."""
+    heading = title or ("plan" if isinstance(reply, PlanReply) else "certify")
+    table = Table(title=heading, title_justify="left", title_style="bold", box=box.ROUNDED, show_header=False)
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
-    for row in rows:
+    for row in motion_rows(reply):
         table.add_row(*row)
     return table
 
 
-def _verdict_rows(reply: CertifyReply) -> list[tuple[str, RenderableType]]:
+def motion_rows(reply: MotionReply) -> list[tuple[str, Text]]:
+    """List the names and contents of a table's rows.
+
+    Of a plan these are outcome, motion, clearance and its place, certificate, time by stage and recording, of a verdict
+    the free part, clearance and its place, shares of limits and recording.
+    """
+    return [*(_plan_rows(reply) if isinstance(reply, PlanReply) else _verdict_rows(reply)), *_last_rows(reply)]
+
+
+def _verdict_rows(reply: CertifyReply) -> list[tuple[str, Text]]:
     certificate = reply.certificate
     verdict = ("collision-free", "green") if certificate.collision_free else (certificate.reason, "yellow")
     evaluations = _format_count(certificate.evaluations, "evaluation")
-    rows: list[tuple[str, RenderableType]] = [
+    rows: list[tuple[str, Text]] = [
         ("status", _status(reply)),
         ("run", Text(f"{reply.run_id}  (curve {reply.curve})")),
         ("certificate", Text.assemble(verdict, f", {certificate.covers}: {certificate.method}, {evaluations}")),
@@ -190,8 +191,8 @@ def _status(reply: MotionReply) -> Text:
     return Text.assemble((reply.status.name, style), f"  {reply.status.message}")
 
 
-def _distance_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
-    rows: list[tuple[str, RenderableType]] = []
+def _distance_rows(reply: MotionReply) -> list[tuple[str, Text]]:
+    rows: list[tuple[str, Text]] = []
     if reply.execution is not None:
         leaves = f"leaves the plan by {describe_deviation(reply.execution.deviation)}"
         rows.append(("as executed", Text(f"{describe_execution(reply.execution)}; {leaves}")))
@@ -206,8 +207,8 @@ def _distance_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
     return rows
 
 
-def _last_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
-    rows: list[tuple[str, RenderableType]] = [("time", Text(_timing(reply.timing)))]
+def _last_rows(reply: MotionReply) -> list[tuple[str, Text]]:
+    rows: list[tuple[str, Text]] = [("time", Text(_timing(reply.timing)))]
     rows.extend(("warning", Text(warning, style="yellow")) for warning in reply.warnings)
     if reply.recording is not None:
         rows.append(("recording", Text(reply.recording)))
@@ -220,8 +221,8 @@ def _last_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
     return rows
 
 
-def _plan_rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
-    rows: list[tuple[str, RenderableType]] = [
+def _plan_rows(reply: PlanReply) -> list[tuple[str, Text]]:
+    rows: list[tuple[str, Text]] = [
         ("status", _status(reply)),
         ("run", Text(f"{reply.run_id}  (planner {reply.planner}, objective {reply.objective}, seed {reply.seed})")),
         ("path", Text(_path(reply))),

@@ -1,0 +1,70 @@
+"""The notebooks run from top to bottom, and replies show themselves in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+from guidefield.notebook import display_reply
+from tests.replies import plan_reply
+
+NOTEBOOKS = Path(__file__).resolve().parents[2] / "tools" / "examples" / "notebooks"
+
+
+def _run(name: str, folder: Path) -> list[dict[str, Any]]:
+    """Run a notebook in a folder, and return all that it displays."""
+    notebook = nbformat.read(NOTEBOOKS / f"{name}.ipynb", as_version=4)
+    NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(folder)}}).execute()
+    return [one for cell in notebook.cells if cell.cell_type == "code" for one in cell.outputs]
+
+
+def _tables(shown: list[dict[str, Any]]) -> list[str]:
+    return [one["data"]["text/html"] for one in shown if "<table" in one.get("data", {}).get("text/html", "")]
+
+
+def _printed(shown: list[dict[str, Any]]) -> str:
+    return "".join(one["text"] for one in shown if one["output_type"] == "stream" and one["name"] == "stdout")
+
+
+def test_the_first_plan(tmp_path: Path) -> None:
+    shown = _run("first_plan", tmp_path)
+    (table,) = _tables(shown)
+    assert "<th>certificate</th><td>free: the trajectory" in table
+    assert "20 mm: SUCCESS" in _printed(shown)
+    assert "300 mm: SUCCESS" not in _printed(shown)
+    assert "did you mean panda" in _printed(shown)
+    assert (tmp_path / "first_plan.rrd").stat().st_size > 100_000
+
+
+def test_a_robot_of_ones_own(tmp_path: Path) -> None:
+    shown = _run("own_robot", tmp_path)
+    (table,) = _tables(shown)
+    assert "SUCCESS" in table
+    assert "GOAL_IN_COLLISION" in _printed(shown)
+
+
+def test_a_motion_is_judged(tmp_path: Path) -> None:
+    refused, free = _tables(_run("judge_a_motion", tmp_path))
+    assert "refused at" in refused
+    assert "<th>certificate</th><td>collision-free" in free
+
+
+def test_a_recording_plays_where_the_viewer_is_at_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The viewer gets the bytes of the file; without the file there is the table alone."""
+    widget = pytest.importorskip("rerun_notebook", reason="the extra notebook isn't installed")
+    shown: list[Any] = []
+    monkeypatch.setattr("IPython.display.display", shown.append)
+    recording = tmp_path / "run.rrd"
+    recording.write_bytes(b"RRF2")
+    display_reply(msgspec.structs.replace(plan_reply("r1"), recording=str(recording)))
+    assert [type(one).__name__ for one in shown] == ["HTML", "Viewer"]
+    assert isinstance(shown[1], widget.Viewer)
+    assert shown[1]._event_queue == [({"type": "rrd"}, [b"RRF2"])]
+    recording.unlink()
+    display_reply(msgspec.structs.replace(plan_reply("r1"), recording=str(recording)))
+    assert [type(one).__name__ for one in shown] == ["HTML", "Viewer", "HTML"]
