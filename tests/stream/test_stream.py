@@ -144,9 +144,11 @@ def test_who_stands_at_the_goal_is_told_so_also_where_it_is_given_again() -> Non
 
 
 OPENED = """
+from guidefield.kernels.collide import drift
 from guidefield.kernels.prove import search
-from guidefield.kernels.stream import dodge, judge, room, way
+from guidefield.kernels.stream import dodge, judge, way
 from guidefield.kernels.timing import carried_rates
+from guidefield.kernels.tree import rrt_connect, shortcut
 from guidefield.messages.conditions import CartesianLimit
 from guidefield.messages.scene import Scene
 from guidefield.messages.streams import StreamOpen
@@ -157,8 +159,8 @@ from guidefield.stream.stream import CertifiedStream
 asked = StreamOpen("ur5", "empty", cartesian_limits=[CartesianLimit(0.2, frame="tool0")])
 with CertifiedStream(asked, Catalog().load("ur5"), build(Scene("empty"))):
     asked = [
-        dodge.dodged, search.prove_along, judge.broken_limit, judge.travelled, way.piece_and_braking, room.distances,
-        room.pressure, room.swept, way.cut_short, way.straight_free, way.way_between, carried_rates.largest_point_rates,
+        dodge.dodged, search.prove_along, judge.broken_limit, judge.travelled, way.piece_and_braking, drift.write_gaps,
+        rrt_connect.grow, shortcut.shorten, carried_rates.largest_point_rates,
     ]
     print(*(one.__name__ for one in asked if not one.overloads))
 """

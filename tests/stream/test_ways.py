@@ -9,10 +9,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from numba import njit
 
+from guidefield.kernels.collide.layout import DRIFTING_BOX, KEPT, ROUNDED_BOX
 from guidefield.kernels.stream.dodge import ASIDE, FADING, STRETCHED as LONGER, Tube, Wanted, dodged
-from guidefield.kernels.stream.room import blocked, nearest
 from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import Box, HalfSpace, Scene
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
@@ -63,8 +62,7 @@ def test_a_way_begins_where_the_robot_is_closer_than_ways_keep() -> None:
             z1[1] -= 1.0
             assert room.resting_free(np.array([z0, z1])).tolist() == [kept == 1.0, True]
             assert room.clearance(STREAM.resting, [z0, z1]) == kept * STREAM.resting
-            samples = np.random.default_rng(0).uniform(-2.0, 2.0, (50, len(z0)))
-            way = room.way(NOTHING, Kept(0.1, 0.0), z0, z1, samples, np.empty((0, 4)))
+            way = room.way(NOTHING, Kept(0.1, 0.0), z0, z1, 0)
         assert way is not None
         assert np.array_equal(way[[0, -1]], [z0, z1])
 
@@ -86,8 +84,8 @@ def test_ways_keep_what_the_robot_may_be_off_by_and_what_the_judge_wants_of_each
         kept = 0.02 + room.swept(ends) + STREAM.resting
         assert room.clearance(STREAM.resting, ends) == pytest.approx(kept, rel=1e-15)
         assert drifting.margins == pytest.approx([0.01 + 0.02 + 0.4 * 0.005])
-        among = room._among(drifting, Kept(0.05, 0.1), 0.0, *ends)
-        assert among.grown == pytest.approx(0.05 + 0.1 * 0.4 + drifting.margins + room.swept(ends))
+        kept_from_each = room._among(drifting, Kept(0.05, 0.1), *ends).drifting.boxes.reshape(-1, DRIFTING_BOX)[:, KEPT]
+        assert kept_from_each == pytest.approx(0.05 + 0.1 * 0.4 + drifting.margins + room.swept(ends))
 
 
 def most_moved(stream: CertifiedStream, z: ChartPoint, tolerance: float) -> float:
@@ -142,39 +140,37 @@ def ball(where: tuple[float, float, float], drift: tuple[float, float, float], r
     return Drifting(row, np.array([drift]), np.array([np.linalg.norm(drift)]), np.zeros(1))
 
 
-@njit
-def is_blocked(ways: Any, boxes: Any, grown: Any, z: Any) -> bool:
-    return bool(blocked(ways, boxes, grown, z))
-
-
-def test_who_is_told_to_be_free_keeps_what_is_to_be_kept_and_who_is_not_is_close() -> None:
+def test_gaps_are_no_larger_than_distances_and_motions_keep_from_what_drifts() -> None:
     """Against Coal's distances; links are told to be larger than they are."""
-    rng, told = np.random.default_rng(0), []
+    rng, told, most = np.random.default_rng(0), [], 0.4
     with CertifiedStream(StreamOpen("ur5", "empty", start=UP), robot("ur5"), build(Scene("empty"))) as stream:
-        group, room = stream.group, stream._room.robot
+        group, room = stream.group, stream._room
     placed, data = group.geometry.createData(), group.model.createData()
     for _ in range(60):
-        z, sides, rows = group.random(rng), rng.uniform(0.05, 0.2, (3, 3)), np.zeros((3, 16))
-        rows[:, [0, 5, 10]], rows[:, 12:15] = 1.0, 0.5 * sides
+        z, sides, rows = group.random(rng), rng.uniform(0.05, 0.2, (3, 3)), np.zeros((3, ROUNDED_BOX))
+        turns = [pin.exp3(turn) for turn in rng.normal(size=(3, 3))]
+        rows[:, :12].reshape(3, 3, 4)[:, :, :3], rows[:, 12:15] = turns, 0.5 * sides
         rows[:, [3, 7, 11]] = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.0], (3, 3))
-        grown = rng.uniform(0.0, 0.4, 3)
         pin.updateGeometryPlacements(group.model, data, group.geometry, placed, group.expand_from_chart(z))
-        gaps = [
+        distances = np.array([
             min(
                 coal.distance(
                     shape.geometry, coal.Transform3s(here.rotation, here.translation), coal.Box(*side),
-                    coal.Transform3s(np.eye(3), row[[3, 7, 11]]), coal.DistanceRequest(), coal.DistanceResult(),
+                    coal.Transform3s(turn, row[[3, 7, 11]]), coal.DistanceRequest(), coal.DistanceResult(),
                 )
                 for shape, here in zip(group.geometry.geometryObjects, placed.oMg, strict=True)
                 if shape.parentJoint
             )
-            for side, row in zip(sides, rows, strict=True)
-        ]  # fmt: skip
-        told.append(is_blocked(room, rows, grown, z))
-        if told[-1]:
-            assert (gaps < grown + LARGER).any()
-        else:
-            assert (gaps >= grown).all()
+            for side, turn, row in zip(sides, turns, rows, strict=True)
+        ])  # fmt: skip
+        gaps = room.lanes.gaps(rows, z[None], most)[0]
+        assert (gaps <= np.minimum(np.maximum(distances, -np.inf), most) + 1e-5).all()
+        apart = distances > 0.0
+        assert (gaps[apart] >= np.minimum(distances, most)[apart] - LARGER).all()
+        kept = rng.uniform(0.0, most, 3)
+        told.append(bool((gaps < kept).any()))
+        resting = Drifting(rows, np.zeros((3, 3)), np.zeros(3), kept - room.swept([z, z]))
+        assert room._among(resting, Kept(0.0, 0.0), z, z).drifting.boxes.reshape(3, -1)[:, KEPT] == pytest.approx(kept)
     assert 10 < sum(told) < 50
 
 
@@ -202,7 +198,7 @@ def searched(
     timed, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
     tube = read_only_views(tube._replace(speeds=np.ascontiguousarray(tube.speeds)))
     wanted = read_only_views(Wanted(kept, WIDENING, dear))
-    rows, cost = dodged(room.robot, drifting.boxes, drifting.drifts, wanted, tube, width, timed, reached)
+    rows, cost = dodged(room.lanes.words, drifting.boxes, drifting.drifts, wanted, tube, width, timed, reached)
     columns = reached[:rows] % tube.taken.shape[1]
     assert (timed[:rows][columns == 0] == tube.places[reached[:rows] // tube.taken.shape[1]][columns == 0]).all()
     return cost, timed[:rows]
@@ -220,9 +216,7 @@ def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait(ending: floa
     costs = []
     for start in (0.2, 0.5, 0.8):
         drifting = ball((0.6, start, 0.5), (0.0, -0.5, 0.0))
-        least = np.array(
-            [[nearest(room.robot, later(drifting, step * i), z, 0.25)[0] for z in places] for i in range(steps + 1)]
-        )
+        least = np.array([room.lanes.gaps(later(drifting, step * i), places, 0.25)[:, 0] for i in range(steps + 1)])
         best = np.inf
         for moves in product((-1, 0, 1), repeat=steps):
             place, cost = 0, 0.0
@@ -267,7 +261,7 @@ def test_beside_a_way_is_what_is_free_and_costs_what_it_says() -> None:
     for i in range(1, len(rows)):
         off = [float(np.abs(rows[i] - place).max()) for place in places]
         waits = np.array_equal(rows[i], rows[i - 1])
-        gap = nearest(room.robot, later(drifting, step * i), rows[i], 0.25)[0]
+        gap = room.lanes.gaps(later(drifting, step * i), rows[i : i + 1], 0.25)[0, 0]
         lack = max(0.0, kept[1 if waits else 0, 0] - gap)
         cost += step * (1.0 + (ASIDE if min(off) > 1e-9 else 0.0) + dear * lack / (1.0 + step * i / FADING))
     assert beside == pytest.approx(cost, rel=1e-9)

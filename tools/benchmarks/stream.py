@@ -180,7 +180,6 @@ def _panda_problem(robot: Any, scene: Any, rng: np.random.Generator, centre: np.
             if room.resting_free(zs).all() and np.abs(zs[0] - zs[1]).max() > 0.8:
                 break
         names = group.position_names
-        from guidefield.kernels.stream.room import nearest
 
         movers: list[Mover] = []
         count = 3 if hunters else 20
@@ -191,7 +190,7 @@ def _panda_problem(robot: Any, scene: Any, rng: np.random.Generator, centre: np.
             row[0, [0, 5, 10]] = 1.0
             row[0, [3, 7, 11]], row[0, 12:15] = where, 0.5 * size
             gap = 0.5 if hunters else SMALLEST_GAP
-            if min(nearest(room.robot, row, z, 0.6)[0] for z in zs) < gap:
+            if room.lanes.gaps(row, np.array(zs), 0.6).min() < gap:
                 continue
             speed = 0.9 if hunters else rng.uniform(0.1, 0.5)
             direction = rng.normal(size=3)

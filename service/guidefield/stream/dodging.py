@@ -9,8 +9,9 @@ from typing import cast
 
 import numpy as np
 
+from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.kernels.collide.parts import BALL_ROW
 from guidefield.kernels.stream.dodge import Tube, Wanted, dodged
-from guidefield.kernels.stream.room import RoomRobot, pressure
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.stream.obstacles import Drifting
@@ -116,10 +117,23 @@ class Way:
         return max(since, float(places[np.argmin(away)]))
 
 
-def pressure_at(robot: RoomRobot, boxes: np.ndarray, z: ChartPoint, near: float) -> tuple[float, np.ndarray]:
-    """How closely boxes (k, 16), nearer than `near`, surround a robot at z (nv,), and the gradient of that (nv,)."""
-    gradient = np.empty(len(z))
-    return float(pressure(robot, boxes, np.ascontiguousarray(z, float), near, gradient)), gradient
+PROBED = 4e-3  # how far a coordinate is moved to find how pressure changes with it [rad, or m at size 1]
+
+
+def pressures(lanes: BatchCollision, boxes: np.ndarray, zs: ChartPoints, near: float) -> np.ndarray:
+    """How closely boxes (k, 16), nearer than `near`, surround a robot at chart points (n, nv), shape (n,) [m²]."""
+    lacks = np.maximum(near - lanes.gaps(boxes, zs, near), 0.0)
+    surrounding: np.ndarray = 0.5 * (lacks * lacks).sum(axis=1)
+    return surrounding
+
+
+def pressure_slope(lanes: BatchCollision, boxes: np.ndarray, z: ChartPoint, near: float) -> np.ndarray:
+    """The gradient of that at a chart point (nv,), shape (nv,): by differences, as distances have edges."""
+    steps = PROBED * lanes.world.group.sizes
+    probes = np.concatenate([z + np.diag(steps), z - np.diag(steps)])
+    above, below = pressures(lanes, boxes, cast(ChartPoints, probes), near).reshape(2, -1)
+    slope: np.ndarray = (above - below) / (2.0 * steps)
+    return slope
 
 
 def flights(gradient: np.ndarray, speeds: np.ndarray, rng: np.random.Generator) -> Iterator[np.ndarray]:
@@ -160,14 +174,14 @@ def drawn_sides(count: int, speeds: np.ndarray) -> np.ndarray:
 
 
 def sides_of(
-    robot: RoomRobot, drifting: Drifting, way: Way, speeds: np.ndarray, drawn: np.ndarray, size: float
+    lanes: BatchCollision, drifting: Drifting, way: Way, speeds: np.ndarray, drawn: np.ndarray, size: float
 ) -> np.ndarray:
     """Where to step aside from a way: `drawn` (k, nv), back, and away from what comes close; shape (d, nv)."""
     back = way.at(0.0) - way.at(STREAM.back)
     directions = [back / speeds]
     for after, place in STREAM.aside:
         boxes = drifting.after(after)
-        directions.append(-speeds * pressure_at(robot, boxes, way.at(place), STREAM.pressed * size)[1])
+        directions.append(-speeds * pressure_slope(lanes, boxes, way.at(place), STREAM.pressed * size))
     largest = [float(np.abs(one).max()) for one in directions]
     led = [STREAM.step * speeds * one / most for one, most in zip(directions, largest, strict=True) if most > 0.0]
     return np.concatenate([drawn, np.array(led).reshape(-1, len(speeds))])
@@ -192,7 +206,7 @@ def tube_about(
 
 
 def timed(
-    robot: RoomRobot, drifting: Drifting, kept: np.ndarray, tube: Tube, way: Way, foreseen: int, size: float
+    lanes: BatchCollision, drifting: Drifting, kept: np.ndarray, tube: Tube, way: Way, foreseen: int, size: float
 ) -> Timed:
     """The cheapest way in a tube, and the rest of its way.
 
@@ -200,10 +214,10 @@ def timed(
         kept: What to keep from each on the move, where the robot waits, and at the end at least; shape (3, k) [m].
     """
     steps, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
-    boxes, balls = max(STREAM.few, len(drifting.boxes)), max(STREAM.plain, len(robot.balls))
+    boxes, balls = max(STREAM.few, len(drifting.boxes)), max(STREAM.plain, len(lanes.robot.bodies.cover) // BALL_ROW)
     width = STREAM.beside * STREAM.few * STREAM.plain // (boxes * balls)
     wanted = read_only_views(Wanted(kept, STREAM.widening * size, STREAM.dear / size))
-    rows, cost = dodged(robot, drifting.boxes, drifting.drifts, wanted, tube, width, steps, reached)
+    rows, cost = dodged(lanes.words, drifting.boxes, drifting.drifts, wanted, tube, width, steps, reached)
     points, times = _along(way, tube, steps[:rows], reached[:rows])
     while len(points) > 2 and (points[-2] == points[-1]).all():
         points, times = points[:-1], times[:-1]

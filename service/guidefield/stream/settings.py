@@ -79,9 +79,8 @@ class StreamSettings:
     # takes millimetres of a long arm: one of 18 joints stood 3 mm above the ground for good, where the judge wanted so
     # much and ways kept less
     leaving: tuple[float, ...] = (0.001, 0.002, 0.004, 0.008, 0.016)
-    spacing: float = 0.1  # of samples along ways [rad, or m at size 1]
-    longest: float = 0.5  # an edge of the trees, for each root of the number of coordinates [rad, or m at size 1]
-    samples: int = 1000  # so many points are drawn for a tree at most
+    resolution: float = 10.0  # samples of ways per length in the chart [1/rad or 1/m]
+    motions: int = 4000  # so many motions are judged for a tree at most
     cuts: int = 150  # so many short cuts are tried: with 60 ways have more corners, at which the robot is slow
     refused: int = 2  # after so many updates without a piece another way is planned
     near: float = 0.12  # obstacles that are predicted as close as this are fled from [m]

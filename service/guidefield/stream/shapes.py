@@ -29,14 +29,10 @@ from guidefield.kernels.collide.parts import (
     TRIANGLE,
     Parts,
 )
-from guidefield.kernels.kinematics.forward_kinematics import joint_places
-from guidefield.kernels.stream.room import RoomRobot
 from guidefield.messages import scene as messages
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.bodies.convex_parts import convex_parts
-from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.group.kinematics import group_joints
 from guidefield.scene.obstacle import Obstacle
 
 Named = TypeVar("Named", bound=tuple[Any, ...])
@@ -205,31 +201,3 @@ def require_one_axis(group: PlanningGroup) -> None:
                 unserved="group",
                 joint=name,
             )
-
-
-def room_robot(group: PlanningGroup) -> RoomRobot:
-    """The robot as balls, for planning, with memory of its own: not for two threads."""
-    shapes = list(group.geometry.geometryObjects)
-    carriers, bounds, balls, counts = [], [], [np.empty((0, 4))], []
-    for shape, covered in zip(shapes, coverage(group.robot).shapes, strict=True):
-        if shape.parentJoint == 0:
-            continue
-        carriers.append(shape.parentJoint)
-        bounds.append(_balls(covered.cover.bound[None], shape.placement)[0])
-        balls.append(_balls(covered.cover.spheres, shape.placement))
-        counts.append(len(balls[-1]))
-    joints = group_joints(group)
-    robot = RoomRobot(
-        joints=joints,
-        carriers=np.array(carriers, np.int64),
-        bounds=np.array(bounds).reshape(-1, 4),
-        first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        balls=np.concatenate(balls),
-        places=joint_places(joints),
-    )
-    return read_only_views(robot)
-
-
-def _balls(balls: np.ndarray, placement: Any) -> np.ndarray:
-    """Balls (n, 4) of a shape's frame in that of its joint."""
-    return np.column_stack([balls[:, :3] @ placement.rotation.T + placement.translation, balls[:, 3]])

@@ -19,10 +19,12 @@ from guidefield.errors import (
     MalformedRequest,
     at_path,
 )
+from guidefield.kernels.collide import drift
 from guidefield.kernels.jit.compilers import load
 from guidefield.kernels.prove import search
-from guidefield.kernels.stream import dodge, judge, room, way
+from guidefield.kernels.stream import dodge, judge, way
 from guidefield.kernels.timing import carried_rates
+from guidefield.kernels.tree import rrt_connect, shortcut
 from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import ORIGIN
@@ -33,7 +35,7 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
 from guidefield.stream.commit import Commit, one_after_another, towards
-from guidefield.stream.dodging import Way, flights, pressure_at
+from guidefield.stream.dodging import Way, flights, pressure_slope, pressures
 from guidefield.stream.judge import CommitReason, CommitVerdict, Judge, SeenObstacles
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import read_opening
@@ -62,8 +64,10 @@ SLACK = 1e-6  # joints may be off by so much beyond the tolerance, for numbers t
 KERNELS = (
     search,
     dodge,
+    drift,
     judge,
-    room,
+    rrt_connect,
+    shortcut,
     way,
 )  # what the first update would wait for, 30 to 60 ms: loaded when a stream opens
 
@@ -108,7 +112,7 @@ class CertifiedStream:
         self._room = Room(asked.group, asked.world, asked.bounds, *keeping)
         self._taking: TakeOver = taking or Counted()
         beside = Room(asked.group, asked.world, asked.bounds, *keeping)
-        self._planner = Planner(beside, asked.group, self._taking.niceness)
+        self._planner = Planner(beside, self._taking.niceness)
         self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met, self.origin)
         for index, one in enumerate(request.obstacles):
             self._obstacles.take(self._obstacles.prepared(one, f"$.obstacles[{index}]", asked.group.robot.links))
@@ -473,7 +477,8 @@ class CertifiedStream:
         boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
         then = min(place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
         places = (end, way.at(max(then, place)))
-        return all(pressure_at(self._room.robot, boxes, z, STREAM.threat * self.group.size)[0] > 0.0 for z in places)
+        near = STREAM.threat * self.group.size
+        return bool((pressures(self._room.lanes, boxes, np.array(places), near) > 0.0).all())
 
     def _flee(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
         """A proven piece away from what is predicted to come close, or None."""
@@ -481,15 +486,14 @@ class CertifiedStream:
         if not len(boxes):
             return None
         near = STREAM.near * self.group.size
-        before, gradient = pressure_at(self._room.robot, boxes, still.ends, near)
+        lanes = self._room.lanes
+        before = float(pressures(lanes, boxes, still.ends[None], near)[0])
         if before <= 0.0:
             return None
-        tried: list[tuple[float, int, Commit]] = []
-        for velocities in flights(gradient, self._speeds, self._rng):
-            commit = self._make_commit(cycle, state, velocities, None)
-            after, _ = pressure_at(self._room.robot, boxes, commit.ends, near)
-            if after < before:
-                tried.append((after, len(tried), commit))
+        directions = flights(pressure_slope(lanes, boxes, still.ends, near), self._speeds, self._rng)
+        commits = [self._make_commit(cycle, state, velocities, None) for velocities in directions]
+        after = pressures(lanes, boxes, np.array([one.ends for one in commits]), near).tolist()
+        tried = [(now, k, one) for k, (now, one) in enumerate(zip(after, commits, strict=True)) if now < before]
         return self._choose_flight(cycle, tried, reserved=False)
 
     def _leave(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
@@ -543,10 +547,10 @@ class CertifiedStream:
         if (ordered := state.ordered) is not None and self._taking.takes(ordered, cycle.now):
             found = ordered.found.result()
             pursuit.unfound = found.nowhere
-            if found.way is not None and (ordered.goal == goal).all():
+            if found.way is not None and self._is_same(ordered.goal, goal):
                 pursuit.follow(Way(found.way.points, self._speeds, ordered.due + STREAM.lag + found.way.times))
             state.enter(Event.TAKE)
-        if pursuit.way is None or not (pursuit.way.goal == goal).all():
+        if pursuit.way is None or not self._is_same(pursuit.way.goal, goal):
             pursuit.follow(Way(np.array([stand, goal]), self._speeds))
         assert pursuit.way is not None, "one is followed"
         if state.phase is Phase.FOLLOWING:
@@ -587,13 +591,17 @@ class CertifiedStream:
             cycle.reason = "goal_taken"
             taken[:] = False
         if way is not None:
-            same = np.flatnonzero((goals == way.goal).all(axis=1))
-            if len(same) and not taken[same[0]]:
+            same = [k for k, goal in enumerate(goals) if self._is_same(way.goal, goal)]
+            if same and not taken[same[0]]:
                 chosen: ChartPoint = goals[same[0]]
                 return chosen
         far = np.abs((goals - stand) / self._speeds).max(axis=1)
         nearest: ChartPoint = goals[np.argmin(np.where(taken, np.inf, far))]
         return nearest
+
+    def _is_same(self, z: ChartPoint, goal: ChartPoint) -> bool:
+        """Whether a chart point (nv,) is a goal (nv,), or whole turns from it where that is the same configuration."""
+        return bool((np.abs(self.group.unwrapped(goal, z) - z) <= GOAL_TOLERANCE).all())
 
     def _is_free(self, way: Way, place: float, stand: ChartPoint) -> bool:
         points = way.rest(stand, place, place + STREAM.looked_at)

@@ -12,15 +12,27 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar, cast
 
 import numpy as np
+import pinocchio as pin
 
+from guidefield.collision.bodies import joint_placements
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.errors import InvalidGoal, at_path
-from guidefield.kernels.stream.room import RoomRobot, nearest, swept
-from guidefield.kernels.stream.way import Surroundings, cut_short, straight_free, way_between
+from guidefield.kernels.collide.layout import (
+    DRIFTING_BOX,
+    KEPT,
+    KEPT_AT_GOAL,
+    KEPT_AT_START,
+    ROUNDED_BOX,
+    VELOCITY,
+    DriftingBoxes,
+)
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
 from guidefield.messages.streams import StreamGoal
+from guidefield.planner.connect import tree_search
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import lent_data
 from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.configuration import LIMIT_TOLERANCE, configuration_from_wire, limit_faults
@@ -29,7 +41,6 @@ from guidefield.stream.commit import JointBounds
 from guidefield.stream.dodging import Timed, Way, drawn_sides, sides_of, timed, tube_about
 from guidefield.stream.obstacles import Drifting
 from guidefield.stream.settings import STREAM, Kept
-from guidefield.stream.shapes import read_only_views, room_robot
 
 FAR = 0.3  # distances are measured up to this [m], at size 1
 NOTHING = Drifting(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))  # nothing moves
@@ -52,20 +63,22 @@ class Room:
         self._speeds = bounds.rates[:, 0].copy()
         self._lower, self._upper = bounds.lower, bounds.upper
         self._sides = drawn_sides(STREAM.sides, self._speeds)
-        self.robot: RoomRobot = room_robot(group)
-        self._lanes = BatchCollision.build(world)
+        self.lanes = BatchCollision.build(world)
+        self._group, self._data, self._bound = group, lent_data(group, self), world.motion_bound
+        self._bodies = world.bodies
         self._least, self._tolerance = least, tolerance
-        self.size, self._sizes = group.size, group.sizes
+        self.size = group.size
 
     def gaps(self, boxes: np.ndarray, z: ChartPoint) -> np.ndarray:
         """What may be kept from boxes (k, 16) at coordinates z (nv,), shape (k,) [m]: less than how far they are."""
-        return nearest(self.robot, boxes, z, FAR * self.size) - INSIDE * self.size
+        kept: np.ndarray = self.lanes.gaps(boxes, z[None], FAR * self.size)[0] - INSIDE * self.size
+        return kept
 
     def stays_free(self, drifting: Drifting, z: ChartPoint) -> bool:
         """Whether coordinates (nv,) keep from what moves what an end has to, now and as far as flights are foreseen."""
         kept = STREAM.ending.from_each(drifting.rates, self.size) + drifting.margins
         soon = (drifting.boxes, drifting.after(STREAM.foreseen))
-        return all(bool((nearest(self.robot, boxes, z, FAR * self.size) >= kept).all()) for boxes in soon)
+        return all(bool((self.lanes.gaps(boxes, z[None], FAR * self.size) >= kept).all()) for boxes in soon)
 
     def clearance(self, most: float, ends: list[ChartPoint]) -> float:
         """What to keep from what rests [m]: `most` at size 1 beyond the least, or less where an end (nv,) is closer.
@@ -75,41 +88,50 @@ class Room:
         zs, off = np.array(ends), self.swept(ends)
         beyond = [*(off + share * most * self.size for share in STREAM.closer), 0.0]
         kept = [self._least + one for one in beyond]
-        return next((one for one in kept if not self._lanes.touching(zs, one).any()), kept[-1])
+        return next((one for one in kept if not self.lanes.touching(zs, one).any()), kept[-1])
 
     def swept(self, ends: list[ChartPoint]) -> float:
         """How far the robot may be off at some points (nv,) [m]."""
-        return max(float(swept(self.robot, np.ascontiguousarray(z, float), self._tolerance)) for z in ends)
+        group, data, tolerances = self._group, self._data, np.full((1, len(ends[0])), self._tolerance)
+        most = 0.0
+        for z in ends:
+            jacobian = pin.computeJointJacobians(group.model, data, group.expand_from_chart(z)).reshape(6, -1)
+            centres = self._bodies.centres_in_world(joint_placements(data)[None])
+            most = max(most, float(self._bound.at(jacobian[None], centres, tolerances)[1].max(initial=0.0)))
+        return most
 
     def resting_free(self, zs: ChartPoints) -> np.ndarray:
         """Which of chart points (n, nv) keep from what rests, and touch nothing of the robot itself, shape (n,)."""
-        return ~self._lanes.touching(zs, self._least + STREAM.resting * self.size)
+        return ~self.lanes.touching(zs, self._least + STREAM.resting * self.size)
 
     def kept_from_resting(self, z: ChartPoint) -> int:
         """How many of `STREAM.leaving` are kept from what rests at coordinates z (nv,), and from the robot itself."""
         kept = [self._least + one * self.size for one in STREAM.leaving]
-        return next((k for k, one in enumerate(kept) if self._lanes.touching(z[None], one).any()), len(kept))
+        return next((k for k, one in enumerate(kept) if self.lanes.touching(z[None], one).any()), len(kept))
 
     def straight(self, drifting: Drifting, kept: Kept, clearance: float, points: ChartPoints) -> bool:
         """Whether a way (m, nv), straight from point to point, is free, with a clearance from what rests [m]."""
-        among = self._among(drifting, kept, clearance, points[0], points[-1])
-        return all(straight_free(among, points[k], points[k + 1]) for k in range(len(points) - 1))
+        lanes = self._among(drifting, kept, points[0], points[-1])
+        return lanes.free_until(points, STREAM.resolution, clearance) == len(points) - 1
 
-    def way(
-        self, drifting: Drifting, kept: Kept, z0: ChartPoint, z1: ChartPoint, samples: np.ndarray, cuts: np.ndarray
-    ) -> ChartPoints | None:
-        """A way from z0 to z1, each (nv,), shape (m, nv), by trees to samples (n, nv) and short cuts (n, 4).
+    def way(self, drifting: Drifting, kept: Kept, z0: ChartPoint, z1: ChartPoint, seed: int) -> ChartPoints | None:
+        """A way from z0 to z1, each (nv,), shape (m, nv), by trees and short cuts; None: none was found.
 
-        None: none was found.
+        Where a joint turns without end the way may end whole turns from z1.
         """
-        path = np.empty((2 * len(samples) + len(cuts) + 4, len(z0)))
-        z0, z1 = np.ascontiguousarray(z0, float), np.ascontiguousarray(z1, float)
-        among = self._among(drifting, kept, self.clearance(STREAM.resting, [z0, z1]), z0, z1)
-        count = way_between(among, z0, z1, STREAM.longest * np.sqrt(len(z0)), samples, path)
-        if count == 0:
+        ends, straight = [z0, z1], cast(ChartPoints, np.array([z0, z1]))
+        lanes, clearance = self._among(drifting, kept, z0, z1), self.clearance(STREAM.resting, ends)
+        if lanes.free_until(straight, STREAM.resolution, clearance):
+            return straight
+        found = tree_search.grow(
+            lanes, straight[:1], straight[1:], STREAM.resolution, clearance, np.random.default_rng(seed), Deadline(),
+            most_motions=STREAM.motions,
+        ).path  # fmt: skip
+        if found is None:
             return None
-        count = cut_short(among, cuts, count, path)
-        return path[:count].copy()
+        way = lanes.shorten(found, STREAM.resolution, clearance, STREAM.cuts)
+        way[0], way[-1] = z0, self._group.unwrapped(z1, way[-1])
+        return way
 
     def timed(self, drifting: Drifting, points: ChartPoints) -> Timed:
         """Where to be when on a way (m, nv) among what moves, or beside it, and what that costs."""
@@ -121,34 +143,35 @@ class Room:
 
         def taken(zs: ChartPoints) -> np.ndarray:
             out = np.any((zs < self._lower) | (zs > self._upper), axis=1)
-            return np.asarray(out | self._lanes.touching(zs, clearance))
+            return np.asarray(out | self.lanes.touching(zs, clearance))
 
         wanted, foreseen = drifting.margins + self.swept(ends), math.ceil(STREAM.arriving / STREAM.step)
         kinds = (STREAM.going, STREAM.waiting, STREAM.ending)
         kept = np.array([kept.from_each(drifting.rates, self.size) + wanted for kept in kinds])
-        sides = sides_of(self.robot, drifting, way, self._speeds, self._sides, self.size)
+        sides = sides_of(self.lanes, drifting, way, self._speeds, self._sides, self.size)
         tube = tube_about(way, sides, self._speeds, taken, foreseen)
-        return timed(self.robot, drifting, kept, tube, way, foreseen, self.size)
+        return timed(self.lanes, drifting, kept, tube, way, foreseen, self.size)
 
-    def _among(self, drifting: Drifting, kept: Kept, clearance: float, z0: ChartPoint, z1: ChartPoint) -> Surroundings:
-        """The robot among what rests, with a clearance [m], and what moves, on ways between two points (nv,)."""
+    def _among(self, drifting: Drifting, kept: Kept, z0: ChartPoint, z1: ChartPoint) -> BatchCollision:
+        """The robot among what rests, and what moves, on ways between two points (nv,)."""
+        if not len(drifting.boxes):
+            return self.lanes
+        boxes = np.empty((len(drifting.boxes), DRIFTING_BOX), np.float32)
         later = float(min(np.max(np.abs(z1 - z0) / self._speeds), STREAM.planned))
-        among = Surroundings(
-            robot=self.robot,
-            words=self._lanes.words,
-            clearance=clearance,
-            boxes=drifting.boxes,
-            drifts=drifting.drifts,
-            grown=kept.from_each(drifting.rates, self.size) + drifting.margins + self.swept([z0, z1]),
-            ends=np.array([z0, z1]),
-            gaps=np.array([self.gaps(drifting.boxes, z0), self.gaps(drifting.after(later), z1)]),
-            speeds=self._speeds,
-            horizon=STREAM.planned,
-            widening=STREAM.widening * self.size,
-            spacing=STREAM.spacing,
-            sizes=self._sizes,
+        boxes[:, :ROUNDED_BOX], boxes[:, VELOCITY:KEPT] = drifting.boxes, drifting.drifts
+        boxes[:, KEPT] = kept.from_each(drifting.rates, self.size) + drifting.margins + self.swept([z0, z1])
+        boxes[:, KEPT_AT_START] = self.gaps(drifting.boxes, z0)
+        boxes[:, KEPT_AT_GOAL] = self.gaps(drifting.after(later), z1)
+        return self.lanes.among(
+            DriftingBoxes(
+                size=len(boxes),
+                boxes=boxes.ravel(),
+                ends=np.concatenate([z0, z1]).astype(np.float32),
+                rates=(1.0 / self._speeds).astype(np.float32),
+                periods=self._group.periods.astype(np.float32),
+                numbers=np.array([STREAM.planned, STREAM.widening * self.size], np.float32),
+            )
         )
-        return read_only_views(among)
 
 
 @dataclass(frozen=True)
@@ -175,8 +198,8 @@ class Planner:
         niceness: By how much the thread gives way to others, where the system knows priorities of threads.
     """
 
-    def __init__(self, room: Room, group: PlanningGroup, niceness: int = 0) -> None:
-        self._room, self._group = room, group
+    def __init__(self, room: Room, niceness: int = 0) -> None:
+        self._room = room
         self._thread = ThreadPoolExecutor(1, "guidefield-ways", give_way, (niceness,))
 
     def beside(self, work: Callable[[Room], _T]) -> Future[_T]:
@@ -193,9 +216,8 @@ class Planner:
         rng: np.random.Generator,
     ) -> Ordered:
         """Have a way from z0 to z1 (nv,) planned, due at a time [s], that costs less than the rest of one."""
-        samples = self._samples(z0, z1, rng)
-        cuts = rng.random((STREAM.cuts, 4))
-        return Ordered(due, z1, self._thread.submit(self._planned, z0, z1, drifting, followed, samples, cuts))
+        seed = int(rng.integers(1 << 62))
+        return Ordered(due, z1, self._thread.submit(self._planned, z0, z1, drifting, followed, seed))
 
     def close(self) -> None:
         """End its thread."""
@@ -207,14 +229,13 @@ class Planner:
         z1: ChartPoint,
         drifting: Drifting,
         followed: ChartPoints | None,
-        samples: np.ndarray,
-        cuts: np.ndarray,
+        seed: int,
     ) -> Found:
         room = self._room
         straight = np.array([z0, z1])
         found: list[ChartPoints] = []
         for kept in STREAM.kept:
-            way = room.way(drifting, kept, z0, z1, samples, cuts)
+            way = room.way(drifting, kept, z0, z1, seed)
             if way is None:
                 break  # none that keeps more is found either
             found.append(way)
@@ -229,15 +250,6 @@ class Planner:
             if best is None or best.cost > before.cost - max(STREAM.gain, STREAM.gain_share * before.cost):
                 best = before
         return Found(best, nowhere=False)
-
-    def _samples(self, z0: ChartPoint, z1: ChartPoint, rng: np.random.Generator) -> np.ndarray:
-        """Random points within the limits; of an endless angle about both ends."""
-        group = self._group
-        middle = 0.5 * (z0 + z1)
-        reach = 0.5 * np.abs(z1 - z0) + np.pi
-        low = np.where(np.isfinite(group.lower), group.lower, middle - reach)
-        high = np.where(np.isfinite(group.upper), group.upper, middle + reach)
-        return rng.uniform(low, high, (STREAM.samples, group.nv))
 
 
 def give_way(niceness: int = YIELDING) -> None:

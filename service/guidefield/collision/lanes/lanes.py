@@ -18,16 +18,30 @@ from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turne
 from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
 from guidefield.collision.world import World
 from guidefield.kernels.collide.batch_collision import path_free_until, touching_configurations
-from guidefield.kernels.collide.layout import GRID_NUMBERS, GRID_PLACES, MEETING, PAIR, LaneAlone, LaneWorld, Scratch
-from guidefield.kernels.collide.primitives_layout import MEMORY_WORDS, SCENE_WORDS, lay_out
+from guidefield.kernels.collide.drift import write_gaps
+from guidefield.kernels.collide.layout import (
+    GRID_NUMBERS,
+    GRID_PLACES,
+    MEETING,
+    PAIR,
+    DriftingBoxes,
+    LaneAlone,
+    LaneWorld,
+    Scratch,
+)
+from guidefield.kernels.collide.primitives_layout import DRIFT_WORDS, MEMORY_WORDS, SCENE_WORDS, lay_out
 from guidefield.kernels.collide.self_narrowphase import STACK, never_touching
 from guidefield.kernels.simd.packing import Words, pack
 from guidefield.kernels.tree.shortcut import shorten
 from guidefield.memo import memoized
+from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.spaces import ChartPoints
 
 MOST_JUDGED_CELLS = 2000  # cells of a grid that are judged to remove a pair of links: a millisecond or two
+NOTHING = DriftingBoxes(0, *(np.empty(0, np.float32) for _ in range(5)))  # nothing drifts
+read_only(*NOTHING[1:])
+_NOTHING = pack(NOTHING)
 TRIES = 60  # straight ways between places on a path that are looked at, unless told otherwise
 
 
@@ -95,13 +109,15 @@ class BatchCollision:
     begins: int
     scene: LaneScene
     robot: LaneRobot
+    drifting: DriftingBoxes = NOTHING
 
     @classmethod
     def build(cls, world: World) -> BatchCollision:
         """Make the tables of a world."""
         robot, words, scene, layout = _of(world)
         memory = np.zeros(layout.size, np.int64)
-        all_words = np.empty(len(words) + SCENE_WORDS + MEMORY_WORDS, np.int64)
+        all_words = np.empty(len(words) + SCENE_WORDS + MEMORY_WORDS + DRIFT_WORDS, np.int64)
+        all_words[-DRIFT_WORDS:] = _NOTHING
         bodies, moving, left_out = robot.bodies.size, world.pairs.moving, world.pairs.bodies_left_out()
         begins = lay_out(words, scene.words, layout.offsets, scene.owners, bodies, moving, left_out, memory, all_words)
         return cls(world, all_words, memory, begins, scene, robot)
@@ -122,7 +138,25 @@ class BatchCollision:
             scene=scene.tables[1],
             scratch=Scratch(**{name: views[name] for name in Scratch._fields}),
             block=views["block"],
+            drifting=self.drifting,
         )
+
+    def among(self, drifting: DriftingBoxes) -> BatchCollision:
+        """The same world, motions in which keep from boxes that drift as well; in the same memory."""
+        words = self.words.copy()
+        words[-DRIFT_WORDS:] = pack(drifting)
+        return dataclasses.replace(self, words=words, drifting=drifting)
+
+    def gaps(self, boxes: np.ndarray, zs: ChartPoints, most: float) -> np.ndarray:
+        """How far the robot is from rounded boxes (k, 16) at chart points (n, nv), `most` at most; (n, k) [m].
+
+        It may be nearer by what its bounding spheres reach beyond its links.
+        """
+        gaps = np.empty((len(zs), len(boxes)), np.float32)
+        write_gaps(
+            self.words, np.ascontiguousarray(boxes, np.float32), most, np.ascontiguousarray(zs, np.float32), gaps
+        )
+        return gaps.astype(float)
 
     def touching(self, zs: ChartPoints, clearance: float = 0.0) -> np.ndarray:
         """Which chart points (n, nv) touch themselves, or an obstacle nearer than a clearance [m]; (n,), bool.

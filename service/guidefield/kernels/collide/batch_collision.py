@@ -21,6 +21,7 @@ from guidefield.kernels.collide.broadphase import (
     near_obstacle_of,
     place_carriers,
 )
+from guidefield.kernels.collide.drift import meets_drifting
 from guidefield.kernels.collide.layout import (
     BALL,
     BAND,
@@ -256,7 +257,7 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
 
     The first isn't looked at, the last is. With b blocks of sixteen, block k looks at the places (b i - k) / (16 b), i
     = 1 .. 16: the first spreads over the whole motion and holds its end. `resolution` is samples per length in the
-    chart [1/rad or 1/m, at size 1].
+    chart [1/rad or 1/m, at size 1]. Boxes that drift are kept from as well.
     """
     nv, square, block = world.nv, 0.0, world.block
     for j in range(nv):
@@ -267,7 +268,7 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
         for j in range(nv):
             origin, end = z0[j], z1[j]
             store(block, j * LANES, place * (end - origin) + origin)
-        if block_touches(world, clearance, k == 0):
+        if block_touches(world, clearance, k == 0) or (world.drifting.size > 0 and meets_drifting(world)):
             return False
     return True
 

@@ -60,6 +60,16 @@ MOVED, GRID_NUMBERS = SIDE * GRID_SIDES, SIDE * GRID_SIDES + 1
 there are."""
 
 CHILDREN = 64  # cells that a cell is divided into
+
+HALF_SIDES, ROUNDING, ROUNDED_BOX = 12, 15, 16
+"""Numbers of a rounded box: behind its placement, rotation and translation row by row, the halves of its sides and the
+radius of the rounding [m]; then how many numbers there are."""
+
+VELOCITY, KEPT, KEPT_AT_START, KEPT_AT_GOAL, DRIFTING_BOX = 16, 19, 20, 21, 22
+"""Behind these numbers of one that drifts stand its velocity [m/s], and what is kept from it anywhere, at the start and
+at the goal [m]; then how many numbers there are."""
+
+HORIZON, WIDENING = 0, 1  # numbers of `DriftingBoxes`
 CLOUD = 6  # the kind of an obstacle that is balls about points; its primitive says nothing
 
 
@@ -123,6 +133,19 @@ class LaneObstacles(NamedTuple):
     clouds: Indices  # (n,) the address of the words of each one's `LaneCloud`; 0 of all other kinds
 
 
+class DriftingBoxes(NamedTuple):
+    """Rounded boxes that drift, and what motions from a start to a goal keep from them."""
+
+    size: int  # n; 0: nothing drifts
+    boxes: Singles  # (DRIFTING_BOX * n,) [m, world]
+    ends: Singles  # (2 * nv,) start and goal, chart points
+    rates: Singles  # (nv,) the shortest time that each coordinate takes for a unit [s/rad or s/m]
+    periods: Singles  # (nv,) of each coordinate that wraps; 0 of others
+    # (2,) how far ahead the boxes' motion is foreseen [s], and how much more than at an end is kept for each second
+    # from there [m/s]
+    numbers: Singles
+
+
 class Scratch(NamedTuple):
     """Memory that a search uses again and again.
 
@@ -176,6 +199,7 @@ class LaneWorld(NamedTuple):
     scene: Parts
     scratch: Scratch  # memory; so a world answers one question at a time
     block: SinglesOut  # (nv * 16,) memory for the configurations of one block
+    drifting: DriftingBoxes  # what motions keep from besides
 
 
 LANE_WORLD = numba_type(LaneWorld)

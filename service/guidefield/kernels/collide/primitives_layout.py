@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.collide.layout import HIT, HITS, LaneObstacles, Scratch
+from guidefield.kernels.collide.layout import HIT, HITS, DriftingBoxes, LaneObstacles, Scratch
 from guidefield.kernels.collide.parts import (
     BALL_ROW,
     BLOCKS,
@@ -52,6 +52,7 @@ _MAY_TOUCH = LaneObstacles._fields.index("may_touch")
 
 
 MEMORY_WORDS = len(Scratch._fields) + 1  # number of words behind those: of the scratch and the block
+DRIFT_WORDS = len(DriftingBoxes._fields)  # and behind those, not written here
 
 _HITS = 1 + Scratch._fields.index("hits")
 

@@ -10,10 +10,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.jit.arrays import Floats, IndexRows, IndicesOut, Integers, Row, Rows, RowsOut, numba_type
+from guidefield.kernels.collide.drift import write_gaps
+from guidefield.kernels.jit.arrays import (
+    Floats,
+    Floats32,
+    IndexRows,
+    Indices,
+    IndicesOut,
+    Integers,
+    Row,
+    Rows,
+    RowsOut,
+    numba_type,
+)
 from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.linalg.small_systems import write_stable_order
-from guidefield.kernels.stream.room import RoomRobot, distances
 
 FADING = 1.0  # a prediction this far ahead counts half [s]: what drifts may turn
 
@@ -126,7 +137,7 @@ def _all_kept(wanted: Wanted) -> float:
 
 
 @inlined
-def _move(boxes: Floats, drifts: Floats, time: float, moved: Floats) -> None:
+def _move(boxes: Floats, drifts: Floats, time: float, moved: Floats32) -> None:
     """Write where what moves is after a time [s] to boxes that are otherwise the same, shape (k, 16)."""
     for k in range(boxes.shape[0]):
         for r in range(3):
@@ -134,35 +145,33 @@ def _move(boxes: Floats, drifts: Floats, time: float, moved: Floats) -> None:
 
 
 @inlined
-def _kept_at_the_end(
-    robot: RoomRobot, boxes: Floats, drifts: Floats, wanted: Wanted, tube: Tube, moved: Floats, ends: Floats
+def _write_kept_at_end(
+    words: Integers, boxes: Floats, drifts: Floats, wanted: Wanted, tube: Tube, moved: Floats32, ends: Floats32
 ) -> None:
     """Write what is kept of each at the way's end after each step, shape (n, k) [m]: how far it will be from there.
 
     All is kept where that is less than what has to be: nobody goes there then.
     """
-    most = _all_kept(wanted)
+    most, end = _all_kept(wanted), np.empty((1, tube.places.shape[1]), np.float32)
+    end[0] = tube.places[tube.places.shape[0] - 1]
     for i in range(ends.shape[0]):
         _move(boxes, drifts, i * tube.step, moved)
-        distances(robot, moved, tube.places[tube.places.shape[0] - 1], most, ends[i])
+        write_gaps(words, moved, most, end, ends[i : i + 1])
         for k in range(boxes.shape[0]):
             if ends[i, k] < wanted.kept[2, k]:
                 ends[i, k] = most
 
 
 @inlined
-def _lacks(
-    robot: RoomRobot, moved: Floats, wanted: Wanted, z: Floats, enough: Floats, more: float, least: Floats
-) -> tuple[float, float]:
-    """What lacks at coordinates z, on the move and where the robot waits [m].
+def _lacks(gaps: Floats32, wanted: Wanted, enough: Floats32, more: float) -> tuple[float, float]:
+    """What lacks where obstacles are some gaps (k,) away, on the move and where the robot waits [m].
 
     `enough` (k,) is kept of each at the way's end when the robot can be there, `more` more is enough here [m].
     """
     going, waiting = 0.0, 0.0
-    distances(robot, moved, z, _all_kept(wanted), least)
-    for k in range(moved.shape[0]):
-        going = max(going, min(wanted.kept[0, k], enough[k] + more) - least[k])
-        waiting = max(waiting, min(wanted.kept[1, k], enough[k] + more) - least[k])
+    for k in range(gaps.shape[0]):
+        going = max(going, min(wanted.kept[0, k], enough[k] + more) - gaps[k])
+        waiting = max(waiting, min(wanted.kept[1, k], enough[k] + more) - gaps[k])
     return going, waiting
 
 
@@ -238,7 +247,7 @@ def _come(
 
 @kernel
 def dodged(
-    robot: RoomRobot,
+    words: Indices,
     boxes: Rows,
     drifts: Rows,
     wanted: Wanted,
@@ -249,20 +258,23 @@ def dodged(
 ) -> tuple[int, float]:
     """Find where to be at each step so that arriving costs least; return the rows of `timed`, and that cost [s].
 
-    `boxes` (k, 16) are what moves, now [m, world], `drifts` (k, 3) how fast each goes straight on [m/s]; beside the way
-    at most `width` states are looked at for each step, 0: none. `timed` (n, nv) gets the coordinates, `reached` (n,)
-    the states; n - 1 steps are foreseen, and from the last state on the rest of the way costs its time. The cost is the
-    time of arrival and of what lacks on the way.
+    `words` are the robot, a packed `LaneWorld`, `boxes` (k, `ROUNDED_BOX`) what moves, now [m, world], `drifts` (k, 3)
+    how fast each goes straight on [m/s]; beside the way at most `width` states are looked at for each step, 0: none.
+    `timed` (n, nv) gets the coordinates, `reached` (n,) the states; n - 1 steps are foreseen, and from the last state
+    on the rest of the way costs its time. The cost is the time of arrival and of what lacks on the way.
     """
     count, columns = tube.places.shape[0], tube.taken.shape[1]
     levels = (columns - 1) // max(1, tube.sides.shape[0])
     states, times = count * columns, timed.shape[0]
-    moved, least = boxes.copy(), np.empty(boxes.shape[0])
+    moved, all_kept = boxes.astype(np.float32), _all_kept(wanted)
+    most_chosen = max(count, width)
+    zs = np.empty((most_chosen, tube.places.shape[1]), np.float32)
+    gaps = np.empty((most_chosen, boxes.shape[0]), np.float32)
     z, y = np.empty(tube.places.shape[1]), np.empty(tube.places.shape[1])
     costs, before = np.empty(states), np.full((times, states), -1)
     values, origins = np.full((states, 2), np.inf), np.empty((states, 2), np.int64)
-    ends = np.empty((times, boxes.shape[0]))
-    _kept_at_the_end(robot, boxes, drifts, wanted, tube, moved, ends)
+    ends = np.empty((times, boxes.shape[0]), np.float32)
+    _write_kept_at_end(words, boxes, drifts, wanted, tube, moved, ends)
     active, coming = np.empty(states, np.int64), np.empty(states, np.int64)
     best, rows = np.inf, 0
     for beside in range(2):
@@ -277,12 +289,14 @@ def dodged(
             price, size = wanted.dear * tube.step / (1.0 + i * tube.step / FADING), 0
             _move(boxes, drifts, i * tube.step, moved)
             for c in range(chosen):
+                _write_state(tube, coming[c], columns, levels, zs[c])
+            write_gaps(words, moved, all_kept, zs[:chosen], gaps)
+            for c in range(chosen):
                 state = coming[c]
-                _write_state(tube, state, columns, levels, z)
                 left = _time_left(tube, state, columns, levels)
                 to_end = max(0.0, left - tube.stays * tube.step)
                 arrives = min(times - 1, i + round(to_end / tube.step))
-                lacks = _lacks(robot, moved, wanted, z, ends[arrives], wanted.widening * to_end, least)
+                lacks = _lacks(gaps[c], wanted, ends[arrives], wanted.widening * to_end)
                 going, waiting = values[state, 0] + price * lacks[0], values[state, 1] + price * lacks[1]
                 value = min(going, waiting)
                 before[i, state] = origins[state, 1] if waiting < going else origins[state, 0]
