@@ -34,47 +34,48 @@ from guidefield.scene import obstacle
 from guidefield.scene.anchor import Anchor
 from guidefield.whole_file import write_whole
 
-FORMAT = "guidefield cases 1"
+FORMAT = "guidefield cases 2"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Motion:
-    """A certified motion."""
+    """A certified motion: straight between its knots, cubic where it has velocities, of degree 5 with accelerations."""
 
     world: World  # the robot with its held objects, the obstacles, and the tested pairs
     placement: Placement  # of the robot's root in the world
     held: Sequence[AttachedObject]  # held objects, as declared
     times: np.ndarray | None  # of the knots, shape (k,) [s]; None for a path of straight lines in local coordinates
     positions: np.ndarray  # local coordinates, shape (k, nv) [rad or m]
-    velocities: np.ndarray | None  # of the local coordinates, shape (k, nv); None for a path
+    velocities: np.ndarray | None = None  # of the local coordinates, shape (k, nv); None for straight lines
+    accelerations: np.ndarray | None = None  # the same; None of other motions than those of degree 5
+    steps: bool = False  # whether every joint may be anywhere between two knots meanwhile
+    tolerance: np.ndarray | None = None  # how far each coordinate may be from that, shape (nv,); None: nothing
     jerk_limits: np.ndarray | None = None  # shape (nv,), infinite for none; None if jerk doesn't matter
     min_clearance: float = 0.0  # distance to keep from obstacles [m]
     path_constraints: Sequence[PathConstraint] = ()  # as declared
-    touching: Sequence[tuple[str, str]] = ()  # pairs of names that touch at the start, and may until `left_at`
-    left_at: tuple[int, float] = (0, 0.0)  # index of a piece, and the fraction of it that has passed
-    # joints whose velocity and acceleration limits count, instead of those of the world's group
-    limited: PlanningGroup | None = None
+    touching: Sequence[tuple[str, str]] = ()  # pairs of names that aren't tested because they touch, and part
+    limited: PlanningGroup | None = None  # the same joints with the limits that count; None: those of the world's group
     untold: str = ""  # certified properties that no case contains, in words
     anchor: Anchor | None = None  # from which all of it is seen; None: the world's origin
 
 
-def write(path: Path, motion: Motion) -> None:
-    """Write a motion to a file: JSON, compressed with xz if the name ends with it.
+def write(path: Path, *motions: Motion) -> None:
+    """Write motions to a file: JSON, compressed with xz if the name ends with it.
 
     Raises OSError if it can't be written, or a mesh of the robot can't be read any more.
     """
-    text = json.dumps({"format": FORMAT, "cases": make_cases(motion)}).encode()
+    text = json.dumps({"format": FORMAT, "cases": make_cases(*motions)}).encode()
     write_whole(path, lzma.compress(text, preset=1) if path.suffix == ".xz" else text)
 
 
 def make_cases(*motions: Motion) -> list[dict[str, Any]]:
-    """Motions as plain values, as JSON has them, each in the parts that `divide` tells; referee.md has the fields.
+    """Motions as plain values, as JSON has them; referee.md has the fields.
 
     Raises OSError if a mesh of the robot can't be read any more.
     """
     told: list[dict[str, Any]] = []
     known: tuple[RobotSource, Placement, dict[str, Any]] | None = None
-    for motion in (part for whole in motions for part in divide(whole)):
+    for motion in motions:
         robot = motion.world.group.robot
         if known is None or known[:2] != (robot.source, motion.placement):
             placement = motion.placement if motion.anchor is None else motion.anchor.put(motion.placement)
@@ -88,47 +89,6 @@ def count_items(motion: Motion) -> int:
     held = [obstacle.build(one.obstacle, index).faces for index, one in enumerate(motion.held)]
     scene = motion.world.scene
     return len(scene.obstacles) + scene.faces + len(held) + sum(held) + len(motion.positions)
-
-
-def divide(motion: Motion) -> list[Motion]:
-    """Divide a motion into parts that are certified one by one, each in its own world.
-
-    A motion that first leaves a contact has two parts: in the first the touching pairs are allowed, and no clearance is
-    kept; in the second all conditions of the request hold.
-    """
-    if not motion.touching:
-        return [motion]
-    motion, k = _add_knot(motion)
-    world = motion.world
-    allowed = [*((first, second) for first, second, _ in _list_left_out_pairs(motion)), *motion.touching]
-    others = World.build(world.group, world.scene, allowed)
-    first = dataclasses.replace(_between(motion, slice(None, k + 1)), world=others, min_clearance=0.0)
-    rest = dataclasses.replace(_between(motion, slice(k, None)), touching=())
-    return [first] if k + 1 == len(motion.positions) else [first, rest] if k > 0 else [rest]
-
-
-def _add_knot(motion: Motion) -> tuple[Motion, int]:
-    """Insert a knot into a motion at `left_at`; return the motion and the knot's index."""
-    k, share = motion.left_at
-    if share in (0.0, 1.0):
-        return motion, k + round(share)
-    p, q = motion.positions[k : k + 2]
-    h = 1.0 if motion.times is None else motion.times[k + 1] - motion.times[k]
-    v, w = (q - p, q - p) if motion.velocities is None else h * motion.velocities[k : k + 2]
-    bend, twist = 3.0 * (q - p) - 2.0 * v - w, v + w - 2.0 * (q - p)  # p + v s + bend s^2 + twist s^3
-    added = {"positions": p + share * (v + share * (bend + share * twist))}
-    if motion.times is not None:
-        added["times"] = motion.times[k] + share * h
-    if motion.velocities is not None:
-        added["velocities"] = (v + share * (2.0 * bend + share * 3.0 * twist)) / h
-    rows = {kind: np.insert(getattr(motion, kind), k + 1, row, axis=0) for kind, row in added.items()}
-    return dataclasses.replace(motion, **rows), k + 1
-
-
-def _between(motion: Motion, knots: slice) -> Motion:
-    """A motion with some of its knots alone."""
-    times, velocities = (None if row is None else row[knots] for row in (motion.times, motion.velocities))
-    return dataclasses.replace(motion, times=times, positions=motion.positions[knots], velocities=velocities)
 
 
 def _make_case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
@@ -150,6 +110,9 @@ def _make_case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
             "times": None if motion.times is None else motion.times.tolist(),
             "positions": motion.positions.tolist(),
             "velocities": None if motion.velocities is None else motion.velocities.tolist(),
+            "accelerations": None if motion.accelerations is None else motion.accelerations.tolist(),
+            "steps": motion.steps,
+            "tolerance": None if motion.tolerance is None else motion.tolerance.tolist(),
         },
         "limits": _list_limits(motion),
         "without_limits": _list_unlimited_joints(robot),
@@ -199,14 +162,12 @@ def _list_limits(motion: Motion) -> dict[str, Any]:
     group = motion.world.group
     jerk = np.full(group.nv, np.inf) if motion.jerk_limits is None else motion.jerk_limits
     told: dict[str, dict[str, Any]] = {}
-    for one in (group,) if motion.limited is None else (group, motion.limited):
-        for joint in one.joints:
-            at = slice(joint.idx_v, joint.idx_v + joint.nv)
-            rates = {"velocity": one.velocity_limits[at], "acceleration": one.acceleration_limits[at]}
-            if one is group:
-                rates["jerk"] = jerk[at]
-            kinds = {kind: values.tolist() if np.isfinite(values).all() else None for kind, values in rates.items()}
-            told[joint.name] = told.get(joint.name, {}) | kinds
+    limited = motion.limited or group
+    for joint in group.joints:
+        at = slice(joint.idx_v, joint.idx_v + joint.nv)
+        rates = {"velocity": limited.velocity_limits[at], "acceleration": limited.acceleration_limits[at]}
+        rates["jerk"] = jerk[at]
+        told[joint.name] = {kind: some.tolist() if np.isfinite(some).all() else None for kind, some in rates.items()}
     return told
 
 

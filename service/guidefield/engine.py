@@ -397,18 +397,19 @@ class Engine:
             reply = ended_run(run_id, request, late, time.monotonic() - received)
             return run.end(cast(_R, reply))
 
-    def motion_of(self, request: requests.CertifyRequest) -> Motion:
-        """Return the motion of a certify request, for the file that the referee reads.
+    def motions_of(self, request: requests.CertifyRequest) -> list[Motion]:
+        """Return the parts of the motion of a certify request, for the file that the referee reads.
 
         Raises:
             GuidefieldError: if the request is ill-posed.
         """
-        from guidefield.handlers.certify import motion_of
+        from guidefield.handlers.certify import motions_of
 
         near, anchor = _seen(request, self._load_robot)
         scene = self._build_scene(request.scene)
         seen = scene if anchor is None else anchor.see(scene)
-        return replace(motion_of(near, self._load_robot(request.robot), seen), anchor=anchor)
+        made = motions_of(near, self._load_robot(request.robot), seen)
+        return [replace(one, anchor=anchor) for one in made]
 
     def robot(self, name: str) -> RobotModel:
         """Return the robot of a name.
@@ -700,10 +701,10 @@ def answer(
     return _default().answer(read_request(request), record_to=recording, proof_to=proof, came=came)
 
 
-def motion_of(request: requests.CertifyRequest) -> Motion:
-    """Return the motion of a certify request, for the file that the referee reads.
+def motions_of(request: requests.CertifyRequest) -> list[Motion]:
+    """Return the parts of the motion of a certify request, for the file that the referee reads.
 
     Raises:
         GuidefieldError: if the request is ill-posed.
     """
-    return _default().motion_of(request)
+    return _default().motions_of(request)

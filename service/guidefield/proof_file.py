@@ -11,14 +11,15 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 
-from guidefield.case_file import Motion, count_items, divide, make_cases
+from guidefield.case_file import Motion, count_items, make_cases
 from guidefield.deadline import UNLIMITED, Deadline
+from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.prove.curve import Curve
 from guidefield.prove.proof import Proof, prove
 from guidefield.prove.search import Goal
 from guidefield.prove.verdict import Reason
-from guidefield.referee.proof import FORMAT, digest
-from guidefield.robot.model.spaces import ChartCurves
+from guidefield.referee.proof import FORMATS, digest
+from guidefield.robot.model.spaces import ChartPoints, ChartRates
 from guidefield.whole_file import write_whole
 
 MOMENT = 1e-9  # time that a motion of one position takes [s]: the referee judges it for as long
@@ -43,17 +44,15 @@ def write_proof(path: Path, *motions: Motion) -> None:
 
 
 def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes:
-    """Prove motions; return the proofs of all their parts (`case_file.divide`) as the content of a file.
+    """Prove motions; return the proofs as the content of a file.
 
     Nothing can interrupt the writing: where it would outlast the deadline, it isn't begun; raises UnprovedError if one
     isn't free, or the deadline is too early; raises OSError if a mesh of the robot can't be read any more.
     """
     writing, arrays = WRITING_S_PER_ITEM * sum(map(count_items, motions)), dict[str, np.ndarray]()
-    for k, part in enumerate(part for motion in motions for part in divide(motion)):
+    for k, part in enumerate(motions):
         curve = curve_of(part)
-        span = float(curve.times[0]), float(curve.times[-1])
-        goal = Goal(part.min_clearance, spans=[span], samples=np.linspace(*span, SAMPLES))
-        found, proof = prove(part.world, curve, goal, deadline)
+        found, proof = prove(part.world, curve, _goal_of(part, curve), deadline)
         if found.verdict.reason is Reason.STOPPED or deadline.expired():
             raise UnprovedError("time was up before it was written down")
         if deadline.remaining() < writing:
@@ -70,6 +69,14 @@ def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes
     return pack_arrays(arrays)
 
 
+def _goal_of(part: Motion, curve: Curve) -> Goal:
+    """What a proof is asked for: the smallest distances, too, which are those of a curve and not of a tube about it."""
+    if curve.tube is not None:
+        return Goal(part.min_clearance)
+    span = float(curve.times[0]), float(curve.times[-1])
+    return Goal(part.min_clearance, spans=[span], samples=np.linspace(*span, SAMPLES))
+
+
 def arrays_of(proof: Proof) -> dict[str, np.ndarray]:
     """The arrays of a proof by their names, of the shapes that `Proof` tells."""
     return {field.name: getattr(proof, field.name) for field in fields(proof)}
@@ -78,21 +85,18 @@ def arrays_of(proof: Proof) -> dict[str, np.ndarray]:
 def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
     """The content of a file of arrays of any shape, with a digest of them all."""
     content = io.BytesIO()
-    named: dict[str, Any] = {"format": np.array(FORMAT), "digest": np.array(digest(arrays)), **arrays}
+    named: dict[str, Any] = {"format": np.array(FORMATS[0]), "digest": np.array(digest(arrays)), **arrays}
     np.savez_compressed(content, **named)
     return content.getvalue()
 
 
 def curve_of(motion: Motion) -> Curve:
-    """The curve through a motion's knots: cubic between them where it has velocities, else straight."""
-    p = motion.positions
-    times = np.arange(float(len(p))) if motion.times is None else np.asarray(motion.times, float)
-    if len(p) == 1:
-        return Curve(cast(ChartCurves, np.repeat(p[None], 2, axis=1)), np.array([times[0], times[0] + MOMENT]))
+    """The curve through a motion's knots, with what a robot may be beside it."""
+    kind = CurveKind.HERMITE if motion.accelerations is None else CurveKind.QUINTIC
     if motion.velocities is None:
-        pieces = np.stack([p[:-1], p[1:]], axis=1)
-    else:
-        thirds = np.diff(times)[:, None] / 3.0
-        v = motion.velocities
-        pieces = np.stack([p[:-1], p[:-1] + thirds * v[:-1], p[1:] - thirds * v[1:], p[1:]], axis=1)
-    return Curve(cast(ChartCurves, pieces), times)
+        kind = CurveKind.STEPS if motion.steps else CurveKind.LINEAR
+    count, positions = len(motion.positions), cast(ChartPoints, motion.positions)
+    times = np.arange(float(count)) if motion.times is None else np.asarray(motion.times, float)
+    velocities, accelerations = (cast("ChartRates | None", one) for one in (motion.velocities, motion.accelerations))
+    drawn = GivenMotion(kind, positions, np.arange(count), times, velocities, accelerations, motion.tolerance)
+    return Curve(drawn.pieces, np.append(times, times[0] + MOMENT) if count == 1 else times, drawn.tube)

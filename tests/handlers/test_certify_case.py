@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from guidefield import case_file
-from guidefield.handlers.certify import answer_certify, motion_of
+from guidefield.handlers.certify import answer_certify, motions_of
 from guidefield.messages import codec
 from guidefield.messages.replies import to_plain_data
 from guidefield.referee.judge import judge
@@ -39,7 +39,7 @@ def both(obstacles: list[dict[str, Any]], **request: Any) -> tuple[str, list[Ver
     message = codec.decode_request({"type": "certify", "robot": "panda", "scene": scene, "allowed_time": 60, **request})
     built = build(message.scene)
     reply = answer_certify(message, robot("panda"), built, run_id="run", received=time.monotonic())
-    cases = json.loads(json.dumps(case_file.make_cases(motion_of(message, robot("panda"), built))))
+    cases = json.loads(json.dumps(case_file.make_cases(*motions_of(message, robot("panda"), built))))
     return reply.status.name, [judge(case_of(case)) for case in cases]
 
 

@@ -32,8 +32,11 @@ class Drawn:
     motion: Motion
 
 
-def draw(rng: np.random.Generator, moving: bool) -> Drawn:
-    """A motion of a short arm among a few obstacles; the joints' limits are out of the way."""
+def draw(rng: np.random.Generator, moving: bool, executed: bool = False) -> Drawn:
+    """A motion of a short arm among a few obstacles; the joints' limits are out of the way.
+
+    One that is `executed` is what a controller may draw, of any kind, with what the arm may be beside it.
+    """
     chain = _chain(rng)
     planned = grouped(box_arm(chain, 1))
     endless = {"lower": np.full(planned.nv, -np.inf), "upper": np.full(planned.nv, np.inf)}
@@ -42,7 +45,25 @@ def draw(rng: np.random.Generator, moving: bool) -> Drawn:
     obstacles = [_obstacle(rng, f"o{index}", moving) for index in range(int(rng.integers(1, 4)))]
     world = World.build(planned, build(messages.Scene(name="drawn", obstacles=obstacles)))
     clearance = float(rng.choice([0.0, 0.0, 0.02]))
-    return Drawn(chain, Motion(world, Placement(), (), *_curve(rng, planned), min_clearance=clearance))
+    motion = Motion(world, Placement(), (), *_curve(rng, planned), min_clearance=clearance)
+    return Drawn(chain, _as_executed(rng, motion) if executed else motion)
+
+
+def _as_executed(rng: np.random.Generator, motion: Motion) -> Motion:
+    """The motion as a controller may draw it: straight, cubic, of degree 5, or in steps."""
+    kind = rng.integers(0, 4)
+    beside = rng.uniform(0.0, float(rng.choice([0.002, 0.02])), motion.positions.shape[1])
+    motion = dataclasses.replace(motion, tolerance=beside if rng.random() < 0.9 else None)
+    if kind == 1:
+        return motion
+    if kind == 2:
+        return dataclasses.replace(motion, accelerations=0.3 * rng.normal(size=motion.positions.shape))
+    if kind == 3:
+        assert motion.times is not None, "it has times"
+        times = np.linspace(motion.times[0], motion.times[-1], 12)
+        line = [np.interp(times, motion.times, column) for column in motion.positions.T]
+        return dataclasses.replace(motion, times=times, positions=np.array(line).T, velocities=None, steps=True)
+    return dataclasses.replace(motion, velocities=None)
 
 
 def _chain(rng: np.random.Generator) -> str:

@@ -313,13 +313,11 @@ def test_pairs_that_are_left_out_are_told_and_the_rest_is_judged():
 
 def test_a_contact_that_is_left_is_a_case_of_its_own():
     planned, block = arm(), box("block", (0.2, 0.2, 0.2), (0.119, 0.0, 0.8))
-    motion = straight(world_of(planned, [block]), [[0.0, 0.0], [-0.6, 0.0], [-0.7, 0.0]])
-    whole = judge(read(motion)).finding
-    assert whole.answer is Answer.CONTACT
-    cases = [
-        case_of(told)
-        for told in case_file.make_cases(dataclasses.replace(motion, touching=[("l2", "block")], left_at=(0, 0.5)))
-    ]
+    world, touching = world_of(planned, [block]), [("l2", "block")]
+    rest = straight(world, [[-0.3, 0.0], [-0.6, 0.0], [-0.7, 0.0]])
+    out = straight(world_of(planned, [block], touching), [[0.0, 0.0], [-0.3, 0.0]])
+    assert judge(read(straight(world, [[0.0, 0.0], [-0.3, 0.0]]))).finding.answer is Answer.CONTACT
+    cases = [*map(case_of, case_file.make_cases(dataclasses.replace(out, touching=touching), rest))]
     verdicts = [judge(case) for case in cases]
     assert [verdict.answer for verdict in verdicts] == [Answer.FREE, Answer.FREE]
     assert ("l2", "block", "they touch at the start, and part") in verdicts[0].left_out

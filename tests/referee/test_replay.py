@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from scipy.interpolate import BPoly
 
 from guidefield import case_file
 from guidefield.proof_file import arrays_of, curve_of, pack_arrays, write_proof
@@ -19,6 +20,7 @@ from guidefield.prove.search import Goal
 from guidefield.referee import motion_bounds, proof as proofs, slabs
 from guidefield.referee.__main__ import main
 from guidefield.referee.case import Case
+from guidefield.referee.judge import Along
 from guidefield.referee.loading import UnusableFile
 from guidefield.referee.motion_bounds import SegmentBounds
 from guidefield.referee.proof import load_proofs, proof_of
@@ -31,7 +33,10 @@ from tests.referee.drawn import draw
 def proved(motion: case_file.Motion) -> Proof | None:
     curve = curve_of(motion)
     span = float(curve.times[0]), float(curve.times[-1])
-    return prove(motion.world, curve, Goal(motion.min_clearance, spans=[span], samples=np.linspace(*span, 20)))[1]
+    goal = Goal(motion.min_clearance)
+    if curve.tube is None:
+        goal = Goal(motion.min_clearance, spans=[span], samples=np.linspace(*span, 20))
+    return prove(motion.world, curve, goal)[1]
 
 
 def replayed(case: Case, proof: Proof, **changed: np.ndarray) -> Answer:
@@ -39,12 +44,12 @@ def replayed(case: Case, proof: Proof, **changed: np.ndarray) -> Answer:
     return replay(case, proof_of({**arrays_of(proof), **changed})).answer
 
 
-def certain(moving: bool, count: int) -> list[tuple[Case, Proof]]:
+def certain(moving: bool, count: int, executed: bool = False) -> list[tuple[Case, Proof]]:
     """Cases that are proved, drawn one after the other."""
     found: list[tuple[Case, Proof]] = []
     seed = 0
     while len(found) < count:
-        drawn, seed = draw(np.random.default_rng([seed, moving]), moving), seed + 1
+        drawn, seed = draw(np.random.default_rng([seed, moving, *[7] * executed]), moving, executed), seed + 1
         proof = proved(drawn.motion)
         if proof is not None:
             case = read(drawn.motion, limits=False)
@@ -56,6 +61,11 @@ def certain(moving: bool, count: int) -> list[tuple[Case, Proof]]:
 @pytest.fixture(scope="module", params=[False, True], ids=["at rest", "moving"])
 def cases(request: pytest.FixtureRequest) -> list[tuple[Case, Proof]]:
     return certain(request.param, 8)
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["at rest", "moving"])
+def executed(request: pytest.FixtureRequest) -> list[tuple[Case, Proof]]:
+    return certain(request.param, 12, executed=True)
 
 
 def test_segments_that_end_before_they_begin_are_told(cases: list[tuple[Case, Proof]]) -> None:
@@ -84,7 +94,7 @@ def test_a_larger_clearance_isnt_proved(cases: list[tuple[Case, Proof]]) -> None
 
 
 def test_no_segment_can_be_left_out(cases: list[tuple[Case, Proof]]) -> None:
-    for case, proof in cases[:4]:
+    for case, proof in [some for some in cases if len(some[1].segments) > 1][:4]:
         begins, count = proof.segments[:, 0], len(proof.segments)
         leaves = [
             k
@@ -296,3 +306,56 @@ def test_a_proof_of_another_motion_is_refused(cases: list[tuple[Case, Proof]]) -
         assert case.times is not None
         later = case.times + 1e-3
         assert replay(dataclasses.replace(case, times=later), proof).answer is Answer.NOT_PROVED
+
+
+def test_proofs_of_what_controllers_draw_hold(executed: list[tuple[Case, Proof]]) -> None:
+    kinds = {(case.steps, case.velocities is None, case.accelerations is None) for case, _ in executed}
+    tubes = sum(case.tolerance.any() for case, _ in executed)
+    assert (len(kinds), tubes > 6) == (4, True)
+    for case, proof in executed:
+        assert replay(case, proof).answer is Answer.FREE
+
+
+def follow_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forget that a robot may be beside the curve."""
+    right = motion_bounds.pieces
+    exactly = lambda case: (one._replace(beside=0.0 * one.beside) for one in right(case))  # noqa: E731
+    monkeypatch.setattr(motion_bounds, "pieces", exactly)
+
+
+def test_a_proof_tells_nothing_of_a_wider_tube_or_another_curve(executed: list[tuple[Case, Proof]]) -> None:
+    refused = missed = others = 0
+    for case, proof in executed:
+        wider = dataclasses.replace(case, tolerance=case.tolerance + 0.5)
+        if replay(wider, proof).answer is Answer.NOT_PROVED:
+            refused += 1
+            with pytest.MonkeyPatch.context() as patched:
+                follow_exactly(patched)
+                missed += replay(wider, proof).answer is Answer.FREE
+        knots = case.positions.copy()
+        knots[-1] += 1.5
+        others += replay(dataclasses.replace(case, positions=knots), proof).answer is Answer.NOT_PROVED
+    assert refused > 6
+    assert missed > 3
+    assert others > 3
+
+
+def test_what_is_proved_is_free_wherever_the_robot_may_be(executed: list[tuple[Case, Proof]]) -> None:
+    """Against Coal at places on the curve and beside it, drawn anew from the knots by SciPy."""
+    rng = np.random.default_rng(0)
+    for case, _ in executed:
+        along, times = Along(dataclasses.replace(case, constraints=()), 0.0, 0.0, np.inf), case.times
+        assert times is not None, "it has times"
+        for time in rng.uniform(times[0], times[-1], 30):
+            k = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
+            share = (time - times[k]) / (times[k + 1] - times[k])
+            if case.steps:
+                share = rng.uniform(0.0, 1.0, len(case.tolerance))
+            place = case.positions[k] + share * (case.positions[k + 1] - case.positions[k])
+            if case.velocities is not None:
+                told = [case.positions, case.velocities, *([] if case.accelerations is None else [case.accelerations])]
+                place = BPoly.from_derivatives(times, np.stack(told, axis=1))(time)
+            along._stand(place + rng.choice([-1.0, 0.0, 1.0], len(place)) * case.tolerance, float(time))
+            for pair, _ in enumerate(along.pairs):
+                broken, room, apart = along._pair(pair, 0.0)
+                assert broken is None, (case.steps, time, apart, room)

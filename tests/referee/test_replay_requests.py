@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from guidefield import CertifyRequest, PlanRequest
-from guidefield.engine import Engine, motion_of
+from guidefield.engine import Engine, motions_of
 from guidefield.proof_file import write_proof
 from guidefield.referee.replay import replay_file
 from guidefield.referee.verdict import Answer
@@ -35,7 +35,7 @@ def requests() -> Any:
 def test_the_proof_of_a_fixed_request_holds(name: str, requests: Any, tmp_path: Path) -> None:
     asked, engine, file = requests[name], Engine(), tmp_path / "proof.npz"
     if asked.get("type") == "certify":
-        motion = motion_of(msgspec.convert(asked, CertifyRequest))
+        (motion,) = motions_of(msgspec.convert(asked, CertifyRequest))
     else:
         plan = msgspec.convert(asked, PlanRequest)
         plan = msgspec.structs.replace(plan, scene=engine._find_scene_message(plan.scene))

@@ -16,7 +16,7 @@ import msgspec
 import guidefield
 from fixed.requests import REFEREED, REQUESTS
 from guidefield import case_file
-from guidefield.engine import motion_of
+from guidefield.engine import motions_of
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
 from guidefield.referee.verdict import Finding
@@ -58,7 +58,7 @@ def answered(request: dict[str, Any]) -> dict[str, Any]:
 def _refereed(request: dict[str, Any]) -> dict[str, Any]:
     """The referee's verdicts about a motion."""
     asked = msgspec.convert({**request, "type": "certify"}, guidefield.CertifyRequest)
-    verdicts = [judge(case_of(case)) for case in case_file.make_cases(motion_of(asked))]
+    verdicts = [judge(case_of(case)) for case in case_file.make_cases(*motions_of(asked))]
     return {"verdicts": [{**asdict(verdict), "finding": _plain(verdict.finding)} for verdict in verdicts]}
 
 

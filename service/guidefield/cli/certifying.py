@@ -14,7 +14,7 @@ import msgspec
 import typer
 
 from guidefield.cli.found_run import find_run
-from guidefield.engine import motion_of
+from guidefield.engine import motions_of
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec, requests
 from guidefield.messages.executed import SHARED_FIELDS, JointStates, judgement_of
@@ -261,12 +261,12 @@ def run_referee(request: CertifyRequest, reply: CertifyReply, file: Path | None,
     from guidefield.referee.loading import case_of
     from guidefield.referee.verdict import Answer, lines
 
-    motion = motion_of(request)
+    motions = motions_of(request)
     if file is not None:
-        case_file.write(file, motion)
+        case_file.write(file, *motions)
     if not asked:
         return True
-    verdicts = [judge(case_of(case), seconds=request.allowed_time) for case in case_file.make_cases(motion)]
+    verdicts = [judge(case_of(case), seconds=request.allowed_time) for case in case_file.make_cases(*motions)]
     for verdict in verdicts:
         typer.echo("\n".join(lines(verdict)))
     free = all(verdict.answer is Answer.FREE for verdict in verdicts)

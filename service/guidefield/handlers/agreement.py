@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar, cast
@@ -18,11 +19,12 @@ import numpy as np
 from guidefield.case_file import Motion, write
 from guidefield.collision.pairs import PairNames
 from guidefield.collision.world import World
-from guidefield.errors import MalformedRequest
 from guidefield.geometry import cache
-from guidefield.messages.requests import MotionRequest
+from guidefield.messages.requests import AttachedObject, MotionRequest
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import Clearance
+from guidefield.planner.task.problem import Conditions
 from guidefield.prove.closest import put_obstacle
 from guidefield.prove.curve import Curve
 from guidefield.prove.minima import smallest_along
@@ -48,44 +50,75 @@ def keep_contradictions(answer: _Answer) -> _Answer:
         except ContradictionError as error:
             if error.motion is None:
                 raise
-            kept = _keep(run_id, functools.partial(_make_motion, request, *error.motion))
+            made = _make_motion(request, *error.motion)
+            kept = _keep(run_id, lambda: [made])
             raise ContradictionError(f"{error}; {kept}") from error
 
     return cast(_Answer, answer_or_keep)
 
 
+def declare(
+    request: MotionRequest,
+    conditions: Conditions,
+    motion: Trajectory | GivenMotion,
+    held: Sequence[AttachedObject] | None = None,
+    *,
+    touching: Sequence[tuple[str, str]] = (),
+    untold: str | None = None,
+) -> Motion:
+    """Make the referee's motion of one that is certified under conditions.
+
+    Args:
+        held: What is held; None: what the request says.
+        touching: Pairs that aren't tested because they touch, and part.
+        untold: Certified properties that no case contains, in words; None: those of the conditions.
+    """
+    given = motion if isinstance(motion, GivenMotion) else GivenMotion.of(motion)
+    return Motion(
+        world=conditions.world,
+        placement=request.robot_placement,
+        held=request.attached_objects if held is None else held,
+        times=given.times,
+        positions=given.positions,
+        velocities=given.velocities,
+        accelerations=None if given.quintic is None else given.accelerations,
+        steps=given.kind is CurveKind.STEPS,
+        tolerance=given.tolerance,
+        jerk_limits=conditions.jerk_limits,
+        min_clearance=conditions.min_clearance,
+        path_constraints=request.path_constraints if conditions.path_constraints else (),
+        limited=conditions.group,
+        touching=touching,
+        untold=conditions.untold if untold is None else untold,
+    )
+
+
 def _make_motion(request: MotionRequest, world: World, curve: Curve, min_clearance: float) -> Motion:
-    """Make the referee's motion of what was judged for a request: cubic where its pieces are, else of straight lines.
+    """Make the referee's motion of what was judged for a request; of steps the middles, joined by straight lines.
 
     Its rates don't matter.
     """
-    pieces, times, velocities = curve.pieces, curve.times, None
+    pieces, times, rates = curve.pieces, curve.times, list[np.ndarray]()
     endless = cast(ChartRate, np.full(world.group.nv, np.inf))
-    if pieces.shape[1] > 2:
-        spans = np.diff(times)[:, None]
-        order = pieces.shape[1] - 1
-        first, last = order * (pieces[:, 1] - pieces[:, 0]) / spans, order * (pieces[-1:, -1] - pieces[-1:, -2])
-        velocities = np.concatenate([first, last / spans[-1:]])
+    ends: np.ndarray = np.concatenate([pieces, pieces[-1:, ::-1]])  # the last piece backwards: its end is a knot, too
+    spans = np.append(np.diff(times), -np.diff(times)[-1])[:, None]
+    order, jumps = pieces.shape[1] - 1, curve.jumps
+    for power in range(1, 1 if jumps else (order + 1) // 2):
+        rise = np.diff(ends, power, axis=1)[:, 0] / spans**power
+        rates.append(math.perm(order, power) * rise)
+    velocities, accelerations = [*rates, None, None][:2]
     return Motion(
         world=world,
         placement=request.robot_placement,
         held=request.attached_objects,
         times=times,
-        positions=np.concatenate([pieces[:, 0], pieces[-1:, -1]]),
+        positions=ends[:, 0],
         velocities=velocities,
+        accelerations=accelerations,
+        tolerance=None if curve.tube is None else curve.tube.max(axis=0),
         min_clearance=min_clearance,
         limited=replace(world.group, velocity_limits=endless, acceleration_limits=endless),
     )
-
-
-def require_declarable(motion: GivenMotion) -> None:
-    """Raise MalformedRequest if a motion is drawn in another way than proofs and the referee can tell."""
-    if motion.tube is not None or motion.kind is CurveKind.QUINTIC:
-        other = "steps or a tolerance" if motion.tube is not None else "pieces of degree 5"
-        raise MalformedRequest(
-            f"proofs and the referee are about cubic and straight pieces that are followed exactly: not about {other}",
-            unserved="execution",
-        )
 
 
 class Certified(NamedTuple):
@@ -93,7 +126,7 @@ class Certified(NamedTuple):
 
     measured: Clearance  # its smallest distances
     min_clearance: float  # what it is certified to keep from obstacles [m]
-    motion: Callable[[], Motion]  # makes what the referee reads
+    motions: Callable[[], Sequence[Motion]]  # makes what the referee reads
     since: float | None = None  # from when it is certified, on the clock of what was measured [s]; None: all along
 
 
@@ -106,7 +139,7 @@ def require_agreement(run_id: str, certified: Sequence[Certified]) -> None:
         said = _contradiction(one)
         if said is not None:
             raise ContradictionError(
-                f"the certificate says that the motion is free, but {said}; {_keep(run_id, one.motion)}"
+                f"the certificate says that the motion is free, but {said}; {_keep(run_id, one.motions)}"
             )
 
 
@@ -139,12 +172,12 @@ def _touches(measured: Clearance, names: PairNames, time: float) -> bool:
     return any(map(world.touches, pairs))
 
 
-def _keep(run_id: str, motion: Callable[[], Motion]) -> str:
-    """Keep a motion as a file for the referee; what is said about it."""
+def _keep(run_id: str, motions: Callable[[], Sequence[Motion]]) -> str:
+    """Keep motions as a file for the referee; what is said about it."""
     file = cache.folder().with_name("failures") / f"{run_id}.json.xz"
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write(file, motion())
+        write(file, *motions())
     except Exception:  # whatever it is, what contradicts itself has to be told
         _log.exception("the motion that contradicts its certificate could not be kept")
         return "it could not be kept"

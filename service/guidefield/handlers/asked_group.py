@@ -134,16 +134,12 @@ def execution_of(request: MotionRequest, group: PlanningGroup) -> ControllerMode
     """How a controller executes the motion of a group; None where a request doesn't say.
 
     Raises:
-        MalformedRequest: if a contact at the start may be left.
+        MalformedRequest: if what is drawn can't keep a limit.
         InvalidConfiguration: if a joint has several coordinates, or a tolerance names one that the group doesn't move.
     """
     asked = request.execution
     if asked is None:
         return None
-    if request.leave_start_contact:
-        raise MalformedRequest(
-            "with `execution` `leave_start_contact` is not served: leave it out", unserved="leave_start_contact"
-        )
     if request.cartesian_limits and asked.interpolation == Interpolation.ZERO_ORDER_HOLD.value:
         raise MalformedRequest(
             "with `execution.interpolation` 'zero_order_hold' `cartesian_limits` are not served: steps have no speed",

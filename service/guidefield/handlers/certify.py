@@ -15,7 +15,7 @@ from guidefield.collision.enclosure import closed_bodies
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
-from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement, require_declarable
+from guidefield.handlers.agreement import Certified, declare, keep_contradictions, require_agreement
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.certify_problem import certify_problem, planning_group
 from guidefield.handlers.certify_reply import reply_to
@@ -75,8 +75,6 @@ def answer_certify(
     began = time.monotonic() if began is None else began
     deadline = Deadline(received + request.allowed_time) if deadline is None else deadline
     problem, warnings = certify_problem(request, robot, scene, deadline)
-    if request.proof:
-        _ = _declared(request, problem, None)  # is refused before it is judged
     if not request.proof:  # that is about the scene as it is declared
         problem = crop_to_reach(problem, deadline, limited=False)
     prepare_plan(None, problem.scene, deadline)
@@ -95,10 +93,10 @@ def answer_certify(
         found = clearances([(_motion(problem), problem)])
         if request.proof:
             certified = judgement.verdict.free and judgement.within_limits
-            prove([_declared(request, problem, judgement.leaving)] if certified else [], deadline)
+            prove(_declare_parts(request, problem, judgement.leaving) if certified else [], deadline)
     measured = None if found is None else found[0]
     if measured is not None and judgement.verdict.free:
-        file = functools.partial(motion_of, request, robot, scene)
+        file = functools.partial(motions_of, request, robot, scene)
         require_agreement(run_id, [Certified(measured, problem.min_clearance, file, _since(problem, judgement))])
     seconds = {"queue": began - received, "load": load_seconds, **stages.seconds}
     reply = reply_to(problem, judgement, measured, run_id, received, seconds, warnings)
@@ -156,36 +154,21 @@ def _since(problem: GivenProblem, judgement: Judgement) -> float | None:
     return float(times[min(judgement.leaving.piece + 1, len(times) - 1)])
 
 
-def motion_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> Motion:
-    """The motion that a request is about, and what it is judged by.
+def motions_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> list[Motion]:
+    """The parts of the motion that a request is about, and what they are judged by.
 
     Where a contact at the start may be left, how it is left is found out first; raises GuidefieldError as
     `certify_problem` does, where the question is ill-posed.
     """
     problem, _ = certify_problem(request, robot, scene, Deadline(time.monotonic() + request.allowed_time))
-    leaving = judge_leaving(problem) if request.leave_start_contact else None
-    return _declared(request, problem, leaving if leaving is not None and leaving.leaves else None)
+    leaving = judge_leaving(problem, problem.motion) if request.leave_start_contact else None
+    return _declare_parts(request, problem, leaving)
 
 
-def _declared(request: CertifyRequest, problem: GivenProblem, leaving: Leaving | None) -> Motion:
-    """The motion of a problem for the referee, and how it leaves a contact at the start.
-
-    Raises:
-        MalformedRequest: if a controller draws it in another way than the referee can judge.
-    """
-    given = problem.motion
-    require_declarable(given)
-    return Motion(
-        world=problem.world,
-        placement=request.robot_placement,
-        held=request.attached_objects,
-        times=given.times,
-        positions=given.positions,
-        velocities=given.velocities,
-        jerk_limits=problem.jerk_limits,
-        min_clearance=problem.min_clearance,
-        path_constraints=request.path_constraints,
-        touching=() if leaving is None else [one.pair for one in leaving.contacts],
-        left_at=(0, 0.0) if leaving is None else (leaving.piece, leaving.share),
-        untold=problem.untold,
-    )
+def _declare_parts(request: CertifyRequest, problem: GivenProblem, leaving: Leaving | None) -> list[Motion]:
+    """The motion of a problem for the referee, in two parts where it leaves a contact at the start."""
+    if leaving is None or not leaving.parts:
+        return [declare(request, problem, problem.motion)]
+    touching = [one.pair for one in leaving.contacts]
+    (others, out), *rest = leaving.parts
+    return [declare(request, others, out, touching=touching), *(declare(request, *one) for one in rest)]

@@ -6,9 +6,7 @@ import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
-from typing import Any, cast
-
-import numpy as np
+from typing import Any
 
 from guidefield.case_file import Motion
 from guidefield.collision.blocking_pairs import contacts_at
@@ -17,7 +15,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError, Status
 from guidefield.geometry.placements import se3
-from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement, require_declarable
+from guidefield.handlers.agreement import Certified, declare, keep_contradictions, require_agreement
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.plan_problem import Derivation, problem_of, with_derived_planes
@@ -28,16 +26,15 @@ from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.planner.guide.guide import ATTEMPTS, PROJECTED
-from guidefield.planner.motion.drawn_motion import DrawnMotion, draw_plan
+from guidefield.planner.motion.drawn_motion import draw_plan
+from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import settle_execution
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.quality import UNMEASURED, Clearance, MotionInTime, clearance_profile, clearances
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import LimitFault, limit_faults
 from guidefield.robot.model.model import JointKind, RobotModel
-from guidefield.robot.model.spaces import ChartRates
 from guidefield.scene.scene import Scene, build
 
 
@@ -78,9 +75,6 @@ def answer_plan(
     deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
     problem, warnings = problem_of(request, robot, scene, deadline)
     guided = _is_guided(request, problem)
-    if request.proof and problem.execution is not None:  # is refused before it is planned
-        still = Trajectory(np.zeros(1), problem.z_start[None], cast(ChartRates, np.zeros((1, problem.group.nv))))
-        require_declarable(draw_plan(still, problem.execution, 1).motion)
     if not (guided or request.proof):  # a proof is about the scene as it is declared
         problem = crop_to_reach(problem, deadline)
     attempts = ATTEMPTS[request.minimizer](problem.group) if guided or request.minimizer == "univariate" else PROJECTED
@@ -94,9 +88,7 @@ def answer_plan(
     others = [*(refusal.seconds.values() if refusal else ()), *([derivation.left.seconds] if derivation.left else ())]
     load_seconds = time.monotonic() - began - sum(others)
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
-    drawn = None
-    if made.trajectory is not None and problem.execution is not None:
-        drawn = settle_execution(problem, made.trajectory).drawn
+    drawn = made.drawn
     motion = made.trajectory if drawn is None else drawn.motion.measured_among(problem.scene)
     measured = None if motion is None else clearances([(motion, problem)])
     if made.trajectory is not None and measured is None:
@@ -105,11 +97,11 @@ def answer_plan(
     if found is not None and made.verdict.free:
         since = made.judged_from or None
         require_agreement(
-            run_id, [Certified(found, problem.min_clearance, lambda: _motion(request, problem, made, drawn), since)]
+            run_id, [Certified(found, problem.min_clearance, lambda: _motions(request, problem, made), since)]
         )
     if request.proof:
         certified = made.trajectory is not None and made.verdict.free
-        prove([_motion(request, problem, made, drawn)] if certified else [], deadline)
+        prove(_motions(request, problem, made) if certified else [], deadline)
     seconds = {"queue": began - received, "load": load_seconds}
     reply = reply_to(request, problem, made, drawn, found, run_id, received, seconds, warnings)
     if recording is not None:
@@ -150,32 +142,21 @@ def _recorded(
     return PlainMotion(problem.group, scene, measure, packed)
 
 
-def _motion(request: PlanRequest, problem: Problem, made: Plan, drawn: DrawnMotion | None) -> Motion:
-    """A plan's trajectory for the referee, as it is executed.
-
-    Raises:
-        MalformedRequest: if a controller draws it in another way than the referee can judge.
-    """
-    trajectory = made.trajectory
-    assert trajectory is not None, "it was measured"
-    if drawn is not None:
-        require_declarable(drawn.motion)
-    q_start = problem.group.expand_from_chart(problem.z_start)
-    contacts = contacts_at(problem.world_at(0.0), q_start) if made.judged_from else []
-    return Motion(
-        world=problem.world,
-        placement=request.robot_placement,
-        held=request.attached_objects,
-        times=trajectory.times if drawn is None else drawn.motion.times,
-        positions=trajectory.positions if drawn is None else drawn.motion.positions,
-        velocities=trajectory.velocities if drawn is None else drawn.motion.velocities,
-        jerk_limits=problem.jerk_limits,
-        min_clearance=problem.min_clearance,
-        path_constraints=request.path_constraints,
-        touching=[one.pair for one in contacts],
-        left_at=(int(np.searchsorted(trajectory.times, made.judged_from)), 0.0),
-        untold=problem.untold,
-    )
+def _motions(request: PlanRequest, problem: Problem, made: Plan) -> list[Motion]:
+    """A plan's motion for the referee, as it is executed: in two parts where it leaves a contact at the start."""
+    assert made.trajectory is not None, "it was measured"
+    motion = GivenMotion.of(made.trajectory) if made.drawn is None else made.drawn.motion
+    if not made.judged_from:
+        return [declare(request, problem, motion)]
+    touching = [
+        one.pair for one in contacts_at(problem.world_at(0.0), problem.group.expand_from_chart(problem.z_start))
+    ]
+    allowed = [*problem.allowed_collisions, *touching]
+    others = World.build(problem.group, problem.scene, allowed)
+    left, end = motion.place_at(made.judged_from), (len(motion.pieces) - 1, 1.0)
+    out = dataclasses.replace(problem, world=others, min_clearance=0.0)
+    parts = [declare(request, out, motion.between((0, 0.0), left), touching=touching)]
+    return parts if left == end else [*parts, declare(request, problem, motion.between(left, end))]
 
 
 def prepare_ahead(

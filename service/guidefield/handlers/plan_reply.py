@@ -78,7 +78,7 @@ def reply_to(
         certificate=replies.CertificateFigures(
             collision_free=made.verdict.free,
             method=CERTIFICATE,
-            covers=_covered(made, drawn),
+            covers=covered(made.trajectory, drawn, made.judged_from),
             evaluations=made.verdict.evaluations,
         ),
         metrics=metrics,
@@ -91,7 +91,7 @@ def reply_to(
         planner=request.planner,
         objective=request.objective,
         recording=None,
-        execution=_execution(problem, made, drawn),
+        execution=wire_execution(group, made.trajectory, drawn if made.verdict.free else None, problem.execution),
         cartesian=[] if moved is None else cartesian_uses(problem.cartesian_limits, moved),
         effort=None if moved is None else effort_figures(problem, moved),
         timing=replies.Timing(total=total, measure=max(0.0, total - sum(spent.values())), **spent),
@@ -108,19 +108,20 @@ def wire_planes(planes: Iterable[guide_plane.GuidePlane]) -> list[GuidePlane]:
     return [GuidePlane(name=one.name, vertices=[tuple(v) for v in one.vertices.tolist()]) for one in planes]
 
 
-def _execution(problem: Problem, made: Plan, drawn: DrawnMotion | None) -> replies.ExecutionFigures | None:
-    if drawn is None or made.trajectory is None or problem.execution is None or not made.verdict.free:
+def wire_execution(
+    group: PlanningGroup, planned: Trajectory | None, drawn: DrawnMotion | None, execution: ControllerModel | None
+) -> replies.ExecutionFigures | None:
+    """The rows of a certified motion that a controller is sent; None where none are asked for."""
+    if drawn is None or planned is None or execution is None:
         return None
-    return execution_figures(problem.execution, made.trajectory, drawn, problem.group)
+    return execution_figures(execution, planned, drawn, group)
 
 
-def _covered(made: Plan, drawn: DrawnMotion | None) -> str:
-    """Name the subject of the certificate."""
-    if drawn is not None:
-        return "trajectory as executed"
-    if made.trajectory is None:
+def covered(trajectory: Trajectory | None, drawn: DrawnMotion | None, since: float = 0.0) -> str:
+    """Name the subject of the certificate, which may begin at a time [s]."""
+    if trajectory is None:
         return "path"
-    return "trajectory" if made.judged_from == 0.0 else f"trajectory after {made.judged_from:.6f} s"
+    return f"trajectory{'' if drawn is None else ' as executed'}{f' after {since:.6f} s' if since else ''}"
 
 
 def wire_trajectory(

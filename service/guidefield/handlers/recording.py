@@ -111,6 +111,7 @@ class PackedStretch(msgspec.Struct, array_like=True, frozen=True):
     end: float
     allowed: list[tuple[str, str]]  # pairs that may touch on it
     found: PackedClearance  # distances along it
+    is_last: bool = False  # whether what a controller draws of it ends the whole
 
 
 class PackedLeg(msgspec.Struct, array_like=True, frozen=True):

@@ -13,23 +13,25 @@ from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import Status
-from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement
+from guidefield.handlers.agreement import Certified, declare, keep_contradictions, require_agreement
 from guidefield.handlers.plan_reply import (
     CERTIFICATE,
     STAGES,
     cartesian_uses,
     clearance_figures,
+    covered,
     effort_figures,
     motion_metrics,
     outcome,
     self_figures,
     unmeasured,
+    wire_execution,
     wire_planes,
     wire_trajectory,
 )
 from guidefield.handlers.preparation import prepare_plan
 from guidefield.handlers.recording import PackedMotion, Prove, Record
-from guidefield.handlers.sequence_shown import SequenceMotion
+from guidefield.handlers.sequence_shown import SequenceMotion, executed_in_time
 from guidefield.handlers.situation import Standing
 from guidefield.handlers.steps import Steps
 from guidefield.messages import replies
@@ -69,7 +71,7 @@ def answer_steps(
     made = plan_sequence(course, course.start, course.whole, deadline, recording or Silent())
     begin = time.monotonic()
     stretches = measurable(made)
-    found = clearances([(stretch.motion, stretch) for stretch in stretches])
+    found = clearances([(executed_in_time(stretch), stretch) for stretch in stretches])
     measured = None if found is None else [*zip(stretches, found, strict=True)]
     if measured is not None:
         free = {id(one) for one, verdict in zip(made.stretches, made.verdicts, strict=False) if verdict.free}
@@ -77,13 +79,13 @@ def answer_steps(
         require_agreement(
             run_id,
             [
-                Certified(found, stretch.min_clearance, functools.partial(_motion, request, made, stretch))
+                Certified(found, stretch.min_clearance, functools.partial(_motions, request, made, [stretch]))
                 for stretch, found in judged
             ],
         )
     if request.proof:
         certified = made.stretches if made.status is Status.SUCCESS else ()
-        prove([_motion(request, made, stretch) for stretch in certified], deadline)
+        prove(_motions(request, made, certified), deadline)
     load_seconds += made.seconds.get("load", 0.0)
     seconds = {"queue": began - received, "load": load_seconds, "measure": time.monotonic() - begin}
     reply = reply_to(request, course, made, measured, run_id, received, seconds)
@@ -92,22 +94,14 @@ def answer_steps(
     return reply
 
 
-def _motion(request: PlanRequest, made: SequencePlan[Standing], stretch: Stretch) -> Motion:
-    """A stretch for the referee."""
-    leg = made.legs[stretch.index]
-    return Motion(
-        world=stretch.world,
-        placement=request.robot_placement,
-        held=[one.attached for one in leg.at.objects],
-        times=stretch.motion.times,
-        positions=stretch.motion.positions,
-        velocities=stretch.motion.velocities,
-        jerk_limits=stretch.jerk_limits,
-        min_clearance=stretch.min_clearance,
-        path_constraints=request.path_constraints if stretch.path_constraints else (),
-        limited=None if leg.problem is None else leg.problem.group,
-        untold=stretch.untold if stretch.way is None else f"{stretch.way.frame} keeps to its straight way",
-    )
+def _motions(request: PlanRequest, made: SequencePlan[Standing], stretches: Sequence[Stretch]) -> list[Motion]:
+    """Stretches for the referee."""
+    motions = []
+    for one in stretches:
+        held = [held.attached for held in made.legs[one.index].at.objects]
+        untold = None if one.way is None else f"{one.way.frame} keeps to its straight way"
+        motions.append(declare(request, one, one.executed, held, untold=untold))
+    return motions
 
 
 def restore_steps(request: PlanRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> SequenceMotion:
@@ -117,7 +111,7 @@ def restore_steps(request: PlanRequest, robot: RobotModel, scene: Scene, packed:
 
 def measurable(made: SequencePlan[Standing]) -> list[Stretch]:
     """The stretches of a sequence on which something moves."""
-    return [stretch for stretch in made.stretches if stretch.motion.duration > 0.0]
+    return [stretch for stretch in made.stretches if stretch.executed.duration > 0.0]
 
 
 Measured = Sequence[tuple[Stretch, Clearance]]  # stretches with how far they keep from everything
@@ -163,7 +157,7 @@ def reply_to(
         certificate=replies.CertificateFigures(
             collision_free=made.free,
             method=CERTIFICATE,
-            covers="path" if made.trajectory is None else "trajectory",
+            covers=covered(made.trajectory, made.drawn),
             evaluations=sum(verdict.evaluations for verdict in made.verdicts),
         ),
         metrics=metrics,
@@ -177,6 +171,7 @@ def reply_to(
         planner=request.planner,
         objective=request.objective,
         recording=None,
+        execution=wire_execution(course.whole, made.trajectory, made.drawn, course.execution) if made.free else None,
         steps=[_step(leg, course, made, measured) for leg in made.legs if made.trajectory is not None],
     )
 
@@ -209,8 +204,8 @@ def _step(leg: Leg[Standing], course: Steps, made: SequencePlan[Standing], measu
             if (since := max(one.begin, begin)) < (until := min(one.end, end))
         ],
         passed=leg.passed,
-        cartesian=_fastest([cartesian_uses(stretch.cartesian_limits, stretch.motion) for stretch, _ in own]),
-        effort=_strongest([effort_figures(stretch, stretch.motion) for stretch, _ in own]),
+        cartesian=_fastest([cartesian_uses(stretch.cartesian_limits, stretch.executed) for stretch, _ in own]),
+        effort=_strongest([effort_figures(stretch, stretch.executed) for stretch, _ in own]),
     )
 
 

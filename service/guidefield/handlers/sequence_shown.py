@@ -17,8 +17,9 @@ from guidefield.handlers.situation import CARRIED, Standing
 from guidefield.handlers.steps import Steps
 from guidefield.messages import scene as messages
 from guidefield.messages.values import IDENTITY, Placement
+from guidefield.planner.motion.drawn_motion import draw_plan
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.quality import Clearance, ClearanceProfile, clearance_profile
+from guidefield.planner.quality import Clearance, ClearanceProfile, MotionInTime, clearance_profile
 from guidefield.planner.sequence.sequence import SequencePlan
 from guidefield.planner.sequence.stretches import Stretch, part, whole_configuration
 from guidefield.planner.task.problem import Conditions
@@ -44,6 +45,7 @@ class SequenceMotion:
     trajectory: Trajectory | None  # the motion; None where a step failed before it was certified
     failed_at: Standing | None  # the situation when the step began that failed; None where none did
     measured: Sequence[tuple[Stretch, Clearance]]  # its parts with distances along them
+    parts: int = 1  # into which the span between two rows that a controller is sent is divided
 
     @classmethod
     def of(
@@ -51,7 +53,8 @@ class SequenceMotion:
     ) -> SequenceMotion:
         """The motion of a plan, with distances along its parts."""
         standings, spans = [leg.at for leg in made.legs], [leg.span for leg in made.legs]
-        return cls(course, standings, spans, made.trajectory, made.failed_at, measured)
+        parts = 1 if made.drawn is None else made.drawn.parts
+        return cls(course, standings, spans, made.trajectory, made.failed_at, measured, parts)
 
     @classmethod
     def unpack(cls, course: Steps, packed: PackedMotion) -> SequenceMotion:
@@ -65,6 +68,9 @@ class SequenceMotion:
             q = _configuration(packed.failed_at)
             failed_at = course.after(len(standings) - 1, at, q, packed.legs[-1].end) if standings else at
         trajectory = None if packed.knots is None else packed.knots.trajectory()
+        drawn = None
+        if trajectory is not None and course.execution is not None:
+            drawn = draw_plan(trajectory, course.execution, packed.parts).motion
         measured, conditions, last = [], dict[int, Conditions](), None
         for one in packed.stretches:
             assert trajectory is not None, "its parts were measured"
@@ -74,9 +80,11 @@ class SequenceMotion:
                     now = dataclasses.replace(now, world=last.world)  # its tables are made already
                 conditions[one.index] = last = now
             stretch = _stretch(one, conditions[one.index], trajectory)
-            measured.append((stretch, one.found.clearance(stretch.motion, stretch)))
+            if drawn is not None:
+                stretch = stretch.drawn_of(drawn, is_last=one.is_last)
+            measured.append((stretch, one.found.clearance(executed_in_time(stretch), stretch)))
         spans = [(leg.begin, leg.end) for leg in packed.legs]
-        return cls(course, standings, spans, trajectory, failed_at, measured)
+        return cls(course, standings, spans, trajectory, failed_at, measured, packed.parts)
 
     def shown(self) -> tuple[PlanningGroup, Scene]:
         """All steps with what is carried, or the one that failed with what was held."""
@@ -105,9 +113,11 @@ class SequenceMotion:
                     end=float(stretch.motion.times[-1]),
                     allowed=sorted(stretch.allowed_collisions),
                     found=PackedClearance.of(found),
+                    is_last=(stretch, found) == self.measured[-1],
                 )
                 for stretch, found in self.measured
             ],
+            parts=self.parts,
         )
 
     def _carried_scene(self) -> Scene:
@@ -126,6 +136,12 @@ class SequenceMotion:
                 for held in there.objects:
                     ways.setdefault(held.name, []).append((time, _placement(there.place(held))))
         return _with_carried(start, ways)
+
+
+def executed_in_time(stretch: Stretch) -> MotionInTime:
+    """What a robot executes of a stretch, to be measured."""
+    executed = stretch.executed
+    return executed if isinstance(executed, Trajectory) else executed.measured_among(stretch.scene)
 
 
 def _configuration(packed: PackedArray) -> RobotConfiguration:

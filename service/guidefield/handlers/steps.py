@@ -22,7 +22,9 @@ from guidefield.handlers.asked_group import (
     clamped_goals,
     constraints_of,
     effort_limit_of,
+    execution_of,
     followers_of,
+    jerk_limits,
     limited,
     start_of,
 )
@@ -32,6 +34,7 @@ from guidefield.handlers.plan_problem import in_motion, problem_of, with_derived
 from guidefield.handlers.preparation import prepare_problem
 from guidefield.handlers.situation import Held, Standing
 from guidefield.messages import requests
+from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal
 from guidefield.planner.guide.guide import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan
@@ -75,7 +78,8 @@ class Steps:
         objects = tuple(Held(one) for one in request.attached_objects)
         self.start = Standing(robot, se3(base.position, base.quaternion_xyzw), scene, q, objects)
         self._moving = self._moving_joints()
-        self.whole = self._group(robot, self.start.q)
+        self.whole = self._group(robot, self.start.q, request)
+        self.execution = execution_of(request, self.whole)
         self._require_passable()
 
     def __len__(self) -> int:
@@ -118,9 +122,10 @@ class Steps:
 
     def conditions(self, index: int, at: Standing) -> Conditions:
         """As in `Course`."""
+        asked = self._limited_for(index)
         with _in_step(index):
             robot = holding(at.robot, [one.attached for one in at.objects], at.scene)
-            group = self._group(robot, at.q)
+            group = self._group(robot, at.q, asked)
             return Conditions(
                 group=group,
                 scene=at.scene,
@@ -128,8 +133,10 @@ class Steps:
                 min_clearance=self._request.min_clearance,
                 allowed_collisions=frozenset(self._request.allowed_collisions),
                 path_constraints=constraints_of(self._request, group),
-                cartesian_limits=cartesian_limits_of(self._limited_in_space(index), group),
+                cartesian_limits=cartesian_limits_of(asked, group),
                 effort_limit=effort_limit_of(self._request, group),
+                jerk_limits=jerk_limits(group, asked),
+                execution=self.execution,
                 deadline=self._deadline,
                 counters=self.counters,
             )
@@ -167,9 +174,9 @@ class Steps:
             raise MalformedRequest("no step has a `goal`: nothing moves", path="$.steps")
         return [joint.name for joint in self.start.robot.joints if joint.name in names]
 
-    def _group(self, robot: RobotModel, q: RobotConfiguration) -> PlanningGroup:
-        """All joints that any step moves, with the request's limits."""
-        request, root = self._request, self.start.root
+    def _group(self, robot: RobotModel, q: RobotConfiguration, request: PlanRequest) -> PlanningGroup:
+        """All joints that any step moves, with a request's limits."""
+        root = self.start.root
         group = limited(select(robot, self._moving, request.tip, q, root).starting_at(request.start), request)
         for joint in group.joints:
             if joint.kind in BALLS:
@@ -189,7 +196,7 @@ class Steps:
 
     def _make_request(self, index: int, at: Standing) -> PlanRequest:
         """A step as a plan request of its own."""
-        step, request, robot = self._request.steps[index], self._request, at.robot
+        step, request, robot = self._request.steps[index], self._limited_for(index), at.robot
         with _in_step(index):
             part = select(robot, self._joints(step), self._tip(step), at.q, at.root)
         moving = {*(joint.name for joint in part.joints), *followers_of(part)}
@@ -206,16 +213,19 @@ class Steps:
             allowed_collisions=[*request.allowed_collisions, *permitted],
             limits={name: limits for name, limits in request.limits.items() if name in moving},
             objective=step.objective or request.objective,
-            cartesian_limits=self._limited_in_space(index).cartesian_limits,
+            execution=_narrowed(request.execution, moving),
+        )
+
+    def _limited_for(self, index: int) -> PlanRequest:
+        """The request with the limits of a step."""
+        request, step = self._request, self._request.steps[index]
+        return msgspec.structs.replace(
+            request,
+            cartesian_limits=request.cartesian_limits if step.cartesian_limits is None else step.cartesian_limits,
             max_velocity_scaling_factor=step.max_velocity_scaling_factor or request.max_velocity_scaling_factor,
             max_acceleration_scaling_factor=step.max_acceleration_scaling_factor
             or request.max_acceleration_scaling_factor,
         )
-
-    def _limited_in_space(self, index: int) -> PlanRequest:
-        """The request with the limits of speed in space of a step."""
-        own = self._request.steps[index].cartesian_limits
-        return self._request if own is None else msgspec.structs.replace(self._request, cartesian_limits=own)
 
     def _touched(self, index: int, one: Held, at: Standing) -> frozenset[str]:
         """Obstacles that a held object may touch while a step is planned: what it still stands on or is put down on.
@@ -320,6 +330,14 @@ def _require_served(request: PlanRequest) -> None:
         raise MalformedRequest(
             "with `steps`, `guide_planes` are those of a step: give them there", path="$.guide_planes"
         )
+
+
+def _narrowed(execution: ExecutionOptions | None, moving: set[str]) -> ExecutionOptions | None:
+    """An execution with the tolerances of some joints alone."""
+    if execution is None or not isinstance(execution.tolerance, dict):
+        return execution
+    tolerance = {name: value for name, value in execution.tolerance.items() if name in moving}
+    return msgspec.structs.replace(execution, tolerance=tolerance)
 
 
 def _goal(step: PlanStep, at: Standing, tip: str) -> requests.Goal:

@@ -314,8 +314,6 @@ class PlanRequest(Message):
         settle_scene(self)
         if (self.goal is None) == (not self.steps):
             raise ValueError(f"give a `goal` or `steps`, got {'both' if self.steps else 'neither'}")
-        if self.execution is not None and self.steps:
-            raise ValueError("`execution` is served for a `goal`, not for `steps`")
         require_finite_positions("start", self.start)
         for field in ("start_velocities", "start_accelerations", "end_velocities"):
             for joint, rate in getattr(self, field).items():

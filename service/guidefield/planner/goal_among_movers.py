@@ -22,7 +22,7 @@ from guidefield.planner.finish import finish, found_motion, soonest_through
 from guidefield.planner.held_paths import HeldPath, Through, connections, detours, quick_paths
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct
-from guidefield.planner.motion_certificate import Finished, certify_motion, executed_motion, find_excess, judge
+from guidefield.planner.motion_certificate import Finished, certify_motion, find_excess, judge
 from guidefield.planner.optimize.clearance_samples import keeps_aside
 from guidefield.planner.optimized_motion import Crossed, optimize_motion
 from guidefield.planner.path_so_far import PathSoFar, motion_along
@@ -261,7 +261,7 @@ class _Search:
 
     def _exceeds(self, motion: Trajectory | None) -> bool:
         """Whether a motion exceeds a limit of what it does as a whole."""
-        excess = find_excess(self._problem, executed_motion(self._problem, motion)) if self._problem.beside else None
+        excess = find_excess(self._problem, motion)
         self._excess = excess or self._excess
         return excess is not None
 
@@ -331,7 +331,7 @@ class _Search:
 
     def _certified(self, finished: Finished, motion: Trajectory) -> Finished:
         judged = certify_motion(self._problem, motion, {}, self._stages, self._judge)
-        return replace(finished, verdict=judged.verdict, trajectory=motion)
+        return replace(finished, verdict=judged.verdict, trajectory=judged.trajectory)
 
     def _take_out(
         self, occupancy: Occupancy, along: Trajectory, schedule: Schedule, motion: Trajectory, verdict: Verdict

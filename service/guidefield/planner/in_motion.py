@@ -19,7 +19,7 @@ from guidefield.planner.held_paths import connections
 from guidefield.planner.motion.limit_load import TOLERANCE
 from guidefield.planner.motion.profiles import backwards, jerks_apart, jerks_of, stopping
 from guidefield.planner.motion.trajectory import Trajectory, led_to, one_after_another
-from guidefield.planner.motion_certificate import Finished, certify_motion, judge
+from guidefield.planner.motion_certificate import Finished, certify_motion, judge_itself
 from guidefield.planner.optimized_motion import optimize_motion
 from guidefield.planner.path_so_far import PathSoFar, soonest_along
 from guidefield.planner.task.problem import Problem
@@ -167,7 +167,7 @@ def _stop_within_limits(
     motion = stopping(z, velocity, rise, group.acceleration_limits, jerks)
     if motion.duration == 0.0:
         return motion
-    verdict = judge(problem, motion)
+    verdict = judge_itself(problem, motion)
     problem.counters.collision_checks += verdict.evaluations
     if verdict.free:
         return motion

@@ -10,8 +10,10 @@ meanwhile, and from then on everything is.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -21,17 +23,17 @@ from guidefield.collision.world import World
 from guidefield.deadline import DeadlineExpired
 from guidefield.planner.leaving import DISTANCE_ERROR, LEFT_DISTANCE, SLIGHT_DEPTH, distances_of, touching_pairs
 from guidefield.planner.motion.drawn_motion import DrawnMotion
-from guidefield.planner.motion.given_motion import GivenMotion
+from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.planner.motion.limit_load import Uses
 from guidefield.planner.motion_certificate import certify_given, enclosed_start
 from guidefield.planner.task.effort import Efforts, measure_efforts
 from guidefield.planner.task.motion_limits import CartesianUse, measure_cartesian
 from guidefield.planner.task.problem import Conditions
 from guidefield.prove.certificate import certify, certify_constraints
-from guidefield.prove.curve import restricted
+from guidefield.prove.curve import point_on
 from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
-from guidefield.robot.model.spaces import ChartPoints
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 
 SPACING = 0.005  # between samples at which what touches is measured [rad, or m at size 1]
 INTERVAL = 0.01  # and between them at most, where obstacles move [s]
@@ -46,64 +48,89 @@ class Leaving:
     piece: int  # index of the piece on which it has left them, or on which they come closer
     share: float
     leaves: bool
+    # both parts of it and what they are judged by: until it has left them, without what touches, and from then on
+    parts: tuple[tuple[Conditions, GivenMotion], ...] = ()
 
 
-def judge_leaving(problem: GivenProblem) -> Leaving | None:
+def judge_leaving(conditions: Conditions, motion: GivenMotion) -> Leaving | None:
     """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `SLIGHT_DEPTH`."""
-    pieces, begin = problem.motion.pieces, problem.motion.along(0, 0.0)[1] or 0.0
-    contacts = tuple(contacts_at(problem.world_at(begin), problem.group.expand_from_chart(pieces[0, 0])))
+    begin = motion.along(0, 0.0)[1] or 0.0
+    contacts = tuple(contacts_at(conditions.world_at(begin), conditions.group.expand_from_chart(motion.start)))
     if not contacts or any(one.depth is not None and one.depth > SLIGHT_DEPTH for one in contacts):
         return None
-    piece, share, closer = _way_out(problem, contacts)
+    piece, share, closer = _way_out(conditions, motion, contacts)
     if closer is not None:
-        names, z = problem.world.pair_names(closer), _part(pieces[piece], share, share)[0]
-        reason = Reason.STOPPED if problem.deadline.expired() else Reason.CONTACT
+        names, z = conditions.world.pair_names(closer), _place(motion, piece, share)
+        reason = Reason.STOPPED if conditions.deadline.expired() else Reason.CONTACT
         verdict = Verdict(reason, 1, piece, share, (0, 0.0), names, z)
         return Leaving(verdict, contacts, piece, share, leaves=False)
-    return Leaving(_judge_parts(problem, contacts, piece, share), contacts, piece, share, leaves=True)
+    others = World.build(
+        conditions.group, conditions.scene, (*conditions.allowed_collisions, *(one.pair for one in contacts))
+    )
+    end = len(motion.pieces) - 1, 1.0
+    parts: list[tuple[Conditions, GivenMotion]] = [
+        (replace(conditions, world=others, min_clearance=0.0), motion.between((0, 0.0), (piece, share)))
+    ]
+    if (piece, share) != end:
+        parts.append((conditions, motion.between((piece, share), end)))
+    return Leaving(_judge_parts(parts, piece, share), contacts, piece, share, leaves=True, parts=tuple(parts))
 
 
-def _way_out(problem: GivenProblem, contacts: tuple[Contact, ...]) -> tuple[int, float, int | None]:
-    world, motion = problem.world, problem.motion
+def _place(motion: GivenMotion, piece: int, share: float) -> ChartPoint:
+    """A place on a motion (nv,); of steps on the straight way between both."""
+    return point_on((motion.straight if motion.kind is CurveKind.STEPS else motion.pieces)[piece], share)
+
+
+def _way_out(
+    conditions: Conditions, motion: GivenMotion, contacts: tuple[Contact, ...]
+) -> tuple[int, float, int | None]:
+    world = conditions.world
     pairs = touching_pairs(world, contacts)
-    distances, enough = distances_of(world, pairs), max(LEFT_DISTANCE, problem.min_clearance)
+    distances, enough = distances_of(world, pairs), max(LEFT_DISTANCE, conditions.min_clearance)
     before = distances(motion.start, motion.along(0, 0.0)[1])
     for piece, controls in enumerate(motion.pieces):
-        length = float(np.linalg.norm(np.diff(controls, axis=0) / problem.group.sizes, axis=1).sum())
-        count = max(1, math.ceil(length / SPACING), _moments(problem, piece))
+        length = float(np.linalg.norm(np.diff(controls, axis=0) / conditions.group.sizes, axis=1).sum())
+        count = max(1, math.ceil(length / SPACING), _moments(conditions, motion, piece))
         for share in (k / count for k in range(1, count + 1)):
-            now = distances(_part(controls, share, share)[0], motion.along(piece, share)[1])
-            if (now < before - DISTANCE_ERROR).any() or problem.deadline.expired():
+            z, time = _place(motion, piece, share), motion.along(piece, share)[1]
+            now = distances(z, time)
+            if (now < before - DISTANCE_ERROR).any() or conditions.deadline.expired():
                 return piece, share, pairs[int(np.argmin(now - before))]
-            if (now >= enough).all():
+            can_end = motion.kind is not CurveKind.STEPS or share == 1.0
+            if can_end and (now >= enough).all() and _is_free_beside(conditions, motion, piece, share):
                 return piece, share, None
             before = now
     return len(motion.pieces) - 1, 1.0, pairs[int(np.argmin(before))]
 
 
-def _moments(problem: GivenProblem, piece: int) -> int:
+def _is_free_beside(conditions: Conditions, motion: GivenMotion, piece: int, share: float) -> bool:
+    """Whether wherever the robot may be beside a place nothing touches."""
+    if motion.tube is None:
+        return True
+    world = conditions.world_at(motion.along(piece, share)[1] or 0.0)
+    z, tube = point_on(motion.pieces[piece], share), motion.tube[piece : piece + 1]
+    still = cast(ChartCurves, np.stack([z, z])[None])
+    return certify(world, still, conditions.min_clearance, deadline=conditions.deadline, tube=tube).free
+
+
+def _moments(conditions: Conditions, motion: GivenMotion, piece: int) -> int:
     """At so many moments of a piece what moves is measured, whether the robot moves or not."""
-    begin, end = (problem.motion.along(piece, share)[1] for share in (0.0, 1.0))
-    return 0 if not problem.scene.moves or begin is None or end is None else math.ceil((end - begin) / INTERVAL)
+    begin, end = (motion.along(piece, share)[1] for share in (0.0, 1.0))
+    return 0 if not conditions.scene.moves or begin is None or end is None else math.ceil((end - begin) / INTERVAL)
 
 
-def _judge_parts(problem: GivenProblem, contacts: tuple[Contact, ...], piece: int, share: float) -> Verdict:
-    deadline, pieces, times = problem.deadline, problem.motion.pieces, problem.motion.times
-    at = problem.motion.along(piece, share)[1]
-    allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
-    others = World.build(problem.group, problem.scene, allowed)
-    out = np.concatenate([pieces[:piece], _part(pieces[piece], 0.0, share)[None]])
-    until = None if times is None or at is None else np.append(times[: piece + 1], at)
-    leaving = certify(others, out, deadline=deadline, times=until)
-    if not leaving.free:
+def _judge_parts(parts: Sequence[tuple[Conditions, GivenMotion]], piece: int, share: float) -> Verdict:
+    (others, out), *after = parts
+    leaving = certify_given(others, out, others.deadline)
+    if not leaving.free or not after:
         return _on_the_whole(leaving, 0, piece, 0.0, share)
-    z = _part(pieces[piece], share, share)[0]
-    if (inside := enclosed(problem.world_at(at or 0.0), problem.group.expand_from_chart(z))) is not None:
+    conditions, rest = after[0]
+    time, z = rest.along(0, 0.0)[1], rest.start
+    if (inside := enclosed(conditions.world_at(time or 0.0), conditions.group.expand_from_chart(z))) is not None:
         return Verdict(Reason.CONTACT, leaving.evaluations, piece, share, (0, 0.0), inside, z)
-    rest = np.concatenate([_part(pieces[piece], share, 1.0)[None], pieces[piece + 1 :]])
-    since = None if times is None or at is None else np.append(at, times[piece + 1 :])
-    left = certify(problem.world, rest, problem.min_clearance, deadline=deadline, times=since)
-    return replace(_on_the_whole(left, piece, piece, share, 1.0), evaluations=leaving.evaluations + left.evaluations)
+    left = certify_given(conditions, rest, conditions.deadline)
+    first = piece + 1 if share == 1.0 else piece
+    return replace(_on_the_whole(left, first, piece, share, 1.0), evaluations=leaving.evaluations + left.evaluations)
 
 
 def _on_the_whole(verdict: Verdict, first: int, cut: int, begin: float, end: float) -> Verdict:
@@ -114,11 +141,6 @@ def _on_the_whole(verdict: Verdict, first: int, cut: int, begin: float, end: flo
         for piece, at in ((verdict.piece, verdict.parameter), verdict.free_until)
     ]
     return replace(verdict, piece=places[0][0], parameter=places[0][1], free_until=places[1])
-
-
-def _part(controls: ChartPoints, low: float, high: float) -> ChartPoints:
-    part: ChartPoints = restricted(controls[None], np.array([low]), np.array([high]))[0]
-    return part
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -174,7 +196,7 @@ def judge(problem: GivenProblem, uses: Uses) -> Judgement:
         return Judgement(inside, uses, enclosed=True)
     kept, leaving = _constraints(problem), None
     if problem.leave_start_contact:
-        leaving = judge_leaving(problem)
+        leaving = judge_leaving(problem, problem.motion)
     verdict = first_refused(kept, _freedom(problem, kept) if leaving is None else leaving.verdict)
     problem.counters.collision_checks += verdict.evaluations
     cartesian: tuple[CartesianUse, ...] = ()

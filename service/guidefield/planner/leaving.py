@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.certificate import certify
 from guidefield.prove.closest import measure
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 
 SLIGHT_DEPTH = 0.01  # a contact deeper than this is not slight [m]: what the page about the certificate promises
 LEFT_DISTANCE = 1e-3  # distance that what touched keeps in the end, at least [m]. Unrecorded
@@ -125,7 +125,17 @@ class _Ways:
         distances = np.array([self._distances(z, time) for z, time in places])
         if (distances[-1] < enough).any() or (np.diff(distances, axis=0) < -DISTANCE_ERROR).any():
             return None
+        if not self._is_free_beside(there, end):
+            return None
         return motion if certify(self._others, motion.bezier(), times=motion.piece_times()).free else None
+
+    def _is_free_beside(self, there: World, end: ChartPoint) -> bool:
+        """Whether nothing touches wherever a controller may be at the end of a way."""
+        tube = None if self._problem.execution is None else self._problem.execution.tube
+        if tube is None:
+            return True
+        still = cast(ChartCurves, np.stack([end, end])[None])
+        return certify(there, still, self._problem.min_clearance, tube=tube[None]).free
 
 
 def touching_pairs(world: World, contacts: Sequence[Contact]) -> list[int]:

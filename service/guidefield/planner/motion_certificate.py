@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.memo import MISSING, Answers
+from guidefield.messages.execution import MOST_SENT_ROWS
 from guidefield.planner.motion.drawn_motion import DrawnMotion, draw_plan
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.planner.motion.limit_load import limit_shares
@@ -20,20 +22,22 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
 from guidefield.planner.task.effort import measure_efforts
-from guidefield.planner.task.motion_limits import measure_cartesian
-from guidefield.planner.task.problem import Conditions, Interpolation, Problem
+from guidefield.planner.task.motion_limits import MotionLimit, measure_cartesian
+from guidefield.planner.task.problem import Conditions, ControllerModel, Interpolation, Problem
 from guidefield.planner.task.stages import Ending, Stages
 from guidefield.prove.certificate import certify, certify_constraints, judge_limits
 from guidefield.prove.curve import point_on
 from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.configuration import LimitFault
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
 LAST_JUDGEMENT = 0.03
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
 
 MOST_PARTS = 64  # into which the span between two rows is divided until what a controller draws is certified, at most
+REFINED = 0.5  # share of an excess that twice as many rows must not leave, else the motion is slowed down. A choice
+MOST_SLOWED = 8  # how often a motion is slowed down until what a controller draws keeps all limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +67,14 @@ def judge(problem: Problem, trajectory: Trajectory) -> Verdict:
     return _with_constraints(problem, verdict, pieces, deadline)
 
 
+def judge_itself(problem: Problem, trajectory: Trajectory) -> Verdict:
+    """Judge a part of a motion, as `judge`: by itself, within the tolerance, whatever a controller draws of it."""
+    if problem.execution is None:
+        return judge(problem, trajectory)
+    motion = GivenMotion.of(trajectory, problem.execution.tube)
+    return judge_drawn(problem, motion, problem.deadline.at_least(LAST_JUDGEMENT))[0]
+
+
 def _at_same_times(verdict: Verdict, judged: GivenMotion, trajectory: Trajectory) -> Verdict:
     """Return a verdict about one motion with its places on the pieces of another, by their times."""
     if verdict.piece is None or verdict.parameter is None or verdict.free_until is None:
@@ -83,67 +95,92 @@ class Settled(ReadOnly):
 
     drawn: DrawnMotion
     verdict: Verdict
+    stretch: float = 1.0  # the factor by which the time has to be stretched, where it is above 1, to keep all limits
+
+    @property
+    def is_kept(self) -> bool:
+        """True if it is free, and within all limits."""
+        return self.verdict.free and self.stretch <= 1.0
 
 
 _SETTLED = Answers[tuple[Settled, "weakref.ref[World]"]](1)
 """What was settled about a trajectory, and in which world."""
 
+JudgeDrawn = Callable[[GivenMotion], tuple[Verdict, float]]  # tells the verdict, and `Settled.stretch`
+
 
 def settle_execution(problem: Problem, trajectory: Trajectory) -> Settled:
-    """Choose the rows that a controller is sent of a motion: more of them until what it draws is certified.
-
-    Where the motion itself, within the tolerance, isn't certified, no more are tried.
-    """
+    """Choose the rows that a controller is sent of a motion, as `settle_rows`."""
     execution, deadline = problem.execution, problem.deadline.at_least(LAST_JUDGEMENT)
     assert execution is not None, "it is asked for"
     known = _SETTLED.of(trajectory, execution)
     if known is not MISSING and known[1]() is problem.world:
         return known[0]
     _SETTLED.forget(trajectory, execution)
-    parts, refines = 1, execution.interpolation in (Interpolation.LINEAR, Interpolation.QUINTIC)
-    while True:
-        drawn = draw_plan(trajectory, execution, parts)
-        settled = Settled(drawn, _judge_drawn(problem, drawn.motion, deadline))
-        if not refines or parts >= MOST_PARTS or deadline.expired():
-            break
-        if settled.verdict.free and find_excess(problem, drawn.motion) is None:
-            break
-        if parts == 1:
-            tube = execution.tolerance if execution.tolerance.any() else None
-            knots = np.arange(len(trajectory.times))
-            itself = GivenMotion(
-                CurveKind.HERMITE, trajectory.positions, knots, trajectory.times, trajectory.velocities, tolerance=tube
-            )
-            if not _judge_drawn(problem, itself, deadline).free or find_excess(problem, trajectory) is not None:
-                break
-        parts *= 2
+    settled = settle_rows(trajectory, execution, deadline, lambda motion: judge_drawn(problem, motion, deadline))
     _SETTLED.keep(trajectory, execution, (settled, weakref.ref(problem.world)))
     return settled
 
 
-def _judge_drawn(problem: Problem, motion: GivenMotion, deadline: Deadline) -> Verdict:
-    verdict = certify_given(problem, motion, deadline)
-    if verdict.free and problem.path_constraints:
-        turns = problem.world.bodies.turns
-        kept = certify_constraints(problem.constrained_frames, turns, motion.pieces, deadline, motion.tube)
+def settle_rows(
+    trajectory: Trajectory, execution: ControllerModel, deadline: Deadline, judge_motion: JudgeDrawn
+) -> Settled:
+    """Choose the rows that a controller is sent of a motion: more of them until what it draws is certified.
+
+    Where the motion itself, within the tolerance, isn't certified, no more are tried; nor where a limit is exceeded
+    that more of them don't keep better.
+    """
+    parts, refines, before = 1, execution.interpolation in (Interpolation.LINEAR, Interpolation.QUINTIC), np.inf
+    while True:
+        drawn = draw_plan(trajectory, execution, parts)
+        settled = Settled(drawn, *judge_motion(drawn.motion))
+        if settled.is_kept or not refines or parts >= MOST_PARTS or deadline.expired():
+            return settled
+        if execution.count_rows(trajectory.times, 2 * parts) > MOST_SENT_ROWS:
+            return settled
+        if settled.stretch > 1.0 and settled.stretch - 1.0 > REFINED * (before - 1.0):
+            return settled
+        if parts == 1:
+            verdict, stretch = judge_motion(GivenMotion.of(trajectory, execution.tube))
+            if not verdict.free or stretch > 1.0:
+                return settled
+        parts, before = 2 * parts, settled.stretch if settled.stretch > 1.0 else np.inf
+
+
+def judge_drawn(conditions: Conditions, motion: GivenMotion, deadline: Deadline) -> tuple[Verdict, float]:
+    """Judge what a controller draws: free, keeping path constraints and the limits of rates; and `Settled.stretch`."""
+    verdict = certify_given(conditions, motion, deadline)
+    if verdict.free and conditions.path_constraints:
+        turns = conditions.world.bodies.turns
+        kept = certify_constraints(conditions.constrained_frames, turns, motion.pieces, deadline, motion.tube)
         verdict = replace(kept, evaluations=verdict.evaluations + kept.evaluations)
-    if not verdict.free:
-        return verdict
-    group, uses = problem.group, limit_shares(motion, problem.group, problem.jerk_limits)
+    return (verdict, 1.0) if not verdict.free else judge_rates(conditions, motion, verdict)
+
+
+def judge_rates(conditions: Conditions, motion: GivenMotion, verdict: Verdict) -> tuple[Verdict, float]:
+    """Judge the limits of rates of a motion whose verdict is free; and `Settled.stretch`."""
+    group, uses = conditions.group, limit_shares(motion, conditions.group, conditions.jerk_limits)
+    stretch = 1.0
+    if find_excess(conditions, motion) is not None:
+        beside: list[MotionLimit] = [*conditions.cartesian_limits]
+        beside += [] if conditions.effort_limit is None else [conditions.effort_limit]
+        stretch = max(limit.stretch(motion.polynomials) for limit in beside)
     rates = (
         (Reason.BEYOND_VELOCITY, uses.velocity, group.velocity_limits),
         (Reason.BEYOND_ACCELERATION, uses.acceleration, group.acceleration_limits),
-        (Reason.BEYOND_JERK, uses.jerk, problem.jerk_limits),
+        (Reason.BEYOND_JERK, uses.jerk, conditions.jerk_limits),
     )
-    for reason, use, limits in rates:
+    for order, (reason, use, limits) in enumerate(rates, 1):
         if use.is_within or use.coordinate is None or limits is None:
+            continue
+        stretch = max(stretch, np.inf if use.share is None else use.share ** (1.0 / order))
+        if not verdict.free:
             continue
         joint, limit = group.joints[use.coordinate].name, float(limits[use.coordinate])
         fault = LimitFault(joint, np.inf if use.share is None else use.share * limit, -limit, limit)
-        place = use.piece, use.at
         z = point_on(motion.pieces[use.piece], use.at)
-        return Verdict(reason, verdict.evaluations, *place, (0, 0.0), None, z, fault)
-    return verdict
+        verdict = Verdict(reason, verdict.evaluations, use.piece, use.at, (0, 0.0), None, z, fault)
+    return verdict, stretch
 
 
 def certify_given(conditions: Conditions, motion: GivenMotion, deadline: Deadline, count: int | None = None) -> Verdict:
@@ -172,16 +209,31 @@ def certify_motion(
     judged_by: Judge = judge,
     message: str = "on the exact geometry, between samples too",
 ) -> Finished:
-    """Return a trajectory with the verdict of whoever judges it.
+    """Return a trajectory with the verdict of whoever judges it; slower, where a controller draws it beyond a limit.
 
     Args:
         crossings: By index of each guide plane that was reached, the index of its knot.
     """
     with stages.entered("certify", message) as stage:
         verdict = judged_by(problem, trajectory)
+        for attempt in range(MOST_SLOWED if problem.execution is not None and not problem.in_motion else 0):
+            stretch = settle_execution(problem, trajectory).stretch
+            if stretch <= 1.0 or not np.isfinite(stretch) or problem.deadline.expired():
+                break
+            problem.counters.collision_checks += verdict.evaluations
+            trajectory = slow_down(trajectory, stretch, attempt)
+            verdict = judged_by(problem, trajectory)
         problem.counters.collision_checks += verdict.evaluations
         stage.outcome = verdict.reason.value
     return Finished(verdict, trajectory.positions, crossings, trajectory)
+
+
+def slow_down(trajectory: Trajectory, stretch: float, attempt: int) -> Trajectory:
+    """Stretch the time of a motion, by a little more with each attempt, since the rows are elsewhere then."""
+    factor = stretch * (1.0 + 1e-9 * 10.0**attempt)
+    begin = trajectory.times[0]
+    times = begin + factor * (trajectory.times - begin)
+    return Trajectory(times, trajectory.positions, cast(ChartRates, trajectory.velocities / factor))
 
 
 def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
@@ -194,13 +246,6 @@ def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) 
         )
         stage.outcome = verdict.reason.value
     return Finished(verdict, found.path, found.crossings, failure=found.failure)
-
-
-def executed_motion(problem: Problem, trajectory: Trajectory | None) -> Trajectory | GivenMotion | None:
-    """What a robot executes of a trajectory: what a controller draws, or that itself."""
-    if trajectory is None or problem.execution is None:
-        return trajectory
-    return settle_execution(problem, trajectory).drawn.motion
 
 
 def find_excess(conditions: Conditions, motion: Trajectory | GivenMotion | None) -> Ending | None:

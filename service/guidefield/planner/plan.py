@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,13 +18,28 @@ from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.held_paths import Through, connections
 from guidefield.planner.in_motion import STOPS, finish_in_motion, moving_ends
+from guidefield.planner.judgement import judge_leaving
 from guidefield.planner.leaving import continue_after, join_way_out, leave
+from guidefield.planner.motion.drawn_motion import DrawnMotion
+from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import Finished, certify_motion, executed_motion, find_excess
+from guidefield.planner.motion_certificate import (
+    LAST_JUDGEMENT,
+    MOST_SLOWED,
+    Finished,
+    certify_given,
+    certify_motion,
+    find_excess,
+    judge_rates,
+    settle_execution,
+    settle_rows,
+    slow_down,
+)
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.task.problem import Problem, TipGoal
+from guidefield.planner.task.problem import ControllerModel, Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed, Stages, once_they_rest, refusal
 from guidefield.planner.task.trace import StageLeft
+from guidefield.prove.certificate import certify_constraints
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
@@ -54,6 +69,7 @@ class Plan(ReadOnly):
     details: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     judged_from: float = 0.0  # since when the trajectory is judged: before that it leaves a contact at the start [s]
+    drawn: DrawnMotion | None = None  # what a controller is sent of it; None where that isn't asked for
 
 
 def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[Attempt] = PROJECTED) -> Plan:
@@ -64,7 +80,36 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
     except StageFailed as failed:
         return _make_plan(problem, _refuse_start(problem, failed.ending, stages), stages)
     finished = _plan_from_start(continue_after(problem, left) if left else problem, planner, attempts, stages)
-    return _make_plan(problem, join_way_out(left, finished) if left else finished, stages)
+    if left is None:
+        return _make_plan(problem, finished, stages)
+    whole, drawn = join_way_out(left, finished), None
+    if problem.execution is not None and whole.trajectory is not None and whole.verdict.free:
+        whole, drawn = _settle_leaving(problem, problem.execution, whole, whole.trajectory)
+    return _make_plan(problem, whole, stages, drawn)
+
+
+def _settle_leaving(
+    problem: Problem, execution: ControllerModel, whole: Finished, trajectory: Trajectory
+) -> tuple[Finished, DrawnMotion]:
+    """Choose the rows of a motion that leaves a contact at its start, slower where it has to be."""
+    deadline, left_at = problem.deadline.at_least(LAST_JUDGEMENT), whole.judged_from
+
+    def judge_motion(motion: GivenMotion) -> tuple[Verdict, float]:
+        nonlocal left_at
+        leaving = judge_leaving(problem, motion)
+        verdict = certify_given(problem, motion, deadline) if leaving is None else leaving.verdict
+        left_at = 0.0 if leaving is None else cast(float, motion.along(leaving.piece, leaving.share)[1])
+        if verdict.free and problem.path_constraints:
+            frames, turns = problem.constrained_frames, problem.world.bodies.turns
+            verdict = certify_constraints(frames, turns, motion.pieces, deadline, motion.tube)
+        return judge_rates(problem, motion, verdict) if verdict.free else (verdict, 1.0)
+
+    for attempt in range(MOST_SLOWED):
+        settled = settle_rows(trajectory, execution, deadline, judge_motion)
+        if settled.stretch <= 1.0 or not np.isfinite(settled.stretch) or problem.in_motion or deadline.expired():
+            break
+        trajectory = slow_down(trajectory, settled.stretch, attempt)
+    return replace(whole, verdict=settled.verdict, trajectory=trajectory, judged_from=left_at), settled.drawn
 
 
 def make_refused_plan(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
@@ -167,12 +212,15 @@ def _refuse_start(problem: Problem, failure: Ending, stages: Stages) -> Finished
     return finish(problem, PathSoFar.at_start(problem).failed(failure), stages)
 
 
-def _make_plan(problem: Problem, finished: Finished, stages: Stages) -> Plan:
+def _make_plan(problem: Problem, finished: Finished, stages: Stages, drawn: DrawnMotion | None = None) -> Plan:
+    trajectory = finished.trajectory
+    if drawn is None and trajectory is not None and problem.execution is not None:
+        drawn = settle_execution(problem, trajectory).drawn
     if finished.failure is not None:
         ended = finished.failure
     elif not finished.verdict.free:
         ended = refusal(problem, finished.verdict)
-    elif (excess := find_excess(problem, executed_motion(problem, finished.trajectory))) is not None:
+    elif (excess := find_excess(problem, trajectory if drawn is None else drawn.motion)) is not None:
         ended = excess
     elif problem.deadline.is_cancelled():
         ended = Ending(Status.PREEMPTED, "cancelled; the motion by then is certified free over its whole length")
@@ -190,4 +238,5 @@ def _make_plan(problem: Problem, finished: Finished, stages: Stages) -> Plan:
         details=ended.details,
         warnings=finished.warnings,
         judged_from=finished.judged_from,
+        drawn=drawn,
     )

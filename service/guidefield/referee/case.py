@@ -80,6 +80,9 @@ class Case:
     times: np.ndarray | None  # of the knots, shape (k,) [s]; None of a path
     positions: np.ndarray  # shape (k, n) [rad or m]
     velocities: np.ndarray | None  # shape (k, n) [rad/s or m/s]; None: from knot to knot it goes straight on
+    accelerations: np.ndarray | None  # shape (k, n) [rad/s² or m/s²]; None: it is cubic, or straight
+    steps: bool  # whether each column may be anywhere between both knots meanwhile, instead of going straight on
+    tolerance: np.ndarray  # how far each column may be from that, shape (n,) [rad or m]
     lower: np.ndarray  # least values of the model's chart, shape (model.nv,); infinite where there is no limit
     upper: np.ndarray  # largest values, shape (model.nv,)
     # largest velocity, acceleration and jerk of each column of z, shape (3, n); infinite where there is none

@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import coal
@@ -18,16 +17,15 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.referee.case import Body, Case, Constraint
+from guidefield.referee.curve import Piece, expand_about, pieces
+from guidefield.referee.limits import beyond_limit
 from guidefield.referee.shapes import distance
 from guidefield.referee.solid import distinct, is_closed, winding
 from guidefield.referee.verdict import Answer, Finding, Verdict
 
-SLACK = FLOOR = 1e-6  # of constraints, rates, Coal's distances (2e-6 more a metre); what moves less is undecided
-ROUNDING, DIGITS = 1e-9, 4e-15  # a position may be beyond its limit by this [rad or m]; what 64 bits leave out of 1
-KINDS = ("position", "velocity", "acceleration", "jerk")
-# start, p, v, a, j and duration h: a time s after the start the columns are at p + v s + a s^2 / 2 + j s^3 / 6
-Piece = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]
-Told = tuple[Answer | None, float, float, float]  # what is broken; room to what is required, its loss, distance
+SLACK = FLOOR = 1e-6  # of constraints, Coal's distances (2e-6 more a metre); what moves less is undecided
+ROUNDING = 1e-9  # of a corner that is in a convex part [m]
+Told = tuple[Answer | None, float, float]  # what is broken; room to what is required; distance
 
 
 def judge(case: Case, extra: float = 0.0, own_extra: float = 0.0, seconds: float = math.inf) -> Verdict:
@@ -61,42 +59,6 @@ def false_part(case: Case) -> Finding | None:
     return None
 
 
-def pieces(case: Case) -> Iterator[Piece]:
-    """The cubics with the positions and velocities of both knots (Hermite); straight lines, where there are none."""
-    p, times = case.positions, np.arange(float(len(case.positions))) if case.times is None else case.times
-    for k, h in enumerate(np.diff(times).tolist()):
-        mean = (p[k + 1] - p[k]) / h
-        v, w = (mean, mean) if case.velocities is None else case.velocities[k : k + 2]
-        yield float(times[k]), p[k], v, (6 * mean - 4 * v - 2 * w) / h, (6 * v + 6 * w - 12 * mean) / h**2, h
-
-
-def _at(piece: Piece, s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity, acceleration and jerk a time s after the start of a piece."""
-    _, p, v, a, j, _ = piece
-    return p + s * (v + s * (a / 2 + s * j / 6)), v + s * (a + s * j / 2), a + s * j, j
-
-
-def beyond_limit(case: Case) -> Finding | None:
-    """A limit that is exceeded where a position or a rate of any column is extreme, or a limited jerk without bound."""
-    names, before, shorter = [case.rows, *[case.columns] * 3], next(pieces(case))[3], math.inf
-    for piece in pieces(case):
-        start, p, v, a, j, h = piece
-        jump = np.abs(a - before) > SLACK * case.rates[1] + DIGITS * (1.0 + np.abs(p)) / min(h, shorter) ** 2
-        with np.errstate(all="ignore"):  # where v + a s + j s^2 / 2 is 0, no digits cancelling, and a + j s
-            stable = -(a + np.copysign(np.sqrt(a * a - 2 * j * v), a))
-            inner = np.concatenate([stable / j, 2 * v / stable, -a / j])
-        for s in {0.0, h, *inner[(inner > 0.0) & (inner < h)].tolist()}:
-            z, *rates = _at(piece, s)
-            y = case.spread @ z + case.offset
-            over = [np.maximum(y - case.upper, case.lower - y), *(np.abs(rates) - case.rates * (1.0 + SLACK))]
-            over[3] = np.where(jump & np.isfinite(case.rates[2]), math.inf, over[3])
-            for kind, of, excess in zip(KINDS[: 1 if case.times is None else 4], names, over, strict=False):
-                if (worst := float(excess.max(initial=-1.0))) > ROUNDING:
-                    return Finding(Answer.BEYOND_LIMIT, (of[int(excess.argmax())], kind), start + s, worst)
-        before, shorter = a + h * j, h
-    return None
-
-
 class Along:
     """Every pair of bodies and every constraint, all along the motion."""
 
@@ -121,15 +83,15 @@ class Along:
 
     def inside(self) -> Finding | None:
         """A body in another's closed mesh at the start. One that starts outside it has to touch it to come inside."""
-        start, z, *_ = next(pieces(self.case))
-        self._stand(z, start)
+        first = next(pieces(self.case))
+        self._stand(first.powers[0], first.start)
         for k, m in [both for i, j, _ in self.pairs for both in ((i, j), (j, i))]:
             a, b, seen = self.case.bodies[k], self.case.bodies[m], self.placed[k].actInv(self.placed[m])
             points = b.points @ seen.rotation.T + seen.translation
             near = points[((points >= a.corners.min(axis=0)) & (points <= a.corners.max(axis=0))).all(axis=1)]
             shell = a.shell if len(a.shell) else a.triangles
             if len(near) and is_closed(shell) and any(abs(winding(point, shell)) > 0.5 for point in near):
-                return Finding(Answer.INSIDE, (a.name, b.name), start)
+                return Finding(Answer.INSIDE, (a.name, b.name), first.start)
         return None
 
     def bisect(self) -> Finding:
@@ -140,21 +102,23 @@ class Along:
         stack.reverse()
         while stack:
             piece, low, high, asked = stack.pop()
-            start, middle, r = piece[0], 0.5 * (low + high), 0.5 * (high - low)
+            start, middle, r = piece.start, 0.5 * (low + high), 0.5 * (high - low)
             if time.monotonic() > self.until:
                 return Finding(Answer.UNDECIDED, ("time was up",), start + low)
-            z, v, a, j = _at(piece, middle)
-            self._stand(z, start + middle)
-            moves, turns = self._reach(r * (np.abs(v) + r * (np.abs(a) / 2 + r * np.abs(j) / 6)))  # Taylor's terms
-            moves[:, 0] = [r * self._fastest(k, start + low, start + high) for k in range(len(self.carried))]
+            terms = np.abs(expand_about(piece.powers, middle))  # Taylor's
+            self._stand(expand_about(piece.powers, middle)[0], start + middle)
+            most = piece.beside + sum(terms[k] * r**k for k in range(1, len(terms)))
+            reached, always = self._reach(most), self._reach(piece.beside)
+            reached[0][:, 0] = [r * self._fastest(k, start + low, start + high) for k in range(len(self.carried))]
             left = []
             for k in asked:
-                broken, room, loss, apart = self._pair(k, moves) if k < n else self._constraint(k - n, moves, turns)
+                loss, least = (self._loss(k, *some) for some in (reached, always))
+                broken, room, apart = self._pair(k, loss) if k < n else self._constraint(k - n)
                 if broken:
                     return Finding(broken, self.names[k], start + middle, apart)
                 if room >= loss:
                     self.kept = min(self.kept, room - loss) if k < n else self.kept
-                elif loss <= FLOOR:
+                elif room < least > 0.0 or loss - least <= FLOOR:
                     unsure = unsure or Finding(Answer.UNDECIDED, self.names[k], start + middle, apart)
                 else:
                     left.append(k)
@@ -163,8 +127,8 @@ class Along:
 
     def _cuts(self, piece: Piece) -> list[float]:
         """Times since the start of a piece between which no obstacle goes from one screw to the next."""
-        stops = [time - piece[0] for one in self.carried if one.screw is not None for time in one.screw.times]
-        return sorted({0.0, piece[-1], *(float(stop) for stop in stops if 0.0 < stop < piece[-1])})
+        stops = [time - piece.start for one in self.carried if one.screw is not None for time in one.screw.times]
+        return sorted({0.0, piece.span, *(float(stop) for stop in stops if 0.0 < stop < piece.span)})
 
     def _stand(self, z: np.ndarray, now: float) -> None:
         """Place everything where it is with the motion's columns z at a time: joints slide first and turn then."""
@@ -214,11 +178,20 @@ class Along:
             points = (self.points[self.moved.any(axis=1)].swapaxes(1, 2) - placed.translation) @ placed.rotation
         return float(np.linalg.norm(v + np.cross(w, points.reshape(-1, 3)), axis=2).max(initial=0.0))
 
-    def _pair(self, k: int, moves: np.ndarray) -> Told:
+    def _loss(self, k: int, moves: np.ndarray, turns: np.ndarray) -> float:
+        """How much closer a pair's bodies get by what joints move them, or by how much more a constraint is broken."""
+        if k < len(self.pairs):
+            i, j, _ = self.pairs[k]
+            return float((moves[i] + moves[j])[self.moved[i] ^ self.moved[j]].sum() + moves[i, 0] + moves[j, 0])
+        k -= len(self.pairs)
+        carrier = len(self.case.bodies) + k
+        some = moves[carrier] if len(self.case.constraints[k].across) else turns
+        return float(some[self.moved[carrier]].sum())
+
+    def _pair(self, k: int, loss: float) -> Told:
         """Two bodies: first the parts that contain them, less what may stand out of these; then as declared."""
         i, j, required = self.pairs[k]
         a, b = self.case.bodies[i], self.case.bodies[j]
-        loss = float((moves[i] + moves[j])[self.moved[i] ^ self.moved[j]].sum() + moves[i, 0] + moves[j, 0])
         for some, others, out in ((a.parts or [a.exact], b.parts or [b.exact], SLACK), ([a.exact], [b.exact], 0.0)):
             self.evaluations += len(some) * len(others)
             gap = min(distance(one, self.coal[i], other, self.coal[j]) for one in some for other in others)
@@ -226,16 +199,15 @@ class Along:
             if (room := apart - SLACK * (1.0 + 2.0 * abs(apart)) - required) >= loss:
                 break
         close = Answer.TOO_CLOSE if apart <= required - SLACK else None
-        return Answer.CONTACT if apart <= 0.0 else close, room, loss, apart
+        return Answer.CONTACT if apart <= 0.0 else close, room, apart
 
-    def _constraint(self, k: int, moves: np.ndarray, turns: np.ndarray) -> Told:
+    def _constraint(self, k: int) -> Told:
         """The angle of a frame's axis, or the distance of its origin; told is by how much that exceeds the limit."""
         one, carrier = self.case.constraints[k], len(self.case.bodies) + k
         axis, off = self.placed[carrier].rotation @ one.axis, self.placed[carrier].translation - one.point
         angle = math.atan2(float(np.linalg.norm(np.cross(axis, one.target))), float(axis @ one.target))
         excess = angle + float(np.linalg.norm(one.across @ off)) - one.limit  # one of both is 0
-        loss = float((moves[carrier] if len(one.across) else turns)[self.moved[carrier]].sum())
-        return Answer.CONSTRAINT_BROKEN if excess > SLACK else None, SLACK - excess, loss, excess
+        return Answer.CONSTRAINT_BROKEN if excess > SLACK else None, SLACK - excess, excess
 
 
 def _carrier(one: Body | Constraint, data: Any, now: float) -> Any:

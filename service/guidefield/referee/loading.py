@@ -32,7 +32,8 @@ from guidefield.referee.shapes import (
     surface,
 )
 
-FORMAT = "guidefield cases 1"
+FORMATS = ("guidefield cases 2", "guidefield cases 1")
+"""Of the files that are read; the first is written: in the other motions have neither accelerations nor tolerances."""
 
 ROOTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 
@@ -63,8 +64,8 @@ def load(path: Path) -> list[Case]:
         raise UnusableFile(f"{path.name} {error}") from None
     except (ValueError, EOFError, RecursionError, lzma.LZMAError) as error:
         raise UnusableFile(f"{path.name} isn't JSON: {error}") from None
-    if not isinstance(told, dict) or told.get("format") != FORMAT or not isinstance(told.get("cases"), list):
-        raise UnusableFile(f"{path.name} must have `format` {FORMAT!r} and a list of `cases`")
+    if not isinstance(told, dict) or told.get("format") not in FORMATS or not isinstance(told.get("cases"), list):
+        raise UnusableFile(f"{path.name} must have `format` {FORMATS[0]!r} and a list of `cases`")
     meshes: Meshes = {}
     return [case_of(one, meshes) for one in told["cases"]]
 
@@ -100,9 +101,9 @@ def _case(told: Told, meshes: Meshes) -> Case:
         told = _seen(told, np.array(told["anchor"], float))
     model, geometry, laws = _robot(told["robot"], meshes)
     spread, offset, turning, turned, columns = _chart(model, told, laws)
-    positions, times, velocities = _motion(told["motion"], len(columns))
+    motion = _motion(told["motion"], len(columns))
     lower, upper, unlimited = _position_limits(model, spread, told.get("without_limits", ()))
-    unknown = ["obstacles that move, along a path without times"] if times is None and _moves(told) else []
+    unknown = ["obstacles that move, along a path without times"] if motion["times"] is None and _moves(told) else []
     bodies = [*_links(model, geometry, told["parts"]), *_objects(model, told, unknown)]
     return Case(
         model=model,
@@ -114,9 +115,7 @@ def _case(told: Told, meshes: Meshes) -> Case:
         constraints=[*_constraints(model, told.get("path_constraints", ()), unknown)],
         rows=[model.names[i] for i in range(1, model.njoints) for _ in range(model.joints[i].nv)],
         columns=columns,
-        times=times,
-        positions=positions,
-        velocities=velocities,
+        **motion,
         lower=lower,
         upper=upper,
         rates=_rates(columns, told["limits"]),
@@ -300,24 +299,38 @@ def _chart(model: Any, told: Told, laws: Mapping[str, tuple[str, float, float]])
     return spread, offset, turning, turned, columns
 
 
-def _motion(told: Told, columns: int) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """`positions`, `times` and `velocities` of a case."""
-    positions = np.array(told["positions"], float)
-    times, velocities = (
-        None if told[kind] is None else np.array(told[kind], float) for kind in ("times", "velocities")
-    )
-    if not len(positions) or positions.shape[1:] != (columns,):
+def _motion(told: Told, columns: int) -> dict[str, Any]:
+    """The motion's fields of a case."""
+    arrays = {
+        kind: None if told.get(kind) is None else np.array(told[kind], float)
+        for kind in ("positions", "times", "velocities", "accelerations", "tolerance")
+    }
+    positions, times, velocities, accelerations, tolerance = arrays.values()
+    if positions is None or not len(positions) or positions.shape[1:] != (columns,):
         raise UnusableFile(f"`motion.positions` needs rows of {columns} numbers, as its joints have")
     if times is not None and (times.shape != positions.shape[:1] or not (np.diff(times) > 0.0).all()):
         raise UnusableFile("`motion.times` must increase, one for each position")
     if velocities is not None and (times is None or velocities.shape != positions.shape):
         raise UnusableFile("`motion.velocities` must be as many as positions, which need times then")
-    if not all(np.isfinite(some).all() for some in (positions, velocities, times) if some is not None):
+    if accelerations is not None and (velocities is None or accelerations.shape != positions.shape):
+        raise UnusableFile("`motion.accelerations` must be as many as positions, which need velocities then")
+    if not isinstance(steps := told.get("steps", False), bool) or (steps and (times is None or velocities is not None)):
+        raise UnusableFile("`motion.steps` must be true or false; steps need times, and have no velocities")
+    if tolerance is not None and (tolerance.shape != (columns,) or (tolerance < 0.0).any()):
+        raise UnusableFile(f"`motion.tolerance` needs {columns} numbers, as its joints have, none of them negative")
+    if not all(np.isfinite(some).all() for some in arrays.values() if some is not None):
         raise UnusableFile("`motion` must have finite numbers")
     if len(positions) == 1:  # a motion that goes nowhere, for a moment
-        positions, velocities = np.repeat(positions, 2, axis=0), None
+        positions, velocities, accelerations = np.repeat(positions, 2, axis=0), None, None
         times = None if times is None else np.array([times[0], times[0] + MOMENT])
-    return positions, times, velocities
+    return {
+        "times": times,
+        "positions": positions,
+        "velocities": velocities,
+        "accelerations": accelerations,
+        "steps": steps,
+        "tolerance": np.zeros(columns) if tolerance is None else tolerance,
+    }
 
 
 def _position_limits(model: Any, spread: np.ndarray, without: Sequence[str]) -> tuple[Any, Any, list[Any]]:

@@ -7,15 +7,16 @@ where they are in the middle. Every bound is that of certificate.md, by Pinocchi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from guidefield.referee.case import Body, Case
 from guidefield.referee.containment import Declared, declared, radius_about
-from guidefield.referee.judge import pieces
+from guidefield.referee.curve import expand_about, pieces
 
 
 class ChordBounds(NamedTuple):
@@ -47,31 +48,42 @@ class _Move(NamedTuple):
 
 def bound_chords(case: Case, segments: np.ndarray, *, timed: bool) -> ChordBounds:
     """Bound the motion in segments (s, 2) by control points; l is the share of the time where that is asked for."""
-    starts, p, v, a, j, h = map(np.array, zip(*pieces(case), strict=True))
+    told = [*pieces(case)]
+    starts, spans = (np.array([getattr(one, name) for one in told]) for name in ("start", "span"))
+    powers, beside = (np.array([getattr(one, name) for one in told]) for name in ("powers", "beside"))
+    degree = powers.shape[1] - 1
 
-    def piece_at(t: np.ndarray) -> np.ndarray:
-        return np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(h) - 1)
+    def at(k: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Control points of the part of a piece between two times (k,), shape (k, degree + 1, n)."""
+        s, h = (np.clip(some - starts[k], 0.0, spans[k])[:, None] for some in (begin, end))
+        terms = expand_about(powers[k], s) * ((h - s)[:, :, None] ** np.arange(degree + 1)[:, None])
+        shares = [[math.comb(i, j) / math.comb(degree, j) for j in range(degree + 1)] for i in range(degree + 1)]
+        controls: np.ndarray = np.einsum("ij,kjn->kin", np.array(shares), terms)
+        return controls
 
-    def at(k: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        s = np.clip(t - starts[k], 0.0, h[k])[:, None]
-        return p[k] + s * (v[k] + s * (a[k] / 2 + s * j[k] / 6)), v[k] + s * (a[k] + s * j[k] / 2)
+    def piece_at(t: np.ndarray, side: Literal["left", "right"]) -> np.ndarray:
+        found: np.ndarray = np.clip(np.searchsorted(starts, t, side=side) - 1, 0, len(spans) - 1)
+        return found
 
     (begins, ends), middles = segments.T, segments.mean(axis=1)
-    first, last, z = piece_at(begins), piece_at(ends), at(piece_at(middles), middles)[0]
-    chords, counts = at(last, ends)[0] - at(first, begins)[0], last - first + 1
+    first, z = piece_at(begins, "right"), at(piece_at(middles, "right"), middles, middles)[:, 0]
+    last = np.maximum(piece_at(ends, "left"), first)  # the one that begins there doesn't count: steps jump
+    counts = last - first + 1
     row, of = np.repeat(np.arange(len(segments)), counts), np.cumsum(counts) - counts
     k = np.arange(len(row)) - of[row] + first[row]
-    begin, end = np.maximum(begins[row], starts[k]), np.minimum(ends[row], starts[k] + h[k])
-    (p0, v0), (p1, v1), third = at(k, begin), at(k, end), ((end - begin) / 3.0)[:, None]
-    controls = np.stack([p0, p0 + third * v0, p1 - third * v1, p1], axis=1) - z[row, None]
+    begin, end = np.maximum(begins[row], starts[k]), np.minimum(ends[row], starts[k] + spans[k])
+    points = at(k, begin, end)
+    chords = points[of + counts - 1, -1] - points[of, 0]
+    controls = points - z[row, None]
     if timed:
-        times = begin[:, None] + (end - begin)[:, None] * np.arange(4) / 3.0
+        times = begin[:, None] + (end - begin)[:, None] * np.arange(degree + 1) / degree
         shares = (times - middles[row, None]) / (ends - begins)[row, None]
     else:
         squares = (chords**2).sum(axis=1)
         shares = np.einsum("rci,ri->rc", controls, chords[row]) / np.where(squares > 0.0, squares, 1.0)[row, None]
-    aside = np.abs(controls - shares[..., None] * chords[row, None])
-    most = [np.maximum.reduceat(np.abs(one).max(axis=1), of) for one in (shares, controls, aside)]
+    aside = np.abs(controls - shares[..., None] * chords[row, None]).max(axis=1) + beside[k]
+    farthest = np.abs(controls).max(axis=1) + beside[k]
+    most = [np.maximum.reduceat(one, of) for one in (np.abs(shares).max(axis=1), farthest, aside)]
     return ChordBounds(z, chords, *most)
 
 

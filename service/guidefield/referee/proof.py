@@ -15,7 +15,8 @@ import numpy as np
 
 from guidefield.referee.loading import UnusableFile
 
-FORMAT = "guidefield proofs 1"
+FORMATS = ("guidefield proofs 2", "guidefield proofs 1")
+"""Of the files that are read; the first is written, with cases of the same number."""
 
 LARGEST = 2**31  # the largest proof that is read, unpacked [bytes]: a file of some MB could hold arrays of terabytes
 
@@ -80,8 +81,8 @@ def load_proofs(path: Path) -> list[tuple[dict[str, Any], Proof]]:
                 raise UnusableFile(f"{path.name} has {size} bytes unpacked, at most {LARGEST} are read")
             arrays = {name: file[name] for name in file.files}
         told, said = str(arrays.pop("format")), str(arrays.pop("digest"))
-        if told != FORMAT:
-            raise UnusableFile(f"{path.name} must have `format` {FORMAT!r}")
+        if told not in FORMATS:
+            raise UnusableFile(f"{path.name} must have `format` {FORMATS[0]!r}")
         if said != digest(arrays):
             raise UnusableFile(f"{path.name} has been changed: its digest is another one")
         first, *others = json.loads(arrays.pop("cases").tobytes())

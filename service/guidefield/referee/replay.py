@@ -16,7 +16,9 @@ import numpy as np
 
 from guidefield.referee.case import Case
 from guidefield.referee.containment import box_about
-from guidefield.referee.judge import Along, beyond_limit, false_part, pieces
+from guidefield.referee.curve import pieces
+from guidefield.referee.judge import Along, false_part
+from guidefield.referee.limits import beyond_limit
 from guidefield.referee.loading import Meshes, case_of
 from guidefield.referee.motion_bounds import BodyBounds, SegmentBounds
 from guidefield.referee.proof import Proof, load_proofs
@@ -170,8 +172,8 @@ class _Replay:
                 around.pop()
             (children[around[-1]] if around else top).append(k)
             around.append(k)
-        *_, last = pieces(self._case)
-        whole = next(pieces(self._case))[0], last[0] + last[-1]
+        every = [*pieces(self._case)]
+        whole = every[0].start, every[-1].start + every[-1].span
         for (begin, end), inner in ((whole, top), *((spans[k], some) for k, some in enumerate(children) if some)):
             parts = spans[inner].reshape(-1, 2)
             edges = [begin, *parts[:, 1].tolist()], [*parts[:, 0].tolist(), end]

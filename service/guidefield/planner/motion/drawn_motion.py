@@ -73,7 +73,7 @@ def draw(
             f"`execution` makes {count:.6g} rows of {planned.duration:.6g} s{rate}; at most {MOST_SENT_ROWS} are sent",
             path="$.execution",
         )
-    kind, tolerance = execution.interpolation, execution.tolerance if execution.tolerance.any() else None
+    kind, tolerance = execution.interpolation, execution.tube
     if kind.holds:
         times, commands = _commands(planned, execution)
         if kind is Interpolation.ZERO_ORDER_HOLD:

@@ -7,10 +7,11 @@ spline is off by the fourth power of their distance only. Waypoints are joined b
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.task.motion_limits import polynomials_of
-from guidefield.prove.curve import Curve
+from guidefield.prove.curve import Curve, find_pieces, point_on
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 from guidefield.scene.scene import Scene
@@ -142,10 +143,21 @@ class GivenMotion(ReadOnly):
     accelerations: ChartRates | None = None
     tolerance: np.ndarray | None = None  # how far a robot may be from it, shape (nv,) [rad or m]; None: nothing
 
+    @classmethod
+    def of(cls, motion: Trajectory, tolerance: np.ndarray | None = None) -> GivenMotion:
+        """A trajectory as it is, with a tolerance (nv,) about it."""
+        knots = np.arange(len(motion.times))
+        return cls(CurveKind.HERMITE, motion.positions, knots, motion.times, motion.velocities, tolerance=tolerance)
+
     @property
     def is_point(self) -> bool:
         """True if there is a single knot."""
         return len(self.positions) == 1
+
+    @property
+    def duration(self) -> float:
+        """[s]; 0 without times."""
+        return 0.0 if self.times is None else float(self.times[-1] - self.times[0])
 
     @cached_property
     def pieces(self) -> ChartCurves:
@@ -241,6 +253,60 @@ class GivenMotion(ReadOnly):
         if self.times is None:
             return row, None
         return row, float(self.times[piece] + share * (self.times[piece + 1] - self.times[piece]))
+
+    def place_at(self, time: float) -> tuple[int, float]:
+        """The piece that is run through at a time [s], and the share of it that has passed; times are needed."""
+        assert self.times is not None, "it has times"
+        if self.is_point:
+            return 0, 0.0
+        piece, share = find_pieces(self.times, np.array([time]))
+        return int(piece[0]), float(share[0])
+
+    def between(self, begin: tuple[int, float], end: tuple[int, float]) -> GivenMotion:
+        """The part between two places, each a piece and the share of it that has passed; steps aren't cut."""
+        if self.is_point:
+            return self
+        (first, share), (last, until) = begin, end
+        if share == 1.0 and first + 1 < len(self.pieces):
+            first, share = first + 1, 0.0
+        if until == 0.0 and last > first:
+            last, until = last - 1, 1.0
+        if (first, share) == (last, until):
+            cut = [self._state(first, share)]
+        else:
+            rows = range(first, last + 2)
+            cut = [self._state(k, 0.0) if k <= last else self._state(last, 1.0) for k in rows]
+            if share > 0.0:
+                cut[0] = self._state(first, share)
+            if until < 1.0:
+                cut[-1] = self._state(last, until)
+        told = [None if any(one is None for one in some) else np.array(some) for some in zip(*cut, strict=True)]
+        rows_told, times, positions, velocities, accelerations = told
+        return dataclasses.replace(
+            self,
+            positions=cast(ChartPoints, positions),
+            rows=cast(np.ndarray, rows_told),
+            times=times,
+            velocities=cast("ChartRates | None", velocities),
+            accelerations=cast("ChartRates | None", accelerations),
+        )
+
+    def _state(self, piece: int, share: float) -> tuple[float, float | None, ChartPoint, Any, Any]:
+        """Row, time, position, and where there are rates, velocity and acceleration at a place."""
+        row, time = self.along(piece, share)
+        if share in (0.0, 1.0):  # as it is told
+            k = piece + int(share)
+            velocity, rise = (None if one is None else one[k] for one in (self.velocities, self.accelerations))
+            return row, time, cast(ChartPoint, self.positions[k]), velocity, rise
+        assert self.kind is not CurveKind.STEPS, "steps aren't cut"
+        controls = self.pieces[piece]
+        if self.velocities is None or self.times is None:
+            return row, time, point_on(controls, share), None, None
+        order, span = len(controls) - 1, float(self.times[piece + 1] - self.times[piece])
+        first = cast(ChartPoints, order * np.diff(controls, axis=0) / span)
+        second = cast(ChartPoints, (order - 1) * np.diff(first, axis=0) / span)
+        rise = None if self.accelerations is None else point_on(second, share)
+        return row, time, point_on(controls, share), point_on(first, share), rise
 
     def along_measured(self, time: float) -> tuple[float, float | None]:
         """The row and the time [s] of a place that was found at a time of `measured` [s]."""

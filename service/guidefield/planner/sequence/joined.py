@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import judge
+from guidefield.planner.motion_certificate import judge_itself
 from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
 from guidefield.planner.sequence.stretches import part
 from guidefield.planner.task.motion_limits import slower
@@ -176,7 +176,7 @@ def find_refused_part(parts: Sequence[Part], joined: Joined) -> tuple[int, Verdi
 def _judge_part(one: Part, motion: Trajectory, all_of: tuple[int, int], straight: tuple[int, int]) -> Verdict:
     """Return whether a part is free between two knots, and keeps to its way between two others."""
     problem = one.problem
-    verdict = judge(problem, _between(motion, *all_of))
+    verdict = judge_itself(problem, _between(motion, *all_of))
     if not verdict.free or one.way is None or straight[0] >= straight[1]:
         return verdict
     pieces = _between(motion, *straight).bezier()

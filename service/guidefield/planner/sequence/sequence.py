@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, cast
 
@@ -17,6 +17,7 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline, DeadlineExpired, end_reason
 from guidefield.errors import Status
+from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import LAST_JUDGEMENT, find_excess
 from guidefield.planner.plan import Plan
@@ -30,11 +31,12 @@ from guidefield.planner.sequence.stretches import (
     Embedding,
     Stretch,
     certify_stretch,
+    settle_stretches,
     stretches_of,
     whole_configuration,
     with_knots_at,
 )
-from guidefield.planner.task.problem import Conditions, Problem
+from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
 from guidefield.planner.task.stages import Ending, Stages, refusal
 from guidefield.planner.task.trace import Event, Note, Observer, PathRelaxed, StageLeft, Step, TreeGrown
 from guidefield.prove.verdict import Verdict
@@ -89,6 +91,7 @@ class SequencePlan(ReadOnly, Generic[S]):
     # what the robot would execute; None where a step failed before it was certified
     trajectory: Trajectory | None = None
     stretches: tuple[Stretch, ...] = ()
+    drawn: DrawnMotion | None = None  # what a controller is sent of it; None where that isn't asked for
     permissions: tuple[Allowed, ...] = ()
     stages: tuple[StageLeft, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
@@ -178,8 +181,12 @@ class _Planning(Generic[S]):
         elif moved:
             self._composition.move(moved[0].trajectory, moved[0].embedding)
             self._legs[-1] = dataclasses.replace(self._legs[-1], straight=(begin, self._composition.end))
-        self._composition.wait(self._course.leaves_at(index, self._at, self._composition.end))
+        arrived = self._composition.end
+        self._composition.wait(self._course.leaves_at(index, self._at, arrived))
         last = self._legs[-1]
+        execution = last.conditions.execution
+        if execution is not None and index + 1 < len(self._course):  # ticks are those of each step by itself then
+            self._composition.wait(max(execution.find_arrival(arrived), execution.next_tick(self._composition.end)))
         self._legs[-1] = dataclasses.replace(
             last, span=(begin if len(moved) < 2 else last.span[0], self._composition.end)
         )
@@ -223,17 +230,21 @@ class _Planning(Generic[S]):
 
     def _certified(self) -> SequencePlan[S]:
         verdicts: list[Verdict] = []
+        drawn: DrawnMotion | None = None
         ended = Ending(Status.SUCCESS, "found a motion through all steps and certified it free over its whole length")
         stages = Stages(self._legs[0].conditions)
         with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
             trajectory, stretches, permissions = self._parts()
             deadline = self._deadline.at_least(LAST_JUDGEMENT)
-            for stretch in stretches:
-                verdicts.append(certify_stretch(stretch, deadline))
+            judged: Iterable[Verdict] = (certify_stretch(stretch, deadline) for stretch in stretches)
+            if (execution := self._legs[0].conditions.execution) is not None:
+                drawn, stretches, judged = settle_stretches(trajectory, execution, stretches, deadline)
+            for stretch, verdict in zip(stretches, judged, strict=False):
+                verdicts.append(verdict)
                 if not verdicts[-1].free:
                     ended = _in_step(stretch.index, refusal(stretch, verdicts[-1]))
                     break
-                if (excess := find_excess(stretch, stretch.motion)) is not None:
+                if (excess := find_excess(stretch, stretch.executed)) is not None:
                     ended = _in_step(stretch.index, excess)
                     break
             stage.outcome = verdicts[-1].reason.value
@@ -247,12 +258,16 @@ class _Planning(Generic[S]):
             verdicts=tuple(verdicts),
             trajectory=trajectory,
             stretches=tuple(stretches[: len(verdicts)]) if ended.status is not Status.SUCCESS else tuple(stretches),
+            drawn=drawn,
             permissions=tuple(permissions),
             **self._describe(),
         )
 
     def _parts(self) -> tuple[Trajectory, list[Stretch], list[Allowed]]:
         trajectory, legs = self._composition.trajectory(), self._legs
+        execution = legs[0].conditions.execution
+        if execution is not None and execution.interpolation.holds:
+            legs = self._legs = [_at_ticks(leg, execution, trajectory.duration) for leg in legs]
         permissions = []
         for holding in holdings(
             [leg.at.touches for leg in legs],
@@ -261,6 +276,14 @@ class _Planning(Generic[S]):
             [leg.conditions for leg in legs],
         ):
             permissions += find_allowed_times(holding, trajectory, legs[0].conditions.min_clearance)
+        if execution is not None and execution.interpolation.holds:
+            last = trajectory.duration
+            permissions = [
+                Allowed(one.touch, execution.last_tick(one.begin), min(execution.find_arrival(one.end), last))
+                for one in permissions
+            ]
+            cuts = [time for leg in legs for time in (*leg.span, *leg.straight)]
+            trajectory = with_knots_at(trajectory, cuts)
         permissions = [
             dataclasses.replace(
                 one, begin=_snapped(one.begin, trajectory.times), end=_snapped(one.end, trajectory.times)
@@ -328,6 +351,15 @@ def _late(index: int, late: DeadlineExpired) -> Refused:
 def _in_step(index: int, ending: Ending) -> Ending:
     details = {**ending.details, "step": index, "path": f"$.steps[{index}]"}
     return Ending(ending.status, f"`steps[{index}]`: {ending.message}", details)
+
+
+def _at_ticks(leg: Leg[S], execution: ControllerModel, end: float) -> Leg[S]:
+    """A step of a motion that ends at a time [s], which begins and ends at ticks, and so does its straight way."""
+    begins, ends = leg.span
+    span = min(execution.next_tick(begins), end), min(execution.next_tick(ends), end)
+    first = span[0] if leg.straight[0] == begins else execution.find_arrival(leg.straight[0])
+    last = span[1] if leg.straight[1] == ends else execution.last_tick(leg.straight[1])
+    return dataclasses.replace(leg, span=span, straight=(first, last))
 
 
 def _snapped(time: float, knots: np.ndarray) -> float:

@@ -12,11 +12,13 @@ import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
+from guidefield.planner.motion.drawn_motion import DrawnMotion
+from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import certify_from_start
+from guidefield.planner.motion_certificate import certify_from_start, enclosed_start, judge_drawn, settle_rows
 from guidefield.planner.sequence.course import Allowed
 from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
-from guidefield.planner.task.problem import Conditions
+from guidefield.planner.task.problem import Conditions, ControllerModel
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
@@ -145,6 +147,18 @@ class Stretch(Conditions):
     index: int
     motion: Trajectory
     way: StraightWay | None = None
+    drawn: GivenMotion | None = None  # what a controller draws of it; None: the motion itself is executed
+
+    @property
+    def executed(self) -> Trajectory | GivenMotion:
+        """What a robot executes of it."""
+        return self.motion if self.drawn is None else self.drawn
+
+    def drawn_of(self, whole: GivenMotion, *, is_last: bool) -> Stretch:
+        """The same with its part of what a controller draws of the whole, which may end after the motion."""
+        begin, end = float(self.motion.times[0]), float(self.motion.times[-1])
+        until = (len(whole.pieces) - 1, 1.0) if is_last else whole.place_at(end)
+        return dataclasses.replace(self, drawn=whole.between(whole.place_at(begin), until))
 
 
 def stretches_of(
@@ -182,11 +196,49 @@ def stretches_of(
     return stretches
 
 
+def settle_stretches(
+    trajectory: Trajectory, execution: ControllerModel, stretches: Sequence[Stretch], deadline: Deadline
+) -> tuple[DrawnMotion, list[Stretch], list[Verdict]]:
+    """Choose the rows that a controller is sent of all stretches, as `settle_rows`.
+
+    Returns what is drawn, each stretch with its part of it, and the verdicts up to the first that isn't free.
+    """
+    parts, verdicts = list[Stretch](), list[Verdict]()
+
+    def judge_motion(motion: GivenMotion) -> tuple[Verdict, float]:
+        nonlocal parts, verdicts
+        last = len(stretches) - 1
+        parts, verdicts = [one.drawn_of(motion, is_last=k == last) for k, one in enumerate(stretches)], []
+        stretched = 1.0
+        for one in parts:
+            verdict, most = judge_stretch(one, deadline)
+            verdicts.append(verdict)
+            stretched = max(stretched, most)
+            if not verdict.free:
+                break
+        return verdicts[-1], stretched
+
+    settled = settle_rows(trajectory, execution, deadline, judge_motion)
+    if not settled.is_kept:  # the motion itself was judged after it
+        judge_motion(settled.drawn.motion)
+    return settled.drawn, parts, verdicts
+
+
 def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> Verdict:
     """Judge a stretch: free, and keeping what the step has to keep."""
-    verdict = certify_from_start(stretch, stretch.motion, deadline)
+    return judge_stretch(stretch, deadline)[0]
+
+
+def judge_stretch(stretch: Stretch, deadline: Deadline) -> tuple[Verdict, float]:
+    """Judge a stretch as `certify_stretch`; and by how much its time has to be stretched (`Settled.stretch`)."""
+    drawn, stretched = stretch.drawn, 1.0
+    if drawn is None:
+        verdict, pieces = certify_from_start(stretch, stretch.motion, deadline), stretch.motion.bezier()
+    else:
+        begin, pieces = drawn.along(0, 0.0)[1] or 0.0, drawn.straight if drawn.kind is CurveKind.STEPS else drawn.pieces
+        inside = enclosed_start(stretch, drawn.start, begin)
+        verdict, stretched = judge_drawn(stretch, drawn, deadline) if inside is None else (inside, 1.0)
     if not verdict.free or stretch.way is None:
-        return verdict
-    turns, pieces = stretch.world.bodies.turns, stretch.motion.bezier()
-    kept = certify_straight(stretch.way, stretch.group, turns, pieces, deadline)
-    return dataclasses.replace(kept, evaluations=verdict.evaluations + kept.evaluations)
+        return verdict, stretched
+    kept = certify_straight(stretch.way, stretch.group, stretch.world.bodies.turns, pieces, deadline)
+    return dataclasses.replace(kept, evaluations=verdict.evaluations + kept.evaluations), stretched

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, cast
@@ -64,9 +65,32 @@ class ControllerModel(ReadOnly):
     tolerance: np.ndarray  # how far each coordinate may be from what is drawn, shape (nv,) [rad or m]
 
     @property
+    def tube(self) -> np.ndarray | None:
+        """Half widths (nv,) of the tube about what is drawn in which the robot is [rad or m]; None: there is none."""
+        return self.tolerance if self.tolerance.any() else None
+
+    @property
     def has_tube(self) -> bool:
         """Whether the robot may be beside a curve."""
-        return self.interpolation is Interpolation.ZERO_ORDER_HOLD or bool(self.tolerance.any())
+        return self.interpolation is Interpolation.ZERO_ORDER_HOLD or self.tube is not None
+
+    def next_tick(self, time: float) -> float:
+        """The first tick that isn't before a time [s]; without ticks the time itself."""
+        if not self.interpolation.holds or self.rate is None:
+            return time
+        return math.ceil(time * self.rate * (1.0 - ROUNDING)) / self.rate
+
+    def last_tick(self, time: float) -> float:
+        """The last tick that isn't after a time [s]; without ticks the time itself."""
+        if not self.interpolation.holds or self.rate is None:
+            return time
+        return math.floor(time * self.rate * (1.0 + ROUNDING)) / self.rate
+
+    def find_arrival(self, time: float) -> float:
+        """The tick at which what is drawn has come to where the motion is at a time [s]; without ticks that time."""
+        if self.interpolation is not Interpolation.ZERO_ORDER_HOLD or self.rate is None:
+            return self.next_tick(time)
+        return (math.ceil(time * self.rate * (1.0 - ROUNDING)) + 1) / self.rate
 
     def count_rows(self, times: np.ndarray, parts: int = 1) -> float:
         """Return how many rows of a motion with knots (n,) [s] there are."""
