@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidefield.errors import MalformedRequest, UnknownObject
+from guidefield.messages.exports import write_table
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
 from guidefield.whole_file import write_whole
 
@@ -80,13 +80,10 @@ def write_motion(motion: RunArrays, path: Path) -> None:
 
 
 def _csv(motion: RunArrays) -> bytes:
-    text = io.StringIO(newline="")
     rates = [f"{kind}:{name}" for kind in ("velocity", "acceleration") for name in motion.velocity_names]
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["time", *(f"position:{name}" for name in motion.position_names), *rates])
+    head = ["time", *(f"position:{name}" for name in motion.position_names), *rates]
     columns = (motion.times[:, None], motion.positions, motion.velocities, motion.accelerations)
-    table.writerows(np.hstack(columns).tolist())
-    return text.getvalue().encode()
+    return write_table(head, np.hstack(columns).tolist()).encode()
 
 
 def _json(motion: RunArrays) -> bytes:

@@ -156,7 +156,7 @@ def test_what_no_controller_takes_is_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ['a "q"', "new\nline\n  movej(0)\n#", "\U0001f600", "\u2028", "it's: {x}, #", "\x7f\\"]
+    "name", ['a "q"', "car\rriage", "new\nline\n  movej(0)\n#", "\U0001f600", "\u2028", "it's: {x}, #", "\x7f\\"]
 )
 def test_a_name_is_a_name_in_every_kind(name: str) -> None:
     """It adds no line to a program, and is read as it was."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -15,14 +14,14 @@ from guidefield.engine import answer
 from guidefield.errors import MalformedRequest
 from guidefield.messages.executed import JointStates, judgement_of
 from guidefield.messages.execution import ExecutionFigures
-from guidefield.messages.exports import SentMotion, trajectory_message
+from guidefield.messages.exports import SentMotion, trajectory_message, write_table
 from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.messages.requests import PlanRequest
 
 if TYPE_CHECKING:
     import numpy as np
 
-PLACES_EVERY = 1e-3  # time between two places along the curve that a robot is looked for at, at most [s]
+FLAT = 1e-5  # between places along the curve that a robot is looked for at it is straight but for this [rad or m]
 
 
 def execute(
@@ -95,13 +94,15 @@ def _curve(rows: ExecutionFigures) -> tuple[np.ndarray, np.ndarray]:
         drawn = Trajectory(times, positions, velocities)
     elif rows.interpolation == "quintic":
         drawn = QuinticMotion(times, positions, velocities, accelerations)
-    count = int(np.ceil((times[-1] - times[0]) / PLACES_EVERY)) + 1
-    moments = np.union1d(times, np.linspace(times[0], times[-1], count))
+    pieces = drawn.bezier()
+    degree = pieces.shape[1] - 1
+    bends = np.abs(np.diff(pieces, 2, axis=1)).max(axis=(1, 2), initial=0.0) * degree * (degree - 1) / 8.0
+    parts = np.maximum(np.ceil(np.sqrt(bends / FLAT)), 1.0)
+    knots = np.concatenate([[0.0], np.cumsum(parts)])
+    moments = np.interp(np.arange(knots[-1] + 1.0), knots, times)
     return moments, np.array(drawn.evaluate(moments)[0])
 
 
 def _write_states(states: JointStates, file: Path) -> None:
-    with file.open("w", newline="") as text:
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(["time", *states.joints])
-        table.writerows([time, *row] for time, row in zip(states.times, states.positions, strict=True))
+    rows = ([time, *row] for time, row in zip(states.times, states.positions, strict=True))
+    file.write_bytes(write_table(["time", *states.joints], rows).encode())

@@ -12,7 +12,7 @@ import struct
 import sys
 import zipfile
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -186,13 +186,21 @@ def _columns(motion: SentMotion) -> list[tuple[str, Sequence[Sequence[float]]]]:
 
 
 def _csv(motion: SentMotion) -> bytes:
-    text, columns = io.StringIO(newline=""), _columns(motion)
-    text.write(f"# {describe_certified(motion)}\n")
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["time", *(f"{kind}:{joint}" for kind, _ in columns for joint in motion.joints)])
-    for row, time in enumerate(motion.rows.times):
-        table.writerow([time, *(value for _, values in columns for value in values[row])])
-    return text.getvalue().encode()
+    columns = _columns(motion)
+    head = ["time", *(f"{kind}:{joint}" for kind, _ in columns for joint in motion.joints)]
+    rows = (
+        [time, *(value for _, values in columns for value in values[row])] for row, time in enumerate(motion.rows.times)
+    )
+    return f"# {describe_certified(motion)}\n{write_table(head, rows)}".encode()
+
+
+def write_table(head: Sequence[str], rows: Iterable[Sequence[float]]) -> str:
+    """Return a table as CSV; names with a carriage return are quoted, which Python before 3.13 leaves out."""
+    text = io.StringIO(newline="")
+    quoting = csv.QUOTE_ALL if any("\r" in name for name in head) else csv.QUOTE_MINIMAL
+    csv.writer(text, lineterminator="\n", quoting=quoting).writerow(head)
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def _fields(motion: SentMotion) -> dict[str, Any]:

@@ -54,15 +54,19 @@ def beyond_limit(case: Case) -> Finding | None:
             over[3][0, 1:][jumps & np.isfinite(case.rates[2])] = math.inf
         worst = np.array([one.max(axis=(0, 2), initial=-1.0) for one in over[:kinds]])
         if len(refused := np.flatnonzero((worst > ROUNDING).any(axis=0))):
-            k = int(refused[0])
-            kind = int(np.argmax(worst[:, k] > ROUNDING))
-            at, of = np.unravel_index(int(over[kind][:, k].argmax()), over[kind][:, k].shape)
-            names = case.columns if kind else case.rows
-            column = int(of) if kind else int(np.abs(case.spread[of]).argmax())
-            return Finding(
-                Answer.BEYOND_LIMIT,
-                (names[int(of)], KINDS[kind]),
-                some[k].start + float(s[at, k, column]),
-                worst[kind, k],
-            )
+            return _first_excess(case, some[int(refused[0])].start, int(refused[0]), s, over[:kinds])
     return None
+
+
+def _first_excess(case: Case, start: float, k: int, s: np.ndarray, over: list[np.ndarray]) -> Finding:
+    """The first of the excesses on a piece that begins at a time, and of those then the largest of the first kind."""
+    moves = np.abs(case.spread).argmax(axis=1)  # the column that each number of the model's chart depends on
+    times = [s[:, k, moves], *[s[:, k]] * 3]
+    found = [
+        (float(times[kind][at, of]), kind, -float(one[at, k, of]), int(of))
+        for kind, one in enumerate(over)
+        for at, of in np.argwhere(one[:, k] > ROUNDING)
+    ]
+    time, kind, excess, of = min(found)
+    name = (case.columns if kind else case.rows)[of]
+    return Finding(Answer.BEYOND_LIMIT, (name, KINDS[kind]), start + time, -excess)
