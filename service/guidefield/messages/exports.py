@@ -197,9 +197,10 @@ def _csv(motion: SentMotion) -> bytes:
 def write_table(head: Sequence[str], rows: Iterable[Sequence[float]]) -> str:
     """Return a table as CSV; names with a carriage return are quoted, which Python before 3.13 leaves out."""
     text = io.StringIO(newline="")
-    quoting = csv.QUOTE_ALL if any("\r" in name for name in head) else csv.QUOTE_MINIMAL
-    csv.writer(text, lineterminator="\n", quoting=quoting).writerow(head)
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    plain = csv.writer(text, lineterminator="\n")
+    quoted = csv.writer(text, lineterminator="\n", quoting=csv.QUOTE_ALL)
+    (quoted if any("\r" in name for name in head) else plain).writerow(head)
+    plain.writerows(rows)
     return text.getvalue()
 
 
