@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from guidefield.collision.bodies import bodies
+from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.world import World
 from guidefield.prove import proof
 from guidefield.scene import library
+from guidefield.scene.cloud import Cloud
 from guidefield.scene.scene import build
-from tests.robots import group
+from tests.robots import group, robot
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
 
@@ -21,11 +26,11 @@ def tools(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(TOOLS))
 
 
-@pytest.mark.parametrize(("robot", "scene"), [("panda", "bookshelf")])
-def test_every_node_holds_what_is_below_it(robot: str, scene: str) -> None:
+@pytest.mark.parametrize(("name", "scene"), [("panda", "bookshelf")])
+def test_every_node_holds_what_is_below_it(name: str, scene: str) -> None:
     from doubting.tables import SINGLE, check_tables
 
-    world = World.build(group(robot), build(library.read(scene)))
+    world = World.build(group(name), build(library.read(scene)))
     out = check_tables(world)
     assert {one.name for one in world.scene.obstacles} < set(out)
     assert max(out.values()) < SINGLE
@@ -45,3 +50,57 @@ def test_spheres_that_are_too_small_are_seen(share: float, far: float, monkeypat
     monkeypatch.setattr(proof._Nodes, "shape", smaller)
     worst = max(check_tables(World.build(group("panda"), build(library.read("table")))).values())
     assert SINGLE < worst <= far
+
+
+def test_spheres_and_boxes_hold_what_they_are_about() -> None:
+    from doubting.bounds import check_bounds, random_scene
+    from doubting.tables import SINGLE, robot_alone
+
+    alone = check_bounds(robot_alone(robot("panda")))
+    assert {f"panda_link{k}" for k in range(1, 8)} < set(alone)
+    among = check_bounds(World.build(group("panda"), random_scene(np.random.default_rng(4))))
+    assert {"many points", "the tree of obstacles", "the tree of distances"} < set(among)
+    assert max(*alone.values(), *among.values()) < SINGLE
+
+
+FAULTS = {
+    "a sphere": lambda made: made | {"radii": 0.99 * made["radii"]},
+    "smaller spheres": lambda made: made | {"part_radii": 0.9 * made["part_radii"]},
+    "a box": lambda made: made | {"halves": made["halves"] - 1e-5},
+    "a leaf": lambda made: made | {"nodes": np.where(made["nodes"] > 0.1, made["nodes"] - 1e-5, made["nodes"])},
+    "the order": lambda made: made | {"order": np.roll(made["order"], 1)},
+}
+"""What spoils tables, a named tuple's or a dataclass' fields, so that they don't hold what they are about."""
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_bounds_that_are_too_small_are_seen(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from doubting import bounds
+    from doubting.tables import SINGLE
+
+    def spoilt(made: Any) -> Any:
+        fields = made._asdict() if hasattr(made, "_asdict") else {name: getattr(made, name) for name in vars(made)}
+        return SimpleNamespace(**FAULTS[fault](fields))
+
+    world = World.build(group("panda"), build(library.read("bookshelf")))
+    if "sphere" in fault:
+        monkeypatch.setattr(bounds, "bodies", lambda of: spoilt(bodies(of)))
+    else:
+        monkeypatch.setattr(
+            bounds, "obstacle_boxes", lambda of: SimpleNamespace(tables=spoilt(obstacle_boxes(of).tables))
+        )
+    assert max(bounds.check_bounds(world).values()) > SINGLE
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_points_and_boxes_of_a_cloud_that_are_moved_are_seen(level: int) -> None:
+    from doubting.bounds import _in_cloud
+    from doubting.tables import SINGLE
+
+    points = np.random.default_rng(6).normal(size=(5000, 3))
+    cloud = Cloud(points, 0.02).tables.tables
+    assert max(far for _, far in _in_cloud("cloud", cloud, points)) < SINGLE
+    begin, name = (0, "points") if level == 0 else (96 * int(cloud.firsts[level]), "boxes")
+    moved = getattr(cloud, name).copy()
+    moved[begin : begin + 16] += 1e-3  # the first x of some points, or the lower ends of boxes
+    assert max(far for _, far in _in_cloud("cloud", cloud._replace(**{name: moved}), points)) > SINGLE
