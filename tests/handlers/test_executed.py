@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 import guidefield
 from guidefield.errors import InvalidConfiguration, MalformedRequest, UnknownObject
 from guidefield.messages.executed import JointStates, judgement_of
-from guidefield.messages.requests import PlanRequest, PlanStep
+from guidefield.messages.requests import JointLimits, PlanRequest, PlanStep
 from guidefield.recorder.reading import read_recording
 from tests.handlers.test_certify import NAMES, certify, planned
 from tests.handlers.test_plan import READY
@@ -109,12 +109,20 @@ def test_states_of_one_time_count_once() -> None:
     assert judgement_of(REQUEST, planned(), twice) == once
 
 
-def test_a_plan_without_a_motion_or_of_steps_is_not_judged() -> None:
+def test_a_plan_without_a_motion_or_that_picks_up_is_not_judged() -> None:
     with pytest.raises(UnknownObject, match="has no motion"):
         judgement_of(REQUEST, msgspec.structs.replace(planned(), trajectory=None), states())
-    steps = msgspec.structs.replace(REQUEST, goal=None, steps=[PlanStep(goal=REQUEST.goal)])
-    with pytest.raises(MalformedRequest, match="not through `steps`"):
-        judgement_of(steps, planned(), states())
+    moving = msgspec.structs.replace(REQUEST, goal=None, steps=[PlanStep(goal=REQUEST.goal)])
+    assert judgement_of(moving, planned(), states()) == judgement_of(REQUEST, planned(), states())
+    picking = msgspec.structs.replace(moving, steps=[PlanStep(goal=REQUEST.goal, detach="crate")])
+    with pytest.raises(MalformedRequest, match="carries the same things all along"):
+        judgement_of(picking, planned(), states())
+
+
+def test_torques_that_bind_a_plan_are_not_asked_of_joint_states() -> None:
+    bound = msgspec.structs.replace(REQUEST, limits={states().joints[0]: JointLimits(effort=50.0, velocity=1.0)})
+    asked = judgement_of(bound, planned(), states()).limits[states().joints[0]]
+    assert (asked.effort, asked.velocity) == (None, 1.0)
 
 
 def test_what_is_planned_has_times_and_the_same_columns() -> None:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import msgspec
+
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.certify_request import CertifyRequest, GivenTrajectory
 from guidefield.messages.plan_reply import PlanReply
@@ -46,7 +48,7 @@ class JointStates(NamedTuple):
 def judgement_of(
     request: PlanRequest, reply: PlanReply, states: JointStates, begin: float = 0.0, allowed_time: float = 60.0
 ) -> CertifyRequest:
-    """Make the request that judges what a robot executed of a plan, straight between its states.
+    """Make the request that judges what a robot executed of a plan, straight between its states; torques aren't judged.
 
     Args:
         request: The plan's.
@@ -58,13 +60,13 @@ def judgement_of(
     Raises:
         UnknownObject: if the plan has no motion.
         MalformedRequest: if a joint of the plan has no state, a state isn't one finite value for each joint, two states
-            are in the wrong order, there are none since the motion began, or the plan is one of steps.
+            are in the wrong order, there are none since the motion began, or the plan picks up or puts down.
     """
     planned = reply.trajectory
     if planned is None:
         raise UnknownObject(f"run {reply.run_id!r} has no motion: {reply.status.name}", run_id=reply.run_id)
-    if request.steps:
-        raise MalformedRequest("what is executed is judged against a plan to a `goal`, not through `steps`")
+    if any(step.attach is not None or step.detach is not None for step in request.steps):
+        raise MalformedRequest("what is executed is judged against a plan that carries the same things all along")
     for joint in reply.position_names:
         if joint not in states.joints:
             raise MalformedRequest(
@@ -91,6 +93,7 @@ def judgement_of(
         last = f"the last one is of {states.times[-1]:.9g} s" if len(states.times) else "there are none"
         raise MalformedRequest(f"no joint state is of {begin:.9g} s or later: {last}")
     shared = {name: getattr(request, name) for name in SHARED_FIELDS if name != "leave_start_contact"}
+    shared["limits"] = {name: msgspec.structs.replace(one, effort=None) for name, one in request.limits.items()}
     plan = GivenTrajectory(positions=planned.positions, times=planned.times, velocities=planned.velocities)
     try:
         executed = GivenTrajectory(positions=positions, times=times)
