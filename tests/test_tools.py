@@ -1,4 +1,4 @@
-"""The tools that have several subjects list them, and refuse others."""
+"""Every tool says how it is used and is in the table of CONTRIBUTING; those of several subjects list them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,19 @@ from pathlib import Path
 import pytest
 
 TOOLS = Path(__file__).parents[1] / "tools"
+TABLE = (TOOLS.parent / "CONTRIBUTING.md").read_text().partition("## Run things")[2].partition("\n## ")[0]
+
+
+def test_each_tool_says_how_it_is_used_and_is_in_the_table() -> None:
+    tools = [path for path in TOOLS.iterdir() if path.is_file() and not path.suffix]
+    asked = {
+        tool.name: subprocess.Popen([tool, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for tool in tools
+    }
+    told = {name: process.communicate(timeout=300)[0] for name, process in asked.items()}
+    assert [name for name, process in asked.items() if process.returncode] == []
+    assert [name for name, said in told.items() if f"usage: tools/{name}" not in said.lower()] == []
+    assert [name for name in told if f"`tools/{name}" not in TABLE] == []
 
 
 @pytest.mark.parametrize(("tool", "folder"), [("attack", "attacks"), ("bench", "benchmarks")])

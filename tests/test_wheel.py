@@ -19,11 +19,10 @@ def _folder(package: str) -> Path:
     return _folder(above) / last
 
 
-def test_every_room_is_named() -> None:
-    service = FOLDERS["guidefield"]
-    on_disk = {path.parent for path in service.rglob("*.py")} | set(FOLDERS.values())
-    assert {_folder(package) for package in SETUPTOOLS["packages"]} == on_disk
-    assert all((folder / "__init__.py").exists() for folder in on_disk)
+def test_every_room_is_found() -> None:
+    """setup.py finds folders that are packages."""
+    holding_code = {path.parent for path in FOLDERS["guidefield"].rglob("*.py")} | set(FOLDERS.values())
+    assert [folder for folder in holding_code if not (folder / "__init__.py").exists()] == []
 
 
 @pytest.mark.parametrize("package", ["guidefield", "guidefield.docs", "guidefield.robots", "guidefield.scenes"])

@@ -31,6 +31,8 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
+from tests.journeys.service import LONG as WALLED
+
 from guidefield import Client, GuidefieldError, QuotaExceeded, ServerBusy
 from guidefield.cli.serving import service_in_child
 
@@ -50,27 +52,7 @@ PLAN = {
     "recording": "off",
     "allowed_planning_time": 60.0,
 }
-WALLS = {
-    "front": ([1.4, 0.02, 1.0], [0.845, 0.0, 0.7]),
-    "back": ([1.4, 0.02, 1.0], [-0.845, 0.0, 0.7]),
-    "lid": ([3.0, 0.02, 1.0], [0.0, 0.0, 1.18]),
-}
-BENT = {"panda_joint2": 0.6, "panda_joint4": -1.2, "panda_joint6": 1.8}
-LONG = {
-    "robot": "panda",
-    "scene": {
-        "name": "walled",
-        "obstacles": [
-            {"type": "box", "name": name, "size": size, "position": place} for name, (size, place) in WALLS.items()
-        ],
-    },
-    "start": {**BENT, "panda_joint1": 1.5708},
-    "goal": {"type": "joints", "positions": {**BENT, "panda_joint1": -1.5708}},
-    "guide_planes": [],
-    "planner": "tree",
-    "allowed_planning_time": 30.0,
-    "recording": "off",
-}
+LONG = {**WALLED, "allowed_planning_time": 30.0}
 """From one side of a wall to the other: a search that takes its 30 s."""
 LONG_AT_ONCE = 4
 """How many of them a user has asked for at any time."""
@@ -263,7 +245,7 @@ def told_refused(what: str, times: list[float]) -> None:
 
 def run(arguments: list[str]) -> int:
     """Measure, and say how it went."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(prog="tools/attack isolation", description=__doc__.partition("\n")[0])
     parser.add_argument("--stopped", type=int, default=20)
     parser.add_argument("--slow", type=int, default=20)
     parser.add_argument("--greedy", type=int, default=4)

@@ -19,6 +19,8 @@ import tempfile
 import threading
 import time
 
+from tests.journeys.service import LONG
+
 NEAR, FAR = "guidefield-near", "guidefield-far"
 ENDPOINT = "tcp/10.77.0.2:7447"
 HEARD_WITHIN = 25.0
@@ -43,27 +45,7 @@ with Client.connect("{endpoint}", wait=60.0) as client:
         except GuidefieldError:
             time.sleep(0.2)
 """
-BENT = {"panda_joint2": 0.6, "panda_joint4": -1.2, "panda_joint6": 1.8}
-
-
-def _wall(name: str, size: list[float], position: list[float]) -> dict[str, object]:
-    return {"type": "box", "name": name, "size": size, "position": position}
-
-
-WALLED = [
-    _wall("front", [1.4, 0.02, 1.0], [0.845, 0.0, 0.7]),
-    _wall("back", [1.4, 0.02, 1.0], [-0.845, 0.0, 0.7]),
-    _wall("lid", [3.0, 0.02, 1.0], [0.0, 0.0, 1.18]),
-]
-REQUEST = {
-    "robot": "panda",
-    "scene": {"name": "walled", "obstacles": WALLED},
-    "start": {**BENT, "panda_joint1": 1.5708},
-    "goal": {"type": "joints", "positions": {**BENT, "panda_joint1": -1.5708}},
-    "guide_planes": [],
-    "planner": "tree",
-    "allowed_planning_time": 60.0,
-}
+REQUEST = {**LONG, "allowed_planning_time": 60.0}
 
 
 def ip(*arguments: str) -> None:

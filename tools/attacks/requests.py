@@ -338,7 +338,7 @@ def by_atheris(seconds: float) -> None:
 
 def run(arguments: list[str]) -> int:
     """Fuzz, and say what came of it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(prog="tools/attack requests", description=__doc__.partition("\n")[0])
     parser.add_argument("--examples", type=int, default=100_000)
     parser.add_argument("--seed", type=int, help="asks the same requests every time")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)

@@ -91,7 +91,7 @@ def _resident(pid: int) -> int:
 
 def run(arguments: list[str]) -> int:
     """Fuzz, and say what came of it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(prog="tools/attack ros", description=__doc__.partition("\n")[0])
     parser.add_argument("--payloads", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=7200.0, help="at most so long")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -38,14 +39,17 @@ POINTS = 208
 
 
 def run(arguments: list[str]) -> None:
-    """Print all figures; with --compile also how long the kernels take to compile."""
+    """Print all figures."""
+    parser = argparse.ArgumentParser(prog="tools/bench field", description=__doc__)
+    parser.add_argument("--compile", action="store_true", help="also how long the kernels take to compile")
+    asked = parser.parse_args(arguments)
     peaks = {kind.__name__: multiply_add_peak(kind) for kind in (np.float64, np.float32)}
     for name, peak in peaks.items():
         print(f"FMA peak {name}: {peak:.0f} GFLOP/s, {peak / REFERENCE_PEAK[name]:.2f} of the reference core")
     _pairs(peaks)
     _robot()
     _large_mesh()
-    if "--compile" in arguments:
+    if asked.compile:
         _compile_time()
 
 

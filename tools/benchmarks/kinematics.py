@@ -1,6 +1,6 @@
 """Batches of kinematics beside Pinocchio's own loops in Python, over the same robot, pairs and configurations.
 
-Usage: tools/bench kinematics [robot] [scene] [configurations]
+Usage: tools/bench kinematics [ROBOT] [SCENE] [CONFIGURATIONS]
 
 Columns are CPU time of one thread for each configuration [us], the best of three, and the ratio to Pinocchio's loop:
 `forwardKinematics` with `updateFramePlacement` and `SE3ToXYZQUAT`, and `computeDistances` over all pairs.
@@ -8,6 +8,7 @@ Columns are CPU time of one thread for each configuration [us], the best of thre
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -30,12 +31,17 @@ MOST_MEASURED = 300
 
 def run(arguments: Sequence[str]) -> None:
     """Print the table."""
-    name, scene, count = [*arguments, *("panda", "bookshelf", "2000")[len(arguments) :]]
+    parser = argparse.ArgumentParser(prog="tools/bench kinematics", description=__doc__.partition("\n")[0])
+    parser.add_argument("robot", nargs="?", default="panda")
+    parser.add_argument("scene", nargs="?", default="bookshelf")
+    parser.add_argument("count", nargs="?", type=int, default=2000, metavar="configurations")
+    asked = parser.parse_args(arguments)
+    name, scene, count = asked.robot, asked.scene, asked.count
     robot = Catalog().load(name)
     joints = [joint for joint in robot.joints if joint.mimic is None and joint.limits is not None]
     names = [joint.name for joint in joints]
     bounds = np.array([joint.limits for joint in joints])
-    rows = np.random.default_rng(0).uniform(*bounds.T, (int(count), len(joints)))
+    rows = np.random.default_rng(0).uniform(*bounds.T, (count, len(joints)))
     packed = {"names": names, "float64": rows.astype("<f8").tobytes()}
     listed = [dict(zip(names, row, strict=True)) for row in rows.tolist()]
     qs = configurations_from(robot, ConfigurationTable(names, rows=rows.tolist()))

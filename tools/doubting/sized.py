@@ -9,12 +9,12 @@ import msgspec
 import numpy as np
 from lxml import etree
 
-from benchmarks.otherwise import scale_lengths
 from doubting.loaded import Loaded, Wire
 from doubting.robots import Robot
 from guidefield.geometry import surfaces
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.values import Placement
+from guidefield.robot.model.loading import DEFAULT_TRANSLATION_SPEED
 from guidefield.robot.model.model import JointKind
 
 USUAL = 0.6
@@ -25,6 +25,8 @@ MESHED = 0.15
 """Of so many plans the boxes, cylinders and capsules are meshes."""
 SLIDING = {JointKind.PRISMATIC: 1, JointKind.PLANAR: 2, JointKind.FLOATING: 3}
 """How many values of a joint are lengths."""
+LENGTHS = ("xyz", "size", "radius", "length")
+"""Attributes of a URDF that are lengths."""
 
 
 def drawn_size(rng: np.random.Generator, robot: Robot) -> float:
@@ -39,6 +41,22 @@ def sized_robot(robot: Robot, size: float) -> Robot:
     root = etree.fromstring(robot.text.encode())
     scale_lengths(root, size)
     return dataclasses.replace(robot, text=etree.tostring(root, encoding="unicode"))
+
+
+def scale_lengths(root: Any, size: float) -> None:
+    """Scale all lengths of a URDF in place."""
+    for element in root.iter():
+        for name in LENGTHS:
+            if element.tag != "axis" and element.get(name):
+                element.set(name, " ".join(repr(float(one) * size) for one in element.get(name).split()))
+    for mesh in root.iter("mesh"):
+        scale = [float(one) * size for one in mesh.get("scale", "1 1 1").split()]
+        mesh.set("scale", " ".join(map(repr, scale)))
+    for joint in root.iterfind("joint[@type='prismatic']"):
+        limit = joint.find("limit")
+        limit.set("velocity", limit.get("velocity", str(DEFAULT_TRANSLATION_SPEED)))
+        for name in ("lower", "upper", "velocity"):
+            limit.set(name, repr(float(limit.get(name, 0.0)) * size))
 
 
 def sized_request(request: requests.PlanRequest, size: float, loaded: Loaded) -> requests.PlanRequest:
