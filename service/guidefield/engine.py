@@ -143,6 +143,7 @@ class Engine:
         packages: Folders of packages with meshes that a sent robot may use.
         loaded: Caches shared with other engines; None: its own.
         lend: Finds the engine with another user's thing, ``user:name``.
+        viewer: Address of a running Rerun viewer that shows runs and streams; None: none.
     """
 
     def __init__(
@@ -157,10 +158,11 @@ class Engine:
         packages: Sequence[Path] = (),
         loaded: SharedCaches | None = None,
         lend: Lend | None = None,
+        viewer: str | None = None,
     ) -> None:
         self._instance = instance
         self._loaded = loaded or SharedCaches(tuple(packages))
-        self._lend = lend
+        self._lend, self._viewer = lend, viewer
         self._runs: Runs = NoRuns() if runs is None else runs
         self._recordings = recordings
         self._scenes = PackagedScenes() if scenes is None else scenes
@@ -388,7 +390,7 @@ class Engine:
         watcher, received = asking.watcher, asking.received
         progress = None if watcher is None else ProgressReporter(run_id, received, watcher)
         asked = cast(requests.MotionRequest, asking.asked)
-        run = Run(run_id, asked, to, asking.load.origin, progress, proof_place, asking.anchor)
+        run = Run(run_id, asked, to, asking.load.origin, progress, proof_place, asking.anchor, self._viewer)
         try:
             return run.end(answer_run(run, time.monotonic() if asking.began is None else asking.began), received)
         except DeadlineExpired as late:
@@ -434,9 +436,14 @@ class Engine:
         """
         from guidefield.stream.stream import CertifiedStream
 
-        return CertifiedStream(
+        stream = CertifiedStream(
             request, self._load_robot(request.robot), self._build_scene(request.scene), taking, watching
         )
+        if self._viewer is not None and watching is not None:
+            from guidefield.stream.live import LiveStream
+
+            stream.watch(LiveStream(self._viewer, stream))
+        return stream
 
     def _answer_kinematics(self, request: requests.KinematicsRequest, asking: _RequestContext) -> Reply:
         from guidefield.handlers.expired import ended_work

@@ -27,9 +27,11 @@ if TYPE_CHECKING:
 class Engines:
     """Engines of all users of a service; local files are refused."""
 
-    def __init__(self, instance: str, stores: StoresByUser, packages: Sequence[Path] = ()) -> None:
+    def __init__(
+        self, instance: str, stores: StoresByUser, packages: Sequence[Path] = (), viewer: str | None = None
+    ) -> None:
         self.stores = stores
-        self._instance, self._packages = instance, tuple(packages)
+        self._instance, self._packages, self._viewer = instance, tuple(packages), viewer
         self._loaded = SharedCaches(self._packages)
         self._engines = BoundedMap[str, Engine](ENGINES)
 
@@ -128,6 +130,7 @@ class Engines:
             packages=self._packages,
             loaded=self._loaded,
             lend=partial(self._lend, user),
+            viewer=self._viewer,
         )
 
     def _lend(self, asking: str, kind: Kind, owner: str, name: str) -> Engine:

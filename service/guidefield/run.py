@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from guidefield.deadline import Deadline
     from guidefield.handlers.recording import RecordedMotion
     from guidefield.planner.task.trace import Event, EventLog
+    from guidefield.recorder.stored import Place
     from guidefield.robot.group.group import PlanningGroup
     from guidefield.run_log import RobotOrigin
     from guidefield.scene.anchor import Anchor
@@ -63,6 +64,7 @@ class Run:
         progress: Reports its progress, if anybody listens.
         proof_place: File of its proof, and its place for the reply; None: nowhere.
         anchor: From which all is seen that answers it; None: the world's origin.
+        viewer: Address of a running viewer that shows it; None: none.
     """
 
     def __init__(
@@ -74,12 +76,13 @@ class Run:
         progress: ProgressReporter | None = None,
         proof_place: tuple[Path, str] | None = None,
         anchor: Anchor | None = None,
+        viewer: str | None = None,
     ) -> None:
         self.run_id = run_id
         self._anchor, self._declared = anchor, cast("Scene | None", None)
         self._progress = progress
         self._request = request
-        self._destination = None if request.recording == "off" else destination
+        self._destination, self._viewer = (None, None) if request.recording == "off" else (destination, viewer)
         self._robot = robot
         self._warnings = _Warnings(run_id)
         self._recording: _Recording | None = None
@@ -120,8 +123,11 @@ class Run:
             )
         if self._progress is not None:
             self._progress.be_prepared()
-        is_observed = self._progress is not None or self._recording is not None
-        return _Observers(self._progress, self._recording) if is_observed else None
+        live = None
+        if self._viewer is not None:
+            live = _LiveView(self.run_id, self._request, self._viewer, group, self._declared or scene, self._anchor)
+        observers = (self._progress, self._recording, live)
+        return _Observers(*observers) if any(one is not None for one in observers) else None
 
     def prove(self, motions: Sequence[Motion], deadline: Deadline) -> None:
         """Prove the motions of the run; without a proof the reply warns why."""
@@ -240,13 +246,31 @@ def draw(
     Raises:
         OSError: if the disk refuses.
     """
-    from guidefield.handlers.certify import JudgedMotion
     from guidefield.recorder.bodies import cache_folder
-    from guidefield.recorder.documents import RecordedRun
-    from guidefield.recorder.recorder import record_judgement, record_plan
     from guidefield.recorder.stored import Place
 
     place = Place(file, bodies or cache_folder(), whole=bodies is None)
+    _record(place, request, reply, motion, events, made_with, anchor)
+    size = file.stat().st_size
+    if size <= LARGEST_RECORDING:
+        return None
+    file.unlink()
+    return f"it has {size} bytes, at most {LARGEST_RECORDING} are kept"
+
+
+def _record(
+    place: Place,
+    request: MotionRequest,
+    reply: MotionReply,
+    motion: RecordedMotion,
+    events: EventLog,
+    made_with: str,
+    anchor: Anchor | None,
+) -> None:
+    from guidefield.handlers.certify import JudgedMotion
+    from guidefield.recorder.documents import RecordedRun
+    from guidefield.recorder.recorder import record_judgement, record_plan
+
     profile = motion.profile()
     group, scene = motion.shown()
     if isinstance(request, PlanRequest):
@@ -258,11 +282,6 @@ def draw(
         assert isinstance(motion, JudgedMotion), "a motion was judged"
         run = RecordedRun(group, scene, request, reply, profile, made_with, anchor)
         record_judgement(place, run, motion.given, motion.planned)
-    size = file.stat().st_size
-    if size <= LARGEST_RECORDING:
-        return None
-    file.unlink()
-    return f"it has {size} bytes, at most {LARGEST_RECORDING} are kept"
 
 
 @dataclass(frozen=True)
@@ -271,17 +290,54 @@ class _Observers:
 
     progress: ProgressReporter | None
     recording: _Recording | None
+    live: _LiveView | None
 
     def observe(self, event: Event) -> None:
         """Pass an event of the planner on."""
-        for observer in (self.progress, self.recording):
+        for observer in (self.progress, self.recording, self.live):
             if observer is not None:
                 observer.observe(event)
 
     def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
-        """Store the recording, if there is one."""
-        if self.recording is not None:
-            self.recording.finish(reply, motion)
+        """Store the recording, and show it, if there is one."""
+        for observer in (self.recording, self.live):
+            if observer is not None:
+                observer.finish(reply, motion)
+
+
+class _LiveView:
+    """A run in a viewer that runs; failures to show it are logged."""
+
+    def __init__(
+        self,
+        run_id: str,
+        request: MotionRequest,
+        viewer: str,
+        group: PlanningGroup,
+        scene: Scene,
+        anchor: Anchor | None,
+    ) -> None:
+        from guidefield.planner.task.trace import EventLog
+        from guidefield.recorder.live_view import LiveRun
+
+        self._request, self._anchor, self._events = request, anchor, EventLog()
+        self._run = LiveRun(viewer, run_id, group, scene)
+
+    def observe(self, event: Event) -> None:
+        """Store an event of the planner, and show its steps."""
+        from guidefield.planner.task.trace import Step
+
+        self._events.add(event)
+        if isinstance(event, Step):
+            self._run.show_step(event.q)
+
+    def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
+        """Show the recording."""
+        told = reply if self._anchor is None else self._anchor.outward(reply)
+        try:
+            _record(self._run.place, self._request, told, motion, self._events, describe_versions(), self._anchor)
+        except Exception:
+            _log.exception("run %s can't be shown", told.run_id)
 
 
 class _Recording:

@@ -56,10 +56,11 @@ class EngineSetup:
     # true if a worker renders each recording after its reply, before it takes the next query; else a process at low
     # priority does
     eager_recordings: bool = False
+    viewer: str | None = None  # address of a running Rerun viewer that shows runs and streams; None: none
 
     def engines(self, database: RunDatabase | None = None) -> Engines:
         """Engines on the data folder; those that read runs are given their database."""
-        return Engines(self.instance, StoresByUser(self.data, self.quotas, database), self.packages)
+        return Engines(self.instance, StoresByUser(self.data, self.quotas, database), self.packages, self.viewer)
 
     def __call__(self) -> EngineWorker:
         """In a worker process: log, and warm an engine up."""

@@ -43,7 +43,7 @@ from guidefield.doctor.examination import Finding, State, examination
 from guidefield.endpoint.link import DEFAULT_LISTEN
 from guidefield.endpoint.ros.options import Distribution, RosSettings
 from guidefield.endpoint.service import DEFAULT_STREAMS, CannotServe, ServiceSettings
-from guidefield.engine import answer
+from guidefield.engine import Engine, answer
 from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.first_start import CannotCompile, compile_kernels
 from guidefield.messages import codec, requests
@@ -54,6 +54,7 @@ from guidefield.messages.values import Reply
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.runs import Retention
+from guidefield.viewer import CannotShow, find_viewer, is_listening
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 
@@ -91,6 +92,10 @@ PackageFolders = Annotated[
 XacroArguments = Annotated[
     list[str] | None, typer.Option("--xacro-arg", help="name:=value, an argument of a .xacro file; can be repeated.")
 ]
+Show = Annotated[bool, typer.Option("--show", help="Show it in Rerun's viewer while it goes on.")]
+Viewer = Annotated[
+    str | None, typer.Option(help="Address of the viewer to show it in, rerun+http://HOST:PORT/proxy; else one here.")
+]
 ReplyFile = Annotated[
     Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.", callback=require_writable)
 ]
@@ -100,7 +105,7 @@ def main() -> None:
     """Run the command line; what is wrong with a request, a service or a file becomes one line and exit code 2."""
     try:
         app()
-    except (GuidefieldError, CannotCompile, CannotServe, CannotWork, OSError) as error:
+    except (GuidefieldError, CannotCompile, CannotServe, CannotShow, CannotWork, OSError) as error:
         err.print(f"[red]{_name(error)}[/red]: {escape(str(error))}", highlight=False, soft_wrap=True)
         sys.exit(2)
 
@@ -132,6 +137,8 @@ def plan(
     scene: SceneOption = None,
     scale: Scale = 1.0,
     radius: Radius = None,
+    show: Show = False,
+    viewer: Viewer = None,
 ) -> None:
     """Plan in this process, without a service.
 
@@ -142,7 +149,9 @@ def plan(
     """
     asked = _set_objective(_read_request(request, _read_scene(scene, scale, radius)), objective)
     compile_kernels(err.print, wholly=False)
-    _report(answer(asked, record_to=record, proof_to=proof), output)
+    address = _choose_viewer(viewer, show=show)
+    answer_here = answer if address is None else Engine(viewer=address).answer
+    _report(answer_here(asked, record_to=record, proof_to=proof), output)
 
 
 @app.command()
@@ -364,6 +373,8 @@ def serve(
     ros_connect: Annotated[
         str | None, typer.Option(help="Zenoh endpoint of the router, rmw_zenohd, that they are reached through.")
     ] = None,
+    show: Show = False,
+    viewer: Viewer = None,
 ) -> None:
     """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise.
 
@@ -381,6 +392,7 @@ def serve(
         memory=memory << 20,
         retention=Retention(keep_runs, int(keep_gib * 2**30), keep_days * 86_400.0),
         eager_recordings=recordings is RecordingTime.EAGER,
+        viewer=_choose_viewer(viewer, show=show),
         json_logs=json_logs,
         otel=otel,
         metrics=metrics,
@@ -598,6 +610,13 @@ app.add_typer(runs_app, name="runs")
 app.add_typer(scenes_app, name="scenes")
 app.command()(replay)
 app.command()(execute)
+
+
+def _choose_viewer(viewer: str | None, *, show: bool) -> str | None:
+    """Return the address of the viewer that is to show what goes on; None if none is wanted."""
+    if viewer is not None and not is_listening(viewer):
+        raise CannotShow(f"no viewer listens at {viewer}")
+    return find_viewer(err.print) if show and viewer is None else viewer
 
 
 def _connect(endpoints: list[str] | None, name: str | None, config: Path | None, user: str | None) -> Client:

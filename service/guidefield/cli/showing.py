@@ -7,7 +7,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 import webbrowser
@@ -19,14 +18,15 @@ from urllib.parse import quote
 
 from rich.console import Console
 
-from guidefield.cli.serving import LOOPBACK, free_port
+from guidefield.cli.serving import free_port
+from guidefield.viewer import LOOPBACK, has_display, quiet_environment, viewer_command
 
 SERVER_START_TIME_S = 30.0  # time that the web viewer's server has to answer [s]
 
 
 def show_in_window(recording: Path, err: Console) -> int:
     """Open a recording in the viewer's window, and return the viewer's exit code."""
-    code = subprocess.call([*_viewer_command(), str(recording)], env=_quiet_env())  # noqa: S603 - our interpreter, a file that exists
+    code = subprocess.call([*viewer_command(), str(recording)], env=quiet_environment())  # noqa: S603 - our interpreter, a file that exists
     if code:
         err.print(
             "Where there is no display, `guidefield show --web` serves the recording to a browser on this machine."
@@ -45,7 +45,7 @@ def show_in_browser(recording: Path, out: Console) -> int:
                 return server.wait() or 1
             url = f"http://{LOOPBACK}:{page}/?url={quote(file, safe='')}"
             out.print(f"{recording} is at {url}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
-            if sys.platform in {"darwin", "win32"} or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+            if has_display():
                 webbrowser.open(url)
             return server.wait()
         except KeyboardInterrupt:
@@ -55,10 +55,12 @@ def show_in_browser(recording: Path, out: Console) -> int:
 @contextlib.contextmanager
 def _start_viewer_server(page: int, file: str) -> Iterator[subprocess.Popen[bytes]]:
     """Run the server of Rerun's web viewer for as long as a block runs; SIGTERM ends it as Ctrl-C does."""
-    serve = [*_viewer_command(), "--serve-web", "--web-viewer-port", str(page), file]
+    serve = [*viewer_command(), "--serve-web", "--web-viewer-port", str(page), file]
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with subprocess.Popen(serve, env=_quiet_env(), stdout=subprocess.DEVNULL, start_new_session=True) as server:  # noqa: S603
+        with subprocess.Popen(  # noqa: S603 - our interpreter
+            serve, env=quiet_environment(), stdout=subprocess.DEVNULL, start_new_session=True
+        ) as server:
             try:
                 yield server
             finally:
@@ -92,14 +94,6 @@ def _serve_file(recording: Path) -> Iterator[str]:
             yield f"http://{LOOPBACK}:{server.server_port}/{quote(recording.name)}"
         finally:
             server.shutdown()
-
-
-def _viewer_command() -> list[str]:
-    return [sys.executable, "-m", "rerun", "--bind", LOOPBACK]
-
-
-def _quiet_env() -> dict[str, str]:
-    return {"RUST_LOG": "warn", **os.environ}
 
 
 def _await_server(port: int, server: subprocess.Popen[bytes]) -> bool:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self, TypeVar
@@ -22,6 +24,7 @@ from guidefield.messages.replies import (
     CertifyReply,
     Done,
     InfoReply,
+    MotionReply,
     PlanReply,
     Progress,
     RobotReply,
@@ -34,9 +37,12 @@ from guidefield.messages.scene_changes import SceneChanged
 from guidefield.messages.store_requests import ReadRuns
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
+from guidefield.viewer import CannotShow, find_viewer, send_recording
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 GIVE_UP_WITHIN = 2.0  # time to wait for the answer to a cancel when the caller is being interrupted [s]
+
+_log = logging.getLogger(__name__)
 
 _R = TypeVar("_R")
 
@@ -53,6 +59,7 @@ class Client:
 
     Args:
         exchange: What carries the questions; the client closes it.
+        viewer: Address of a running Rerun viewer that shows each run; None: none.
 
     Example:
         >>> from guidefield import Client
@@ -64,8 +71,9 @@ class Client:
         ('SUCCESS', 'ur5')
     """
 
-    def __init__(self, exchange: Exchange) -> None:
-        self._exchange = exchange
+    def __init__(self, exchange: Exchange, viewer: str | None = None) -> None:
+        self._exchange, self._viewer = exchange, viewer
+        self._showing = ThreadPoolExecutor(1, "guidefield-viewer")
 
     @classmethod
     def connect(
@@ -75,6 +83,7 @@ class Client:
         config: Path | None = None,
         user: str | None = None,
         wait: float = 3.0,
+        show: bool | str = False,
     ) -> Self:
         """Connect to a service.
 
@@ -87,14 +96,18 @@ class Client:
             user: The user on whose keys to ask. None: the one that the configuration names, as the files of
                 ``guidefield secure`` do; else the plain keys, without a user.
             wait: How long to wait for it to be there [s].
+            show: Whether to show the recording of each run in Rerun's viewer on this machine, once it is rendered, or
+                the address of another viewer. It is started if none runs, and needs the package rerun-sdk.
 
         Raises:
+            CannotShow: if there is no viewer, and none can be started.
             NoService: if in that time nobody listens there, who listens doesn't let this user in, or no service of that
                 name shows.
             ValueError: if an endpoint isn't one, or the configuration is wrong.
             MalformedRequest: if nobody can be a user of that name.
         """
-        return cls(connect_exchange(endpoints, instance, config, user, wait))
+        viewer = find_viewer(print) if show is True else show or None
+        return cls(connect_exchange(endpoints, instance, config, user, wait), viewer)
 
     def __enter__(self) -> Self:
         return self
@@ -105,7 +118,8 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Close the session."""
+        """Close the session, once all that is to be shown is."""
+        self._showing.shutdown()
         self._exchange.close()
 
     @property
@@ -175,7 +189,16 @@ class Client:
     def _run(self, question: Question[_R], progress: Callable[[Progress], None] | None) -> _R:
         assert question.run_id is not None, "a run is asked for with a name"
         with self._exchange.watching_run(question.run_id, progress):
-            return self._ask_or_cancel(question, questions.cancel(question.run_id))
+            reply = self._ask_or_cancel(question, questions.cancel(question.run_id))
+        if self._viewer is not None and isinstance(reply, MotionReply) and reply.recording is not None:
+            self._showing.submit(self._show, reply.run_id, self._viewer)
+        return reply
+
+    def _show(self, run_id: str, viewer: str) -> None:
+        try:
+            send_recording(self.recording(run_id), viewer)
+        except (CannotShow, GuidefieldError, OSError) as error:
+            _log.warning("run %s isn't shown: %s", run_id, error)
 
     def _ask_or_cancel(self, question: Question[_R], cancel: Question[Done]) -> _R:
         answer = self._exchange.ask(question)

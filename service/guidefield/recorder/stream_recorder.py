@@ -53,20 +53,29 @@ class StreamMotion:
 
 def stream_recording(name: str, group: PlanningGroup, scene: Scene, motion: StreamMotion) -> bytes:
     """The recording of a stream among what rests, with all that a viewer needs: the content of an `.rrd` file."""
+    still, views = stream_scene(group, scene, motion)
+    return encode_recording(name, [*still, *stream_chunks(group, motion)], views)
+
+
+def stream_scene(group: PlanningGroup, scene: Scene, motion: StreamMotion) -> tuple[list[Chunk], rrb.Blueprint]:
+    """Draw what rests, and the robot's meshes; lay out the views for an eye that sees a motion."""
     drawn = bodies.prepared(group.robot, bodies.cache_folder())
     at = poses(group, configurations_of(group, motion.rows.tolist()))
     robot = at.placements[:, :, :3].reshape(-1, 3)
     eye = choose_eye(at.tip, robot, np.empty((0, 3)), scene.obstacles, group.size)
-    chunks = [
-        robot_entities.tip_axes(group),
-        robot_entities.link_motion(group, drawn.links, at, motion.times, PATH_TIME),
-        *scene_entities.obstacles(scene.obstacles, eye.hiding, ()),
-        *_stops(group, motion),
-        *(chunk for number, one in enumerate(motion.moving) for chunk in _moving(number, one)),
-        *_figures(motion),
-        *bodies.meshes(group.robot, drawn),
-    ]
-    return encode_recording(name, chunks, _layout(eye))
+    obstacles = scene_entities.obstacles(scene.obstacles, eye.hiding, ())
+    return [robot_entities.tip_axes(group), *obstacles, *bodies.meshes(group.robot, drawn)], _layout(eye)
+
+
+def stream_chunks(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
+    """Draw what moves, and the figures."""
+    links = bodies.prepared(group.robot, bodies.cache_folder()).links
+    at = poses(group, configurations_of(group, motion.rows.tolist()))
+    yield robot_entities.link_motion(group, links, at, motion.times, PATH_TIME)
+    yield from _stops(group, motion)
+    for number, one in enumerate(motion.moving):
+        yield from _moving(number, one)
+    yield from _figures(motion)
 
 
 def _stops(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
@@ -94,8 +103,9 @@ def _moving(number: int, one: MovingBody) -> Iterator[Chunk]:
         yield begun(path, time, drawn)
     if len(one.gone):
         yield timed(path, [path_times(one.gone)], make_columns(rr.Clear, is_recursive=[False] * len(one.gone)))
-    columns = make_columns(rr.Transform3D, translation=one.placements[:, :3], quaternion=one.placements[:, 3:])
-    yield timed(path, [path_times(one.times)], columns)
+    if len(one.times):
+        columns = make_columns(rr.Transform3D, translation=one.placements[:, :3], quaternion=one.placements[:, 3:])
+        yield timed(path, [path_times(one.times)], columns)
 
 
 def _figures(motion: StreamMotion) -> Iterator[Chunk]:

@@ -15,6 +15,7 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages.streams import Observation, Piece, StreamObstacle
 from guidefield.messages.values import Vector3
 from guidefield.recorder.stream_recorder import MovingBody, StreamMotion, stream_recording
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene import obstacle as obstacles
 from guidefield.stream.commit import Commit
@@ -48,8 +49,8 @@ def recorded(files: Sequence[Path], opens: Opens) -> bytes:
         MalformedRequest: if one isn't such a file, or none holds an update, or the robot has other joints now.
         OSError: if one can't be read.
     """
-    parts: list[_Part] = []
-    moved = _Moved()
+    parts: list[StreamMotion] = []
+    moved = SeenBodies()
     with contextlib.ExitStack() as stack:
         stream: CertifiedStream | None = None
         for file in files:
@@ -65,15 +66,12 @@ def recorded(files: Sequence[Path], opens: Opens) -> bytes:
             updated = [one for one in answered if one.state is None or one.state.reason != "late"]
             if updated:
                 _require_same_joints(file, begun, updated, stream)
-                parts.append(_part(stream, begun, updated))
+                motions = RobotMotions(stream.group, list(begun.snapshot.state.commits.values()))
+                parts.append(motion_of(motions, updated, ()))
         if stream is None or not parts:
             raise MalformedRequest(f"{_named(files)} holds no update", file=files[-1].name)
         motion = StreamMotion(
-            times=np.concatenate([one.times for one in parts]),
-            rows=np.concatenate([one.rows for one in parts]),
-            stops=np.concatenate([one.stops for one in parts]),
-            horizon=np.concatenate([one.horizon for one in parts]),
-            latency=np.concatenate([one.latency for one in parts]),
+            **{name: np.concatenate([getattr(one, name) for one in parts]) for name in ARRAYS},
             reasons=[reason for one in parts for reason in one.reasons],
             moving=moved.bodies(stream.origin),
         )
@@ -84,21 +82,12 @@ def _named(files: Sequence[Path]) -> str:
     return files[0].stem if len(files) == 1 else f"{files[0].stem}-{files[-1].stem}"
 
 
-@dataclass(frozen=True)
-class _Part:
-    """What one file has of the arrays of a `StreamMotion`."""
-
-    times: np.ndarray
-    rows: np.ndarray
-    stops: np.ndarray
-    horizon: np.ndarray
-    latency: np.ndarray
-    reasons: list[tuple[float, str]]
+ARRAYS = ("times", "rows", "stops", "horizon", "latency")
+"""The fields of a `StreamMotion` with one row for each update."""
 
 
-def _part(stream: CertifiedStream, begun: Begun, updated: Sequence[Updated]) -> _Part:
-    """What a file shows of the robot."""
-    motions = _Motions(stream, list(begun.snapshot.state.commits.values()))
+def motion_of(motions: RobotMotions, updated: Sequence[Updated], moving: Sequence[MovingBody]) -> StreamMotion:
+    """Return the motion of a robot over updates, among what was seen."""
     rows, stops, horizon = [], [], []
     for one in updated:
         now = one.update.time
@@ -107,7 +96,7 @@ def _part(stream: CertifiedStream, begun: Begun, updated: Sequence[Updated]) -> 
         end = motions.end(one)
         stops.append(motions.at_end(end))
         horizon.append(max(0.0, motions.stops(end) - now))
-    return _Part(
+    return StreamMotion(
         times=np.array([one.update.time for one in updated]),
         rows=np.array(rows),
         stops=np.array(stops),
@@ -118,6 +107,7 @@ def _part(stream: CertifiedStream, begun: Begun, updated: Sequence[Updated]) -> 
             for one in updated
             if one.state is not None
         ],
+        moving=moving,
     )
 
 
@@ -130,16 +120,17 @@ def _require_same_joints(file: Path, begun: Begun, updated: Sequence[Updated], s
         raise MalformedRequest(f"the robot of {file.name} has other joints now", file=file.name)
 
 
-class _Motions:
+class RobotMotions:
     """Commits and pieces by number, and where the robot is along them."""
 
-    def __init__(self, stream: CertifiedStream, commits: Sequence[Commit]) -> None:
-        self._group = stream.group
+    def __init__(self, group: PlanningGroup, commits: Sequence[Commit]) -> None:
+        self._group = group
         self._commits = {one.number: one for one in commits}
         self._pieces: dict[int, Piece] = {}
         self._last = max(self._commits)
 
     def add(self, piece: Piece | None) -> None:
+        """Take the next piece, if there is one."""
         if piece is not None:
             self._pieces[piece.number] = piece
             self._last = piece.number
@@ -217,14 +208,21 @@ class _Seen:
             self.appears.append(now)
 
 
-class _Moved:
+class SeenBodies:
     """What was seen, each as it was declared last, from file to file."""
 
-    def __init__(self) -> None:
+    def __init__(self, declared: Sequence[StreamObstacle] = ()) -> None:
         self._known: dict[str, _Seen] = {}
+        for shape in declared:
+            self._declare(shape)
 
     def take(self, begun: Begun, entries: Sequence[Entry]) -> None:
+        """Take the entries of a file."""
         self._go_on(begun)
+        self.take_entries(entries)
+
+    def take_entries(self, entries: Sequence[Entry]) -> None:
+        """Take entries that follow those before."""
         for entry in entries:
             if isinstance(entry, Updated) and entry.refused is None:
                 update = entry.update
@@ -235,8 +233,16 @@ class _Moved:
                 for observation in update.obstacles:
                     self._known[observation.name].see(observation, update.time)
 
+    def forget(self) -> None:
+        """Forget where all was seen, but not what is there."""
+        for one in self._known.values():
+            one.observations.clear()
+            one.appears.clear()
+            one.gone.clear()
+
     def bodies(self, origin: Vector3) -> list[MovingBody]:
-        return [_body(one, origin) for one in self._known.values() if one.observations]
+        """List what was seen, in the frame of an origin [m, world]."""
+        return [_body(one, origin) for one in self._known.values() if one.observations or one.gone]
 
     def _declare(self, shape: StreamObstacle) -> _Seen:
         known = self._known.setdefault(shape.obstacle.name, _Seen(shape))
@@ -259,6 +265,7 @@ class _Moved:
 def _body(one: _Seen, origin: Vector3) -> MovingBody:
     there = sorted(one.observations, key=lambda seen: seen.time)
     placements = np.array([(*seen.placement.position, *seen.placement.quaternion_xyzw) for seen in there])
+    placements = placements.reshape(-1, 7)
     placements[:, :3] -= origin
     built = obstacles.build(in_its_frame(one.declared.obstacle), 0)
     times = np.array([seen.time for seen in there])

@@ -250,3 +250,20 @@ class Watching:
         Args:
             snapshot: That; a way that is being planned is given up then, and planned again.
         """
+
+
+class Watchers(Watching):
+    """Several watchers as one."""
+
+    def __init__(self, *watchers: Watching) -> None:
+        def tell(name: str) -> Callable[..., None]:
+            calls = [getattr(one, name) for one in watchers]
+
+            def tell_each(*given: Any, **named: Any) -> None:
+                for call in calls:
+                    call(*given, **named)
+
+            return tell_each
+
+        for name in ("begun", "updated", "sought", "aimed", "halted", "may_rest"):
+            setattr(self, name, tell(name))

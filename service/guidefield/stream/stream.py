@@ -48,6 +48,7 @@ from guidefield.stream.state import (
     Pursuit,
     Snapshot,
     State,
+    Watchers,
     Watching,
     random_state,
     restore_random,
@@ -135,6 +136,10 @@ class CertifiedStream:
                 raise
         self._watching = watching or Watching()
         self._rest_if_wanted()
+
+    def watch(self, watching: Watching) -> None:
+        """Have one more watcher hear of it."""
+        self._watching = Watchers(self._watching, watching)
 
     def close(self) -> None:
         """End the stream; what was sent last is executed to its end."""

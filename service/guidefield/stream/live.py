@@ -1,0 +1,71 @@
+"""A stream shown in a running Rerun viewer while it goes on."""
+
+from __future__ import annotations
+
+import time
+
+from guidefield.errors import GuidefieldError
+from guidefield.messages.streams import Piece, StreamState, StreamUpdate
+from guidefield.recorder.live_view import Channel, Part
+from guidefield.recorder.stream_recorder import stream_chunks, stream_scene
+from guidefield.stream.journal import Updated
+from guidefield.stream.shown import RobotMotions, SeenBodies, motion_of
+from guidefield.stream.state import Watching
+from guidefield.stream.stream import CertifiedStream
+
+SHOWN_INTERVAL_S = 0.1  # time between two parts of the recording that are sent [s]
+
+
+class LiveStream(Watching):
+    """Shows a stream in a viewer; one of its watchers.
+
+    Args:
+        address: Where the viewer listens.
+        stream: The stream, which has had no update yet.
+    """
+
+    def __init__(self, address: str, stream: CertifiedStream) -> None:
+        self._stream, self._channel = stream, Channel(address, stream.request.stream_id or "stream")
+        self._motions = RobotMotions(stream.group, [stream.executing])
+        self._seen = SeenBodies(stream.request.obstacles)
+        self._waiting: list[Updated] = []
+        self._began = self._sent = time.monotonic()
+        self._is_shown = False
+
+    def begun(self) -> None:
+        """An update came."""
+        self._began = time.monotonic()
+
+    def updated(
+        self,
+        update: StreamUpdate,
+        answer: Piece | StreamState | None,
+        refused: GuidefieldError | None,
+        *,
+        noted: bool,
+        took: bool,
+    ) -> None:
+        """An update was worked on; a few times a second all of them are sent."""
+        now = time.monotonic()
+        if refused is None:
+            piece = answer if isinstance(answer, Piece) else None
+            state = answer if isinstance(answer, StreamState) else None
+            self._waiting.append(Updated(update, noted, took, 0.0, now - self._began, piece, state))
+        if now - self._sent >= SHOWN_INTERVAL_S and not self._channel.is_busy:
+            entries, self._waiting, self._sent = self._waiting, [], now
+            self._channel.send(lambda: self._draw(entries))
+
+    def _draw(self, entries: list[Updated]) -> Part:
+        self._seen.take_entries(entries)
+        answered = [one for one in entries if one.piece or (one.state and one.state.reason != "late")]
+        if not answered:
+            return (), None
+        group = self._stream.group
+        motion = motion_of(self._motions, answered, self._seen.bodies(self._stream.origin))
+        self._seen.forget()
+        chunks = list(stream_chunks(group, motion))
+        if self._is_shown:
+            return chunks, None
+        self._is_shown = True
+        still, views = stream_scene(group, self._stream.scene, motion)
+        return [*still, *chunks], views

@@ -1,0 +1,109 @@
+"""What goes on shows itself in a running viewer: a plan's steps and its recording, a stream, a client's runs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rerun.chunk import RrdReader
+
+from guidefield.engine import Engine
+from guidefield.messages.scene import Box
+from guidefield.messages.streams import Observation, StreamObstacle, StreamOpen, StreamUpdate
+from guidefield.messages.values import Placement
+from guidefield.recorder import live_view
+from guidefield.stream.journal import Journal
+from guidefield.viewer import CannotShow, is_listening
+from tests.journeys.service import running_service
+from tests.recorder.receiver import TIME_S, Receiver, receiver
+
+GUIDED = {"robot": "ur5", "scene": "table", "goal": {"type": "guide_plane"}, "allowed_planning_time": 120.0}
+JOINTS = {
+    "robot": "ur5",
+    "scene": "table",
+    "goal": {"type": "joints", "positions": {"elbow_joint": 1.2}},
+    "guide_planes": [],
+    "allowed_planning_time": 120.0,
+}
+
+
+def _entities(viewer: Receiver) -> dict[str, set[str]]:
+    return {name: {chunk.entity_path for chunk in chunks} for name, chunks in viewer.chunks().items()}
+
+
+def _finish_sending() -> None:
+    live_view._sender().submit(bool).result()
+
+
+def test_a_plan_shows_its_steps_and_then_its_recording(tmp_path: Path) -> None:
+    with receiver(tmp_path) as viewer:
+        engine = Engine(viewer=viewer.address)
+        recording = tmp_path / "run.rrd"
+        reply: Any = engine.answer({**GUIDED, "run_id": "shown"}, record_to=recording)
+        _finish_sending()
+    (shown,) = viewer.chunks().values()
+    kept = RrdReader(str(recording)).stream().to_chunks()
+    assert reply.status.name == "SUCCESS"
+    assert {chunk.entity_path for chunk in kept} <= {chunk.entity_path for chunk in shown}
+    moved = [chunk for chunk in shown if chunk.entity_path == "/robot/model/frames" and "step" in chunk.timeline_names]
+    assert len(moved) > 1  # while it was planned, and in the end
+    assert viewer.has_layout()
+
+
+def test_a_stream_shows_itself_while_it_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("guidefield.stream.live.SHOWN_INTERVAL_S", 0.0)
+    box = StreamObstacle(Box(name="cart", size=(0.1, 0.1, 0.1)), 0.3)
+    request = StreamOpen("ur5", "table", goal=JOINTS["goal"], obstacles=[box], stream_id="s1")  # type: ignore[arg-type]
+    with receiver(tmp_path) as viewer:
+        journal = Journal(tmp_path / "s1", request, "plain", {})
+        with Engine(viewer=viewer.address).stream(request, None, journal) as stream:
+            for cycle in range(30):
+                seen = Observation("cart", 0.02 * cycle, Placement((0.6, 0.5 - 0.002 * cycle, 0.9)))
+                stream.update(StreamUpdate(0.02 * cycle, [seen]))
+                _finish_sending()
+        journal.close()
+    shown = viewer.chunks()["s1"]
+    rows = {chunk.entity_path: 0 for chunk in shown}
+    for chunk in shown:
+        rows[chunk.entity_path] += chunk.num_rows
+    assert rows["/path/stop"] == rows["/plots/latency"] == 30
+    assert any("cart" in path and count >= 30 for path, count in rows.items())
+
+
+def test_a_service_and_a_client_show_runs(tmp_path: Path) -> None:
+    with (
+        receiver(tmp_path) as viewer,
+        running_service(tmp_path / "data", "--workers", "1", "--viewer", viewer.address) as service,
+    ):
+        from guidefield.client import Client
+
+        with Client.connect(service.endpoint) as client:
+            client.plan({**JOINTS, "run_id": "of-the-service"})
+        with Client.connect(service.endpoint, show=viewer.address) as client:
+            client.plan({**JOINTS, "run_id": "of-both", "recording": "summary"})
+        deadline = time.monotonic() + TIME_S
+        while len(_entities(viewer)) < 2 and time.monotonic() < deadline:
+            time.sleep(0.2)
+    found = _entities(viewer)
+    assert {"of-the-service", "of-both"} == set(found)
+    assert "/documents/summary" in found["of-the-service"] & found["of-both"]
+
+
+def test_nobody_waits_for_a_viewer_that_is_not_there() -> None:
+    reply: Any = Engine(viewer="rerun+http://127.0.0.1:9/proxy").answer(JOINTS)
+    assert reply.status.name == "SUCCESS"
+    began = time.monotonic()
+    _finish_sending()
+    assert time.monotonic() - began < 5.0
+
+
+def test_an_address_that_is_none_is_refused() -> None:
+    with pytest.raises(CannotShow, match="written like rerun"):
+        is_listening("localhost:9876")
+    command = [sys.executable, "-m", "guidefield", "plan", "-", "--viewer", "rerun+http://127.0.0.1:9/proxy"]
+    done = subprocess.run(command, input="{}", capture_output=True, text=True, check=False)
+    assert done.returncode == 2
