@@ -141,13 +141,13 @@ def test_a_compiler_that_is_killed_and_a_cache_that_takes_nothing_are_told_in_a_
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
     (tmp_path / "file").touch()
-    with pytest.raises(first_start.CannotCompile, match=r"^machine code can't be kept: .*; set NUMBA_CACHE_DIR"):
+    with pytest.raises(first_start.CannotStart, match=r"^machine code can't be kept: .*; set NUMBA_CACHE_DIR"):
         first_start.compile_kernels(lambda _: None)
     compiler = tmp_path / "compiler"
     compiler.write_text("#!/bin/sh\nkill -9 $$\n")
     compiler.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(compiler))
-    with pytest.raises(first_start.CannotCompile, match="ended by SIGKILL; what is compiled is kept"):
+    with pytest.raises(first_start.CannotStart, match="ended by SIGKILL; what is compiled is kept"):
         first_start.compile_kernels(lambda _: None)
 
 

@@ -14,12 +14,13 @@ import pytest
 from guidefield import Engine
 from guidefield.endpoint.endpoint import HEAVY_KEYS
 from guidefield.endpoint.rules import DELIVERY, limits_told
-from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, DEFAULT_STREAMS, limits_of
+from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
 from guidefield.errors import ERRORS, Status
 from guidefield.handlers.info import Figures, Rules, info
 from guidefield.messages import codec, requests, schemas
 from guidefield.messages.schemas import describe_message, make_schemas, write_schemas
 from guidefield.messages.served import CODES, KEYS, MEANINGS
+from guidefield.messages.streams import DEFAULT_STREAMS
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION
 

@@ -41,8 +41,8 @@ PLAIN_VARIABLE = "GUIDEFIELD_PLAIN_NUMBA"  # the environment variable that disab
 KNOWN_NUMBA = ("0.68.0", "0.68.1")  # versions of numba whose internals are changed; others are used unchanged
 
 
-class CannotCompile(RuntimeError):
-    """The kernels can't be compiled; says why in one sentence."""
+class CannotStart(RuntimeError):
+    """A command or service can't begin its work; says why in one sentence."""
 
 
 def compile_kernels(
@@ -57,7 +57,7 @@ def compile_kernels(
             also after the end of this process.
 
     Raises:
-        CannotCompile: if a kernel can't be compiled.
+        CannotStart: if a kernel can't be compiled.
     """
     if compiled_marker().exists():
         return
@@ -89,9 +89,9 @@ def compile_kernels(
         fault = log.read().strip()
     if child.returncode < 0:
         ended = signal.Signals(-child.returncode).name
-        raise CannotCompile(f"the kernels' compiler was ended by {ended}; what is compiled is kept: start again")
+        raise CannotStart(f"the kernels' compiler was ended by {ended}; what is compiled is kept: start again")
     if child.returncode != 0:
-        raise CannotCompile(fault.splitlines()[-1] if fault else "the kernels' compiler ended without a reason")
+        raise CannotStart(fault.splitlines()[-1] if fault else "the kernels' compiler ended without a reason")
 
 
 def compiled_marker() -> Path:

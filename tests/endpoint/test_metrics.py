@@ -17,7 +17,8 @@ import pytest
 
 from guidefield.cli.serving import free_port
 from guidefield.endpoint.monitoring import Meter, metrics_server
-from guidefield.endpoint.service import CannotServe, ServiceSettings, serve
+from guidefield.endpoint.service import ServiceSettings, serve
+from guidefield.first_start import CannotStart
 from guidefield.handlers.info import Figures, brief_info
 from guidefield.messages.replies import Disk, Health, InfoReply, UserFigures
 from tests.journeys.service import ANSWERED_WITHIN, ENDED_WITHIN, await_that
@@ -152,13 +153,13 @@ def test_a_service_tells_its_health_before_it_is_ready(tmp_path: Path, monkeypat
 def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as held:
         port = held.getsockname()[1]
-        with pytest.raises(CannotServe, match=f"metrics can't be told at port {port}: Address already in use"):
+        with pytest.raises(CannotStart, match=f"metrics can't be told at port {port}: Address already in use"):
             serve(ServiceSettings(tmp_path, metrics=port), threading.Event())
 
 
 def test_without_the_extra_it_is_said_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "prometheus_client", None)
-    with pytest.raises(CannotServe, match=r"guidefield\[metrics\]"):
+    with pytest.raises(CannotStart, match=r"guidefield\[metrics\]"):
         serve(ServiceSettings(tmp_path, metrics=1), threading.Event())
 
 

@@ -15,8 +15,9 @@ import zenoh
 from guidefield import Client, NoService
 from guidefield.cli.serving import free_port
 from guidefield.endpoint import service
-from guidefield.endpoint.service import CannotServe, ServiceSettings, serve, session_config
+from guidefield.endpoint.service import ServiceSettings, serve, session_config
 from guidefield.errors import MalformedRequest
+from guidefield.first_start import CannotStart
 from tests.journeys.service import ANSWERED_WITHIN, ENDED_WITHIN, await_that, plain_client
 
 
@@ -48,7 +49,7 @@ def test_a_file_that_says_nothing_about_it_leaves_loopback(tmp_path: Path) -> No
 def test_a_mistake_in_a_configuration_file_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text("{ lisen: {} }")
-    with pytest.raises(CannotServe, match="lisen"):
+    with pytest.raises(CannotStart, match="lisen"):
         session_config(ServiceSettings(tmp_path, config=file))
 
 
@@ -114,5 +115,5 @@ def test_a_data_folder_has_one_service(tmp_path: Path) -> None:
 
     with (tmp_path / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        with pytest.raises(CannotServe, match="alive on the data folder"):
+        with pytest.raises(CannotStart, match="alive on the data folder"):
             serve(ServiceSettings(tmp_path), threading.Event())

@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from guidefield.endpoint.rules import DELIVERY, limits_told
-from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, DEFAULT_STREAMS, limits_of
+from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
 from guidefield.messages.schemas import make_schemas, make_table
 from guidefield.messages.served import CODES, KEYS, KeyInfo
+from guidefield.messages.streams import DEFAULT_STREAMS
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION
 

@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from guidefield.batch.local import answered
-from guidefield.batch.results import CannotWork, Item, Outcome, crashed
+from guidefield.batch.results import Item, Outcome, crashed
 from guidefield.engine import Engine
 from guidefield.errors import WorkerCrashed
+from guidefield.first_start import CannotStart
 from guidefield.whole_file import write_whole
 
 AHEAD = 4  # number of requests that are handed over for each core of the cluster
@@ -28,17 +29,17 @@ def over_cluster(items: Iterable[Item], address: str) -> Iterator[Outcome]:
     """Yield outcomes as they come from a Ray cluster with guidefield on every node: an address, ``auto`` or ``local``.
 
     Raises:
-        CannotWork: if Ray isn't installed, or there is no cluster there.
+        CannotStart: if Ray isn't installed, or there is no cluster there.
     """
     try:
         import ray
     except ImportError:
-        raise CannotWork("a batch over a cluster needs Ray: pip install 'guidefield[ray]'") from None
+        raise CannotStart("a batch over a cluster needs Ray: pip install 'guidefield[ray]'") from None
     _require_listening(address)
     try:
         ray.init(address=address, log_to_driver=False, configure_logging=False)
     except (ConnectionError, RuntimeError, ValueError) as error:
-        raise CannotWork(f"there is no Ray cluster at {address!r}: {_COLOUR.sub('', str(error))}") from None
+        raise CannotStart(f"there is no Ray cluster at {address!r}: {_COLOUR.sub('', str(error))}") from None
     try:
         yield from _answer_items(ray, items)
     finally:
@@ -46,14 +47,14 @@ def over_cluster(items: Iterable[Item], address: str) -> Iterator[Outcome]:
 
 
 def _require_listening(address: str) -> None:
-    """Raise CannotWork if nobody listens at a host and port: Ray itself would try for minutes."""
+    """Raise CannotStart if nobody listens at a host and port: Ray itself would try for minutes."""
     host, _, port = address.rpartition(":")
     if not (host and port.isdecimal()):
         return
     try:
         socket.create_connection((host, int(port)), CONNECT_WITHIN).close()
     except (OSError, OverflowError) as error:
-        raise CannotWork(f"there is no Ray cluster at {address!r}: {error}") from None
+        raise CannotStart(f"there is no Ray cluster at {address!r}: {error}") from None
 
 
 def _answer_items(ray: Any, items: Iterable[Item]) -> Iterator[Outcome]:

@@ -10,9 +10,10 @@ from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
-from guidefield.batch.results import CannotWork, Item, Outcome, crashed
+from guidefield.batch.results import Item, Outcome, crashed
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, WorkerCrashed, strip_path
+from guidefield.first_start import CannotStart
 from guidefield.messages import codec
 from guidefield.messages.replies import make_error_reply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
@@ -101,7 +102,7 @@ def over_workers(items: Iterable[Item], workers: int) -> Iterator[Outcome]:
 
 
 def _over_pool(setup: Setup, tasks: Iterable[tuple[_Job, Task]], workers: int) -> Iterator[tuple[_Job, Task]]:
-    """Have workers do tasks; yield each with its job when done; raises CannotWork if no worker can be prepared."""
+    """Have workers do tasks; yield each with its job when done; raises CannotStart if no worker can be prepared."""
     pool = Pool(setup, workers=workers, limits=Limits(tasks=AHEAD * workers, tasks_of_client=AHEAD * workers))
     pool.start()
     try:
@@ -124,7 +125,7 @@ def _await(pool: Pool) -> None:
         while not pool.ready(1.0):
             pass
     except RuntimeError as error:
-        raise CannotWork(str(error)) from None
+        raise CannotStart(str(error)) from None
 
 
 def _outcome(item: Item, task: Task) -> Outcome:

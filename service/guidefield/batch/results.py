@@ -98,10 +98,6 @@ LINE_BEGIN = b'{"line":'
 READ_AT_ONCE = 1 << 20  # buffer for the file that is read [bytes]
 
 
-class CannotWork(RuntimeError):
-    """There is nobody to work on a batch; says why in one sentence."""
-
-
 @dataclass(frozen=True)
 class Outcome:
     """What came of one request: JSON of its reply, or else of its error."""

@@ -22,7 +22,7 @@ def run(
 
     Raises:
         MalformedRequest: if the file can't be read.
-        CannotWork: if there are no workers, or no such cluster.
+        CannotStart: if there are no workers, or no such cluster.
     """
     with RequestFile(requests) as asked, Results(folder, asked) as results:
         wanted, answered = len(asked), results.codes.total()

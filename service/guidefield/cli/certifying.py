@@ -14,7 +14,6 @@ import msgspec
 import typer
 
 from guidefield.cli.found_run import find_run
-from guidefield.engine import motions_of
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec, requests
 from guidefield.messages.executed import SHARED_FIELDS, JointStates, judgement_of
@@ -257,6 +256,7 @@ def run_referee(request: CertifyRequest, reply: CertifyReply, file: Path | None,
     """
     # Pinocchio and Coal are loaded only here
     from guidefield import case_file
+    from guidefield.engine import motions_of
     from guidefield.referee.judge import judge
     from guidefield.referee.loading import case_of
     from guidefield.referee.verdict import Answer, lines

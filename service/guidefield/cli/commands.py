@@ -12,7 +12,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import msgspec
 import typer
@@ -20,8 +20,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
-from guidefield.batch.results import CannotWork
-from guidefield.cli import demonstration, serving
 from guidefield.cli.certifying import (
     make_certify_request,
     make_executed_request,
@@ -31,30 +29,29 @@ from guidefield.cli.certifying import (
     run_referee,
     split_xacro_arguments,
 )
-from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.executing import execute
 from guidefield.cli.found_run import Data, Service, StreamName, fetch_files, recording_file, require_writable
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.replaying import replay
-from guidefield.cli.serving import read_quotas
 from guidefield.cli.tables import motion_table, robot_table, robots_table
-from guidefield.client import Client
-from guidefield.doctor.examination import Finding, State, examination
 from guidefield.endpoint.link import DEFAULT_LISTEN
 from guidefield.endpoint.ros.options import Distribution, RosSettings
-from guidefield.endpoint.service import DEFAULT_STREAMS, CannotServe, ServiceSettings
-from guidefield.engine import Engine, answer
 from guidefield.errors import GuidefieldError, MalformedRequest, Status
-from guidefield.first_start import CannotCompile, compile_kernels
+from guidefield.first_start import CannotStart, compile_kernels
 from guidefield.messages import codec, requests
 from guidefield.messages.faults import list_choices
 from guidefield.messages.quotas import DEFAULT_QUOTAS
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, RobotReply, RobotsReply
+from guidefield.messages.streams import DEFAULT_STREAMS
 from guidefield.messages.values import Reply
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.runs import Retention
 from guidefield.viewer import CannotShow, find_viewer, is_listening
+
+if TYPE_CHECKING:
+    from guidefield.client import Client
+    from guidefield.doctor.examination import Finding
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 
@@ -105,7 +102,7 @@ def main() -> None:
     """Run the command line; what is wrong with a request, a service or a file becomes one line and exit code 2."""
     try:
         app()
-    except (GuidefieldError, CannotCompile, CannotServe, CannotShow, CannotWork, OSError) as error:
+    except (GuidefieldError, CannotShow, CannotStart, OSError) as error:
         err.print(f"[red]{_name(error)}[/red]: {escape(str(error))}", highlight=False, soft_wrap=True)
         sys.exit(2)
 
@@ -147,6 +144,8 @@ def plan(
 
     Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
+    from guidefield.engine import Engine, answer
+
     asked = _set_objective(_read_request(request, _read_scene(scene, scale, radius)), objective)
     compile_kernels(err.print, wholly=False)
     address = _choose_viewer(viewer, show=show)
@@ -239,6 +238,8 @@ def certify(
     else:
         _require_nothing_else(given)
         request = make_executed_request(motion, against, begin, topic, allowed_time, data, name)
+    from guidefield.engine import answer
+
     compile_kernels(err.print, wholly=False)
     reply = answer(request, record_to=record, proof_to=proof)
     assert isinstance(reply, CertifyReply), "a certify request was answered"
@@ -381,6 +382,9 @@ def serve(
     The variable GUIDEFIELD_WORKERS stands for --workers, and so on for each option. Values of an option that may be
     repeated are separated by spaces, folders by colons.
     """
+    from guidefield.cli import serving
+    from guidefield.endpoint.service import ServiceSettings
+
     settings = ServiceSettings(
         data=default_data_folder(name) if data is None else data,
         instance=name,
@@ -398,7 +402,7 @@ def serve(
         metrics=metrics,
         packages=tuple(folder.resolve() for folder in packages or ()),
         prepare=tuple(prepare or ()),
-        quotas=DEFAULT_QUOTAS if quota is None else read_quotas(quota),
+        quotas=DEFAULT_QUOTAS if quota is None else serving.read_quotas(quota),
         ros=RosSettings(ros_robot, ros_domain, ros_distro, ros_connect) if ros else None,
     )
     serving.serve_until_signal(settings, typer.echo)
@@ -427,7 +431,7 @@ def secure(
     try:
         from guidefield.cli.securing import LOCAL_HOSTS, Roles, write_files
     except ImportError:
-        raise CannotServe("certificates need a package more: pip install 'guidefield[secure]'") from None
+        raise CannotStart("certificates need a package more: pip install 'guidefield[secure]'") from None
     roles = Roles(tuple(operator or Roles.operators), tuple(user or Roles.users), tuple(onlooker or Roles.onlookers))
     for path in write_files(folder, roles, tuple(host or LOCAL_HOSTS), port):
         typer.echo(str(path))
@@ -463,6 +467,8 @@ def robots(
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """List the robots that can be named in a request, or describe one: one of them, or your own."""
+    from guidefield.engine import answer
+
     if robot is None:
         reply = answer(requests.ReadRobots())
     else:
@@ -483,6 +489,8 @@ def demo(
     ] = False,
 ) -> None:
     """Start a service, have it plan twice for a Panda at a bookshelf, and say what came of it."""
+    from guidefield.cli import demonstration
+
     raise typer.Exit(demonstration.run_stream(folder, out) if stream else demonstration.run(folder, out))
 
 
@@ -516,7 +524,7 @@ def mcp(
     try:
         serve_stdio(tuple(connect or ()), name, config, user)
     except ImportError:
-        raise CannotServe("this needs the package mcp: pip install 'guidefield[mcp]'") from None
+        raise CannotStart("this needs the package mcp: pip install 'guidefield[mcp]'") from None
 
 
 @app.command()
@@ -529,6 +537,8 @@ def doctor(
 
     Exit code 0 where a service can work here, 1 where something is wrong.
     """
+    from guidefield.doctor.examination import State, examination
+
     findings = []
     for finding in examination(default_data_folder(name) if data is None else data):
         findings.append(finding)
@@ -541,6 +551,8 @@ def doctor(
 
 
 def _format_finding(finding: Finding) -> Text:
+    from guidefield.doctor.examination import State
+
     advice = f": {finding.advice}" if finding.advice else ""
     colour = {State.FINE: "green", State.REMARK: "yellow", State.WRONG: "red"}[finding.state]
     return Text.assemble(f"{finding.about:<9}", (f"{finding.state:<7}", colour), f"{finding.found}{advice}")
@@ -553,6 +565,8 @@ def docs(
     ] = None,
 ) -> None:
     """Read the documentation: how plans are made, what is certified, the service, the wire, robots, scenes."""
+    from guidefield.cli.documentation import pages_table, show_page
+
     if subject is None:
         out.print(pages_table())
     else:
@@ -620,6 +634,8 @@ def _choose_viewer(viewer: str | None, *, show: bool) -> str | None:
 
 
 def _connect(endpoints: list[str] | None, name: str | None, config: Path | None, user: str | None) -> Client:
+    from guidefield.client import Client
+
     try:
         return Client.connect(*(endpoints or ()), instance=name, config=config, user=user)
     except ValueError as error:

@@ -10,7 +10,6 @@ from rich.console import Console
 
 from guidefield.cli.found_run import Data, RunName, Service, find_run, require_writable
 from guidefield.cli.tables import motion_table
-from guidefield.engine import answer
 from guidefield.errors import MalformedRequest
 from guidefield.messages.executed import JointStates, judgement_of
 from guidefield.messages.execution import ExecutionFigures
@@ -49,6 +48,8 @@ def execute(
 
     Exit code 0 where it succeeded within its tolerance, 1 where it didn't, 2 for an error.
     """
+    from guidefield.engine import answer
+
     try:
         from guidefield.endpoint.ros.trajectory_action import FollowedMotion, controller_at
     except ImportError:

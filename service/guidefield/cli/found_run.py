@@ -9,26 +9,25 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import msgspec
 import typer
 
-from guidefield.client import Client
-from guidefield.engine import Engine
-from guidefield.engines import Engines
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.identities import PLAIN, check_user
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
 from guidefield.messages.requests import MotionRequest
 from guidefield.messages.streams import Piece, StreamState
-from guidefield.run import remove_earlier_proof
-from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.recordings import LOG
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase, UserRuns
 from guidefield.versions import parse_versions
+
+if TYPE_CHECKING:
+    from guidefield.client import Client
+    from guidefield.engine import Engine
 
 _R = TypeVar("_R", bound=PlanReply | CertifyReply)
 
@@ -38,6 +37,8 @@ def fetch_files(client: Client, reply: _R, recording: Path | None, proof: Path |
 
     Without a proof an earlier one in its file is removed.
     """
+    from guidefield.run import remove_earlier_proof
+
     if recording is not None and reply.recording is not None:
         recording.write_bytes(client.recording(reply.run_id))
         reply = msgspec.structs.replace(reply, recording=str(recording))
@@ -128,6 +129,10 @@ def record_stream(files: Sequence[Path], folder: Path, packages: Sequence[Path],
 
 def _make_engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:
     """Make the engine of a user with the stores of a data folder, which isn't created."""
+    from guidefield.engine import Engine
+    from guidefield.engines import Engines
+    from guidefield.stores.by_user import StoresByUser
+
     if not folder.is_dir():
         return Engine(packages=packages)
     return Engines("local", StoresByUser(folder), packages).of(user)

@@ -23,11 +23,8 @@ from guidefield.cli.found_run import (
     require_writable,
     stream_files,
 )
-from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, MalformedRequest
 from guidefield.messages.replies import CertifyReply, PlanReply, Timing
-from guidefield.stores.robots import RobotStore
-from guidefield.stores.scenes import SceneStore
 
 PLAN_FIELDS = ("status", "position_names", "velocity_names", "path", "trajectory", "guide_planes", "planner", "seed")
 """The fields of a reply that are the plan itself; the others are measured, or name the run."""
@@ -126,6 +123,10 @@ def replay(
     if record is not None:
         raise MalformedRequest(f"{run!r} is no stream, and has a recording already", run=run)
     before = find_run(run, data, name)
+    from guidefield.engine import Engine
+    from guidefield.stores.robots import RobotStore
+    from guidefield.stores.scenes import SceneStore
+
     folder = data_folder(data, name)
     there = folder.is_dir()  # looking leaves no folder behind
     engine = Engine(

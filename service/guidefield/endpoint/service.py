@@ -33,11 +33,12 @@ from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.streams import Streams
 from guidefield.engines import Engines
 from guidefield.errors import DiskRefused, GuidefieldError, WorkerCrashed, strip_source
-from guidefield.first_start import compile_kernels
+from guidefield.first_start import CannotStart, compile_kernels
 from guidefield.handlers.info import Figures, Rules, brief_info
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN, base_key
 from guidefield.messages.replies import Health, InfoReply, make_error_reply
+from guidefield.messages.streams import DEFAULT_STREAMS
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
 from guidefield.pool.waiting import Limits
 from guidefield.renderer import Renderer
@@ -51,7 +52,6 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 DEFAULT_QUEUE = 64  # default number of requests that may wait
-DEFAULT_STREAMS = 4  # default number of streams that may be open at once
 DEFAULT_GRACE = 10.0  # default time for requests under way at the end [s]
 ANSWERS_WITHIN = 5.0  # time for a service of the same name to say that it is alive [s]; if there is none, nothing waits
 EAGER_WITHIN = 30.0
@@ -63,10 +63,6 @@ FOR_STREAMS = {
 }
 """The way in which messages of streams are published."""
 PATIENCE = 0.2  # time between two looks of a start whether it is to be given up [s]
-
-
-class CannotServe(RuntimeError):
-    """The service can't start; says why in one sentence."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +103,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
 
     Raises:
         MalformedRequest: if its name can't be one.
-        CannotServe: if a service of that name is alive, on this data folder or on the network; if the configuration is
+        CannotStart: if a service of that name is alive, on this data folder or on the network; if the configuration is
             wrong, or an endpoint or the port of metrics can't be listened on; if the workers can't be prepared.
     """
     checked_name(settings.instance, "instance")
@@ -200,7 +196,7 @@ def _renderer(settings: ServiceSettings, setup: EngineSetup, runs: RunDatabase) 
 def session_config(settings: ServiceSettings) -> zenoh.Config:
     """The file's configuration; loopback only and no scouting where it doesn't say otherwise.
 
-    Raises CannotServe if the file can't be read, or something in it or in the endpoints is wrong.
+    Raises CannotStart if the file can't be read, or something in it or in the endpoints is wrong.
     """
     try:
         config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(str(settings.config))
@@ -215,7 +211,7 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
             config.insert_json5(*LATCHING)
     except zenoh.ZError as error:
         file = "" if settings.config is None else f" {str(settings.config)!r}"
-        raise CannotServe(f"the Zenoh configuration{file} is wrong: {strip_source(error)}") from None
+        raise CannotStart(f"the Zenoh configuration{file} is wrong: {strip_source(error)}") from None
     return config
 
 
@@ -227,7 +223,7 @@ def _listen(config: zenoh.Config, endpoints: tuple[str, ...]) -> None:
     try:
         config.insert_json5("listen/endpoints", json.dumps(list(endpoints)))
     except zenoh.ZError:
-        raise CannotServe(f"endpoints are written like {DEFAULT_LISTEN}, got {', '.join(endpoints)}") from None
+        raise CannotStart(f"endpoints are written like {DEFAULT_LISTEN}, got {', '.join(endpoints)}") from None
 
 
 def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> Trace:
@@ -236,7 +232,7 @@ def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> Trace:
     try:
         provider = exporting_provider(settings.instance)
     except ImportError:
-        raise CannotServe("traces need OpenTelemetry: pip install 'guidefield[otel]'") from None
+        raise CannotStart("traces need OpenTelemetry: pip install 'guidefield[otel]'") from None
     opened.callback(provider.shutdown)
     return opentelemetry_trace(provider)
 
@@ -248,9 +244,9 @@ def _tell_metrics(settings: ServiceSettings, brief: Callable[[], InfoReply], ope
     try:
         opened.enter_context(metrics_server(settings.metrics, settings.instance, brief))
     except ImportError:
-        raise CannotServe("metrics need prometheus-client: pip install 'guidefield[metrics]'") from None
+        raise CannotStart("metrics need prometheus-client: pip install 'guidefield[metrics]'") from None
     except OSError as error:
-        raise CannotServe(f"metrics can't be told at port {settings.metrics}: {error.strerror}") from None
+        raise CannotStart(f"metrics can't be told at port {settings.metrics}: {error.strerror}") from None
 
 
 def _started(
@@ -275,7 +271,7 @@ def _started(
             if stop.is_set():
                 return False
     except RuntimeError as error:
-        raise CannotServe(str(error)) from None
+        raise CannotStart(str(error)) from None
     condition.now = Health(state="ready")
     return True
 
@@ -287,12 +283,12 @@ def _ros_node(
     try:
         from guidefield.endpoint.ros.node import ros_node, session_for
     except ImportError:
-        raise CannotServe("ROS needs rosbags: pip install 'guidefield[ros]'") from None
+        raise CannotStart("ROS needs rosbags: pip install 'guidefield[ros]'") from None
     try:
         session = opened.enter_context(session_for(settings, own))
         node = ros_node(settings, session, engines.of(IDENTITY).robot(settings.robot), endpoint.ask)
     except (GuidefieldError, zenoh.ZError) as error:
-        raise CannotServe(f"the service can't be offered to ROS: {strip_source(error)}") from None
+        raise CannotStart(f"the service can't be offered to ROS: {strip_source(error)}") from None
     opened.callback(node.finish)
     return node
 
@@ -302,7 +298,7 @@ def _open_session(config: zenoh.Config) -> zenoh.Session:
         return zenoh.open(config)
     except zenoh.ZError as error:
         where = config.get_json("listen/endpoints")
-        raise CannotServe(f"Zenoh can't be opened at {where}: {strip_source(error)}") from None
+        raise CannotStart(f"Zenoh can't be opened at {where}: {strip_source(error)}") from None
 
 
 def _publish(
@@ -317,7 +313,7 @@ def _publish(
 def _require_no_other(session: zenoh.Session, instance: str) -> None:
     tokens = session.liveliness().get(f"guidefield/{instance}/*", timeout=ANSWERS_WITHIN)
     if any(reply.ok is not None for reply in tokens):
-        raise CannotServe(f"a service named {instance!r} is alive on this network; choose another name")
+        raise CannotStart(f"a service named {instance!r} is alive on this network; choose another name")
 
 
 def _prepare(runs: RunDatabase, announce: Callable[[str], None]) -> None:
@@ -339,7 +335,7 @@ def _alone_in(data: Path, announce: Callable[[str], None]) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise CannotServe(
+            raise CannotStart(
                 f"a service is alive on the data folder {str(data)!r}; choose another name or folder"
             ) from None
         except OSError as error:

@@ -35,6 +35,7 @@ from guidefield.messages.values import (
     require_finite_number,
 )
 
+DEFAULT_STREAMS = 4  # number of streams that a service has open at once, unless told otherwise
 MOST_OBSTACLES = 10_000
 """The largest number of obstacles of a stream."""
 
