@@ -63,6 +63,8 @@ CUT_EVERY = 3.0, 20.0
 """Between which times the link is cut, at random [s]."""
 KILLED_AFTER = 20.0
 """After which time a worker is killed at the latest [s]."""
+STARTS = 3.0
+"""The same as a multiple of the time that the service took to start, where that is more."""
 ROUNDING = 1e-9
 TIME_IS_UP = b"Timeout"
 """Zenoh's own answer to a query that nobody answered within its time-out."""
@@ -243,19 +245,25 @@ def every_process(front: int) -> dict[int, tuple[int, bool]]:
 def disturb(
     front: int,
     seconds: float,
+    started_within: float,
     tally: Tally,
     rng: random.Random,
     over: threading.Event,
     warm_up: Callable[[], set[int]] | None,
 ) -> dict[int, list[int]]:
-    """Kill workers in the first half of the time; have the others warm up, and watch memory in the second."""
+    """Kill workers in the first half of the time; have the others warm up, and watch memory in the second.
+
+    Between two kills there is time for a worker to start, by how long the service took for that [s]: on a busy machine
+    there would be none otherwise.
+    """
     begin = time.monotonic()
+    longest = max(min(KILLED_AFTER, 0.05 * seconds + 0.5), min(STARTS * started_within, seconds / 8))
     memory: dict[int, list[int]] = {}
     warmed: set[int] = set()
     while not over.is_set():
         passed = (time.monotonic() - begin) / seconds
         if passed < 0.5:
-            over.wait(rng.uniform(0.2, min(KILLED_AFTER, 0.05 * seconds + 0.5)))
+            over.wait(rng.uniform(0.2, longest))
             workers = [pid for pid in every_process(front) if pid != front]
             if workers and time.monotonic() - begin < 0.5 * seconds:
                 tally.kills.append(time.monotonic())
@@ -407,12 +415,12 @@ def run(arguments: list[str]) -> int:
     rng = random.Random(options.seed)  # noqa: S311 - no secret
     kinds = cases()
     order = rng.choices(kinds, [case.weight for case in kinds], k=options.requests)
-    keep = ("--keep-runs", str(100_000), "--keep-gib", "100")
+    keep, begun = ("--keep-runs", str(100_000), "--keep-gib", "100"), time.monotonic()
     with (
         small_disk(options.disk) as disk,
         service_in_child(print, workers=options.workers, options=keep, within=disk) as service,
     ):
-        tally, memory = soak(service, order, disk, options)
+        tally, memory = soak(service, order, disk, time.monotonic() - begun, options)
     return report(tally, memory, options, service.process.returncode)
 
 
@@ -453,9 +461,9 @@ def require_kept(endpoint: str, tally: Tally) -> None:
 
 
 def soak(
-    service: ChildService, order: list[Case], disk: Path | None, options: argparse.Namespace
+    service: ChildService, order: list[Case], disk: Path | None, started_within: float, options: argparse.Namespace
 ) -> tuple[Tally, dict[int, list[int]]]:
-    """Ask in that order, spread over the time."""
+    """Ask a service that took some time to start [s] in that order, spread over the time."""
     tally, over = Tally(), threading.Event()
     config = zenoh.Config()
     for key, value in {
@@ -475,7 +483,7 @@ def soak(
         kinds = list({(case.key, case.payload): case for case in order}.values())
         warming = partial(warmed_up, session, service, options.workers, kinds, tally, options.patience)
         watch = (rng, over, warming if options.judge_memory else None)
-        disturbance = threads.submit(disturb, service.process.pid, options.seconds, tally, *watch)
+        disturbance = threads.submit(disturb, service.process.pid, options.seconds, started_within, tally, *watch)
         try:
             begin, asked = time.monotonic(), []
             for number, case in enumerate(order):
