@@ -101,9 +101,9 @@ def clearance_gradient(world: World, q: ModelConfiguration, one: ClearanceAt, *,
 def _witness(world: World, pair: int, closest: ClosestPoints) -> np.ndarray:
     """Closest points of a pair's bodies with what rounds them, the first body's first, shape (2, 3) [m, world]."""
     witness = np.array([closest.first, closest.second])
-    between = witness[0] - witness[1]
-    rounding = sum(map(world.rounding, world.pairs.of(pair)))
-    witness[1] += between * (rounding / max(float(np.linalg.norm(between)), 1e-12))
+    if rounding := sum(map(world.rounding, world.pairs.of(pair))):
+        between = witness[0] - witness[1]
+        witness[1] += between * (rounding / max(float(np.linalg.norm(between)), 1e-12))
     return witness
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from guidefield.collision.penetration_depth import ClosestPoints, closest_points, measure_capsules
+from guidefield.collision.penetration_depth import ClosestPoints, Outline, closest_points, measure_capsules
 from guidefield.geometry.convex import as_met
 from guidefield.scene.recipe import Patches
 
@@ -77,7 +77,8 @@ class NarrowPhase:
         self._shape, self._there = shape, there
         self._shapes: dict[int, Any] = {}
         self._boxes: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        self._met: dict[_Meeting, tuple[Any, Any]] = {}
+        self._met: dict[_Meeting, tuple[Outline, Outline]] = {}
+        self._outlines: dict[int, Outline] = {}  # by the identity of their shapes, which they keep alive
         self._collide: dict[_Meeting, Any] = {}
         self._measure: dict[_Meeting, Any] = {}
         self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
@@ -110,7 +111,7 @@ class NarrowPhase:
             apart = self._distance(meeting).distance
             return apart if apart <= margin else None
         if meeting not in self._collide:
-            self._collide[meeting] = coal.ComputeCollision(*self._as_met(meeting))
+            self._collide[meeting] = coal.ComputeCollision(*(one.shape for one in self._as_met(meeting)))
         self._request.security_margin = self._request.distance_upper_bound = margin
         self._result.clear()
         self._collide[meeting](self._there(first), self._there(second), self._request, self._result)
@@ -135,22 +136,24 @@ class NarrowPhase:
         if self._are_capsules(first, second):
             return measure_capsules(self.shape(first), self._there(first), self.shape(second), self._there(second))
         if meeting not in self._measure:
-            self._measure[meeting] = coal.ComputeDistance(*self._as_met(meeting))
+            self._measure[meeting] = coal.ComputeDistance(*(one.shape for one in self._as_met(meeting)))
         result = coal.DistanceResult()
         here, there = self._there(first), self._there(second)
         self._measure[meeting](here, there, self._distance_request, result)
-        shapes = self._as_met(meeting)
-        return closest_points(shapes[0], here, shapes[1], there, result)
+        one, other = self._as_met(meeting)
+        return closest_points(one, here, other, there, result)
 
     def _are_capsules(self, first: int, second: int) -> bool:
         return isinstance(self.shape(first), coal.Capsule) and isinstance(self.shape(second), coal.Capsule)
 
-    def _as_met(self, meeting: _Meeting) -> tuple[Any, Any]:
+    def _as_met(self, meeting: _Meeting) -> tuple[Outline, Outline]:
         """The shapes as they meet; Coal's functors don't keep them alive."""
         if meeting not in self._met:
             first, second, patch = meeting
             other = self.shape(second)
-            self._met[meeting] = as_met(self.shape(first), other.shape(patch) if isinstance(other, Patches) else other)
+            shapes = as_met(self.shape(first), other.shape(patch) if isinstance(other, Patches) else other)
+            one, another = (self._outlines.setdefault(id(shape), Outline(shape)) for shape in shapes)
+            self._met[meeting] = one, another
         return self._met[meeting]
 
     def _box_of(self, first: int, second: int) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ is the margin at least.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import coal
@@ -32,10 +33,54 @@ class ClosestPoints(NamedTuple):
     second: np.ndarray
 
 
-def closest_points(first: Any, here: Any, second: Any, there: Any, measured: Any) -> ClosestPoints:
+class Outline:
+    """A Coal shape, with what its overlap with others is measured by."""
+
+    def __init__(self, shape: Any) -> None:
+        self.shape = shape
+        self.is_convex = isinstance(shape, (coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.ConvexBase))
+
+    def reach(self, directions: np.ndarray) -> np.ndarray:
+        """Return how far the shape reaches along directions (n, 3) of its frame, shape (n,) [m]."""
+        shape = self.shape
+        rounded = shape.getSweptSphereRadius()
+        if isinstance(shape, coal.Box):
+            reach = np.abs(directions) @ np.array(shape.halfSide)
+        elif isinstance(shape, coal.Cylinder):
+            reach = np.abs(directions[:, 2]) * shape.halfLength + shape.radius * np.hypot(*directions[:, :2].T)
+        elif isinstance(shape, coal.ConvexBase):
+            reach = (directions @ self._points.T).max(axis=1)
+        else:
+            rounded += shape.radius
+            reach = np.abs(directions[:, 2]) * (shape.halfLength if isinstance(shape, coal.Capsule) else 0.0)
+        found: np.ndarray = reach + rounded
+        return found
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Normals of a hull's faces, or its principal axes if these are many, shape (n, 3); none of another shape."""
+        shape = self.shape
+        if not isinstance(shape, coal.Convex):
+            return np.empty((0, 3))
+        points = self._points
+        if shape.num_polygons > FACES:
+            axes: np.ndarray = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+            return axes
+        faces = [shape.polygons(k) for k in range(shape.num_polygons)]
+        a, b, c = points[np.array([[face[0], face[1], face[2]] for face in faces])].swapaxes(0, 1)
+        normals: np.ndarray = np.cross(b - a, c - a)
+        normals /= np.linalg.norm(normals, axis=1).max()
+        return normals
+
+    @cached_property
+    def _points(self) -> np.ndarray:
+        return np.array(self.shape.points())
+
+
+def closest_points(first: Outline, here: Any, second: Outline, there: Any, measured: Any) -> ClosestPoints:
     """Return what Coal measured of two placed shapes, a coal.DistanceResult, its depth replaced where that can't be."""
     told = ClosestPoints(measured.min_distance, measured.getNearestPoint1(), measured.getNearestPoint2())
-    if told.distance > 0.0 or not isinstance(first, _KNOWN) or not isinstance(second, _KNOWN):
+    if told.distance > 0.0 or not first.is_convex or not second.is_convex:
         return told
     bodies = _Bodies(first, here, second, there)
     directions = bodies.directions(told)
@@ -69,11 +114,8 @@ def measure_capsules(first: Any, here: Any, second: Any, there: Any) -> ClosestP
     )
 
 
-_KNOWN = coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.ConvexBase
-
-
 class _Bodies:
-    def __init__(self, first: Any, here: Any, second: Any, there: Any) -> None:
+    def __init__(self, first: Outline, here: Any, second: Outline, there: Any) -> None:
         self._shapes, self._places = (first, second), (here, there)
         self._rotations = [np.array(place.getRotation()) for place in self._places]
         self._apart = np.array(there.getTranslation()) - np.array(here.getTranslation())
@@ -84,19 +126,22 @@ class _Bodies:
         They are the shapes' axes and faces, cross products of axes, and the lines between centres and closest points.
         """
         axes = [rotation.T for rotation in self._rotations]
-        crossed = np.cross(axes[0][:, None], axes[1][None]).reshape(-1, 3)
-        faces = [_normals(one) @ rotation.T for one, rotation in zip(self._shapes, self._rotations, strict=True)]
-        found = np.concatenate([*axes, crossed, *faces, [self._apart, told.first - told.second]])
+        (ax, ay, az), (bx, by, bz) = (self._rotations[0][:, :, None], self._rotations[1][:, None, :])
+        crossed = np.empty((3, 3, 3))
+        crossed[:, :, 0], crossed[:, :, 1], crossed[:, :, 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        faces = [one.normals @ rotation.T for one, rotation in zip(self._shapes, self._rotations, strict=True)]
+        found = np.concatenate([*axes, crossed.reshape(-1, 3), *faces, [self._apart, told.first - told.second]])
         found /= np.maximum(np.abs(found).max(axis=1, keepdims=True), 1e-9)  # EPA's points may be anywhere
-        lengths = np.linalg.norm(found, axis=1)
-        units = found[lengths > 1e-9] / lengths[lengths > 1e-9, None]
+        lengths = np.sqrt((found * found).sum(axis=1))
+        is_direction = lengths > 1e-9
+        units = found[is_direction] / lengths[is_direction, None]
         both: np.ndarray = np.concatenate([units, -units])
         return both
 
     def overlaps(self, directions: np.ndarray) -> np.ndarray:
         """By how much the shapes overlap along unit directions (n, 3), shape (n,) [m]."""
         (first, second), (here, there) = self._shapes, self._rotations
-        overlap: np.ndarray = _reach(first, directions @ here) + _reach(second, -directions @ there)
+        overlap: np.ndarray = first.reach(directions @ here) + second.reach(-directions @ there)
         overlap -= directions @ self._apart
         return overlap
 
@@ -108,7 +153,7 @@ class _Bodies:
             shift = (best + MARGIN) * direction
             moved = coal.Transform3s(there.getRotation(), there.getTranslation() + shift)
             result.clear()
-            coal.distance(first, here, second, moved, request, result)
+            coal.distance(first.shape, here, second.shape, moved, request, result)
             on_first, on_second = result.getNearestPoint1(), result.getNearestPoint2()
             between = on_second - on_first
             length = float(np.linalg.norm(between))
@@ -119,34 +164,3 @@ class _Bodies:
                 break
             best, direction = overlap, between / length
         return ClosestPoints(-best, on_first, on_second - shift)
-
-
-def _reach(shape: Any, directions: np.ndarray) -> np.ndarray:
-    """How far a shape reaches along directions (n, 3) of its frame, shape (n,) [m]."""
-    rounded = shape.getSweptSphereRadius()
-    if isinstance(shape, coal.Box):
-        reach = np.abs(directions) @ np.array(shape.halfSide)
-    elif isinstance(shape, coal.Cylinder):
-        reach = np.abs(directions[:, 2]) * shape.halfLength + shape.radius * np.hypot(*directions[:, :2].T)
-    elif isinstance(shape, coal.ConvexBase):
-        reach = (directions @ np.array(shape.points()).T).max(axis=1)
-    else:
-        rounded += shape.radius
-        reach = np.abs(directions[:, 2]) * (shape.halfLength if isinstance(shape, coal.Capsule) else 0.0)
-    found: np.ndarray = reach + rounded
-    return found
-
-
-def _normals(shape: Any) -> np.ndarray:
-    """Normals of a hull's faces, or its principal axes if these are many, shape (n, 3); none of another shape."""
-    if not isinstance(shape, coal.Convex):
-        return np.empty((0, 3))
-    points = np.array(shape.points())
-    if shape.num_polygons > FACES:
-        axes: np.ndarray = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
-        return axes
-    faces = [shape.polygons(k) for k in range(shape.num_polygons)]
-    a, b, c = points[np.array([[face[0], face[1], face[2]] for face in faces])].swapaxes(0, 1)
-    normals: np.ndarray = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1).max()
-    return normals

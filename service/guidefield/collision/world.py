@@ -77,13 +77,17 @@ class World:
     @cached_property
     def body_names(self) -> tuple[str, ...]:
         """Link or obstacle by body."""
-        return (*_link_names(self.group), *(one.name for one in self.scene.obstacles))
+        return (*self._links, *(one.name for one in self.scene.obstacles))
 
     def pair_names(self, pair: int) -> PairNames:
         """Names of a pair's bodies: a link, and a link or an obstacle."""
         first, second = self.pairs.of(pair)
-        names = _link_names(self.group)
+        names = self._links
         return names[first], names[second] if second < self.pairs.links else self._obstacle(second).name
+
+    @cached_property
+    def _links(self) -> tuple[str, ...]:
+        return _link_names(self.group)
 
     def rounding(self, body: int) -> float:
         """What a body is rounded by, beyond its Coal shape [m]."""
