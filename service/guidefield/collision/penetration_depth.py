@@ -17,12 +17,25 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 
+from guidefield.kernels.collide.overlap import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    HULL,
+    ConvexShape,
+    Placed,
+    overlap_along,
+    try_directions,
+)
+from guidefield.read_only import read_only
+
 ACCURACY = 2e-6  # what Coal's depth may be off, and a share of it [m]
 MARGIN = 1e-3  # by how much the second body is moved beyond the first, so that GJK tells a direction [m]
 
 STARTS, STEPS = 4, 40  # from how many directions h is descended, and in how many steps
 
 FACES = 64  # the normals of a hull's faces are tried where there are no more than this
+MOST_OTHERS = 17  # directions that are tried beside them: axes, their cross products, and two lines
 
 
 class ClosestPoints(NamedTuple):
@@ -34,47 +47,27 @@ class ClosestPoints(NamedTuple):
 
 
 class Outline:
-    """A Coal shape, with what its overlap with others is measured by."""
+    """A Coal shape, with what its overlaps with others are measured by."""
 
     def __init__(self, shape: Any) -> None:
         self.shape = shape
         self.is_convex = isinstance(shape, (coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.ConvexBase))
 
-    def reach(self, directions: np.ndarray) -> np.ndarray:
-        """Return how far the shape reaches along directions (n, 3) of its frame, shape (n,) [m]."""
-        shape = self.shape
-        rounded = shape.getSweptSphereRadius()
+    @cached_property
+    def convex(self) -> ConvexShape:
+        """The shape as kernels take it, if it is convex."""
+        shape, kind, sizes = self.shape, HULL, np.zeros(3)
+        points, normals = np.empty((0, 3)), np.empty((0, 3))
         if isinstance(shape, coal.Box):
-            reach = np.abs(directions) @ np.array(shape.halfSide)
-        elif isinstance(shape, coal.Cylinder):
-            reach = np.abs(directions[:, 2]) * shape.halfLength + shape.radius * np.hypot(*directions[:, :2].T)
+            kind, sizes = BOX, np.array(shape.halfSide, float)
         elif isinstance(shape, coal.ConvexBase):
-            reach = (directions @ self._points.T).max(axis=1)
+            points = np.ascontiguousarray(shape.points(), float)
+            normals = np.ascontiguousarray(_normals(shape, points))
         else:
-            rounded += shape.radius
-            reach = np.abs(directions[:, 2]) * (shape.halfLength if isinstance(shape, coal.Capsule) else 0.0)
-        found: np.ndarray = reach + rounded
-        return found
-
-    @cached_property
-    def normals(self) -> np.ndarray:
-        """Normals of a hull's faces, or its principal axes if these are many, shape (n, 3); none of another shape."""
-        shape = self.shape
-        if not isinstance(shape, coal.Convex):
-            return np.empty((0, 3))
-        points = self._points
-        if shape.num_polygons > FACES:
-            axes: np.ndarray = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
-            return axes
-        faces = [shape.polygons(k) for k in range(shape.num_polygons)]
-        a, b, c = points[np.array([[face[0], face[1], face[2]] for face in faces])].swapaxes(0, 1)
-        normals: np.ndarray = np.cross(b - a, c - a)
-        normals /= np.linalg.norm(normals, axis=1).max()
-        return normals
-
-    @cached_property
-    def _points(self) -> np.ndarray:
-        return np.array(self.shape.points())
+            kind = CYLINDER if isinstance(shape, coal.Cylinder) else CAPSULE
+            sizes[:2] = shape.radius, 0.0 if isinstance(shape, coal.Sphere) else shape.halfLength
+        read_only(sizes, points, normals)
+        return ConvexShape(kind, sizes, float(shape.getSweptSphereRadius()), points, normals)
 
 
 def closest_points(first: Outline, here: Any, second: Outline, there: Any, measured: Any) -> ClosestPoints:
@@ -82,13 +75,24 @@ def closest_points(first: Outline, here: Any, second: Outline, there: Any, measu
     told = ClosestPoints(measured.min_distance, measured.getNearestPoint1(), measured.getNearestPoint2())
     if told.distance > 0.0 or not first.is_convex or not second.is_convex:
         return told
-    bodies = _Bodies(first, here, second, there)
-    directions = bodies.directions(told)
-    overlaps = bodies.overlaps(directions)
-    least = float(overlaps.min())
+    placed = Placed(
+        first.convex,
+        second.convex,
+        np.ascontiguousarray(here.getRotation()),
+        np.ascontiguousarray(there.getRotation()),
+        there.getTranslation() - here.getTranslation(),
+    )
+    read_only(*placed)
+    most = 2 * (MOST_OTHERS + len(placed.first.normals) + len(placed.second.normals))
+    directions, overlaps = np.empty((most, 3)), np.empty(most)
+    count = try_directions(placed, told.first - told.second, directions, overlaps)
+    least = float(overlaps[:count].min())
     if abs(least + told.distance) <= ACCURACY * (1.0 + max(least, 0.0)):
         return told._replace(distance=max(told.distance, -least))
-    found = [bodies.descend(directions[k]) for k in np.argsort(overlaps)[:STARTS]]
+    found = [
+        _descend(placed, first.shape, here, second.shape, there, directions[k])
+        for k in np.argsort(overlaps[:count])[:STARTS]
+    ]
     return max(found, key=lambda one: one.distance)
 
 
@@ -114,53 +118,36 @@ def measure_capsules(first: Any, here: Any, second: Any, there: Any) -> ClosestP
     )
 
 
-class _Bodies:
-    def __init__(self, first: Outline, here: Any, second: Outline, there: Any) -> None:
-        self._shapes, self._places = (first, second), (here, there)
-        self._rotations = [np.array(place.getRotation()) for place in self._places]
-        self._apart = np.array(there.getTranslation()) - np.array(here.getTranslation())
+def _descend(placed: Placed, first: Any, here: Any, second: Any, there: Any, direction: np.ndarray) -> ClosestPoints:
+    """Descend the overlap of placed Coal shapes from a direction."""
+    best = overlap_along(placed, direction)
+    result, request = coal.DistanceResult(), coal.DistanceRequest()
+    for _ in range(STEPS):
+        shift = (best + MARGIN) * direction
+        moved = coal.Transform3s(there.getRotation(), there.getTranslation() + shift)
+        result.clear()
+        coal.distance(first, here, second, moved, request, result)
+        on_first, on_second = result.getNearestPoint1(), result.getNearestPoint2()
+        between = on_second - on_first
+        length = float(np.linalg.norm(between))
+        if not length > 0.5 * MARGIN:
+            break
+        overlap = overlap_along(placed, between / length)
+        if overlap >= best - 1e-9:
+            break
+        best, direction = overlap, between / length
+    return ClosestPoints(-best, on_first, on_second - shift)
 
-    def directions(self, told: ClosestPoints) -> np.ndarray:
-        """Unit directions among which the least overlap mostly is, of both signs, shape (n, 3).
 
-        They are the shapes' axes and faces, cross products of axes, and the lines between centres and closest points.
-        """
-        axes = [rotation.T for rotation in self._rotations]
-        (ax, ay, az), (bx, by, bz) = (self._rotations[0][:, :, None], self._rotations[1][:, None, :])
-        crossed = np.empty((3, 3, 3))
-        crossed[:, :, 0], crossed[:, :, 1], crossed[:, :, 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        faces = [one.normals @ rotation.T for one, rotation in zip(self._shapes, self._rotations, strict=True)]
-        found = np.concatenate([*axes, crossed.reshape(-1, 3), *faces, [self._apart, told.first - told.second]])
-        found /= np.maximum(np.abs(found).max(axis=1, keepdims=True), 1e-9)  # EPA's points may be anywhere
-        lengths = np.sqrt((found * found).sum(axis=1))
-        is_direction = lengths > 1e-9
-        units = found[is_direction] / lengths[is_direction, None]
-        both: np.ndarray = np.concatenate([units, -units])
-        return both
-
-    def overlaps(self, directions: np.ndarray) -> np.ndarray:
-        """By how much the shapes overlap along unit directions (n, 3), shape (n,) [m]."""
-        (first, second), (here, there) = self._shapes, self._rotations
-        overlap: np.ndarray = first.reach(directions @ here) + second.reach(-directions @ there)
-        overlap -= directions @ self._apart
-        return overlap
-
-    def descend(self, direction: np.ndarray) -> ClosestPoints:
-        (first, second), (here, there) = self._shapes, self._places
-        best = float(self.overlaps(direction[None])[0])
-        result, request = coal.DistanceResult(), coal.DistanceRequest()
-        for _ in range(STEPS):
-            shift = (best + MARGIN) * direction
-            moved = coal.Transform3s(there.getRotation(), there.getTranslation() + shift)
-            result.clear()
-            coal.distance(first.shape, here, second.shape, moved, request, result)
-            on_first, on_second = result.getNearestPoint1(), result.getNearestPoint2()
-            between = on_second - on_first
-            length = float(np.linalg.norm(between))
-            if not length > 0.5 * MARGIN:
-                break
-            overlap = float(self.overlaps(between[None] / length)[0])
-            if overlap >= best - 1e-9:
-                break
-            best, direction = overlap, between / length
-        return ClosestPoints(-best, on_first, on_second - shift)
+def _normals(shape: Any, points: np.ndarray) -> np.ndarray:
+    """Normals of a hull's faces, or its principal axes if these are many, shape (n, 3)."""
+    if not isinstance(shape, coal.Convex):
+        return np.empty((0, 3))
+    if shape.num_polygons > FACES:
+        axes: np.ndarray = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+        return axes
+    faces = [shape.polygons(k) for k in range(shape.num_polygons)]
+    a, b, c = points[np.array([[face[0], face[1], face[2]] for face in faces])].swapaxes(0, 1)
+    normals: np.ndarray = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1).max()
+    return normals
