@@ -14,7 +14,7 @@ from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import make_error_reply
 from guidefield.messages.store_requests import UNREADABLE, ReadRuns
-from guidefield.stores import run_rows, runs as module
+from guidefield.stores import run_rows
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase
 from tests.kept_runs import REQUEST
@@ -84,7 +84,7 @@ def test_runs_in_folders_are_taken_over(data: Path) -> None:
 
 @pytest.mark.parametrize("kept_up_to", range(6))
 def test_a_kill_in_the_middle_loses_none(kept_up_to: int, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "AT_ONCE", 2)
+    monkeypatch.setattr(run_rows, "AT_ONCE", 2)
     shutil.rmtree(data / "runs" / ".0123.draft")
     removed, steps = shutil.rmtree, iter(range(100))
 
@@ -117,7 +117,7 @@ def test_what_cannot_be_taken_over_stays(data: Path) -> None:
 
 
 def test_it_is_told_how_far_it_is(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "AT_ONCE", 2)
+    monkeypatch.setattr(run_rows, "AT_ONCE", 2)
     told: list[str] = []
     database = RunDatabase(data)
     database.take_over(told.append)

@@ -32,14 +32,7 @@ from guidefield.endpoint.streams import Streams, require_own
 from guidefield.endpoint.under_way import UnderWay, keep_answer
 from guidefield.engines import Engines
 from guidefield.errors import DiskRefused, MalformedRequest, NotAllowed
-from guidefield.handlers.expired import (
-    Stage,
-    cancelled_run,
-    cancelled_work,
-    error_answer,
-    expired_run,
-    expired_work,
-)
+from guidefield.handlers import expired
 from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
 from guidefield.messages import codec, keys, stream_keys
 from guidefield.messages.identities import PLAIN, USERS, Asker, base_key, shared_key
@@ -273,11 +266,11 @@ class Endpoint:
         runs = self._runs.of(read.user)
         run = NewRun(read.user, run_id, "certify" if read.key == ("certify",) else "plan", read.payload, encoding)
 
-        def expire(stage: Stage) -> Answer:
-            return True, codec.encode(expired_run(run_id, head, stage), encoding)
+        def expire(stage: expired.Stage) -> Answer:
+            return True, codec.encode(expired.expired_run(run_id, head, stage), encoding)
 
         def cancel() -> Answer:
-            return True, codec.encode(cancelled_run(run_id, head, time.monotonic() - received), encoding)
+            return True, codec.encode(expired.cancelled_run(run_id, head, time.monotonic() - received), encoding)
 
         task = Task(
             Job(read, received, run_id),
@@ -318,8 +311,8 @@ class Endpoint:
         head, encoding = keys.decode_work_head(read), read.encoding
         allowed = head.allowed
 
-        def expire(stage: Stage) -> Answer:
-            return error_answer(encoding, expired_work(allowed, stage))
+        def expire(stage: expired.Stage) -> Answer:
+            return expired.error_answer(encoding, expired.expired_work(allowed, stage))
 
         task = Task(
             Job(read, received),
@@ -333,7 +326,9 @@ class Endpoint:
         own = head.request_id
         name = None if own is None else (read.user, "requests", checked_name(own, "request_id"))
         words = (read.key, encoding, read.payload)
-        answer = self._under_way.submit(name, task, lambda: error_answer(encoding, cancelled_work()), words)
+        answer = self._under_way.submit(
+            name, task, lambda: expired.error_answer(encoding, expired.cancelled_work()), words
+        )
         if keys.is_scene(read):
             task.add_done_callback(partial(self._tell_change, read))
         return answer

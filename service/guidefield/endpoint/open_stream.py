@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, Literal
 
+from guidefield import stream_worker
 from guidefield.errors import GuidefieldError, ServerBusy, StreamUnknown, TimedOut
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
@@ -18,16 +19,6 @@ from guidefield.messages.stream_requests import StreamReply
 from guidefield.messages.streams import StreamState
 from guidefield.pool.companion import Companion
 from guidefield.pool.waiting import Answer
-from guidefield.stream_worker import (
-    Answered,
-    Ask,
-    Open,
-    Refused,
-    StreamConversation,
-    Told,
-    Update,
-    make_state,
-)
 
 SILENCE = 10.0  # after so long without an update a stream ends [s]
 OPENED_WITHIN = 120.0  # a stream that isn't open after so long is given up [s]: the first use of a robot prepares it
@@ -52,7 +43,7 @@ class OpenStream:
         name: tuple[str, str],
         asker: Asker,
         words: tuple[Encoding, bytes],
-        conversation: StreamConversation,
+        conversation: stream_worker.StreamConversation,
         memory: int,
         publish: Publish,
         left: Callable[[OpenStream], None],
@@ -69,7 +60,7 @@ class OpenStream:
         self._updates = self._pieces = self._executing = self._goal = 0
         self._stops: float | None = None
         self._last: StreamState | None = None
-        self._open: Open | None = None
+        self._open: stream_worker.Open | None = None
         self._end: GuidefieldError | None = None
         self._gone = False
         self._lock = threading.Lock()
@@ -91,13 +82,13 @@ class OpenStream:
                 return
             self._heard_at = time.monotonic()
             self._updates += 1
-        if not self._companion.tell(Update(payload, encoding), len(payload)):
+        if not self._companion.tell(stream_worker.Update(payload, encoding), len(payload)):
             self.refuse(ServerBusy("too many updates wait for this stream; send fewer", retry_after=1.0))
 
     def refuse(self, error: GuidefieldError) -> None:
         """Tell that an update isn't taken, and why."""
         with self._lock:
-            state = self._last = make_state("refused", self._executing, self._stops or 0.0, error)
+            state = self._last = stream_worker.make_state("refused", self._executing, self._stops or 0.0, error)
         self._publish("state", codec.encode(state, self._encoding), self._encoding)
 
     def ask(self, kind: Literal["aim", "judge", "stop"], encoding: Encoding, payload: bytes = b"") -> Future[Answer]:
@@ -111,7 +102,7 @@ class OpenStream:
                 raise StreamUnknown(f"stream {self.name[1]!r} isn't open", stream=self.name[1])
             number = next(self._numbers)
             self._queries[number] = answer
-        if not self._companion.tell(Ask(kind, number, encoding, payload), len(payload)):
+        if not self._companion.tell(stream_worker.Ask(kind, number, encoding, payload), len(payload)):
             with self._lock:
                 self._queries.pop(number, None)
             raise ServerBusy("too much waits for this stream already", retry_after=1.0)
@@ -153,7 +144,7 @@ class OpenStream:
         )
 
     def _hear(self, what: Any) -> None:
-        if isinstance(what, Told):
+        if isinstance(what, stream_worker.Told):
             with self._lock:
                 self._executing, self._stops = what.executing, what.stops
                 if what.state is None:
@@ -161,18 +152,18 @@ class OpenStream:
                 else:
                     self._last = what.state
             self._publish(what.key, what.payload, self._encoding)
-        elif isinstance(what, Answered):
+        elif isinstance(what, stream_worker.Answered):
             with self._lock:
                 answer = self._queries.pop(what.asked)
                 self._goal = what.goal
             answer.set_result((what.is_reply, what.payload))
-        elif isinstance(what, Open):
+        elif isinstance(what, stream_worker.Open):
             with self._lock:
                 self._open, self._goal = what, what.goal
                 self._heard_at = time.monotonic()
                 reply = self._reply()
             self.opened.set_result(reply)
-        elif isinstance(what, Refused):
+        elif isinstance(what, stream_worker.Refused):
             self.end(make_error(what.error))
 
     def _over(self) -> GuidefieldError | None:
@@ -192,7 +183,7 @@ class OpenStream:
             self._gone = True
             queries, self._queries = list(self._queries.values()), {}
             was_open = self._open is not None
-            state = self._last = make_state("ended", self._executing, self._stops or 0.0, error)
+            state = self._last = stream_worker.make_state("ended", self._executing, self._stops or 0.0, error)
         self._left(self)
         if was_open:
             self._publish("state", codec.encode(state, self._encoding), self._encoding)

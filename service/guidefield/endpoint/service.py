@@ -17,17 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
+from guidefield.endpoint import monitoring
 from guidefield.endpoint.clients import Clients
 from guidefield.endpoint.endpoint import Endpoint
 from guidefield.endpoint.link import DEFAULT_LISTEN, RUNTIME, UNLESS_TOLD, close_links_at_once
-from guidefield.endpoint.monitoring import (
-    Condition,
-    Trace,
-    exporting_provider,
-    metrics_server,
-    no_trace,
-    opentelemetry_trace,
-)
 from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
 from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.streams import Streams
@@ -112,12 +105,13 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when the first session is opened
     with contextlib.ExitStack() as opened:
         opened.enter_context(_alone_in(settings.data, announce))
-        condition, began = Condition(), time.monotonic()
+        condition, began = monitoring.Condition(), time.monotonic()
         figures: list[Callable[[], Figures]] = [
             lambda: Figures({}, time.monotonic() - began, health=condition.now)  # until there is an endpoint
         ]
         _tell_metrics(settings, lambda: brief_info(figures[-1]()), opened)
-        session = opened.enter_context(_open_session(config))
+        with _needed(f"Zenoh can't be opened at {config.get_json('listen/endpoints')}", zenoh.ZError):
+            session = opened.enter_context(zenoh.open(config))
         opened.callback(close_links_at_once(session).undeclare)
         _require_no_other(session, settings.instance)
         starting = session.liveliness().declare_token(f"guidefield/{settings.instance}/starting")
@@ -198,10 +192,14 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
 
     Raises CannotStart if the file can't be read, or something in it or in the endpoints is wrong.
     """
-    try:
+    file, listen = "" if settings.config is None else f" {str(settings.config)!r}", settings.listen
+    with _needed(f"the Zenoh configuration{file} is wrong", zenoh.ZError):
         config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(str(settings.config))
-        if settings.listen is not None:
-            _listen(config, settings.listen)
+        if listen is not None:
+            try:
+                config.insert_json5("listen/endpoints", json.dumps(list(listen)))
+            except zenoh.ZError:
+                raise CannotStart(f"endpoints are written like {DEFAULT_LISTEN}, got {', '.join(listen)}") from None
         elif config.get_json("listen/endpoints") == zenoh.Config().get_json("listen/endpoints"):
             config.insert_json5("listen/endpoints", json.dumps([DEFAULT_LISTEN]))
         for key, value in UNLESS_TOLD.items():
@@ -209,32 +207,31 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
                 config.insert_json5(key, value)
         if settings.ros is not None:
             config.insert_json5(*LATCHING)
-    except zenoh.ZError as error:
-        file = "" if settings.config is None else f" {str(settings.config)!r}"
-        raise CannotStart(f"the Zenoh configuration{file} is wrong: {strip_source(error)}") from None
     return config
+
+
+@contextlib.contextmanager
+def _needed(told: str, *errors: type[Exception]) -> Iterator[None]:
+    """Have some errors in a block come out as CannotStart, which tells a sentence and their own words."""
+    try:
+        yield
+    except errors as error:
+        raise CannotStart(f"{told}: {strip_source(error)}") from None
 
 
 def _has_access_control(config: zenoh.Config) -> bool:
     return bool(json.loads(config.get_json("access_control/enabled")))
 
 
-def _listen(config: zenoh.Config, endpoints: tuple[str, ...]) -> None:
-    try:
-        config.insert_json5("listen/endpoints", json.dumps(list(endpoints)))
-    except zenoh.ZError:
-        raise CannotStart(f"endpoints are written like {DEFAULT_LISTEN}, got {', '.join(endpoints)}") from None
-
-
-def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> Trace:
+def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> monitoring.Trace:
     if not settings.otel:
-        return no_trace
+        return monitoring.no_trace
     try:
-        provider = exporting_provider(settings.instance)
+        provider = monitoring.exporting_provider(settings.instance)
     except ImportError:
         raise CannotStart("traces need OpenTelemetry: pip install 'guidefield[otel]'") from None
     opened.callback(provider.shutdown)
-    return opentelemetry_trace(provider)
+    return monitoring.opentelemetry_trace(provider)
 
 
 def _tell_metrics(settings: ServiceSettings, brief: Callable[[], InfoReply], opened: contextlib.ExitStack) -> None:
@@ -242,7 +239,7 @@ def _tell_metrics(settings: ServiceSettings, brief: Callable[[], InfoReply], ope
     if settings.metrics is None:
         return
     try:
-        opened.enter_context(metrics_server(settings.metrics, settings.instance, brief))
+        opened.enter_context(monitoring.metrics_server(settings.metrics, settings.instance, brief))
     except ImportError:
         raise CannotStart("metrics need prometheus-client: pip install 'guidefield[metrics]'") from None
     except OSError as error:
@@ -250,7 +247,11 @@ def _tell_metrics(settings: ServiceSettings, brief: Callable[[], InfoReply], ope
 
 
 def _started(
-    settings: ServiceSettings, pool: Pool, condition: Condition, announce: Callable[[str], None], stop: threading.Event
+    settings: ServiceSettings,
+    pool: Pool,
+    condition: monitoring.Condition,
+    announce: Callable[[str], None],
+    stop: threading.Event,
 ) -> bool:
     """Return whether the pool became ready before it was told to stop; the condition tells what is done.
 
@@ -284,21 +285,11 @@ def _ros_node(
         from guidefield.endpoint.ros.node import ros_node, session_for
     except ImportError:
         raise CannotStart("ROS needs rosbags: pip install 'guidefield[ros]'") from None
-    try:
+    with _needed("the service can't be offered to ROS", GuidefieldError, zenoh.ZError):
         session = opened.enter_context(session_for(settings, own))
         node = ros_node(settings, session, engines.of(IDENTITY).robot(settings.robot), endpoint.ask)
-    except (GuidefieldError, zenoh.ZError) as error:
-        raise CannotStart(f"the service can't be offered to ROS: {strip_source(error)}") from None
     opened.callback(node.finish)
     return node
-
-
-def _open_session(config: zenoh.Config) -> zenoh.Session:
-    try:
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        where = config.get_json("listen/endpoints")
-        raise CannotStart(f"Zenoh can't be opened at {where}: {strip_source(error)}") from None
 
 
 def _publish(

@@ -29,6 +29,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 
 from guidefield.errors import GuidefieldError, ServerBusy, WorkerCrashed
@@ -55,21 +56,14 @@ _log = logging.getLogger(__name__)
 _Given = list[tuple[Worker, Current]]
 
 
+@dataclass(eq=False)
 class Slot:
-    """A place for one worker at a time.
+    """A place for one worker at a time."""
 
-    Attributes:
-        worker: The one that is there.
-        is_starting: Whether one is being started.
-        failed: How many that followed each other could not be prepared.
-        start_at: When to start one, by `time.monotonic()` [s]; None: not by itself.
-    """
-
-    def __init__(self) -> None:
-        self.worker: Worker | None = None
-        self.is_starting = False
-        self.failed = 0
-        self.start_at: float | None = None
+    worker: Worker | None = None
+    is_starting: bool = False
+    failed: int = 0  # how many that followed each other could not be prepared
+    start_at: float | None = None  # when to start one, by `time.monotonic()` [s]; None: not by itself
 
     @property
     def idle_worker(self) -> Worker | None:
@@ -93,12 +87,7 @@ class Pool:
     """
 
     def __init__(
-        self,
-        setup: Setup,
-        *,
-        workers: int,
-        limits: Limits = DEFAULT_LIMITS,
-        memory: int = DEFAULT_MEMORY,
+        self, setup: Setup, *, workers: int, limits: Limits = DEFAULT_LIMITS, memory: int = DEFAULT_MEMORY
     ) -> None:
         self._setup, self._memory = setup, memory
         self.waiting = Waiting(limits)
@@ -486,14 +475,11 @@ class Pool:
         if current is not None and slot is self._standing_by and self.waiting.is_held_up(now - current.since):
             worker.set_back()
         if worker.memory > self._memory:
-            limit = self._memory // 2**20
-            worker.reason = WorkerCrashed(
-                f"the request took more than {limit} MiB of memory and was stopped", mebibytes=limit
-            )
+            told, limit = "the request took more than {} MiB of memory and was stopped", self._memory // 2**20
+            worker.reason = WorkerCrashed(told.format(limit), mebibytes=limit)
         elif current is not None and task is not None and now - current.since > task.seconds:
-            worker.reason = WorkerCrashed(
-                f"the request took longer than {task.seconds:g} s and was stopped", seconds=task.seconds
-            )
+            told = f"the request took longer than {task.seconds:g} s and was stopped"
+            worker.reason = WorkerCrashed(told, seconds=task.seconds)
         if worker.reason is not None:
             worker.kill()
         if not worker.process.is_alive():

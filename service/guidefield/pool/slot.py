@@ -45,11 +45,6 @@ class Current(NamedTuple):
 class Worker:
     """A worker process, from its start to its end.
 
-    Args:
-        setup: Prepares it.
-        memory: How much it may have [bytes].
-        listened: Whether anybody listens to progress, in shared memory.
-
     Attributes:
         current: What it works on.
         held: A brief job that it has beside that, and will begin by itself.

@@ -56,7 +56,7 @@ class Task(Future[Answer]):
     """A job that waits or is worked on, and the answer to come.
 
     Args:
-        job: What the worker is given.
+        job: Its words for a worker.
         seconds: A worker that works longer on it is stopped [s].
         deadline: When it need not be begun any more, if ever.
         late: When it is answered if the worker is late with it; the worker continues.
@@ -224,10 +224,7 @@ class Waiting:
             return self._take_of(user)
 
     def take_held_up(self, now: float) -> Task | None:
-        """Take the next task of a user without a worker that has waited for `HELD_UP` at a time [s], if there is one.
-
-        To be asked while no other worker is free.
-        """
+        """Take the next task of a user without a worker that waited for `HELD_UP`, where no other worker is free."""
         with self._lock:
             user = self._held_up(now)
             return None if user is None else self._take_of(user)
@@ -240,11 +237,7 @@ class Waiting:
     def put_back(self, task: Task, *, gave_way: bool = True) -> bool:
         """Let a task that was taken wait again, before all others of its user; return False if it was cancelled.
 
-        Raises ServerBusy if the queue is closed.
-
-        Args:
-            task: The task.
-            gave_way: Whether it was begun, and made room for another one.
+        `gave_way`: it was begun, and made room for another one. Raises ServerBusy if the queue is closed.
         """
         with self._lock:
             if self.closed:

@@ -160,11 +160,14 @@ class RunWriter:
         return self._db
 
     def _flush(self) -> None:
+        told = ""
         while not self._ended.wait(UPKEEP_INTERVAL_S):
             try:
                 self._keep_up()
                 if self._unflushed:
                     self._unflushed = False
                     checkpoint(self._file)
+                told = ""
             except Exception as error:  # the next one tries again
-                _log.warning("the database of runs is not flushed: %s", error)
+                if told != (told := f"{error}"):
+                    _log.warning("the database of runs is not flushed: %s", told)

@@ -20,39 +20,15 @@ from typing import Any, NoReturn
 import msgspec
 
 from guidefield.errors import DiskRefused, MalformedRequest, UnknownObject
-from guidefield.messages import codec
+from guidefield.messages import codec, replies
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN
-from guidefield.messages.replies import (
-    AnyRunReply,
-    CertifyReply,
-    CertifyRunReply,
-    ErrorReply,
-    MotionReply,
-    PlanReply,
-    RunReply,
-    RunsReply,
-    RunSummary,
-    make_error,
-)
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.store_requests import ReadRuns
+from guidefield.stores import run_rows
 from guidefield.stores.files import checked_name, decoded, user_folder, users_in
 from guidefield.stores.recordings import Kept, Recordings
 from guidefield.stores.run_file import FILE, Readers, checkpoint
-from guidefield.stores.run_rows import (
-    AT_ONCE,
-    KEPT_ERRORS,
-    NewRun,
-    add_folders,
-    complete,
-    drop_runs,
-    earlier_folders,
-    end_abandoned,
-    execute,
-    insert,
-    move_recordings,
-)
 from guidefield.stores.run_writer import RunWriter
 
 FORGET = "DELETE FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
@@ -76,9 +52,9 @@ DEFAULT_RETENTION = Retention()
 class NoRuns:
     """Keeps no run: each is unknown."""
 
-    def list(self, _request: ReadRuns) -> RunsReply:
+    def list(self, _request: ReadRuns) -> replies.RunsReply:
         """List none."""
-        return RunsReply(runs=[])
+        return replies.RunsReply(runs=[])
 
     def _raise_unknown(self, run_id: str, **_: bool) -> NoReturn:
         raise _unknown(run_id)
@@ -105,7 +81,7 @@ class RunDatabase:
         self.writer = RunWriter(data / FILE, self._keep_up)
         self.render: Callable[[str, str], None] = lambda _owner, _run_id: None
         self.unended: set[tuple[str, str]] = set()
-        self._abandoned: ErrorReply | None = None
+        self._abandoned: replies.ErrorReply | None = None
         self._since, self._aged = time.time(), time.monotonic()
 
     def of(self, owner: str) -> UserRuns:
@@ -116,7 +92,7 @@ class RunDatabase:
         """The recordings of a user."""
         return Recordings(user_folder(self._data, owner) / "recordings")
 
-    def sweep(self, error: ErrorReply, since: float = math.inf) -> None:
+    def sweep(self, error: replies.ErrorReply, since: float = math.inf) -> None:
         """End the runs that a killed service was working on, and have the recordings rendered that it owed.
 
         Args:
@@ -127,7 +103,7 @@ class RunDatabase:
             DiskRefused: if the database can't be read or written; then it is tried again from time to time.
         """
         self._abandoned = error
-        self.writer.submit(partial(end_abandoned, error, since)).result()
+        self.writer.submit(partial(run_rows.end_abandoned, error, since)).result()
         self._abandoned = None
         with self.readers.reading() as db:
             users = [owner for (owner,) in db.execute("SELECT owner FROM usage")]
@@ -146,13 +122,13 @@ class RunDatabase:
         """
         for owner in (PLAIN, *users_in(self._data)):
             own = user_folder(self._data, owner)
-            folders, shared = earlier_folders(own / "runs"), own / "shared" / "runs"
-            for begin in range(0, len(folders), AT_ONCE):
+            folders, shared = run_rows.earlier_folders(own / "runs"), own / "shared" / "runs"
+            for begin in range(0, len(folders), run_rows.AT_ONCE):
                 tell(f"the runs of guidefield 0.1 are taken over into a database: {begin} of {len(folders)}")
-                chunk = folders[begin : begin + AT_ONCE]
-                self.writer.submit(partial(add_folders, owner, chunk, shared)).result()
+                chunk = folders[begin : begin + run_rows.AT_ONCE]
+                self.writer.submit(partial(run_rows.add_folders, owner, chunk, shared)).result()
                 checkpoint(self._data / FILE)
-                move_recordings(chunk, self.recordings(owner), shared)
+                run_rows.move_recordings(chunk, self.recordings(owner), shared)
             with contextlib.suppress(OSError):  # something else is in it, or it isn't there
                 (own / "runs").rmdir()
 
@@ -168,7 +144,7 @@ class RunDatabase:
             recordings = self.recordings(owner)
             kept = recordings.kept(run_id)
             update = "UPDATE runs SET recording = ?, recorded = ? WHERE owner = ? AND run_id = ?"
-            if not execute(update, (kept.bytes, kept.kind, owner, run_id), db):
+            if not run_rows.execute(update, (kept.bytes, kept.kind, owner, run_id), db):
                 recordings.drop(run_id)
 
         self.writer.submit(note, urgent=False)
@@ -189,7 +165,7 @@ class RunDatabase:
             if len(dropped) == MOST_DROPPED:
                 break
             runs, size = runs - 1, size - taken
-        drop_runs(self.recordings(owner), dropped, db)
+        run_rows.drop_runs(self.recordings(owner), dropped, db)
 
     def _keep_up(self) -> None:
         """Delete runs without an end, what is too old, and what no log needs any more."""
@@ -197,7 +173,7 @@ class RunDatabase:
             self.sweep(self._abandoned, self._since)
         for name in tuple(self.unended):
             with contextlib.suppress(DiskRefused):
-                self.writer.submit(partial(execute, FORGET, name)).result()
+                self.writer.submit(partial(run_rows.execute, FORGET, name)).result()
                 self.unended.discard(name)
         if time.monotonic() - self._aged > AGED_EVERY_S:
             self._aged = time.monotonic()
@@ -217,27 +193,27 @@ class UserRuns:
         self._writer, self._readers = database.writer, database.readers
         self.recordings = database.recordings(owner)
 
-    def begin(self, run: NewRun) -> None:
+    def begin(self, run: run_rows.NewRun) -> None:
         """Keep that a run begins; nobody waits for it."""
         if run.begun is None:
             run.began = time.time()
-            run.begun = self._writer.submit(partial(insert, run), urgent=False, size=len(run.request))
+            run.begun = self._writer.submit(partial(run_rows.insert, run), urgent=False, size=len(run.request))
 
-    def finish(self, run: NewRun, reply: bytes) -> Future[Any]:
+    def finish(self, run: run_rows.NewRun, reply: bytes) -> Future[Any]:
         """Keep the reply of a run; the future is done once it is kept, with DiskRefused where the disk refuses."""
         return self._end(run, reply=reply)
 
-    def fail(self, run: NewRun, error: ErrorReply) -> Future[Any]:
+    def fail(self, run: run_rows.NewRun, error: replies.ErrorReply) -> Future[Any]:
         """Keep the error that ended a run, unless it was the request's fault: then nothing is kept."""
-        return self._end(run, error=codec.encode(error)) if error.name in KEPT_ERRORS else self.discard(run)
+        return self._end(run, error=codec.encode(error)) if error.name in run_rows.KEPT_ERRORS else self.discard(run)
 
-    def discard(self, run: NewRun) -> Future[Any]:
+    def discard(self, run: run_rows.NewRun) -> Future[Any]:
         """Forget a run that has begun."""
         if run.begun is None or run.begun.cancel():
             nothing: Future[None] = Future()
             nothing.set_result(None)
             return nothing
-        return self._writer.submit(partial(execute, FORGET, (run.owner, run.run_id)))
+        return self._writer.submit(partial(run_rows.execute, FORGET, (run.owner, run.run_id)))
 
     def drop_recording(self, run_id: str) -> None:
         """Delete the recording of a run, or its log; nobody waits for it."""
@@ -247,7 +223,7 @@ class UserRuns:
         """Return whether there is a run of that name."""
         return self._row(run_id, "1") is not None
 
-    def list(self, request: ReadRuns) -> RunsReply:
+    def list(self, request: ReadRuns) -> replies.RunsReply:
         """The runs that are kept, newest first, with those of others that the user may see, as ``owner:id``.
 
         Raises DiskRefused if the database can't be read.
@@ -277,9 +253,11 @@ class UserRuns:
             total = sum(db.execute(count % source, values).fetchone()[0] for source in sources)
         rows.sort(reverse=True)
         following = str(rows[request.limit - 1][0]) if len(rows) > request.limit else None
-        return RunsReply(runs=[self._summary(row) for row in rows[: request.limit]], total=total, next=following)
+        return replies.RunsReply(
+            runs=[self._summary(row) for row in rows[: request.limit]], total=total, next=following
+        )
 
-    def read(self, run_id: str) -> AnyRunReply:
+    def read(self, run_id: str) -> replies.AnyRunReply:
         """One run.
 
         Raises UnknownObject if there is none of that name, or it is damaged; DiskRefused if the database can't be read.
@@ -296,7 +274,7 @@ class UserRuns:
             began=began,
             request=msgspec.structs.replace(asked, run_id=run_id),
             reply=None if reply is None else _whole(run_id, "reply", reply, reply_kind, written),
-            error=None if error is None else _whole(run_id, "error", error, ErrorReply, Encoding.JSON),
+            error=None if error is None else _whole(run_id, "error", error, replies.ErrorReply, Encoding.JSON),
         )
 
     def require(self, run_id: str) -> None:
@@ -318,7 +296,7 @@ class UserRuns:
             found = rows.fetchall()
             if not found:
                 raise _unknown(run_id)
-            drop_runs(self.recordings, found, db)
+            run_rows.drop_runs(self.recordings, found, db)
 
         self._writer.submit(drop).result()
 
@@ -328,7 +306,7 @@ class UserRuns:
         Raises UnknownObject if there is none of that name; raises DiskRefused if the database can't be written.
         """
         share = "UPDATE runs SET shared = ? WHERE (owner, run_id) = (?, ?)"
-        if not self._writer.submit(partial(execute, share, (shared, self._owner, run_id))).result():
+        if not self._writer.submit(partial(run_rows.execute, share, (shared, self._owner, run_id))).result():
             raise _unknown(run_id)
 
     def is_shared(self, run_id: str) -> bool:
@@ -349,7 +327,7 @@ class UserRuns:
             ).fetchone()
         return found
 
-    def _end(self, run: NewRun, reply: bytes | None = None, error: bytes | None = None) -> Future[Any]:
+    def _end(self, run: run_rows.NewRun, reply: bytes | None = None, error: bytes | None = None) -> Future[Any]:
         """Write the row of a run that has ended, in place of that of its beginning."""
         begun = run.begun if run.begun is not None and not run.begun.cancel() else None
         run.reply, run.error = reply, error
@@ -362,10 +340,10 @@ class UserRuns:
                 if found is None:
                     return None  # it was deleted while it ran
                 number = int(found[0])
-                complete(number, run, recording, db)
+                run_rows.complete(number, run, recording, db)
             else:
-                execute(FORGET, (run.owner, run.run_id), db)  # of another run, whose end could not be kept
-                number = insert(run, db, recording)
+                run_rows.execute(FORGET, (run.owner, run.run_id), db)  # of another run, whose end could not be kept
+                number = run_rows.insert(run, db, recording)
             self._database.make_room(run.owner, number, db)
             return recording
 
@@ -382,26 +360,26 @@ class UserRuns:
         done.add_done_callback(settle)
         return done
 
-    def _summary(self, row: tuple[Any, ...]) -> RunSummary:
+    def _summary(self, row: tuple[Any, ...]) -> replies.RunSummary:
         _, owner, run_id, status, message, robot, scene, began, ended, size, recorded = row
         name = run_id if owner == self._owner else f"{owner}:{run_id}"
         if recorded == "owed":  # somebody else than the service may have rendered it
             recorded = self._database.recordings(owner).kept(run_id).kind
         about = {"ended": ended, "message": message, "bytes": size, "recording": recorded}
-        return RunSummary(name, status, robot, scene, began, **about)
+        return replies.RunSummary(name, status, robot, scene, began, **about)
 
 
 Runs = NoRuns | UserRuns  # the source of an engine's answers about runs
 
 
-_KINDS: dict[str, tuple[type[MotionRequest], type[MotionReply], type[AnyRunReply]]] = {
-    "plan": (PlanRequest, PlanReply, RunReply),
-    "certify": (CertifyRequest, CertifyReply, CertifyRunReply),
+_KINDS: dict[str, tuple[type[MotionRequest], type[replies.MotionReply], type[replies.AnyRunReply]]] = {
+    "plan": (PlanRequest, replies.PlanReply, replies.RunReply),
+    "certify": (CertifyRequest, replies.CertifyReply, replies.CertifyRunReply),
 }
 """The request, the reply and the run of a kind."""
 
 
-def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> MotionReply:
+def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> replies.MotionReply:
     """The reply of a run that is asked for again, by its name and in the same words: its answer may have been lost.
 
     Raises MalformedRequest if the run of that name is another one; raises what ended that run.
@@ -410,7 +388,7 @@ def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> Moti
     if kept.request != request or (kept.error is None and kept.reply is None):
         raise taken(run_id)
     if kept.error is not None:
-        raise make_error(kept.error)
+        raise replies.make_error(kept.error)
     assert kept.reply is not None, "a run ends with a reply or an error"
     return kept.reply
 
