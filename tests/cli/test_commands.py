@@ -234,12 +234,12 @@ def test_the_exit_code_is_the_outcome(
 ) -> None:
     from typer.testing import CliRunner
 
-    from guidefield.cli import app, commands
+    from guidefield import engine
 
     def answer(_request: Any, **_about: Any) -> Any:
         return plan_reply("r1", status)
 
-    monkeypatch.setattr(commands, "answer", answer)
+    monkeypatch.setattr(engine, "answer", answer)
     request = {"robot": "panda", "scene": "bookshelf", "goal": {"type": "guide_plane"}}
     result = CliRunner().invoke(app, ["plan", "-", "-o", str(tmp_path / "reply.json")], input=json.dumps(request))
     assert result.exit_code == code

@@ -56,7 +56,7 @@ def _reach(shape: ConvexShape, rotation: Rows, x: float, y: float, z: float) -> 
 
 @uncounted
 def _overlap(placed: Placed, x: float, y: float, z: float) -> float:
-    overlap = _reach(placed.first, placed.here, x, y, z) + _reach(placed.second, placed.there, -x, -y, -z)
+    overlap: float = _reach(placed.first, placed.here, x, y, z) + _reach(placed.second, placed.there, -x, -y, -z)
     overlap -= placed.apart[0] * x + placed.apart[1] * y + placed.apart[2] * z
     return overlap
 
