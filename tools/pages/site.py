@@ -1,0 +1,302 @@
+"""The documentation as a site: pages of `service/docs`, references made from the code, and the gallery, for MkDocs."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import guidefield
+from guidefield.messages.schemas import describe_message, make_schemas
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "service" / "docs"
+PICTURES = ROOT / "tools" / "pictures" / "made"
+
+CHAPTERS = {
+    "Guide": ("quickstart", "robots", "scenes", "goals", "motions", "steps", "stream", "execution", "certify"),
+    "Service": ("service", "operation", "recordings", "client", "ros", "mcp", "platforms"),
+    "Proof": ("certificate", "referee"),
+    "Reference": ("wire", "messages", "api", "glossary"),
+    "Background": ("algorithm", "benchmarks", "comparison", "gallery"),
+    "Project": ("contributing", "changelog", "security"),
+}
+"""Pages in a reader's order."""
+
+PROJECT_PAGES = {
+    "index": "README.md",
+    "contributing": "CONTRIBUTING.md",
+    "changelog": "CHANGELOG.md",
+    "security": "SECURITY.md",
+}
+
+ROOM_TITLES = {
+    "engine": "Plan in this process",
+    "client": "Ask a service",
+    "stream.in_process": "Streams",
+    "messages.requests": "Requests",
+    "messages.replies": "Replies",
+    "messages.streams": "Messages of streams",
+    "messages.scene": "Obstacles and scenes",
+    "messages.scene_changes": "Changes of scenes",
+    "messages.values": "Values",
+    "messages.executed": "Executed motions",
+    "arrays": "Runs as arrays",
+    "endpoint.service": "Serve",
+    "errors": "Errors",
+}
+"""Sections of the API's page, by the module that holds the public names."""
+
+CAPTIONS = {
+    "shelf": "A Panda reaches between the boards of a bookshelf",
+    "window": "A UR5 reaches through a window",
+    "door": "A Panda waits for a door",
+    "gates": "A chain of six links passes three gates",
+    "stream": "A Panda serves at a table while boxes drift through",
+    "kitchen": "A Panda takes a can from a shelf and puts it on a table",
+    "objectives": "The same request with each objective",
+    "failure": "A start in collision: the bodies are red",
+    "web": "A recording in a browser",
+    "tab": "A tab of a recording",
+    "seed": "A scene of the thesis, light at the start and dark at the goal",
+}
+"""Captions of pictures, by their names or the first part of these."""
+
+PAGE = ".md"
+
+FENCE = re.compile(r"^```(\w+) ([^\n]+)$", re.MULTILINE)
+LINK = re.compile(r"(\]\()(?!https?://|#|mailto:)([^)#\s]+)")
+LAYER = re.compile(r"^    (\w+)\[\"(.*)\"\]$", re.MULTILINE)
+DIAGRAM = re.compile(r"^```mermaid\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
+
+
+def build_site(target: Path, source: Path) -> None:
+    """Write the pages into `source`, and have MkDocs build the site into `target`.
+
+    Raises:
+        subprocess.CalledProcessError: if MkDocs fails, or warns of a link that leads nowhere.
+    """
+    shutil.rmtree(source, ignore_errors=True)
+    pages = source / "pages"
+    shutil.copytree(PICTURES, pages / "pictures")
+    for name, text in all_pages().items():
+        (pages / f"{name}.md").write_text(text)
+    for file in linked_files():
+        (pages / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / file, pages / file)
+    shutil.copyfile(DOCS / "wire.schema.json", pages / "wire.schema.json")
+    (pages / "site.css").write_text(STYLE)
+    settings = source / "mkdocs.yml"
+    settings.write_text(json.dumps(mkdocs_settings(pages, target), indent=1))  # JSON is YAML
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "-f", str(settings)]
+    subprocess.run(command, check=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"})  # advertisement of a successor
+
+
+def all_pages() -> dict[str, str]:
+    """Every page in Markdown, by its name in the site."""
+    pages = {path.stem: path.read_text() for path in DOCS.glob("*.md")}
+    pages |= {name: (ROOT / file).read_text() for name, file in PROJECT_PAGES.items()}
+    pages = {name: adapt(text) for name, text in pages.items()}
+    pages["wire"] = link_messages(pages["wire"])
+    return pages | {"messages": messages_page(), "api": api_page(), "gallery": gallery_page()}
+
+
+def adapt(text: str) -> str:
+    """A page with links, code blocks and diagrams as the site needs them."""
+    text = FENCE.sub(lambda fence: f"```{fence[1]}{file_title(fence[2])}", text)
+    text = DIAGRAM.sub(lambda diagram: layers_table(diagram[1]), text)
+    return LINK.sub(lambda link: f"{link[1]}{site_target(link[2])}", text)
+
+
+def file_title(words: str) -> str:
+    """The title of a code block whose words end with the name of a file."""
+    name = words.rsplit(maxsplit=1)[-1]
+    return f' title="{name}"' if "." in name else ""
+
+
+def site_target(target: str) -> str:
+    """Where a link of a page leads within the site."""
+    name = target.rpartition("/")[2]
+    stems = {file: f"{page}.md" for page, file in PROJECT_PAGES.items()}
+    if name in stems:
+        return stems[name]
+    if name.endswith(".webp"):
+        return f"pictures/{name}"
+    if name.endswith(".md"):
+        return name
+    return target.removeprefix("../../")
+
+
+def linked_files() -> list[Path]:
+    """Files of the source that pages link to, other than pages and pictures, from the root."""
+    texts = [path.read_text() for path in (*DOCS.glob("*.md"), *(ROOT / file for file in PROJECT_PAGES.values()))]
+    targets = {site_target(link[2]) for text in texts for link in LINK.finditer(text)}
+    return sorted(Path(target) for target in targets if "/" in target and not target.startswith("pictures/"))
+
+
+def layers_table(diagram: str) -> str:
+    """The diagram of layers as a table, from the top down."""
+    layers = dict(LAYER.findall(diagram))
+    order = re.findall(r"^    (\w+ -->.*)$", diagram, re.MULTILINE)
+    names = order[0].split(" --> ") if order else list(layers)
+    rows = [
+        "<br>".join(part.strip().replace("<b>", "**").replace("</b>", "**") for part in layers[name].split("|"))
+        for name in names
+    ]
+    return "| layers, from the top down |\n|---|\n" + "".join(f"| {row} |\n" for row in rows)
+
+
+def link_messages(text: str) -> str:
+    """A page whose code-quoted messages lead to their descriptions."""
+    names = "|".join(sorted(make_schemas()["$defs"], key=len, reverse=True))
+    return re.sub(rf"(?<!\[)`({names})`", lambda name: f"[`{name[1]}`](messages{PAGE}#{name[1].lower()})", text)
+
+
+def messages_page() -> str:
+    """Every message with its fields, in alphabetical order."""
+    names = sorted(make_schemas()["$defs"])
+    known = re.compile(rf"\b({'|'.join(sorted(names, key=len, reverse=True))})\b")
+    sections = []
+    for name in names:
+        _, _, text = describe_message(name).partition("\n")
+        rows = [
+            re.sub(r"^(\| `\w+` \| )([^|]*)", lambda row: row[1] + known.sub(message_link, row[2]), line)
+            for line in text.splitlines()
+        ]
+        sections.append(f"## {name}\n" + "\n".join(rows))
+    return (
+        "# Messages\n\nEvery message of [the wire](wire.md), with the type, default and meaning of each field. "
+        "[JSON Schema of all](wire.schema.json).\n\n" + "\n\n".join(sections) + "\n"
+    )
+
+
+def message_link(name: re.Match[str]) -> str:
+    """A link to a message on the same page."""
+    return f"[{name[1]}](#{name[1].lower()})"
+
+
+def api_page() -> str:
+    """The public names of the package, from their docstrings."""
+    rooms = guidefield._ROOMS
+    titles = {**{room: room for room in rooms}, **ROOM_TITLES}
+    order = [*ROOM_TITLES, *(room for room in rooms if room not in ROOM_TITLES)]
+    sections = [
+        f"## {titles[room]}\n\n" + "\n\n".join(f"::: guidefield.{room}.{name}" for name in rooms[room])
+        for room in order
+    ]
+    return (
+        "# Python API\n\nAll of these are names of `guidefield`: `from guidefield import answer, Client`.\n\n"
+        + "\n\n".join(sections)
+        + "\n"
+    )
+
+
+def gallery_page() -> str:
+    """Every picture of the gallery."""
+    pictures = [
+        f'![{caption(path.stem)}](pictures/{path.name}){{ width="560" loading=lazy }}'
+        f"\n\n*{caption(path.stem)}* (`{path.stem}`)"
+        for path in sorted(PICTURES.glob("*.webp"), key=lambda path: (list(CAPTIONS).index(subject(path)), path.stem))
+    ]
+    return (
+        "# Gallery\n\nEach picture is of a real plan. `tools/gallery` plans them all again and takes the pictures "
+        "without a display; `tools/gallery --only shelf` takes one.\n\n" + "\n\n".join(pictures) + "\n"
+    )
+
+
+def subject(path: Path) -> str:
+    """The key of a picture's caption; an unknown picture raises KeyError."""
+    return path.stem if path.stem in CAPTIONS else next(key for key in CAPTIONS if path.stem.startswith(f"{key}_"))
+
+
+def caption(stem: str) -> str:
+    """The caption of a picture."""
+    return CAPTIONS[subject(Path(stem))]
+
+
+def mkdocs_settings(pages: Path, target: Path) -> dict[str, object]:
+    """The settings of MkDocs."""
+    toggles = [("default", "light", "dark", "weather-night"), ("slate", "dark", "light", "weather-sunny")]
+    return {
+        "site_name": "guidefield",
+        "site_description": "Certified motion planning for any URDF robot",
+        "docs_dir": str(pages),
+        "site_dir": str(target),
+        "use_directory_urls": False,
+        "theme": {
+            "name": "material",
+            "font": False,  # no page asks anybody's servers for fonts
+            "palette": [
+                {
+                    "media": f"(prefers-color-scheme: {mode})",
+                    "scheme": scheme,
+                    "primary": "indigo",
+                    "accent": "deep orange",
+                    "toggle": {"icon": f"material/{icon}", "name": f"Switch to {other} mode"},
+                }
+                for scheme, mode, other, icon in toggles
+            ],
+            "features": [
+                "navigation.sections",
+                "navigation.top",
+                "toc.follow",
+                "search.highlight",
+                "content.code.copy",
+            ],
+        },
+        "extra_css": ["site.css"],
+        "extra": {"generator": False},
+        "nav": [
+            {"Start": f"index{PAGE}"},
+            *({chapter: [f"{name}{PAGE}" for name in names]} for chapter, names in CHAPTERS.items()),
+        ],
+        "plugins": [
+            "search",
+            {
+                "mkdocstrings": {
+                    "handlers": {
+                        "python": {
+                            "paths": [str(ROOT / "service")],
+                            "options": {
+                                "docstring_style": "google",
+                                "heading_level": 3,
+                                "show_source": False,
+                                "show_root_heading": True,
+                                "show_root_full_path": False,
+                                "show_symbol_type_heading": True,
+                                "signature_crossrefs": True,
+                                "separate_signature": True,
+                                "show_bases": False,
+                                "filters": ["!^_"],
+                            },
+                        }
+                    }
+                }
+            },
+        ],
+        "markdown_extensions": [
+            "tables",
+            "attr_list",
+            "sane_lists",
+            {"toc": {"permalink": True, "toc_depth": 3}},
+            {"pymdownx.highlight": {"anchor_linenums": False}},
+            "pymdownx.superfences",
+        ],
+        "validation": {"links": {"not_found": "warn", "anchors": "warn", "unrecognized_links": "warn"}},
+    }
+
+
+STYLE = """
+.md-grid { max-width: 76rem; }
+.md-typeset table:not([class]) { font-size: 0.66rem; }
+.md-typeset table:not([class]) th, .md-typeset table:not([class]) td { min-width: 0; padding: 0.5em 0.7em; }
+.md-typeset table:not([class]) code { word-break: normal; overflow-wrap: anywhere; }
+.md-typeset table:not([class]) td:first-child code { overflow-wrap: normal; }
+.md-typeset img { border-radius: 0.3rem; }
+[data-md-color-scheme="slate"] .md-typeset img { filter: brightness(0.92); }
+.doc-contents { padding-left: 1rem; }
+"""
