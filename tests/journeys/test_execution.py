@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import runpy
 import time
 from collections.abc import Iterator
@@ -29,6 +30,7 @@ from guidefield.errors import MalformedRequest, NoService, TimedOut, UnknownObje
 from guidefield.messages.exports import SentMotion, trajectory_message
 from guidefield.recorder.reading import read_recording
 from tests.endpoint.ros.stand_in import ACTION, StandIn, controller_listening, interpolated
+from tests.examples import example
 from tests.handlers.test_executed import REQUEST
 from tests.handlers.test_plan import READY
 
@@ -217,6 +219,11 @@ def test_only_what_is_certified_for_a_controller_is_sent(endpoint: str, tmp_path
     assert not (tmp_path / "tight.csv").exists()
     guidefield.answer(request("zero_order_hold"), record_to=tmp_path / "held.rrd")
     assert "certified for 'zero_order_hold'" in ask("execute", str(tmp_path / "held.rrd"), *words)[1]
+    picking = {**json.loads(example("kitchen")), "allowed_planning_time": 60.0, "execution": {"interpolation": "cubic"}}
+    assert guidefield.answer(picking, record_to=tmp_path / "picking.rrd").status.name == "SUCCESS"
+    code, said = ask("execute", str(tmp_path / "picking.rrd"), *words)
+    assert code == 2
+    assert "picks up or puts down" in said
 
 
 def test_each_version_has_a_hash_of_its_own() -> None:

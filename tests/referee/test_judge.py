@@ -18,7 +18,7 @@ from guidefield.messages.conditions import AttachedObject, LineConstraint, Orien
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.prove.certificate import certify
-from guidefield.referee.judge import judge
+from guidefield.referee.judge import Along, judge
 from guidefield.referee.loading import case_of
 from guidefield.referee.verdict import Answer
 from guidefield.robot.group.group import PlanningGroup
@@ -300,6 +300,32 @@ def test_path_constraints_hold_between_samples(constraint, kept):
     motion = straight(world_of(arm(), []), [[-0.3, -0.3], [0.3, 0.3]])
     finding = judge(read(dataclasses.replace(motion, path_constraints=[constraint]))).finding
     assert finding.answer is (Answer.FREE if kept else Answer.CONSTRAINT_BROKEN)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_sample_breaks_a_constraint_by_more_than_may_be_lost(seed: int) -> None:
+    """In boxes about a place, of a Panda's tip: first and second order bound what counts of its motion."""
+    rng, planned = np.random.default_rng(seed), group("panda")
+    z = planned.chart(rest(planned)) + rng.normal(size=planned.nv) * 0.3
+    tip, there = "panda_hand", tuple(rng.normal(size=3).tolist())
+    constraints = [
+        OrientationCone(frame=tip, axis=there, target_axis=(0, 0, 1), half_angle=0.5),
+        PlaneConstraint(frame=tip, point=there, normal=there, tolerance=0.1),
+        LineConstraint(frame=tip, point=there, direction=(there[1], -there[0], 0.3), tolerance=0.1),
+    ]
+    motion = straight(world_of(planned, []), [z, z])
+    along = Along(read(dataclasses.replace(motion, path_constraints=constraints)), 0.0, 0.0, np.inf)
+    half = 10.0 ** rng.uniform(-4.0, -1.0) * rng.uniform(0.0, 1.0, planned.nv)
+    along._stand(z, 0.0)
+    numbers = range(len(along.pairs), len(along.names))
+    lost = np.array([along._loss(k, *along._reach(half), half) for k in numbers])
+    before = np.array([along._constraint(k)[2] for k in range(len(constraints))])
+    most = np.full(len(constraints), -np.inf)
+    for _ in range(300):
+        along._stand(z + half * rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], planned.nv), 0.0)
+        most = np.maximum(most, [along._constraint(k)[2] for k in range(len(constraints))] - before)
+    assert (most <= lost + 1e-9).all(), (most, lost)
+    assert (most >= 0.1 * lost).any()
 
 
 def test_pairs_that_are_left_out_are_told_and_the_rest_is_judged():

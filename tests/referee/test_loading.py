@@ -20,7 +20,7 @@ from guidefield.messages.requests import UrdfText
 from guidefield.messages.values import Placement
 from guidefield.referee import loading
 from guidefield.referee.judge import judge
-from guidefield.referee.loading import UnusableFile, case_of, load
+from guidefield.referee.loading import FORMATS, UnusableFile, case_of, load
 from guidefield.referee.shapes import ears
 from guidefield.referee.verdict import Answer
 from guidefield.robot.group.reduced_model import select
@@ -57,6 +57,27 @@ def test_a_faulty_file_is_refused_with_what_is_wrong(change, fault):
     change(case)
     with pytest.raises(UnusableFile, match=fault):
         case_of(case)
+
+
+def test_a_case_of_the_first_format_is_read_and_what_is_drawn_otherwise_is_refused_by_name(tmp_path):
+    old = told()
+    for name in ("accelerations", "steps", "tolerance"):
+        del old["motion"][name]
+    (tmp_path / "old.json").write_text(json.dumps({"format": FORMATS[1], "cases": [old]}))
+    (case,) = load(tmp_path / "old.json")
+    assert (case.steps, case.accelerations, case.tolerance.any()) == (False, None, False)
+    for odd, said in (
+        ({"tolerance": [-1.0]}, "tolerance"),
+        ({"tolerance": [0.1, 0.1, 0.1]}, "tolerance"),
+        ({"tolerance": [float("nan")]}, "finite"),
+        ({"steps": True}, "steps need times"),
+        ({"steps": 1}, "true or false"),
+        ({"accelerations": [[0.0], [0.0]]}, "accelerations"),
+    ):
+        wrong = told()
+        wrong["motion"] |= odd
+        with pytest.raises(UnusableFile, match=said):
+            case_of(wrong)
 
 
 def test_what_nobody_here_can_judge_is_not_judged():

@@ -58,6 +58,13 @@ def execute(
     found = find_run(run, data, name)
     reply = found.reply
     reply.export("ros.json")  # says why, if that isn't certified
+    if isinstance(found.request, PlanRequest):
+        for step in found.request.steps:
+            if (thing := step.detach or (step.attach and step.attach.object)) is not None:
+                raise MalformedRequest(
+                    f"run {reply.run_id!r} picks up or puts down {thing!r}, and a controller of trajectories moves no"
+                    " gripper: plan the steps up to there, and from there on, by themselves"
+                )
     rows = reply.execution
     assert rows is not None, "else it is refused"
     message = trajectory_message(SentMotion(reply.run_id, reply.position_names, rows))

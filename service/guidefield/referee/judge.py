@@ -108,7 +108,7 @@ class Along:
             terms = np.abs(expand_about(piece.powers, middle))  # Taylor's
             self._stand(expand_about(piece.powers, middle)[0], start + middle)
             most = piece.beside + sum(terms[k] * r**k for k in range(1, len(terms)))
-            reached, always = self._reach(most), self._reach(piece.beside)
+            reached, always = ((*self._reach(half), half) for half in (most, piece.beside))
             reached[0][:, 0] = [r * self._fastest(k, start + low, start + high) for k in range(len(self.carried))]
             left = []
             for k in asked:
@@ -178,7 +178,7 @@ class Along:
             points = (self.points[self.moved.any(axis=1)].swapaxes(1, 2) - placed.translation) @ placed.rotation
         return float(np.linalg.norm(v + np.cross(w, points.reshape(-1, 3)), axis=2).max(initial=0.0))
 
-    def _loss(self, k: int, moves: np.ndarray, turns: np.ndarray) -> float:
+    def _loss(self, k: int, moves: np.ndarray, turns: np.ndarray, half: np.ndarray) -> float:
         """How much closer a pair's bodies get by what joints move them, or by how much more a constraint is broken."""
         if k < len(self.pairs):
             i, j, _ = self.pairs[k]
@@ -186,7 +186,29 @@ class Along:
         k -= len(self.pairs)
         carrier = len(self.case.bodies) + k
         some = moves[carrier] if len(self.case.constraints[k].across) else turns
-        return float(some[self.moved[carrier]].sum())
+        whole = float(some[self.moved[carrier]].sum())
+        return min(whole, self._across(k, half, whole))
+
+    def _across(self, k: int, half: np.ndarray, whole: float) -> float:
+        """The same of a constraint, by what counts of each joint's motion, to second order.
+
+        As joint j moves, the way of joint i changes by at most e_j times the distance of the later one of both from the
+        frame, which is no more than here and the whole way; an axis' direction changes by at most e_j.
+        """
+        one, carrier = self.case.constraints[k], len(self.case.bodies) + k
+        rows = [self.rows[i] for i in np.flatnonzero(self.moved[carrier])]
+        if any(row.stop - row.start > 1 for row in rows):
+            return math.inf
+        numbers = [row.start for row in rows]
+        e, placed = (np.abs(self.case.spread) @ half)[numbers], self.placed[carrier]
+        v, w = np.split(self.data.J.reshape(6, -1)[:, numbers].T, 2, axis=1)
+        if not len(one.across):
+            axis, turns = placed.rotation @ one.axis, float(e @ np.linalg.norm(w, axis=1))
+            return float(e @ np.linalg.norm(np.cross(w, axis), axis=1)) + 0.5 * turns**2
+        ways, order = v + np.cross(w, placed.translation), np.arange(len(e))
+        arms = np.where(w.any(axis=1), np.linalg.norm(ways, axis=1) + whole, 1.0)
+        bent = 0.5 * float(e @ arms[np.maximum.outer(order, order)] @ e)
+        return float(e @ np.linalg.norm(ways @ one.across.T, axis=1)) + bent
 
     def _pair(self, k: int, loss: float) -> Told:
         """Two bodies: first the parts that contain them, less what may stand out of these; then as declared."""
