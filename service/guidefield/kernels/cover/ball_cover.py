@@ -26,8 +26,6 @@ from guidefield.kernels.jit.arrays import (
 )
 from guidefield.kernels.jit.decorators import inlined, kernel, optimized
 
-WORDS = types.Array(types.uint64, 2, "C", readonly=True)
-
 
 @inlined
 def ones(word: int) -> int:
@@ -83,7 +81,6 @@ def greedy_choice(bits: WordRows, chosen_out: IndicesOut) -> int:
 
 
 INTEGERS = types.Array(types.int64, 1, "C", readonly=True)
-WORDS_OUT = types.Array(types.uint64, 2, "C")
 
 
 @inlined
@@ -242,9 +239,6 @@ def reaches(
             if best >= 0:
                 owners_out[j] = best
                 radii_out[best] = max(radii_out[best], farther)
-
-
-_MISSING = types.Array(types.uint64, 1, "C", readonly=True)
 
 
 @kernel

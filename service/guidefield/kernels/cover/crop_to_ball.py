@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
 from guidefield.kernels.distance.triangle_distance import nearest_of
 from guidefield.kernels.jit.arrays import Floats, IndexRows, IndicesOut, Integers, Row, Rows, RowsOut, TruthsOut
@@ -39,8 +38,6 @@ def distance_to_triangles(x: float, y: float, z: float, vertices: Rows, triangle
 VOXELS = 64  # voxels along the longest side of what is within reach of the ball
 COARSE, FINE = 8, 4  # cells along each axis of the box about the ball, and smaller ones along each axis of one of those
 ROUNDING = 1e-9  # what distances are taken larger by, as a share of the largest length in the question
-
-_CHOSEN = types.Array(types.boolean, 1, "C")
 
 
 @inlined

@@ -16,7 +16,6 @@ from guidefield.kernels.distance.triangle_distance import Span, SurfaceTables, n
 from guidefield.kernels.jit.arrays import Floats, IndexRows, Indices, Integers, RowOut, Rows, RowsOut
 from guidefield.kernels.jit.decorators import inlined, kernel
 
-SPANS = types.Array(types.int64, 2, "C", readonly=True)
 INTEGERS = types.Array(types.int64, 1, "C", readonly=True)
 
 STEPS = 40  # shrinking ends after so many steps, if not before

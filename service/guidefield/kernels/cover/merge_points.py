@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types, uint64
+from numba import uint64
 
 from guidefield.kernels.jit.arrays import (
     Floats,
@@ -136,8 +136,6 @@ def lowest_connected(simplices: IndexRows, labels_out: IndicesOut) -> None:
     for vertex in range(labels_out.shape[0]):  # a label is never above its vertex, so that those before are final
         labels_out[vertex] = labels_out[labels_out[vertex]]
 
-
-_WORDS = types.Array(types.uint64, 2, "C", readonly=True)
 
 _FACTORS = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Odd multipliers. Source: S. Vigna, SplitMix64, 2015."""

@@ -18,8 +18,6 @@ from numba import types
 from guidefield.kernels.jit.arrays import Floats, Rows, Vector3, numba_type
 from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 
-FOUR_SCALARS = types.UniTuple(types.float64, 4)
-
 LEAF = 4  # boxes that one leaf of a tree holds
 ON_SURFACE = 1e-12  # nearer than this the direction from the surface is the pseudonormal [m]
 _STACK = 64  # more nodes than ever wait: a tree of a million leaves is 20 levels deep

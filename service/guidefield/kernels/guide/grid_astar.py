@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
 from guidefield.kernels.distance.distance import DistanceTables, bodies_near, nearest_body
 from guidefield.kernels.jit.arrays import Floats, Indices, IndicesOut, Integers, Row, SinglesOut
@@ -23,8 +22,6 @@ _HASTE = 1.1
 _SETTLED = -1.0
 
 _ROOM = 1 << 14  # for entries of the heap at first
-
-CLEARANCES = types.Array(types.float32, 1, "C")
 
 
 @inlined

@@ -12,15 +12,12 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 
 from guidefield.kernels.jit.arrays import Floats, Indices, IndicesOut, Row, RowOut, Rows, RowsOut, TruthsOut, numba_type
 from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.kinematics.tip_chain import BALL, COLUMN, LANES, TipChain, offset_rates, tip_offset, tip_pose
 from guidefield.kernels.simd.rotations import quaternion_of_vector, quaternion_product, vector_of_quaternion
 from guidefield.kernels.simd.vector import load, magnitude, root, select, store
-
-TRUTHS_OUT = types.Array(types.boolean, 1, "C")
 
 MAX_ITERATIONS = 60
 PATIENCE = 5  # a start is given up if this many iterations in a row haven't halved the squared error
@@ -239,9 +236,6 @@ def squared_errors(chain: TipChain, tolerances: Tolerances, points: Rows, square
         store(row, 0, _store_excess(tip_offset(tip_pose(chain, zs, columns)), tolerances, excess, there))
         for lane in range(count):
             squared_out[begin + lane] = row[lane]
-
-
-_INDICES_OUT = types.Array(types.int64, 1, "C")
 
 
 class Measure(NamedTuple):

@@ -309,7 +309,7 @@ def _halve(left: _Left, level: int, more: int, end: float) -> int:
     return level + 2
 
 
-_INDEX, _MATRIX = types.int64, types.Array(types.float64, 2, "C")
+_INDEX = types.int64
 
 
 @kernel

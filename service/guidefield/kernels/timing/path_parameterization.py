@@ -33,8 +33,6 @@ from guidefield.kernels.jit.arrays import (
 from guidefield.kernels.jit.decorators import inlined, kernel
 
 FREE = types.Array(types.uint8, 2, "C", readonly=True)
-COSTS = types.Array(types.int64, 2, "C")
-PARENTS = types.Array(types.int8, 3, "C")
 
 UNREACHED = 1 << 40  # cost of a state that can't be reached
 CHANGING = 4  # cost of a step in which the rate changes

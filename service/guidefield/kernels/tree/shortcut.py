@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
 from guidefield.kernels.collide.batch_collision import motion_free
 from guidefield.kernels.collide.layout import LaneWorld, world_of
@@ -16,8 +15,6 @@ from guidefield.kernels.jit.arrays import Indices, Rows, RowsOut, SingleRows
 from guidefield.kernels.jit.decorators import lane_kernel, lane_part
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector_model import LANES
-
-_PATH = types.Array(types.float32, 2, "C")
 
 # The additive recurrence of the plastic number (M. Roberts, 2018).
 _STEP_X, _STEP_Y = 0.7548776662466927, 0.5698402909980532

@@ -14,7 +14,6 @@ from typing import Any, cast
 import numpy as np
 
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.errors import Status
 from guidefield.kernels.timing.carried_rates import BOUND, FOUND, TIME, MotionPolynomials
 from guidefield.kernels.timing.torques import MassTree, largest_torques, torques_at
 from guidefield.planner.task.motion_limits import KEPT, CurveLimits, Reached, join_reached, parts_of
@@ -203,10 +202,6 @@ class EffortFault:
             f" is {self.limit:g} N m"
         )
         return message, {"stage": end, "joint": self.joint, "effort": self.effort, "limit": self.limit}
-
-
-END_STATUS = {"start": Status.START_STATE_INVALID, "goal": Status.GOAL_STATE_INVALID}
-"""How a plan ends whose start or goal can't be held."""
 
 
 @dataclass(frozen=True)

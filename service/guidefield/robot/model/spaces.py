@@ -69,8 +69,6 @@ on]. Where a joint has several freedoms they are no tangent (`PlanningGroup.tang
 ChartRates = np.ndarray[tuple[int, ChartRateAxis], np.dtype[np.float64]]
 """Several, or derivatives by a curve's parameter, shape (n, group.nv)."""
 
-ChartCurveRates = np.ndarray[tuple[int, int, ChartRateAxis], np.dtype[np.float64]]
-"""Bezier curves of rates, by their control points, shape (m, k, group.nv)."""
 
 Tangent = np.ndarray[tuple[TangentAxis], np.dtype[np.float64]]
 """v of a group's planned joints, shape (group.nv,): what Pinocchio integrates, in the moved frame of each joint [rad or
@@ -79,8 +77,6 @@ m, or per s]."""
 Tangents = np.ndarray[tuple[int, TangentAxis], np.dtype[np.float64]]
 """Several, or derivatives of theirs by time, shape (n, group.nv)."""
 
-ModelTangents = np.ndarray[tuple[int, ModelTangentAxis], np.dtype[np.float64]]
-"""v of a group's planned joints and those that follow them, several, shape (n, group.model.nv)."""
 
 WireColumns = np.ndarray[tuple[int, WireAxis], np.dtype[np.float64]]
 """Positions as they travel, shape (n, len(group.position_names)): those of chart points, but quaternions (x, y, z, w)
