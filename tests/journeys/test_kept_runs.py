@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from guidefield import Client, NotAllowed, UnknownObject
+from guidefield import Client
 from guidefield.cli.commands import app
 from guidefield.errors import DiskRefused, GuidefieldError, MalformedRequest
 from guidefield.messages.replies import PlanReply
@@ -106,29 +106,6 @@ def test_a_list_comes_in_pages_over_the_wire_and_beside_it(service: Service, cli
         assert (found["runs"], found["next"]) == ([], None)
         injected = wire.ask("guidefield/local/runs?robot=' OR 1=1 --")
         assert (injected["runs"], injected["total"]) == ([], 0)
-
-
-def test_a_users_runs_are_nobody_elses(service: Service) -> None:
-    with (
-        Client.connect(service.endpoint, user="eve", wait=CONNECTED_WITHIN) as eve,
-        Client.connect(service.endpoint, user="dora", wait=CONNECTED_WITHIN) as dora,
-    ):
-        dora.plan({**QUICK, "run_id": "mine"})
-        for ask in (eve.run, eve.recording, eve.delete_run, eve.cancel):
-            with pytest.raises(NotAllowed):
-                ask("dora:mine")
-        with pytest.raises(NotAllowed):
-            eve.share("runs", "dora:mine")
-        with pytest.raises(UnknownObject):
-            eve.run("mine")
-        assert (eve.runs().runs, eve.runs().total) == ([], 0)
-        assert eve.plan({**QUICK, "run_id": "mine", "seed": 3}).run_id == "mine", "the name is free for her"
-        assert dora.run("mine").request.seed == 0
-        dora.share("runs", "mine")
-        assert [run.run_id for run in eve.runs().runs] == ["mine", "dora:mine"]
-        assert eve.run("dora:mine").request.seed == 0
-        with pytest.raises(NotAllowed, match="alone may change it"):
-            eve.delete_run("dora:mine")
 
 
 def test_a_service_whose_database_is_damaged_plans_says_so_and_ends_on_ctrl_c(tmp_path: Path) -> None:

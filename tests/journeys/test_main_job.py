@@ -245,17 +245,6 @@ def test_a_run_is_deleted(replies: dict[str, dict[str, Any]], wire: PlainClient)
 # ---- an honest "no" is a reply
 
 
-def test_a_start_out_of_its_limits_names_joint_value_and_limit(wire: PlainClient) -> None:
-    reply = wire.ask(
-        "guidefield/local/plan",
-        {**JOBS["pose"], "run_id": "limits", "start": {"panda_joint4": 1.0}, "recording": "off"},
-    )
-    assert reply["status"]["name"] == "START_STATE_INVALID"
-    details = reply["status"]["details"]
-    assert (details["joint"], details["value"]) == ("panda_joint4", 1.0)
-    assert details["limits"][1] < 1.0
-
-
 def test_a_goal_in_collision_names_the_pair_and_the_depth(wire: PlainClient) -> None:
     goal = {"type": "joints", "positions": {"panda_joint2": 0.9, "panda_joint4": -1.0}}
     reply = wire.ask(
@@ -265,17 +254,3 @@ def test_a_goal_in_collision_names_the_pair_and_the_depth(wire: PlainClient) -> 
     assert reply["status"]["name"] == "GOAL_IN_COLLISION"
     assert len(reply["status"]["details"]["pair"]) == 2
     assert reply["status"]["details"]["depth"] > 0.0
-
-
-def test_a_start_in_collision_names_the_pair(wire: PlainClient) -> None:
-    start = {"panda_joint2": 0.9, "panda_joint4": -1.0}
-    reply = wire.ask("guidefield/local/plan", {**JOBS["pose"], "run_id": "start", "start": start, "recording": "off"})
-    assert reply["status"]["name"] == "START_STATE_IN_COLLISION"
-    assert len(reply["status"]["details"]["pair"]) == 2
-
-
-def test_a_pose_out_of_reach_has_no_solution(wire: PlainClient) -> None:
-    goal = {"type": "pose", "position": [3.0, 0.0, 0.5], "quaternion_xyzw": [0, 0, 0, 1]}
-    reply = wire.ask("guidefield/local/plan", {**JOBS["pose"], "run_id": "far", "goal": goal, "recording": "off"})
-    assert reply["status"]["name"] == "NO_IK_SOLUTION"
-    assert reply["trajectory"] is None

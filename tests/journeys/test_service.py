@@ -113,20 +113,6 @@ def test_a_payload_that_is_too_large_has_an_answer(wire: PlainClient) -> None:
         assert wire.refusal(f"guidefield/local/{key}", b" " * (limit + 2**22))["name"] == "REQUEST_TOO_LARGE"
 
 
-def test_vertices_travel_packed(wire: PlainClient) -> None:
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4")
-    mesh = {"type": "mesh", "name": "m", "triangles": [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]}
-    asked = {"type": "potential", "points": [[0.0, 0.0, 3.0]]}
-    packed = {"name": "s", "obstacles": [{**mesh, "vertices": {"float32": corners.tobytes()}}]}
-    listed = {"name": "s", "obstacles": [{**mesh, "vertices": corners.tolist()}]}
-    by_bytes = wire.answer(
-        "guidefield/local/kinematics", msgspec.msgpack.encode({**asked, "scene": packed}), "application/msgpack"
-    )
-    assert msgspec.msgpack.decode(by_bytes.payload) == wire.ask(
-        "guidefield/local/kinematics", {**asked, "scene": listed}
-    )
-
-
 # ---- exactly one answer, always
 
 
