@@ -17,10 +17,11 @@ from guidefield.messages.scene import GuidePlane
 from guidefield.planner.motion.drawn_motion import Deviations, DrawnMotion, deviations
 from guidefield.planner.motion.given_motion import GivenMotion, StraightMotion
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion_certificate import efforts_along, speeds_along
 from guidefield.planner.plan import Plan
 from guidefield.planner.quality import Clearance, Closest, figures
-from guidefield.planner.task.effort import Efforts, measure_efforts
-from guidefield.planner.task.motion_limits import CartesianLimit, CartesianUse, measure_cartesian
+from guidefield.planner.task.effort import Efforts
+from guidefield.planner.task.motion_limits import CartesianLimit, CartesianUse
 from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
 from guidefield.robot.group.group import LONGEST_TURN, PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
@@ -229,19 +230,19 @@ def unmeasured(measured: Clearance | None) -> list[str]:
     ]
 
 
-def cartesian_uses(limits: Sequence[CartesianLimit], motion: Trajectory | GivenMotion) -> list[replies.CartesianUse]:
+def cartesian_uses(limits: tuple[CartesianLimit, ...], motion: Trajectory | GivenMotion) -> list[replies.CartesianUse]:
     """The largest speeds and accelerations of what is limited in space."""
     if not limits:
         return []
     jumps = isinstance(motion, GivenMotion) and motion.velocities is None
-    return [wire_cartesian_use(use, jumps=jumps) for use in measure_cartesian(limits, motion.polynomials)]
+    return [wire_cartesian_use(use, jumps=jumps) for use in speeds_along(motion, limits)]
 
 
 def effort_figures(conditions: Conditions, motion: Trajectory | GivenMotion) -> replies.EffortFigures | None:
     """The torques along a motion; None of what has no accelerations."""
     if isinstance(motion, GivenMotion) and motion.velocities is None:
         return None
-    return wire_efforts(measure_efforts(conditions.group, conditions.effort_limit, motion.polynomials))
+    return wire_efforts(efforts_along(motion, conditions.group, conditions.effort_limit))
 
 
 def wire_efforts(efforts: Efforts) -> replies.EffortFigures:

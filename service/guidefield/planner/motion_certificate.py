@@ -13,7 +13,7 @@ from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
-from guidefield.memo import MISSING, Answers
+from guidefield.memo import MISSING, Answers, memoized
 from guidefield.messages.execution import MOST_SENT_ROWS
 from guidefield.planner.motion.drawn_motion import DrawnMotion, draw_plan
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
@@ -21,14 +21,15 @@ from guidefield.planner.motion.limit_load import limit_shares
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
-from guidefield.planner.task.effort import measure_efforts
-from guidefield.planner.task.motion_limits import MotionLimit, measure_cartesian
+from guidefield.planner.task.effort import EffortLimit, Efforts, measure_efforts
+from guidefield.planner.task.motion_limits import CartesianLimit, CartesianUse, MotionLimit, measure_cartesian
 from guidefield.planner.task.problem import Conditions, ControllerModel, Interpolation, Problem
 from guidefield.planner.task.stages import Ending, Stages
 from guidefield.prove.certificate import certify, certify_constraints, judge_limits
 from guidefield.prove.curve import point_on
 from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.read_only import ReadOnly
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
@@ -248,16 +249,28 @@ def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) 
     return Finished(verdict, found.path, found.crossings, failure=found.failure)
 
 
+@memoized
+def speeds_along(motion: Trajectory | GivenMotion, limits: tuple[CartesianLimit, ...]) -> tuple[CartesianUse, ...]:
+    """How fast bodies with limits are along a motion."""
+    return measure_cartesian(limits, motion.polynomials)
+
+
+@memoized
+def efforts_along(motion: Trajectory | GivenMotion, group: PlanningGroup, limit: EffortLimit | None) -> Efforts:
+    """The torques along a motion, by the limits that bind it."""
+    return measure_efforts(group, limit, motion.polynomials)
+
+
 def find_excess(conditions: Conditions, motion: Trajectory | GivenMotion | None) -> Ending | None:
     """The refusal of a motion that exceeds a limit of what it does as a whole; None where it doesn't."""
     if motion is None or not (conditions.cartesian_limits or conditions.effort_limit):
         return None
-    for use in measure_cartesian(conditions.cartesian_limits, motion.polynomials):
+    for use in speeds_along(motion, conditions.cartesian_limits):
         if (excess := use.exceeded) is not None:
             message, details = use.describe_excess(f"{excess[2].time:.6g} s")
             return Ending(Status.INVALID_MOTION_PLAN, f"no motion within limits was found: {message}", details)
     limit = conditions.effort_limit
-    beyond = None if limit is None else measure_efforts(conditions.group, limit, motion.polynomials).exceeded
+    beyond = None if limit is None else efforts_along(motion, conditions.group, limit).exceeded
     if beyond is None:
         return None
     message, details = beyond.describe_excess(f"{beyond.reached.time:.6g} s")

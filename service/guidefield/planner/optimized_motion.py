@@ -107,7 +107,7 @@ def optimize_motion(
         settings = presets.lengthened(settings, length_of(begun.positions, problem.group.sizes))
     message = f"shape and time together, {'among what moves, ' if moves else ''}{problem.objective.value}"
     touched: list[TouchedPoint] = []
-    heaviest = presets.EFFORT.heavier**2 * settings.effort_weight
+    heaviest = presets.LOAD.heavier**2 * settings.load_weight
     for attempt in range(2 + LOOKS):
         with stages.entered("relax", message) as stage:
             optimized = optimize(problem, begun, settings, others, crossed.passages, None, *between, touched)
@@ -123,11 +123,11 @@ def optimize_motion(
         if moves or problem.deadline.expired() or (settled and not _is_overloaded(problem, finished)):
             break
         if settled and made is finished:
-            if settings.effort_weight >= heaviest:
+            if settings.load_weight >= heaviest:
                 break
-            weight = presets.EFFORT.heavier * settings.effort_weight
+            weight = presets.LOAD.heavier * settings.load_weight
             message = "again, minding torques, because they exceed their limits"
-            settings, others = replace(settings, effort_weight=weight), ()
+            settings, others = replace(settings, load_weight=weight), ()
             continue
         if attempt == 0:
             why = "a guide plane was lost" if finished is None else "the certificate refused it"
@@ -163,11 +163,11 @@ def _usual_settings_of(problem: Problem, passes: bool) -> presets.OptimizationSe
         return presets.guided_of_many(settings) if many else presets.guided(settings)
     if many:
         return presets.of_many(settings)
-    return (
-        presets.free(settings)
-        if problem.in_motion or problem.scene.moves
-        else presets.in_few_pieces(presets.free(settings))
-    )
+    settings = presets.free(settings)
+    if problem.in_motion or problem.scene.moves:
+        return settings
+    settings = presets.in_few_pieces(settings)
+    return presets.in_space(settings) if problem.cartesian_limits else settings
 
 
 def _of_optimized(

@@ -15,9 +15,11 @@ from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier
+from guidefield.kernels.optimize.load_penalty import LoadModel
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
+from guidefield.planner.optimize.loads import LoadSamples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import ConstrainedFrames
@@ -123,6 +125,7 @@ def of(
     limits: MotionLimits,
     model: ClearanceModel | None = None,
     times: TimeLimits = GIVEN,
+    loads: LoadModel | None = None,
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """The objective, its gradient, and the whole Hessian, by a model or a look."""
     n, nv = spline.points.shape
@@ -131,8 +134,9 @@ def of(
     blocks = np.full((n, nv, (COUPLED + 1) * nv), np.nan)
     border, corner, gradient = (np.full(shape, np.nan) for shape in ((more, free), (more, more), free + more))
     value = motion_objective(
-        model or look(name, spline.points), ends_of(spline), limits, times, unconstrained(name), np.array([0, nv]),
-        spline.points, spline.step, spline.begin, 0.3, 0.02, blocks, border, corner, gradient,
+        model or look(name, spline.points), loads or LoadSamples.of((), PIECES, nv).none, ends_of(spline), limits,
+        times, unconstrained(name), np.array([0, nv]), spline.points, spline.step, spline.begin, 0.3, 0.02, blocks,
+        border, corner, gradient,
     )  # fmt: skip
     hessian = np.zeros((free + more, free + more))
     for f in range(inner):
@@ -143,6 +147,17 @@ def of(
                 hessian[k * nv : (k + 1) * nv, f * nv : (f + 1) * nv] = block.T
     hessian[free:, :free], hessian[:free, free:], hessian[free:, free:] = border, border.T, corner
     return value, gradient, hessian
+
+
+def objective_of_loads(spline: BSpline, loads: LoadModel) -> tuple[float, np.ndarray, np.ndarray]:
+    """What loads add to an objective, its gradient, and its Hessian."""
+    limits = motion("panda", moving=False)[1]
+    unlimited = frozen(MotionLimits, *(np.full(7, np.inf) for _ in range(3)), *limits[3:])
+    unlimited = unlimited._replace(lower=np.full(7, -np.inf), upper=np.full(7, np.inf))
+    unlimited.lower.setflags(write=False), unlimited.upper.setflags(write=False)
+    model = look("panda", spline.points)
+    one, other = (of("panda", spline, unlimited, model, loads=each) for each in (loads, None))
+    return one[0] - other[0], one[1] - other[1], one[2] - other[2]
 
 
 def moved(spline: BSpline, along: np.ndarray, by: float) -> BSpline:

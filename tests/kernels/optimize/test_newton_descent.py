@@ -13,6 +13,7 @@ from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, 
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent, room_for_descent
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
+from guidefield.planner.optimize.loads import LoadSamples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, plane
@@ -45,10 +46,10 @@ def descended(
     """With the weight of limits, and unless told otherwise with the unit of time, that `of` has."""
     points = spline.points.copy()
     asked = RULES._replace(**rules)
-    ends = ends_of(spline)
+    ends, none = ends_of(spline), LoadSamples.of((), spline.pieces, points.shape[1]).none
     kept = unconstrained("panda") if kept is None else kept
     step, begin, taken = newton_descent(
-        model, ends, limits, times, kept, asked, unit, longest_step, 0.02, spline.step, spline.begin, points,
+        model, none, ends, limits, times, kept, asked, unit, longest_step, 0.02, spline.step, spline.begin, points,
         room_for_descent(*points.shape, times),
     )  # fmt: skip
     return BSpline(points, step, spline.start, spline.end, begin), taken

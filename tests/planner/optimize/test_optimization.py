@@ -18,6 +18,7 @@ from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.constrained import Keeper
 from guidefield.planner.motion.bspline import BSpline
+from guidefield.planner.motion.timing import executed
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize import interior_point
 from guidefield.planner.optimize.interior_point import Descent, Look
@@ -34,7 +35,8 @@ from guidefield.planner.optimize.settings import (
     in_few_pieces,
     of_many,
 )
-from guidefield.planner.path_so_far import soonest_along
+from guidefield.planner.path_so_far import limits_of, retimed_spline, soonest_along
+from guidefield.planner.task.motion_limits import frame_limit
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.prove.certificate import certify, certify_constraints
@@ -49,6 +51,21 @@ from tests.scene.solids import l_prism, mesh_message
 
 def optimized(made: Problem, path: np.ndarray) -> Optimized:
     return optimize(made, soonest_along(made, path), BALANCED)
+
+
+def test_a_limit_of_speed_in_space_gives_a_motion_another_shape() -> None:
+    """The arm is drawn in on its way round: the tip's way is shorter there."""
+    limit, durations = frame_limit(group("panda"), "panda_hand_tcp", 0.25, np.inf), []
+    made = problem("panda", scene_of(), cartesian_limits=(limit,))
+    path = np.array([[side, 0.6, 0.0, -1.2, 0.0, 1.8, 0.8] for side in (-1.3, 1.3)])
+    for asked in (made, problem("panda", scene_of())):
+        slower = retimed_spline(made, optimized(asked, path).trajectory)
+        assert slower is not None
+        motion = executed(slower, limits_of(made))
+        reached = limit.reached(motion.polynomials)[0]
+        assert 0.24 < reached.found <= reached.bound <= 0.25 * (1.0 + 1e-6)
+        durations.append(motion.duration)
+    assert durations[0] < 0.9 * durations[1]
 
 
 def check_limits(made: Problem, trajectory: Trajectory) -> None:

@@ -1,6 +1,6 @@
 """The objective of a motion as a uniform cubic B-spline in time, with gradient and Hessian by control points and times.
 
-    exp(u - u0) + t0 / (m h0) + clearance + μ · barrier of limits and times + path constraints' penalty
+    exp(u - u0) + t0 / (m h0) + clearance + loads' penalty + μ · barrier of limits and times + path constraints' penalty
 
 with u = log h, h the length of each of m pieces, h0 = exp(u0), and t0 the departure: all in all the arrival, in units
 of m h0. The departure may be given. The clearance is its model's, and holds λ. The first three and the last three
@@ -50,6 +50,7 @@ from guidefield.kernels.optimize.limit_barrier import (
     limit_barrier,
     time_barrier,
 )
+from guidefield.kernels.optimize.load_penalty import LOADS, LoadModel, add_load_penalty, load_penalty
 
 ENDS = 3  # control points at each end that are the end's
 
@@ -120,6 +121,7 @@ def _ends_to_border(blocks: Floats, first: int, past: int, slopes: Floats, borde
 @uncounted
 def objective_value(
     model: ClearanceModel,
+    loads: LoadModel,
     limits: MotionLimits,
     times: TimeLimits,
     kept: KeptSamples,
@@ -138,7 +140,7 @@ def objective_value(
     of_constraints = constraint_penalty(kept, points)
     of_clearance = expanded_value(model, points, step, begin, scratch)
     arrival: float = step / first_step + begin / (pieces * first_step)
-    return arrival + limit_weight * of_limits + of_constraints + of_clearance
+    return arrival + limit_weight * of_limits + of_constraints + of_clearance + load_penalty(loads, points, step)
 
 
 @uncounted
@@ -168,6 +170,7 @@ def _hold(j: int, blocks_out: Floats, border_out: Floats, gradient_out: Floats) 
 @compiled(
     SCALAR(
         CLEARANCE,
+        LOADS,
         STATES,
         LIMITS,
         TIMES,
@@ -186,6 +189,7 @@ def _hold(j: int, blocks_out: Floats, border_out: Floats, gradient_out: Floats) 
 )
 def motion_objective(
     model: ClearanceModel,
+    loads: LoadModel,
     ends: MotionEnds,
     limits: MotionLimits,
     times: TimeLimits,
@@ -205,6 +209,7 @@ def motion_objective(
 
     Args:
         model: The clearance; holds λ.
+        loads: The loads near their limits.
         ends: The ends of the motion.
         limits: What is kept. A coordinate whose range is a single value is cut out of the system.
         times: When it may depart and arrive.
@@ -226,21 +231,24 @@ def motion_objective(
         The objective.
     """
     n, nv = points.shape
-    gradient, slopes, scratch = np.empty((n, nv)), np.empty((2 * ENDS, nv)), np.empty(4 * nv)
+    gradient, slopes, scratch = np.empty((n, nv)), np.empty((2 * ENDS, nv)), np.empty((3, 4 * nv))
     border, corner, by_times = model.border.copy(), model.corner.copy(), np.empty(2)
     g = 0
     while groups[g] < nv:
         _nothing(groups[g], groups[g + 1], blocks_out)
         g += 1
-    add_hessians(model, scratch, blocks_out)
-    of_clearance, by_times[0], by_times[1] = expanded(model, points, step, begin, scratch, gradient)
+    add_hessians(model, scratch[0], blocks_out)
+    of_clearance, by_times[0], by_times[1] = expanded(model, points, step, begin, scratch[0], gradient)
     of_limits, by_u, by_uu = add_limit_barrier(points, step, limits, limit_weight, gradient, blocks_out, border[0])
+    by_times[0] += by_u
+    corner[0, 0] += by_uu
+    of_loads, by_u, by_uu = add_load_penalty(loads, points, step, scratch, gradient, blocks_out, border[0])
     by_times[0] += by_u
     corner[0, 0] += by_uu
     of_limits += add_time_barrier(times, begin, (n - 3) * step, limit_weight, by_times, corner)
     duration, of_begin = step / first_step, 1.0 / ((n - 3) * first_step)
     of_constraints = add_constraint_penalty(kept, points, gradient, blocks_out)
-    total: float = of_clearance + of_limits + duration + of_begin * begin + of_constraints
+    total: float = of_clearance + of_loads + of_limits + duration + of_begin * begin + of_constraints
     by_times[0] += duration
     by_times[1] += of_begin
     corner[0, 0] += duration

@@ -22,6 +22,7 @@ from guidefield.kernels.linalg.bordered_band import (
 from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel
 from guidefield.kernels.optimize.constraint_penalty import KEPT_SAMPLES, KeptSamples
 from guidefield.kernels.optimize.limit_barrier import LIMITS, TIMES, MotionLimits, TimeLimits
+from guidefield.kernels.optimize.load_penalty import LOADS, LoadModel
 from guidefield.kernels.optimize.motion_objective import (
     ENDS,
     STATES,
@@ -33,17 +34,17 @@ from guidefield.kernels.optimize.motion_objective import (
 
 
 @uncounted
-def coupled_groups(model: ClearanceModel, constrained: bool, groups_out: Integers) -> None:
+def coupled_groups(model: ClearanceModel, couples: bool, groups_out: Integers) -> None:
     """Find coordinates that are coupled anywhere on a motion. Limits couple none, and links far from all else neither.
 
     Args:
         model: The clearance; its Hessians are symmetric.
-        constrained: Whether path constraints are kept: they couple all.
+        couples: Whether there are path constraints or loads: they couple all.
         groups_out: Gets where each group begins, multiples of `TILE` from 0 on, and behind the last nv.
     """
     nv, last = model.points.shape[1], groups_out.shape[0] - 2
     for t in range(last + 1):
-        groups_out[t + 1] = last if constrained else t  # the last tile that one is coupled with
+        groups_out[t + 1] = last if couples else t  # the last tile that one is coupled with
     for s in range(model.places):
         for p in range(nv):
             q, t = nv, p // TILE + 1
@@ -150,6 +151,7 @@ def _times(
 @compiled(
     types.Tuple((types.float64, types.float64, types.int64))(
         CLEARANCE,
+        LOADS,
         STATES,
         LIMITS,
         TIMES,
@@ -166,6 +168,7 @@ def _times(
 )
 def newton_descent(
     model: ClearanceModel,
+    loads: LoadModel,
     ends: MotionEnds,
     limits: MotionLimits,
     times: TimeLimits,
@@ -186,6 +189,7 @@ def newton_descent(
 
     Args:
         model: The clearance.
+        loads: The loads near their limits.
         ends: The ends of the motion.
         limits: What is kept.
         times: When it may depart and arrive.
@@ -210,12 +214,12 @@ def newton_descent(
     move, back = np.empty(free + more), np.empty(free + more)
     trial, corrected, scratch = np.empty((n, nv)), np.empty((n, nv)), np.empty(4 * nv)
     constrained = kept.frames.kinds.shape[0] > 0
-    coupled_groups(model, constrained, room.groups)
+    coupled_groups(model, constrained or loads.rows > 0, room.groups)
     groups, taken = room.groups, 0
     for _ in range(rules.steps):
         value = motion_objective(
-            model, ends, limits, times, kept, groups, points_out, step, begin, first_step, limit_weight, blocks, border,
-            corner, gradient,
+            model, loads, ends, limits, times, kept, groups, points_out, step, begin, first_step, limit_weight, blocks,
+            border, corner, gradient,
         )  # fmt: skip
         if not factorize_bordered(inner, groups, border, corner, rules.damping, factor):
             break
@@ -230,18 +234,18 @@ def newton_descent(
             length, departure = _times(step, begin, move, stride, free, longest_step)
             _move(points_out, ends, move, stride, length, trial)
             lower = objective_value(
-                model, limits, times, kept, trial, length, departure, first_step, limit_weight, scratch
+                model, loads, limits, times, kept, trial, length, departure, first_step, limit_weight, scratch
             )
             if constrained and lower < math.inf:  # back towards constraints that bend, by the same factors
                 motion_objective(
-                    model, ends, limits, times, kept, groups, trial, length, departure, first_step, limit_weight,
+                    model, loads, ends, limits, times, kept, groups, trial, length, departure, first_step, limit_weight,
                     blocks, border, corner, gradient,
                 )  # fmt: skip
                 solve_factorized(factor, inner.shape[0], -gradient, back)
                 further, since = _times(length, departure, back, 1.0, free, longest_step)
                 _move(trial, ends, back, 1.0, further, corrected)
                 then = objective_value(
-                    model, limits, times, kept, corrected, further, since, first_step, limit_weight, scratch
+                    model, loads, limits, times, kept, corrected, further, since, first_step, limit_weight, scratch
                 )
                 if then < lower:
                     lower, length, departure = then, further, since

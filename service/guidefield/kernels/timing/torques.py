@@ -46,6 +46,8 @@ from guidefield.kernels.timing.carried_rates import (
     write_state,
 )
 
+SAME = 1e-9  # share by which rates may differ that are the same but for rounding
+CLOSER = 0.1  # share of a piece below which an interval has bounds of its own
 HALVINGS = 20_000  # of intervals, at most, as in `carried_rates`: each look takes longer
 EXCESS = 1e-4  # share of what is found that its bound may always be above it: it matters where a limit isn't kept
 
@@ -248,18 +250,20 @@ def _note(torques: Floats, time: float, found_out: Floats) -> None:
 
 
 @uncounted
-def _write_most(begin: Floats, end: Floats, span: float, room: TorqueRoom, most_out: Floats) -> None:
+def _write_most(begin: Floats, end: Floats, span: float, bounds: Floats, most_out: Floats) -> None:
     """Write what no torque exceeds in a time, by those at its ends and the bounds of their second derivatives."""
     for j in range(begin.shape[0]):
-        most_out[j] = max(abs(begin[j]), abs(end[j])) + span * span / 8.0 * room.bounds[j]
+        most_out[j] = max(abs(begin[j]), abs(end[j])) + span * span / 8.0 * bounds[j]
 
 
 @uncounted
-def _is_close(most: Floats, tolerances: Floats, found: Floats) -> bool:
+def _is_close(most: Floats, loose: Floats, tight: Floats, limits: Floats, found: Floats) -> bool:
     """Whether no bound is farther above what was found than it may be."""
     is_close = True
     for j in range(most.shape[0]):
-        is_close &= most[j] <= found[j, FOUND] + max(tolerances[j], EXCESS * found[j, FOUND])
+        largest = found[j, FOUND]
+        tolerance = tight[j] if largest <= limits[j] < most[j] else loose[j]
+        is_close &= most[j] <= largest + max(tolerance, EXCESS * largest)
     return is_close
 
 
@@ -287,39 +291,54 @@ def _place_and_write(
     write_torques(tree, state, places, room, torques_out)
 
 
+@uncounted
+def _is_continued(motion: MotionPolynomials, piece: int, state: CoordinateBounds) -> bool:
+    """Whether a piece begins with the very rates with which the one before ends, but for rounding."""
+    for j in range(state.dz.shape[0]):
+        rate, rise = motion.powers[piece, 1, j], 2.0 * motion.powers[piece, 2, j]
+        if abs(rate - state.dz[j]) > SAME * abs(rate) or abs(rise - state.ddz[j]) > SAME * abs(rise):
+            return False
+    return True
+
+
 @kernel
-def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, found_out: RowsOut) -> float:
+def largest_torques(
+    tree: MassTree, motion: MotionPolynomials, loose: Row, tight: Row, limits: Row, found_out: RowsOut
+) -> float:
     """Write the largest torque of each coordinate along a motion, (nv, 3): see `carried_rates.FOUND`; return the work.
 
-    Intervals are halved, `HALVINGS` times at most, until each bound is no more than its tolerance (nv,) above what is
-    found, or a share `EXCESS` of that; infinite ones may be.
+    Intervals are halved, `HALVINGS` times at most, until each bound is no more than a tolerance above what is found, or
+    a share `EXCESS` of that. Tolerances (nv,) are tight where a limit is between the two; infinite ones may be.
     The work is that of all joints, taken or given back alike, by Simpson's rule on each piece [J].
     """
     joints, times, nv = tree.joints, motion.times, motion.powers.shape[2]
     n, m, chain = joints.table.parents.shape[0], joints.sources.shape[0], tree.chains.shape[1]
-    places, state = joint_places(joints), empty_bounds(nv, m)
-    radii, next_radii, now, then = np.empty((n, chain)), np.empty((n, chain)), np.empty(nv), np.empty(nv)
+    places, state, radii = joint_places(joints), empty_bounds(nv, m), np.empty((n, chain))
+    now, then, reached = np.empty(nv), np.empty(nv), np.empty(nv)
     room, pieces, work, halved = torque_room(n, nv, chain), times.shape[0] - 1, 0.0, 0
-    most, reached = np.empty((2 * pieces, nv)), np.empty(nv)  # bounds of each half of a piece, and of what is looked at
+    bends, most = np.empty((pieces, nv)), np.empty((2 * pieces, nv))  # of second derivatives; of torques, by halves
     found_out[:, :] = 0.0
     for piece in range(pieces):
         length = times[piece + 1] - times[piece]
         for half in range(3):
             t = 0.5 * half * length
-            _place_and_write(tree, motion, piece, t, state, places, room, then)
-            _note(then, times[piece] + t, found_out)
+            if half > 0 or piece == 0 or not _is_continued(motion, piece, state):
+                _place_and_write(tree, motion, piece, t, state, places, room, then)
+                _note(then, times[piece] + t, found_out)
             for j in range(nv):
                 work += length / 6.0 * (4.0 if half == 1 else 1.0) * abs(then[j] * state.dz[j])
-            if half > 0:
-                bound_rates(joints, motion, piece, t - 0.5 * length, t, state)
+            if half == 1:
+                write_radii(tree, places, radii)
+                bound_rates(joints, motion, piece, 0.0, length, state)
                 _write_bounds(tree, 0.5 * length, state, radii, room)
-                _write_most(now, then, 0.5 * length, room, most[2 * piece + half - 1])
+                bends[piece] = room.bounds
+            if half > 0:
+                _write_most(now, then, 0.5 * length, bends[piece], most[2 * piece + half - 1])
             now[:] = then
-            write_radii(tree, places, radii)
     for j in range(nv):
         found_out[j, BOUND] = found_out[j, FOUND]
     for half in range(2 * pieces):
-        if halved >= HALVINGS or _is_close(most[half], tolerances, found_out):
+        if halved >= HALVINGS or _is_close(most[half], loose, tight, limits, found_out):
             _note_bounds(most[half], found_out)
             continue
         piece = half // 2
@@ -327,22 +346,27 @@ def largest_torques(tree: MassTree, motion: MotionPolynomials, tolerances: Row, 
         since, end, step = 0.5 * (half % 2) * length, 0.5 * (half % 2 + 1) * length, 0.25 * length
         halved += 1
         _place_and_write(tree, motion, piece, since, state, places, room, now)
-        write_radii(tree, places, radii)
         while since < end:
             step = min(step, end - since)
             until = end if since + step >= end else since + step
-            bound_rates(joints, motion, piece, since, until, state)
-            _write_bounds(tree, step, state, radii, room)
             _place_and_write(tree, motion, piece, until, state, places, room, then)
-            write_radii(tree, places, next_radii)
             _note(then, times[piece] + until, found_out)
-            _write_most(now, then, step, room, reached)
-            if step > SHORTEST * length and halved < HALVINGS and not _is_close(reached, tolerances, found_out):
+            room.bounds[:] = bends[piece]
+            if step < CLOSER * length:  # there are better ones
+                write_radii(tree, places, radii)
+                bound_rates(joints, motion, piece, since, until, state)
+                _write_bounds(tree, step, state, radii, room)
+            _write_most(now, then, step, room.bounds, reached)
+            if (
+                step > SHORTEST * length
+                and halved < HALVINGS
+                and not _is_close(reached, loose, tight, limits, found_out)
+            ):
                 step *= 0.5
                 halved += 1
                 continue
             _note_bounds(reached, found_out)
             since = until
-            now[:], radii[:, :] = then, next_radii
+            now[:] = then
             step *= 2.0
     return work

@@ -20,15 +20,16 @@ from guidefield.kernels.barrier.sampled_robot import SampledRobot
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
-from guidefield.kernels.optimize.effort_penalty import effort_penalty, effort_value
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier, time_barrier
+from guidefield.kernels.optimize.load_penalty import LoadModel, load_penalty
 from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRoom, DescentRules, newton_descent, room_for_descent
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, clearance_samples, constraint_samples
+from guidefield.planner.optimize.loads import LoadSamples
 from guidefield.planner.optimize.passages import Passage, add_passage, nearest
-from guidefield.planner.optimize.settings import EFFORT, PASSAGE, OptimizationSettings
-from guidefield.planner.task.effort import EffortLimit
+from guidefield.planner.optimize.settings import PASSAGE, OptimizationSettings
+from guidefield.planner.task.motion_limits import MotionLimit
 from guidefield.read_only import ReadOnly, read_only
 
 
@@ -48,7 +49,7 @@ class Question(ReadOnly):
     times: TimeLimits
     longest_step: float = math.inf  # pieces are no longer than this [s]
     passages: tuple[Passage, ...] = ()
-    effort: EffortLimit | None = None
+    beside: tuple[MotionLimit, ...] = ()  # limits of what it does as a whole
 
     @cached_property
     def rules(self) -> DescentRules:
@@ -72,6 +73,7 @@ class Look(NamedTuple):
 
     spline: BSpline
     model: ClearanceModel  # its clearance there, and nearby, with what it misses of its passages
+    loads: LoadModel
     constrained: KeptSamples
     passed: tuple[float, ...]  # where it comes nearest to each passage, in pieces from the start
     stiffness: float  # share of Gauss and Newton's Hessian of the clearance that the model has
@@ -121,6 +123,7 @@ class Descent(ReadOnly):
     samples: MotionSamples
     near: NearBodies  # which obstacles were near there; kept up to date by looking at them
     count: int
+    loads: LoadSamples
     constrained: KeptSamples
     ends: MotionEnds
     unit: float  # length of the first motion's pieces, if it had as many [s]
@@ -155,11 +158,10 @@ class Descent(ReadOnly):
         n, nv = spline.points.shape
         room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
         places = len(placed.pieces) + len(question.passages)
-        if question.effort is not None:
-            places += 2 * EFFORT.on_piece(spline.pieces) * spline.pieces
         hessians = _Memory.of(places, nv), _Memory.of(places, nv)
         calls = _CheckedOnce(clearance_along), _CheckedOnce(newton_descent)
-        return cls(question, placed, near, samples, constrained, ends, unit, room, hessians, *calls)
+        loads = LoadSamples.of(question.beside, spline.pieces, nv)
+        return cls(question, placed, near, samples, loads, constrained, ends, unit, room, hessians, *calls)
 
     def look(
         self,
@@ -180,24 +182,14 @@ class Descent(ReadOnly):
         """
         question, (n, nv) = self.question, spline.points.shape
         one, other = self.hessians
-        memory = other if beside is not None and beside.model.hessians is one.seen else one
-        hessians = memory.hessians
+        turn = 1 if beside is not None and beside.model.hessians is one.seen else 0
+        memory = other if turn else one
+        hessians, loads = memory.hessians, self.loads
         gradient, pieces, basis = np.empty((n, nv)), np.empty(len(hessians), np.int64), np.empty((len(hessians), 4))
         border, by_times, corner = np.empty((2, n, nv)), np.empty(2), np.empty((2, 2))
-        effort, beyond = question.effort, 0.0
-        if effort is not None:
-            on_piece = EFFORT.on_piece(spline.pieces)
-            asked = (
-                effort.tree,
-                effort.limits,
-                spline.points,
-                spline.step,
-                on_piece,
-                question.settings.effort_weight,
-                EFFORT.share,
-            )
-            beyond = effort_value(*asked)
-            most -= beyond
+        weight = question.settings.load_weight
+        if loads.limits_any:
+            most -= 0.5 * loads.weight(weight) * loads.measure(spline)
         value, count = self.clearance_along(
             question.robot,
             question.tables,
@@ -229,9 +221,6 @@ class Descent(ReadOnly):
                 passage.place, spline, here[-1], PASSAGE.weight, crossing, count, gradient, pieces, basis, hessians
             )
             count += 1
-        if effort is not None and math.isfinite(value):
-            _, count = effort_penalty(*asked, count, gradient, pieces, basis, hessians, border, by_times, corner)
-            value += beyond
         places = count, pieces, basis, memory.seen
         model = ClearanceModel(
             value, spline.points, spline.step, spline.begin, gradient, *places, border, by_times, corner
@@ -240,7 +229,8 @@ class Descent(ReadOnly):
         kept = self.constrained
         if here and question.sections.frames.constraints:  # which hold where depends on what was passed by then
             kept = constraint_samples(question.sections, spline.pieces, here, self.count, question.settings)
-        return Look(spline, model, kept, tuple(here), stiffness)
+        expanded = loads.expand(spline, turn, weight) if math.isfinite(value) else loads.none
+        return Look(spline, model, expanded, kept, tuple(here), stiffness)
 
     def cost(self, look: Look, limit_weight: float) -> float:
         """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
@@ -248,7 +238,8 @@ class Descent(ReadOnly):
 
     def _of_samples(self, look: Look) -> float:
         constrained = len(look.constrained.frames.kinds) > 0
-        return look.model.value + (constraint_penalty(look.constrained, look.spline.points) if constrained else 0.0)
+        value = look.model.value + (constraint_penalty(look.constrained, look.spline.points) if constrained else 0.0)
+        return value + (load_penalty(look.loads, look.spline.points, look.spline.step) if look.loads.rows else 0.0)
 
     def _but_clearance(self, spline: BSpline, limit_weight: float) -> float:
         return self._arrival(spline) + limit_weight * self._barrier(spline)
@@ -271,6 +262,7 @@ class Descent(ReadOnly):
         points = spline.points.copy()
         step, begin, taken = self.newton_descent(
             look.model,
+            look.loads,
             self.ends,
             self.question.limits,
             self.question.times,

@@ -34,6 +34,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.optimize.clearance_samples import Sections, kept_at
 from guidefield.planner.optimize.interior_point import Descent, Look, Question
+from guidefield.planner.optimize.loads import LoadSamples
 from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
 from guidefield.planner.optimize.sampled_robot import TouchedPoint, few_points, sampled_robot, with_points
 from guidefield.planner.optimize.settings import OptimizationSettings
@@ -42,6 +43,8 @@ from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoints, ChartRate
 from guidefield.scene.distance_tables import distance_tables, moving_tables
+
+STRAIGHT_PIECES = 16  # of a straight motion by which the least time is told
 
 
 def motion_limits(problem: Problem) -> MotionLimits:
@@ -69,6 +72,13 @@ def ends_of(problem: Problem, motion: Trajectory) -> tuple[End, End]:
 def first_motion(motion: Trajectory, limits: MotionLimits, settings: OptimizationSettings) -> BSpline:
     """A spline near a motion from rest to rest, strictly within limits; slower where it has to be."""
     return _stretched(motion, _pieces(motion, limits, settings), limits, settings)
+
+
+def slowed(spline: BSpline, problem: Problem) -> BSpline:
+    """The same from rest to rest, as slow as it is at least along its way by limits of speed in space."""
+    samples = LoadSamples.of(problem.cartesian_limits, spline.pieces, problem.group.nv)
+    stretch = max(1.0, samples.mean(spline))
+    return BSpline.between(spline.start, spline.end, spline.inner, stretch * spline.step)
 
 
 def scheduled_motion(
@@ -284,7 +294,7 @@ class _Descending:
         elif problem.scene.moves:
             first = scheduled_motion(motion, self._limits, self._settings, self._arrive_from)
         else:
-            first = first_motion(motion, self._limits, self._settings)
+            first = slowed(first_motion(motion, self._limits, self._settings), problem)
         question = Question(
             robot,
             tables,
@@ -298,7 +308,7 @@ class _Descending:
             TimeLimits(int(first.begin > 0.0), self._leave_by, self._arrive_from, first.duration),
             longest,
             self._passages,
-            problem.effort_limit,
+            problem.beside,
         )
         within = brought_within(question, first) if problem.in_motion else first
         if within is None:
@@ -356,10 +366,20 @@ def _finer(look: Look) -> tuple[BSpline, tuple[float, ...]]:
 
 
 def least_time(problem: Problem, spline: BSpline) -> float:
-    """What each joint alone would need at least between a motion's ends, by its limits of rates, the longest [s]."""
+    """The time of a straight motion between the same ends: of the joint that alone needs longest by its limits [s].
+
+    By limits of speed in space that of their straight motion of all joints together.
+    """
     way = np.abs(spline.end.position - spline.start.position)
     top, rise = problem.group.velocity_limits, problem.group.acceleration_limits
-    return float(np.where(way > top**2 / rise, way / top + top / rise, 2.0 * np.sqrt(way / rise)).max())
+    longest = float(np.where(way > top**2 / rise, way / top + top / rise, 2.0 * np.sqrt(way / rise)).max())
+    if not problem.cartesian_limits:
+        return longest
+    shares = np.linspace(0.0, 1.0, STRAIGHT_PIECES - 1)[1:-1, None]
+    inner = cast(ChartPoints, spline.start.position + shares * (spline.end.position - spline.start.position))
+    straight = BSpline.between(End.at_rest(spline.start.position), End.at_rest(spline.end.position), inner, 1.0)
+    samples = LoadSamples.of(problem.cartesian_limits, straight.pieces, problem.group.nv)
+    return max(longest, samples.mean(straight) * straight.duration)
 
 
 def brought_within(question: Question, spline: BSpline) -> BSpline | None:

@@ -161,7 +161,8 @@ class EffortLimit(ReadOnly):
             return math.inf
         if least < 1.0 - ROUNDING:
             return 1.0 / math.sqrt(least)
-        reached, _ = largest_efforts(self.tree, motion, self.limits, 0.5 * ROOM)
+        loose = np.full_like(self.limits, np.inf)
+        reached, _ = _find_largest(self.tree, motion, loose, 0.5 * ROOM * self.limits, self.limits)
         fits = all(one.bound <= limit for one, limit in zip(reached, self.limits.tolist(), strict=True))
         return 0.0 if fits else SLOWER
 
@@ -258,9 +259,7 @@ def measure_efforts(
         return Efforts("the motion goes nowhere")
     parts, works = list[list[Reached]](), list[float]()
     for part in parts_of(motion, deadline):
-        found, work = largest_efforts(tree, part, limits)
-        if any(one.found <= most < one.bound for one, most in zip(found, binding.tolist(), strict=True)):
-            found, work = largest_efforts(tree, part, limits, CLOSE)
+        found, work = largest_efforts(tree, part, limits, binding)
         parts.append(found)
         works.append(work)
     reached = [join_reached(each) for each in zip(*parts, strict=True)]
@@ -269,18 +268,26 @@ def measure_efforts(
 
 
 def largest_efforts(
-    tree: MassTree, motion: MotionPolynomials, limits: ChartRate, accuracy: float = TOLD
+    tree: MassTree, motion: MotionPolynomials, limits: ChartRate, binding: np.ndarray | None = None
 ) -> tuple[list[Reached], float]:
     """The largest torque of each coordinate along a motion, and the work of all: taken or given back alike [J].
 
     Args:
         tree: The bodies.
         motion: With a piece at least.
-        limits: Of each coordinate, shape (nv,); infinite ones aren't bounded.
-        accuracy: Share of a limit by which a bound may be above what was found.
+        limits: Of each coordinate, shape (nv,): a bound is no more than `TOLD` of it above what was found; infinite
+            ones aren't bounded.
+        binding: Limits that have to be kept: a bound beyond one is no more than `CLOSE` above what was found.
     """
+    kept = np.full_like(limits, np.inf) if binding is None else binding
+    return _find_largest(tree, motion, TOLD * limits, CLOSE * limits, kept)
+
+
+def _find_largest(
+    tree: MassTree, motion: MotionPolynomials, loose: np.ndarray, tight: np.ndarray, limits: np.ndarray
+) -> tuple[list[Reached], float]:
     found = np.empty((len(limits), 3))
-    work = largest_torques(tree, motion, accuracy * limits, found)
+    work = largest_torques(tree, motion, loose, tight, limits, found)
     return [Reached(row[FOUND], row[BOUND], row[TIME]) for row in found.tolist()], work
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import coal
@@ -38,6 +39,7 @@ ACCURACY = 1e-3  # share by which the bound of what is reached may be above what
 CLOSE = 1e-6  # the same where a limit is between the two
 KEPT = 1.0 + 1e-6  # a share up to this keeps its limit, for rounding
 AT_ONCE = 10_000  # pieces of a motion that are looked at between looks at the time
+FEW_POINTS = 12  # of a body that stand for all where no bound is needed
 CORNERS = 16  # of the prism about a cylinder, on each rim
 
 
@@ -86,6 +88,21 @@ class CartesianLimit(ReadOnly):
     def scaled(self, share: float) -> CartesianLimit:
         """A share of the limit."""
         return replace(self, speed=share * self.speed, acceleration=share * self.acceleration)
+
+    @cached_property
+    def sketched(self) -> CartesianLimit:
+        """The limit of few of the body's points, those farthest apart: for what needs no bound."""
+        points, body = self.body.points, self.body
+        if len(points) <= FEW_POINTS:
+            return self
+        chosen = [int(np.argmax(np.linalg.norm(points - body.centre, axis=1)))]
+        distances = np.full(len(points), np.inf)
+        while len(chosen) < FEW_POINTS:
+            distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
+            chosen.append(int(np.argmax(distances)))
+        few = np.ascontiguousarray(points[chosen]), np.ascontiguousarray(body.radii[chosen])
+        read_only(*few)
+        return replace(self, body=body._replace(points=few[0], radii=few[1]))
 
     def reached(self, motion: MotionPolynomials, accuracy: float = ACCURACY) -> tuple[Reached, Reached]:
         """The largest speed and acceleration along a motion; the bound of the acceleration only counts if limited."""

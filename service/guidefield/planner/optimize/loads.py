@@ -1,0 +1,103 @@
+"""The loads of a motion, torques and speeds in space as shares of their limits, as its optimisation looks at them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from guidefield.kernels.optimize.load_penalty import LoadModel
+from guidefield.kernels.optimize.speed_loads import expand_speed_loads, largest_speed_loads
+from guidefield.kernels.optimize.torque_loads import expand_torque_loads, largest_torque_loads
+from guidefield.planner.motion.bspline import BSpline, basis, basis_bends, basis_slopes
+from guidefield.planner.optimize.settings import LOAD
+from guidefield.planner.task.effort import EffortLimit
+from guidefield.planner.task.motion_limits import CartesianLimit, MotionLimit
+from guidefield.read_only import ReadOnly, read_only
+
+
+class _Memory(NamedTuple):
+    """For the loads of a look, as they are written."""
+
+    largest: np.ndarray  # at each sample, by limit, shape (l, pieces s)
+    pieces: np.ndarray
+    samples: np.ndarray
+    values: np.ndarray
+    slopes: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class LoadSamples(ReadOnly):
+    """Where loads are looked at on a motion, with memory for two looks, by turns."""
+
+    efforts: tuple[EffortLimit, ...]
+    speeds: tuple[CartesianLimit, ...]
+    bases: np.ndarray  # on a piece of length 1, shape (s, 3, 4)
+    memory: tuple[_Memory, _Memory]
+    seen: tuple[_Memory, _Memory]  # the same, read-only
+
+    @classmethod
+    def of(cls, limits: Sequence[MotionLimit], pieces: int, nv: int) -> LoadSamples:
+        """Of a motion of so many pieces and coordinates."""
+        efforts = tuple(one for one in limits if isinstance(one, EffortLimit))
+        speeds = tuple(one.sketched for one in limits if isinstance(one, CartesianLimit))
+        count = max(1, round((LOAD.torque_samples if efforts else LOAD.speed_samples) / pieces))
+        at = (np.arange(count) + 0.5) / count
+        bases = np.ascontiguousarray(np.stack([basis(at), basis_slopes(at), basis_bends(at)], axis=1))
+        largest = np.empty((len(efforts) + len(speeds), pieces * count))
+        most = pieces * count * (sum(len(one.limited) for one in efforts) + 3 * len(speeds))
+        memory = [
+            _Memory(
+                largest, np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most), np.empty((most, 3, nv))
+            )
+            for _ in range(2)
+        ]
+        seen = [_Memory(*(array.view() for array in one)) for one in memory]
+        read_only(bases, *seen[0], *seen[1])
+        return cls(efforts, speeds, bases, (memory[0], memory[1]), (seen[0], seen[1]))
+
+    @property
+    def limits_any(self) -> bool:
+        """Whether there are limits of loads."""
+        return len(self.memory[0].largest) > 0
+
+    def mean(self, spline: BSpline) -> float:
+        """The mean load of a motion, by the limit by which it is largest."""
+        self.measure(spline)
+        return float(self.memory[0].largest.mean(axis=1).max(initial=0.0))
+
+    def weight(self, weight: float) -> float:
+        """Of each half square, for a weight of their mean."""
+        return weight / float(self.memory[0].largest.shape[1])
+
+    def measure(self, spline: BSpline) -> float:
+        """Look at the loads of a motion; return the sum of squares beyond `LOAD.share`."""
+        total, rows = 0.0, iter(self.memory[0].largest)
+        where = spline.points, spline.step, self.bases, LOAD.share
+        for effort in self.efforts:
+            total += largest_torque_loads(effort.tree, effort.limits, *where, next(rows))
+        for one in self.speeds:
+            total += largest_speed_loads(one.body, one.speed, *where, next(rows))
+        return total
+
+    @cached_property
+    def none(self) -> LoadModel:
+        """No loads."""
+        return LoadModel(0, 0, 0.0, LOAD.share, self.bases, *self.seen[0][1:])
+
+    def expand(self, spline: BSpline, turn: int, weight: float) -> LoadModel:
+        """Expand the loads that were measured last, into one of the two memories, with a weight of their mean."""
+        if not self.limits_any:
+            return self.none
+        count, (largest, *memory) = 0, self.memory[turn]
+        rows = iter(largest)
+        where = spline.points, spline.step, self.bases
+        for effort in self.efforts:
+            count = expand_torque_loads(effort.tree, effort.limits, *where, next(rows), LOAD.near, *memory)
+        torques = count
+        for one in self.speeds:
+            count = expand_speed_loads(one.body, one.speed, *where, next(rows), LOAD.near, count, *memory)
+        return LoadModel(torques, count, self.weight(weight), LOAD.share, self.bases, *self.seen[turn][1:])

@@ -1,0 +1,122 @@
+"""The penalty of loads: its value by Pinocchio, and its derivatives by differences of the value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.kernels.optimize.load_penalty import load_penalty
+from guidefield.kernels.optimize.torque_loads import torque_derivatives
+from guidefield.planner.motion.bspline import BSpline, End
+from guidefield.planner.optimize.loads import LoadSamples
+from guidefield.planner.optimize.settings import LOAD
+from guidefield.planner.task.effort import EffortLimit, tree_of
+from guidefield.planner.task.motion_limits import MotionLimit, frame_limit, link_limit
+from guidefield.robot.group.group import PlanningGroup
+from tests.kernels.optimize.test_motion_objective import moved, objective_of_loads
+from tests.planner.task.test_effort import KINDS, weighty_chain
+from tests.robots import group
+
+ARM, STEP, PIECES, WEIGHT = group("panda"), 0.4, 9, 50.0
+EFFORTS = np.array([2.0, 20.0, 4.0, 10.0, 0.5, 1.0, np.inf])
+
+
+def torque_limit() -> EffortLimit:
+    tree = tree_of(ARM)
+    assert not isinstance(tree, str)
+    return EffortLimit(tree, EFFORTS.copy(), tuple(ARM.velocity_names))
+
+
+LIMITS: dict[str, Callable[[], MotionLimit]] = {
+    "torque": torque_limit,
+    "frame": lambda: frame_limit(ARM, "panda_hand_tcp", 0.1, math.inf),
+    "link": lambda: link_limit(ARM, "panda_hand", 0.1, math.inf),
+}
+
+
+def some_motion(seed: int = 3, planned: PlanningGroup = ARM) -> BSpline:
+    rng = np.random.default_rng(seed)
+    points = planned.robot.rest[: planned.nv] + np.cumsum(rng.normal(0.0, 0.06, (PIECES + 3, planned.nv)), axis=0)
+    ends = [End(points[k], *0.1 * rng.normal(size=(2, planned.nv))) for k in (0, -1)]
+    return BSpline.between(ends[0], ends[1], points[3:-3], STEP)
+
+
+def states(spline: BSpline, samples: LoadSamples) -> list[np.ndarray]:
+    """Points, velocities and accelerations at all samples."""
+    about = np.stack([spline.points[i : i + 4] for i in range(spline.pieces)])
+    by_order = np.einsum("soa,iaj->oisj", samples.bases, about).reshape(3, -1, spline.points.shape[1])
+    return [rows / spline.step**order for order, rows in enumerate(by_order)]
+
+
+def loads_at(limit: MotionLimit, spline: BSpline, samples: LoadSamples) -> np.ndarray:
+    """All loads at all samples, by Pinocchio; of a link's speed that of the points that are looked at."""
+    found, data = [], ARM.model.createData()
+    for z, dz, ddz in zip(*states(spline, samples), strict=True):
+        if isinstance(limit, EffortLimit):
+            found.append(np.abs(pin.rnea(ARM.model, data, z, dz, ddz)) / EFFORTS)
+            continue
+        body = samples.speeds[0].body
+        pin.forwardKinematics(ARM.model, data, z, dz)
+        carrier = body.joints.table.parents.shape[0] - 1
+        velocity = pin.getVelocity(ARM.model, data, carrier, pin.LOCAL)
+        speeds = np.linalg.norm(velocity.linear + np.cross(velocity.angular, body.points), axis=1)
+        found.append([(speeds + body.radii * np.linalg.norm(velocity.angular)).max() / 0.1])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("kind", LIMITS)
+def test_the_value_is_of_pinocchios_loads(kind) -> None:
+    limit, spline = LIMITS[kind](), some_motion()
+    samples = LoadSamples.of((limit,), PIECES, ARM.nv)
+    beyond = np.maximum(loads_at(limit, spline, samples) - LOAD.share, 0.0)
+    total = samples.measure(spline)
+    assert total == pytest.approx(float((beyond**2).sum()))
+    assert total > 0.1
+    model = samples.expand(spline, 0, WEIGHT)
+    value = load_penalty(model, spline.points, spline.step)
+    assert value == pytest.approx(0.5 * WEIGHT * total / len(beyond))
+
+
+@pytest.mark.parametrize("kind", LIMITS)
+def test_its_gradient_is_that_of_its_value(kind) -> None:
+    limit, spline = LIMITS[kind](), some_motion()
+    samples = LoadSamples.of((limit,), PIECES, ARM.nv)
+    model = samples.expand(spline, 0, WEIGHT) if samples.measure(spline) else samples.none
+    _, gradient, hessian = objective_of_loads(spline, model)
+    rng, by = np.random.default_rng(1), 1e-6
+    for along in [*rng.normal(size=(6, len(gradient))), np.eye(len(gradient))[-1]]:
+        there, back = (samples.measure(moved(spline, along, side * by)) for side in (1.0, -1.0))
+        slope = 0.5 * samples.weight(WEIGHT) * (there - back) / (2.0 * by)
+        assert gradient @ along == pytest.approx(slope, rel=2e-4, abs=1e-4 * np.linalg.norm(gradient))
+    assert np.linalg.eigvalsh(hessian).min() > -1e-9 * np.abs(hessian).max()
+
+
+def test_a_step_knows_of_loads_that_are_within_their_limits_yet() -> None:
+    spline, limit = some_motion(), torque_limit()
+    samples = LoadSamples.of((limit.scaled(1.6),), PIECES, ARM.nv)
+    samples.measure(spline)
+    model = samples.expand(spline, 1, WEIGHT)
+    nearly = moved(spline, np.random.default_rng(2).normal(size=spline.inner.size + 1), 3e-3)
+    expected = 0.5 * samples.weight(WEIGHT) * samples.measure(nearly)
+    assert load_penalty(model, nearly.points, nearly.step) == pytest.approx(expected, rel=0.05)
+
+
+@settings(max_examples=20)
+@given(KINDS, st.integers(0, 2**32 - 1))
+def test_derivatives_of_torques_are_pinocchios(kinds, seed) -> None:
+    planned = weighty_chain(kinds, seed)
+    tree, (z, dz, ddz) = tree_of(planned), np.random.default_rng(seed).normal(size=(3, planned.nv))
+    assert not isinstance(tree, str)
+    torques, found = np.empty(planned.nv), np.empty((3, planned.nv, planned.nv))
+    torque_derivatives(tree, z, dz, ddz, torques, found)
+    expand = planned.expand_velocity
+    q, data = planned.expand_from_chart(z), planned.model.createData()
+    rows = pin.computeRNEADerivatives(planned.model, data, q, expand @ dz, expand @ ddz)
+    mass = np.triu(rows[2]) + np.triu(rows[2], 1).T
+    for got, row in zip(found, (rows[0], rows[1], mass), strict=True):
+        np.testing.assert_allclose(got, row, rtol=1e-9, atol=1e-9)
