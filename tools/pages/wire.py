@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
-from guidefield.messages.schemas import make_schemas, make_table
+from guidefield.messages.schemas import make_table
 from guidefield.messages.served import CODES, KEYS, KeyInfo
 from guidefield.messages.streams import DEFAULT_STREAMS
 from guidefield.pool.pool import DEFAULT_MEMORY
@@ -88,28 +86,14 @@ def delivery() -> str:
 
 
 def messages() -> str:
-    """Every message that a key takes or gives, and what they are made of."""
-    schemas = make_schemas()["$defs"]
+    """Every message that a key takes or gives."""
     taken = {name for key in KEYS for name in key.takes}
     given = {name for key in KEYS for name in key.gives} | {"ErrorReply"}
-    known = _within(taken | given, schemas)
-    groups = (("requests", taken), ("replies", given - taken), ("what they are made of", known - taken - given))
+    groups = (("requests", taken), ("replies", given - taken))
     return "\n".join(
         "\n  ".join(_lines(f"- **{title}**: {', '.join(f'`{name}`' for name in sorted(group))}", 116))
         for title, group in groups
     )
-
-
-def _within(names: set[str], schemas: dict[str, Any]) -> set[str]:
-    """Messages with all that they are made of."""
-    found: set[str] = set()
-    left = [*names]
-    while left:
-        name = left.pop()
-        if name not in found:
-            found.add(name)
-            left += re.findall(r'"#/\$defs/(\w+)"', json.dumps(schemas[name]))
-    return found
 
 
 def _lines(text: str, width: int) -> Iterator[str]:
