@@ -40,6 +40,7 @@ IN_CMEEL = {"pinocchio": ["pin"], "coal": ["coal"]}
 OPTIONAL = {
     "IPython",
     "rerun_notebook",
+    "viser",
     "cryptography",
     "ray",
     "opentelemetry",

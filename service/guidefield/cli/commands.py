@@ -30,7 +30,7 @@ from guidefield.cli.certifying import (
     split_xacro_arguments,
 )
 from guidefield.cli.executing import execute
-from guidefield.cli.found_run import Data, Service, StreamName, fetch_files, recording_file, require_writable
+from guidefield.cli.found_run import Data, Service, fetch_files, recording_file, require_writable
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.replaying import replay
 from guidefield.cli.tables import motion_table, robot_table, robots_table
@@ -496,14 +496,33 @@ def demo(
 
 @app.command()
 def show(
-    run: StreamName,
+    run: Annotated[
+        str | None,
+        typer.Argument(help="A kept run or stream, or a file, as of `replay`; with --web it may be left out."),
+    ] = None,
     web: Annotated[bool, typer.Option("--web", help="In a web browser instead of a window.")] = False,
+    robot: Annotated[str, typer.Option(help="The robot of the page to try.")] = "panda",
+    scene: Annotated[str, typer.Option(help="Its scene.")] = "bookshelf",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Its port on loopback.")] = 8080,
     data: Data = None,
     name: Service = "local",
 ) -> None:
-    """Open a recording in the Rerun viewer, on this machine only."""
+    """Open a recording in the Rerun viewer, on this machine only.
+
+    With --web and no run a page lets you drag a goal and obstacles, and plans at each change (needs the extra web).
+    """
     from guidefield.cli import showing
 
+    if run is None:
+        if not web:
+            raise MalformedRequest("name a run or a recording's file; --web alone opens a page to try")
+        try:
+            from guidefield.cli.trying import serve_page
+        except ImportError:
+            raise CannotShow("the page needs a package more: pip install 'guidefield[web]'") from None
+        compile_kernels(err.print, wholly=False)
+        serve_page(robot, scene, port, out)
+        return
     with recording_file(run, data, name) as file:
         raise typer.Exit(showing.show_in_browser(file, out) if web else showing.show_in_window(file, err))
 

@@ -59,7 +59,7 @@ class Drawn:
 def prepare(robot: RobotModel, file: Path) -> tuple[Drawn, list[Chunk]]:
     """Read a robot's meshes into chunks for a file, in seconds; without visual geometry draw its collision geometry."""
     seen, faults = visual_bodies(robot.source)
-    judged = _collision_bodies(robot)
+    judged = collision_bodies(robot)
     chunks = [_chunk("visual", body) for body in seen or judged]
     chunks += [_chunk("collision", body, COLLISION_COLOR) for body in judged]
     chunks += cover_spheres(robot)
@@ -69,12 +69,12 @@ def prepare(robot: RobotModel, file: Path) -> tuple[Drawn, list[Chunk]]:
 
 def highlighted(robot: RobotModel, links: Collection[str]) -> Iterator[Chunk]:
     """The collision geometry of some links once more, in red, as `/robot/at_fault/<body>`; just outside of the link."""
-    for body in _collision_bodies(robot, links):
+    for body in collision_bodies(robot, links):
         assert isinstance(body.surface, Surface), "what is judged is a surface"
         yield _chunk("at_fault", replace(body, surface=body.surface.grown(OUTSIDE)), FAULT_COLOR)
 
 
-def _collision_bodies(robot: RobotModel, links: Collection[str] | None = None) -> tuple[Body, ...]:
+def collision_bodies(robot: RobotModel, links: Collection[str] | None = None) -> tuple[Body, ...]:
     """The shapes that are judged, in their links' frames; of some links only, if any are named."""
     bodies = []
     for index, shape in enumerate(robot.geometry.geometryObjects):
