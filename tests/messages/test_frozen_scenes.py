@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.errors import SceneInvalid
 from guidefield.messages import frozen_scenes
 from guidefield.messages.frozen_scenes import NameIndex, freeze, name_index
 from guidefield.messages.scene import Scene, Sphere
@@ -87,13 +86,3 @@ def test_names_that_came_in_many_other_versions_are_not_kept(monkeypatch: pytest
         numbers, _ = name_index(scene)._numbers()
         assert len(numbers) <= len(NAMES) + 12
         _require_all_found(scene)
-
-
-def test_what_is_removed_twice_or_comes_twice_is_refused() -> None:
-    scene = spheres("a", "b")
-    with pytest.raises(SceneInvalid, match="no obstacle 'a'"):
-        apply_change(scene, SceneDiff(remove=["a", "a"]))
-    twice = [Sphere(name="c", radius=0.1), Sphere(name="c", radius=0.1)]
-    with pytest.raises(SceneInvalid, match="two obstacles 'c'"):
-        apply_change(scene, SceneDiff(add=twice))
-    assert apply_change(scene, SceneDiff(add=twice[:1])).obstacles[2].name == "c"
