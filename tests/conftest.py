@@ -33,8 +33,12 @@ def pytest_collection() -> Generator[None, object, object]:
         return (yield)
 
 
+@pytest.hookimpl(tryfirst=True)  # before what is chosen by marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with most to say come first, journeys, which wait much, in turn with others: small ones fill the end."""
+    for item in items:
+        if "journeys" in item.path.parts:
+            item.add_marker("journey")
     files = sorted({item.path for item in items}, key=lambda path: (-path.stat().st_size, path))
     kinds = [[path for path in files if ("journeys" in path.parts) is journey] for journey in (True, False)]
     turns = {path: turn for kind in kinds for turn, path in enumerate(kind)}
