@@ -22,7 +22,7 @@ from guidefield.geometry.convex import convex_hull
 from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.memo import memoized
 from guidefield.messages.conditions import AttachedObject, PathConstraint
-from guidefield.messages.scene import Mesh
+from guidefield.messages.scene import Mesh, Polygon
 from guidefield.messages.values import ORIGIN, Placement
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.mesh_files.reading import companions, plain_file, read_mesh
@@ -223,6 +223,8 @@ def _describe_objects(motion: Motion) -> dict[str, Any]:
     held = [obstacle.build(one.obstacle, index) for index, one in enumerate(motion.held)]
     parts: dict[str, Any] = {}
     for one in (*held, *motion.world.scene.obstacles):
+        if isinstance(one.message, Polygon):
+            parts[one.name] = {"triangles": one.recipe.surface(one.message)[1].tolist()}
         if isinstance(one.message, Mesh):
             vertices, triangles = one.recipe.surface(one.message)
             closed = {"shell": _encode_surface(vertices, triangles)} if one.solid else {}

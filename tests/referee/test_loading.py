@@ -21,7 +21,7 @@ from guidefield.messages.values import Placement
 from guidefield.referee import loading
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import FORMATS, UnusableFile, case_of, load
-from guidefield.referee.shapes import ears
+from guidefield.referee.shapes import ears, is_divided
 from guidefield.referee.verdict import Answer
 from guidefield.robot.group.reduced_model import select
 from tests.collision.scenery import box, world_of
@@ -273,3 +273,17 @@ def test_a_follower_whose_source_lacks_a_prefix_follows_the_one_that_is_meant() 
     case = read(straight(world_of(grouped(UrdfText(text=FOLLOWING), "l2"), []), [[0.0], [0.3]]))
     assert case.spread.tolist() == [[1.0], [0.5]]
     assert case.offset.tolist() == [0.0, 0.1]
+
+
+def test_only_triangles_that_make_up_a_polygon_divide_it():
+    star = np.array([[0, 0], [4, 0], [1, 1], [0, 4], [-1, 1]], float)
+    corners = np.column_stack([star, star @ [0.3, -0.2]])
+    cut = ears(corners)
+    assert is_divided(corners, cut)
+    assert is_divided(corners, cut[:, ::-1])
+    assert is_divided(corners[::-1], len(corners) - 1 - cut)
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    assert all(is_divided(square, np.array(one)) for one in ([[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [3, 2, 1]]))
+    for wrong in ([[0, 1, 2], [0, 1, 3]], [[0, 1, 2], [0, 1, 2]], [[0, 1, 2]], [[0, 1, 2], [0, 2, 4]]):
+        assert not is_divided(square, np.array(wrong))
+    assert not is_divided(corners, np.array([[0, 1, 3], [0, 3, 4], [1, 2, 3]])), "it goes beyond the dent"

@@ -359,3 +359,11 @@ def test_what_is_proved_is_free_wherever_the_robot_may_be(executed: list[tuple[C
             for pair, _ in enumerate(along.pairs):
                 broken, room, apart = along._pair(pair, 0.0)
                 assert broken is None, (case.steps, time, apart, room)
+
+
+def test_a_polygon_is_proved_as_it_is_divided() -> None:
+    """Four corners in a convex row may be divided in two ways, of which a proof is about one."""
+    drawn = draw(np.random.default_rng([62, False]), False)
+    proof = proved(drawn.motion)
+    assert proof is not None
+    assert replay(read(drawn.motion, limits=False), proof).answer is Answer.FREE

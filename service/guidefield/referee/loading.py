@@ -391,14 +391,16 @@ def _objects(model: Any, told: Told, unknown: list[str]) -> Iterator[Body]:
     """What is held, then obstacles."""
     parts = told["parts"]["objects"]
     for held in told.get("held", ()):
-        one, frame = shape_of(held["obstacle"]), model.frames[_body_frame(model, held["link"])]
+        divided = parts.get(held["obstacle"]["name"], {}).get("triangles")
+        one, frame = shape_of(held["obstacle"], divided), model.frames[_body_frame(model, held["link"])]
         if one is None:
             unknown.append(f"held {held['obstacle']['name']!r} of type {held['obstacle']['type']!r}")
         else:
             placement = frame.placement * placement_of(held.get("placement", {}))
             yield _body(held["obstacle"]["name"], frame.parentJoint, placement, one, parts, obstacle=False)
     for obstacle in told["obstacles"]:
-        one, moves = shape_of(obstacle), obstacle.get("trajectory")
+        one = shape_of(obstacle, parts.get(obstacle["name"], {}).get("triangles"))
+        moves = obstacle.get("trajectory")
         if one is None:
             unknown.append(f"obstacle {obstacle['name']!r} of type {obstacle['type']!r}, as it is declared")
             continue

@@ -56,8 +56,16 @@ def placement_of(told: Mapping[str, Any]) -> Any:
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized(), np.array(told.get("position", (0.0, 0.0, 0.0)), float))
 
 
-def shape_of(told: Mapping[str, Any]) -> Shape | None:
-    """The shape of an obstacle or held object; None of a kind that isn't known."""
+def shape_of(told: Mapping[str, Any], divided: Any = None) -> Shape | None:
+    """The shape of an obstacle or held object; None of a kind that isn't known.
+
+    Args:
+        told: What is declared.
+        divided: Triangles (n - 2, 3) that a polygon is said to be divided into; None: nobody says.
+
+    Raises:
+        ValueError: if a polygon isn't simple, or isn't divided so.
+    """
     kind, here = told["type"], placement_of(told)
     if kind == "half_space":
         normal = np.array(told["normal"], float)
@@ -67,6 +75,10 @@ def shape_of(told: Mapping[str, Any]) -> Shape | None:
     if kind in ("mesh", "polygon"):
         vertices = points_of(told["vertices"])
         triangles = np.array(told["triangles"], int) if kind == "mesh" else ears(vertices)
+        if kind == "polygon" and divided is not None:
+            triangles = np.array(divided, int)
+            if not is_divided(vertices, triangles):
+                raise ValueError("a polygon isn't divided into such triangles")
         return shape(surface(vertices, triangles), here)
     if kind == "point_cloud":
         points, radius = points_of(told["points"]), float(told["radius"])
@@ -188,10 +200,7 @@ def ears(corners: np.ndarray) -> np.ndarray:
     Raises:
         ValueError: if it isn't simple.
     """
-    following = np.roll(corners, -1, axis=0)
-    normal = np.cross(corners - corners[0], following - corners[0]).sum(axis=0)
-    drop = int(np.argmax(np.abs(normal)))
-    flat = np.delete(corners, drop, axis=1) * [1.0, np.sign(normal[drop]) * (-1.0 if drop == 1 else 1.0)]
+    flat = _flat(corners)
     left, cut = list(range(len(corners))), []
     while len(left) > 2:
         ear = max(range(len(left)), key=lambda k: _ear(flat, left, k))
@@ -200,6 +209,30 @@ def ears(corners: np.ndarray) -> np.ndarray:
         cut.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
         del left[ear]
     return np.array(cut)
+
+
+def is_divided(corners: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether triangles (t, 3) between the corners (n, 3) of a flat, simple polygon make it up.
+
+    They do where all turn as it does, and their edges but for those of two, which go both ways, are its own.
+    """
+    if triangles.shape != (len(corners) - 2, 3) or not ((triangles >= 0) & (triangles < len(corners))).all():
+        return False
+    flat = _flat(corners)
+    areas = [float(_twice_area(flat[a], flat[b], flat[c][None])[0]) for a, b, c in triangles.tolist()]
+    turned = [row if area >= 0.0 else row[::-1] for row, area in zip(triangles.tolist(), areas, strict=True)]
+    edges = {(row[k - 1], row[k]) for row in turned for k in range(3)}
+    own = {(k, (k + 1) % len(corners)) for k in range(len(corners))}
+    return {(a, b) for a, b in edges if (b, a) not in edges} == own and len(edges) == 3 * len(triangles)
+
+
+def _flat(corners: np.ndarray) -> np.ndarray:
+    """The corners (n, 3) of a flat polygon in a plane in which they turn to the left, shape (n, 2)."""
+    following = np.roll(corners, -1, axis=0)
+    normal = np.cross(corners - corners[0], following - corners[0]).sum(axis=0)
+    drop = int(np.argmax(np.abs(normal)))
+    flat: np.ndarray = np.delete(corners, drop, axis=1) * [1.0, np.sign(normal[drop]) * (-1.0 if drop == 1 else 1.0)]
+    return flat
 
 
 def _ear(flat: np.ndarray, left: Sequence[int], k: int) -> float:
