@@ -65,8 +65,8 @@ KILLED_AFTER = 20.0
 """After which time a worker is killed at the latest [s]."""
 STARTS = 3.0
 """The same as a multiple of the time that the service took to start, where that is more."""
-PULSE_S, STARVED_S = 0.1, 1.0
-"""How often it is looked whether this process gets the processor, and how late that excuses what a link was cut for."""
+PULSE_S, STARVED_S, UNNOTICED_S = 0.1, 1.0, 20.0
+"""Period at which this process looks if it gets the processor; a delay that excuses a lost link, and for how long."""
 ROUNDING = 1e-9
 TIME_IS_UP = b"Timeout"
 """Zenoh's own answer to a query that nobody answered within its time-out."""
@@ -167,6 +167,10 @@ def ask(session: zenoh.Session, user: str, case: Case, tally: Tally, service: Ch
             consolidation=zenoh.ConsolidationMode.NONE,
         )
     )
+    if not answers and any(starved >= begun - UNNOTICED_S for starved in tally.starved):
+        time.sleep(1.0)  # the link is gone, and comes back
+        ask(session, user, case, tally, service, patience)
+        return
     is_late = len(answers) == 1 and answers[0].err is not None and answers[0].err.payload.to_bytes() == TIME_IS_UP
     if len(answers) != 1 or is_late:
         count = 0 if is_late else len(answers)
