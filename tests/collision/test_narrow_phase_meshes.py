@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from guidefield.collision.narrow_phase import NarrowPhase, transform
 from guidefield.geometry.convex import bvh
 from guidefield.messages.scene import Mesh
-from guidefield.planner.guide.tip_reach import obstacle_touched
+from guidefield.planner.guide.tip_reach import find_touched_obstacle
 from tests.planner.problems import scene_of
 
 FLAT = {
@@ -48,4 +48,4 @@ def test_a_ball_fits_beside_a_mesh_with_flat_triangles():
     corners = [*FLAT["three corners in a line"], (0.0, 0.0, 1.0)]
     scene = scene_of(Mesh(name="fin", vertices=corners, triangles=[(0, 1, 2), (0, 1, 3)]))
     places = np.random.default_rng(1).normal(size=(50, 3)) + np.array([0.0, 5.0, 0.0])
-    assert [obstacle_touched(scene, place, RADIUS) for place in places] == [None] * 50
+    assert [find_touched_obstacle(scene, place, RADIUS) for place in places] == [None] * 50

@@ -105,14 +105,14 @@ def test_a_plan_that_its_clearance_contradicts_is_no_answer(
     asked = {"steps": [GOAL]} if steps else GOAL
     assert ask(**asked).status.name == "SUCCESS"
     handler = sequence if steps else plan
-    measure = handler.clearances
+    measure = handler.measure_clearances
 
     def deeper(*arguments: Any) -> Any:
         found = measure(*arguments)
         assert found is not None
         return [dataclasses.replace(one, obstacle=dataclasses.replace(one.obstacle, distance=-0.0125)) for one in found]
 
-    monkeypatch.setattr(handler, "clearances", deeper)
+    monkeypatch.setattr(handler, "measure_clearances", deeper)
     with pytest.raises(InternalFailure, match=r"l4 and o keep -12\.5 mm of 0 mm") as caught:
         ask(**asked)
     assert [judge(case, seconds=60.0).answer for case in load(kept(caught.value, cache))] == [Answer.FREE]

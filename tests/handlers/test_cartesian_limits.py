@@ -96,7 +96,7 @@ def test_past_goals_a_motion_is_timed_for_limits_along_its_way(monkeypatch) -> N
     past = [*({**one, "stop": False, "radius": 0.08} for one in steps[:-1]), steps[-1]]
     asked = {"robot": "panda", "scene": "table", "start": READY, "recording": "off", "cartesian_limits": [TIP]}
     stopping, passing = (answer({**asked, **PATIENT, "steps": made}) for made in (steps, past))
-    monkeypatch.setattr("guidefield.planner.sequence.rounding._timed_anew", lambda *_: None)
+    monkeypatch.setattr("guidefield.planner.sequence.rounding._retime", lambda *_: None)
     slowed = answer({**asked, **PATIENT, "steps": past})
     assert [one.status.name for one in (stopping, passing, slowed)] == ["SUCCESS"] * 3
     assert 0.24 < fastest(passing) <= 0.25

@@ -26,7 +26,7 @@ from guidefield.messages import codec, requests, scene as messages
 from guidefield.messages.replies import CertifyReply, PlanReply, to_plain_data
 from guidefield.messages.request_reader import read_request
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
-from guidefield.planner.motion.limit_load import Uses
+from guidefield.planner.motion.limit_load import LimitUses
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.scene import library
 from guidefield.scene.scene import build
@@ -420,7 +420,7 @@ def test_a_time_that_is_up_tells_how_far_it_is_free(monkeypatch: pytest.MonkeyPa
         def status(self) -> Status | None:
             return Status.TIMED_OUT if self.expired() else None
 
-    def judged(problem: GivenProblem, uses: Uses) -> Judgement:
+    def judged(problem: GivenProblem, uses: LimitUses) -> Judgement:
         return judge(dataclasses.replace(problem, deadline=Short()), uses)
 
     monkeypatch.setattr("guidefield.handlers.certify.judge", judged)

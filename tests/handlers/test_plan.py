@@ -293,7 +293,7 @@ def test_the_robot_may_stand_elsewhere() -> None:
 
 
 def test_nothing_is_measured_for_a_run_that_is_not_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.handlers.plan.clearance_profile", lambda *_: pytest.fail("nobody reads it"))
+    monkeypatch.setattr("guidefield.handlers.plan.measure_clearance_profile", lambda *_: pytest.fail("nobody reads it"))
     engine = Engine()
     request = {"robot": "panda", "scene": "table", "start": READY, "goal": joints(panda_joint1=0.3), **PATIENT}
     reply = engine.answer(codec.decode_request(request))

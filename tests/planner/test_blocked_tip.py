@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
-from guidefield.planner.ends import blocked_tip
+from guidefield.planner.ends import find_blocked_tip
 from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_search import PoseTarget
 from tests.planner.problems import scene_of
@@ -51,7 +51,7 @@ def test_no_configuration_that_reaches_the_target_is_free(
     world = World.build(group(name), scene_of(box))
     qs = reaching(name, target, seed)
     assume(qs)
-    blocked = blocked_tip(world, target, qs[0])
+    blocked = find_blocked_tip(world, target, qs[0])
     if blocked is not None:
         assert all(world.in_collision(q) for q in qs)
         assert next(iter(blocked.counts))[1] == "box"
@@ -62,12 +62,12 @@ def test_a_hand_in_a_box_is_blocked_and_named() -> None:
     place = where_the_tip_is("panda", 3)
     world = World.build(group("panda"), scene_of(messages.Box(name="box", size=(0.2,) * 3, position=place.translation)))
     (q, *_) = reaching("panda", PoseTarget(place, EXACTLY, EXACTLY), 3)
-    blocked = blocked_tip(world, PoseTarget(place, EXACTLY, EXACTLY), q)
+    blocked = find_blocked_tip(world, PoseTarget(place, EXACTLY, EXACTLY), q)
     assert blocked is not None
     assert {pair[1] for pair in blocked.counts} == {"box"}
     assert all(pair[0].startswith("panda_") for pair in blocked.counts)
     for free in (PoseTarget(place, np.full(3, 0.3), EXACTLY), PoseTarget(place, EXACTLY, np.array([np.inf, 0.0, 0.0]))):
-        assert blocked_tip(world, free, q) is None
+        assert find_blocked_tip(world, free, q) is None
 
 
 def test_what_may_touch_blocks_nothing() -> None:
@@ -75,6 +75,6 @@ def test_what_may_touch_blocks_nothing() -> None:
     exactly = PoseTarget(place, EXACTLY, EXACTLY)
     scene = scene_of(messages.Box(name="box", size=(0.2,) * 3, position=place.translation))
     (q, *_) = reaching("panda", exactly, 3)
-    blocked = blocked_tip(World.build(group("panda"), scene), exactly, q)
+    blocked = find_blocked_tip(World.build(group("panda"), scene), exactly, q)
     assert blocked is not None
-    assert blocked_tip(World.build(group("panda"), scene, list(blocked.counts)), exactly, q) is None
+    assert find_blocked_tip(World.build(group("panda"), scene, list(blocked.counts)), exactly, q) is None

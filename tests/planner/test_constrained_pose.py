@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.planner.connect.constrained import PoseKeeper
-from guidefield.planner.ends import goal_points
+from guidefield.planner.ends import find_goal_points
 from guidefield.planner.task.problem import TipGoal
 from guidefield.robot.group.path_constraints import Cone, line, plane, point
 from guidefield.robot.ik.pose_search import PoseTarget
@@ -32,7 +32,7 @@ CONSTRAINTS: dict[str, Any] = {
 def test_goals_keep_narrow_constraints_within_their_tolerances(constraint: Any) -> None:
     target = PoseTarget(DOWN, np.full(3, 1e-3), np.full(3, 1e-3))
     made = problem("panda", scene_of(), TipGoal(target), path_constraints=(constraint,))
-    goals = goal_points(made)
+    goals = find_goal_points(made)
     assert goals is not None
     assert len(goals) > 1
     frames = made.constrained_frames
@@ -47,7 +47,7 @@ def test_goals_keep_narrow_constraints_within_their_tolerances(constraint: Any) 
 def test_a_goal_that_no_tolerance_brings_to_the_constraint_stays_as_it_is() -> None:
     target = PoseTarget(DOWN, np.full(3, 1e-3), np.full(3, 1e-3))
     far = plane("panda_hand_tcp", PLACE + 0.01 * Z, Z, 5e-5)
-    free = goal_points(problem("panda", scene_of(), TipGoal(target)))
+    free = find_goal_points(problem("panda", scene_of(), TipGoal(target)))
     made = problem("panda", scene_of(), TipGoal(target), path_constraints=(far,))
     assert free is not None
     assert np.array_equal(PoseKeeper(made, target)(free), free)

@@ -18,11 +18,11 @@ from guidefield.planner.ends import (
     CANDIDATES,
     GRAZING_DISTANCE,
     SOLUTIONS,
-    _about,
+    _sample_about_start,
     _soonest,
     check_start,
-    goal_points,
-    tip_points,
+    find_goal_points,
+    find_tip_points,
 )
 from guidefield.planner.task.problem import ConfigurationGoal, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed
@@ -43,13 +43,13 @@ def ball(radius: float, *position: float) -> messages.Sphere:
 
 def refused(made) -> Ending:
     with pytest.raises(StageFailed) as failure:
-        goal_points(made)
+        find_goal_points(made)
     return failure.value.ending
 
 
 def test_a_pose_has_free_configurations_far_from_each_other() -> None:
     made = problem("panda", "table", pose())
-    goals = goal_points(made)
+    goals = find_goal_points(made)
     assert SOLUTIONS <= len(goals) <= 2 * SOLUTIONS
     soonest = (np.abs(goals - made.z_start) / made.group.velocity_limits).max(axis=1)
     assert soonest[0] == soonest.min()
@@ -58,12 +58,12 @@ def test_a_pose_has_free_configurations_far_from_each_other() -> None:
         assert not made.world.in_collision(q)
         assert made.goal.target.is_reached(made.kinematics.frame_placement(q, made.group.tip_id))
     assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(goals, 2)) > 0.3
-    assert np.array_equal(goals, goal_points(problem("panda", "table", pose())))
+    assert np.array_equal(goals, find_goal_points(problem("panda", "table", pose())))
 
 
 def test_a_clearance_is_kept_by_every_one() -> None:
     made = problem("panda", scene_of(ball(0.1, 0.45, 0.5, 0.5)), pose(), min_clearance=0.1)
-    for z in goal_points(made):
+    for z in find_goal_points(made):
         assert clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance >= 0.1
 
 
@@ -92,11 +92,11 @@ def test_a_pose_at_which_elbows_touch_names_what_they_meet_most_often() -> None:
 def test_a_pose_at_which_the_hand_all_but_touches_is_reached() -> None:
     place = np.array([0.8, 0.1, 0.5])
     far = problem("panda", scene_of(ball(0.05, *place.tolist())), pose())
-    near = clearance_at(far.world, far.group.expand_from_chart(goal_points(far)[0]))
+    near = clearance_at(far.world, far.group.expand_from_chart(find_goal_points(far)[0]))
     hand, other = near.witness
     place += (hand - other) * (1.0 - 0.5 * GRAZING_DISTANCE / near.obstacle_distance)
     made = problem("panda", scene_of(ball(0.05, *place.tolist())), pose())
-    for z in goal_points(made):
+    for z in find_goal_points(made):
         assert 0.0 < clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance < GRAZING_DISTANCE
 
 
@@ -128,15 +128,15 @@ def test_those_that_are_chosen_are_the_same_if_all_were_looked_at(half: float) -
     """Elbows may be inside of a shell, wholly or not, while the hand is outside: it stands beside the arm."""
     shell = msgspec.structs.replace(closed_shell(half), position=(-0.3 - half, 0.0, 0.6))
     made = problem("panda", scene_of(shell), pose(), planes=())
-    goals = goal_points(made)
-    each = tip_points(made, made.goal.target, _about(made), CANDIDATES)
+    goals = find_goal_points(made)
+    each = find_tip_points(made, made.goal.target, _sample_about_start(made), CANDIDATES)
     assert len(each) > len(goals)
     assert np.array_equal(goals, _soonest(made, each))
 
 
 def test_where_one_that_is_wanted_is_inside_of_something_others_are(monkeypatch: pytest.MonkeyPatch) -> None:
     made = problem("panda", "table", pose(), planes=())
-    first, *_ = goal_points(made)
+    first, *_ = find_goal_points(made)
     closed = made.group.expand_from_chart(first)
     seen = ends.enclosed_each
 
@@ -145,9 +145,9 @@ def test_where_one_that_is_wanted_is_inside_of_something_others_are(monkeypatch:
         return [("shell", "hand") if np.array_equal(q, closed) else one for q, one in zip(qs, around, strict=True)]
 
     monkeypatch.setattr(ends, "enclosed_each", but_the_first)
-    goals = goal_points(made)
+    goals = find_goal_points(made)
     assert first.tolist() not in goals.tolist()
-    each = tip_points(made, made.goal.target, _about(made), CANDIDATES)
+    each = find_tip_points(made, made.goal.target, _sample_about_start(made), CANDIDATES)
     assert np.array_equal(goals, _soonest(made, each))
 
 
@@ -157,7 +157,7 @@ def test_of_a_set_those_that_are_free_are_left() -> None:
     free = [not made.world.in_collision(q) for q in qs]
     assert 0 < sum(free) < 300
     made = problem("panda", "table", ConfigurationGoal(qs))
-    kept = goal_points(made)
+    kept = find_goal_points(made)
     expected = np.array([q for q, one in zip(qs, free, strict=True) if one])
     assert len(kept) == len(expected)  # none of them is within the lanes' band of contact
     assert np.allclose(kept, expected)

@@ -64,8 +64,8 @@ def test_a_plane_that_nothing_leads_to_leaves_the_path_as_far_as_the_approach_ca
     planned = dataclasses.replace(planned, guide_planes=given.guide_planes * 2, derived_planes=1)
     start, led, came = np.full(7, 0.05), np.full(7, 0.1), np.full(7, 0.15)
     found = PathSoFar(np.array([start, led]), {0: 1})
-    stuck = found.extended(np.array([led, came])).failed(Ending(Status.STUCK_IN_MINIMUM, "stuck", {"plane": 1}))
-    monkeypatch.setattr(held_paths, "tip_points", lambda *_: np.full((1, 7), 0.2))
+    stuck = found.extend(np.array([led, came])).with_failure(Ending(Status.STUCK_IN_MINIMUM, "stuck", {"plane": 1}))
+    monkeypatch.setattr(held_paths, "find_tip_points", lambda *_: np.full((1, 7), 0.2))
     stage = Stage()
     reached = held_paths.connect_to_plane(planned, found, stuck, 1, stage)
     assert reached.failure is not None
@@ -88,8 +88,8 @@ def test_where_the_nearest_place_of_a_plane_is_blocked_the_tip_may_be_elsewhere_
             raise StageFailed(Status.NO_IK_SOLUTION, "blocked")
         return np.full((1, 7), 0.2)
 
-    monkeypatch.setattr(held_paths, "tip_points", tip_points)
-    stuck = PathSoFar.at_start(planned).failed(Ending(Status.STUCK_IN_MINIMUM, "stuck"))
+    monkeypatch.setattr(held_paths, "find_tip_points", tip_points)
+    stuck = PathSoFar.at_start(planned).with_failure(Ending(Status.STUCK_IN_MINIMUM, "stuck"))
     held_paths.connect_to_plane(planned, PathSoFar(np.zeros((1, 7))), stuck, 0, Stage())
     nearest, square = targets
     assert not nearest.position_tolerance.any()

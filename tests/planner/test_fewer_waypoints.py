@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.planner.finish import STRAIGHT_MARGIN, fewer_waypoints
-from guidefield.planner.motion.waypoints import length_of, subdivided
+from guidefield.planner.finish import STRAIGHT_MARGIN, remove_waypoints
+from guidefield.planner.motion.waypoints import length_of, subdivide
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import plane
 from tests.planner.problems import problem, scene_of
@@ -27,7 +27,7 @@ def wandering(seed: int, steps: int) -> np.ndarray:
 def test_a_path_in_the_open_is_straight_between_its_crossings(seed: int, steps: int, data: st.DataObject) -> None:
     path = wandering(seed, steps)
     at = data.draw(st.lists(st.integers(0, steps - 1), max_size=3))
-    fewer = fewer_waypoints(FREE, path, dict(enumerate(at)))
+    fewer = remove_waypoints(FREE, path, dict(enumerate(at)))
     np.testing.assert_allclose(fewer, path[sorted({0, steps - 1, *at})], atol=1e-6, err_msg="kernels go in float32")
     np.testing.assert_array_equal(fewer[[0, -1]], path[[0, -1]])
 
@@ -35,9 +35,9 @@ def test_a_path_in_the_open_is_straight_between_its_crossings(seed: int, steps: 
 def test_straight_ways_keep_their_distance_from_a_wall() -> None:
     made, short = over_the_wall()
     rng = np.random.default_rng(1)
-    path = subdivided(short, 0.2)
+    path = subdivide(short, 0.2)
     path[1:-1] += rng.normal(scale=0.01, size=path[1:-1].shape)
-    fewer = fewer_waypoints(made, path, {})
+    fewer = remove_waypoints(made, path, {})
     assert len(fewer) < len(path)
     assert length_of(fewer) < length_of(path)
     kept = least_distance(made, fewer)
@@ -48,7 +48,7 @@ def test_straight_ways_keep_their_distance_from_a_wall() -> None:
 def least_distance(made: Problem, path: np.ndarray) -> float:
     """From obstacles, by Coal at dense samples [m]."""
     return min(
-        clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance for z in subdivided(path, 0.02)
+        clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance for z in subdivide(path, 0.02)
     )
 
 
@@ -57,4 +57,4 @@ def test_a_path_that_keeps_constraints_stays_as_it_is() -> None:
     flat = plane(FREE.group.tip, tip, np.array([0.0, 0.0, 1.0]), 0.01)
     made = problem("panda", scene_of(), path_constraints=(flat,))
     path = wandering(3, 6)
-    np.testing.assert_array_equal(fewer_waypoints(made, path, {0: 2}), path)
+    np.testing.assert_array_equal(remove_waypoints(made, path, {0: 2}), path)

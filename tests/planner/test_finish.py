@@ -14,9 +14,9 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import finish as module, optimized_motion
-from guidefield.planner.finish import LOST, REPAIRS, STOPPING, finish, found_motion
+from guidefield.planner.finish import LOST, REPAIRS, STOPPING, certify_found_path, finish
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import subdivided
+from guidefield.planner.motion.waypoints import subdivide
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
 from guidefield.planner.optimize.settings import (
     BALANCED,
@@ -31,9 +31,9 @@ from guidefield.planner.optimize.settings import (
     of_many,
 )
 from guidefield.planner.optimized_motion import HURRIED, LOOKS
-from guidefield.planner.path_so_far import PathSoFar, soonest_along
+from guidefield.planner.path_so_far import PathSoFar, time_path_ignoring_jerk
 from guidefield.planner.task.problem import Objective, Problem
-from guidefield.planner.task.stages import Stages, refusal
+from guidefield.planner.task.stages import Stages, make_refusal
 from guidefield.prove.certificate import certify
 from guidefield.prove.verdict import Reason
 from guidefield.scene.guide_plane import build
@@ -42,7 +42,7 @@ from tests.planner.walls import over_the_wall, smallest_clearance
 
 def through_the_wall(made: Problem, path: np.ndarray) -> Trajectory:
     """The straight motion, which touches the wall."""
-    return soonest_along(made, path[[0, -1]])
+    return time_path_ignoring_jerk(made, path[[0, -1]])
 
 
 def misled(monkeypatch: pytest.MonkeyPatch, trajectories: Sequence[Trajectory]) -> list[OptimizationSettings]:
@@ -132,14 +132,15 @@ def test_an_optimised_guided_motion_crosses_its_plane_where_its_knot_says() -> N
     assert abs(made.guide_planes[0].signed_height(tip)) <= PASSAGE.reached
     assert made.guide_planes[0].contains(tip)
     assert (
-        finished.trajectory.duration < found_motion(made, PathSoFar(path, crossings), Stages(made)).trajectory.duration
+        finished.trajectory.duration
+        < certify_found_path(made, PathSoFar(path, crossings), Stages(made)).trajectory.duration
     )
 
 
 def test_the_optimisation_begins_with_straight_ways_between_planes(monkeypatch: pytest.MonkeyPatch) -> None:
     made, path, crossings = guided_over_the_wall()
     at = crossings[0]
-    wandering = subdivided(path, 0.05)
+    wandering = subdivide(path, 0.05)
     to = int(np.argmin(np.linalg.norm(wandering - path[at], axis=1)))
     wandering[1:-1] += 0.01 * np.resize([1.0, -1.0], len(wandering) - 2)[:, None]
     wandering[to] = path[at]
@@ -147,9 +148,9 @@ def test_the_optimisation_begins_with_straight_ways_between_planes(monkeypatch: 
 
     def noted(problem: Problem, way: np.ndarray) -> Trajectory:
         begun.append(way)
-        return soonest_along(problem, way)
+        return time_path_ignoring_jerk(problem, way)
 
-    monkeypatch.setattr(module, "soonest_along", noted)
+    monkeypatch.setattr(module, "time_path_ignoring_jerk", noted)
     assert finish(made, PathSoFar(wandering, {0: to}, proven=False), Stages(made)).verdict.free
     (way,) = begun
     assert len(way) < 0.5 * len(wandering)
@@ -234,7 +235,7 @@ def test_an_end_beyond_a_limit_is_refused_by_joint_value_limits_and_place() -> N
     # a motion that is drawn closer to a path that is beyond a limit would be, too: it is not tried
     assert [stage.outcome for stage in stages.left if stage.name == "certify"] == ["beyond limits"] * 2
     assert (refused.reason, refused.piece) == (Reason.BEYOND_LIMITS, 0)
-    ending = refusal(made, refused)
+    ending = make_refusal(made, refused)
     details = ending.details
     assert ending.status is Status.INVALID_MOTION_PLAN
     assert f"joint {joint.name} reaches {upper + 0.01:.6g}, 0.01 beyond its limits" in ending.message

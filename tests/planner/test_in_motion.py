@@ -11,7 +11,7 @@ import pytest
 from guidefield.errors import Status
 from guidefield.messages.scene import Sphere
 from guidefield.planner.in_motion import STOPS
-from guidefield.planner.motion.limit_load import limit_load
+from guidefield.planner.motion.limit_load import measure_limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
@@ -36,7 +36,7 @@ def check(made: Problem, result: Plan) -> Trajectory:
     assert certify(made.world, motion.bezier()).free
     jerk = np.full(group.nv, np.inf) if made.jerk_limits is None else made.jerk_limits
     knots = motion.times, motion.positions, motion.velocities
-    assert limit_load(*knots, group.velocity_limits, group.acceleration_limits, jerk) <= 1.0 + 1e-9
+    assert measure_limit_load(*knots, group.velocity_limits, group.acceleration_limits, jerk) <= 1.0 + 1e-9
     q, v, a = motion.evaluate(np.array([0.0, motion.duration]))
     np.testing.assert_allclose(q[0], made.z_start, atol=1e-12)
     np.testing.assert_allclose(q[1], group.chart(made.goal.configurations[0]), atol=1e-9)

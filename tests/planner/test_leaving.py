@@ -13,7 +13,7 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
-from guidefield.planner.motion.limit_load import limit_shares
+from guidefield.planner.motion.limit_load import measure_limit_shares
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import plan
 from guidefield.planner.task.problem import Conditions, Problem
@@ -122,7 +122,7 @@ def certify_as_given(made: Problem, motion: Trajectory) -> Judgement:
     fields = {field.name: getattr(made, field.name) for field in dataclasses.fields(Conditions)}
     rows = np.arange(len(motion.times))
     given = GivenMotion(CurveKind.HERMITE, motion.positions, rows, motion.times, motion.velocities)
-    return judge(GivenProblem(**fields, motion=given), limit_shares(given, made.group, None))
+    return judge(GivenProblem(**fields, motion=given), measure_limit_shares(given, made.group, None))
 
 
 def test_what_presses_on_the_robot_is_refused() -> None:

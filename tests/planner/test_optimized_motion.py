@@ -10,7 +10,7 @@ import pytest
 
 from guidefield.messages import scene as messages
 from guidefield.planner import optimized_motion as room
-from guidefield.planner.motion_certificate import Finished
+from guidefield.planner.motion_certificate import CertifiedMotion
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimized_motion import optimize_motion
 from guidefield.planner.plan import Plan, plan
@@ -53,7 +53,7 @@ def given(made: Problem, monkeypatch: pytest.MonkeyPatch, **options: object) -> 
     scheduled: list[object] = []
     judged: list[object] = []
 
-    def spied(problem: Problem, motion: object, *rest: object) -> Finished | None:
+    def spied(problem: Problem, motion: object, *rest: object) -> CertifiedMotion | None:
         *others, judge = rest
 
         def judging(problem: Problem, motion: object) -> Verdict:

@@ -24,7 +24,7 @@ def test_it_begins_at_the_start_of_a_problem() -> None:
 
 def test_going_on_leaves_what_was_there_as_it_was() -> None:
     begun = PathSoFar(np.array([START, MIDDLE]), {0: 1})
-    longer = begun.extended(np.array([MIDDLE, END])).on_plane(3)
+    longer = begun.extend(np.array([MIDDLE, END])).with_plane_reached(3)
     assert longer.path.tolist() == [START.tolist(), MIDDLE.tolist(), END.tolist()]
     assert longer.crossings == {0: 1, 3: 2}
     assert begun.path.tolist() == [START.tolist(), MIDDLE.tolist()]
@@ -35,15 +35,15 @@ def test_going_on_leaves_what_was_there_as_it_was() -> None:
 
 def test_a_path_is_proven_if_all_of_it_is() -> None:
     begun, more = PathSoFar(START[None]), np.array([START, END])
-    assert begun.extended(more).proven
-    assert not begun.extended(more, proven=False).proven
-    assert not begun.extended(more, proven=False).extended(more[::-1]).proven
+    assert begun.extend(more).proven
+    assert not begun.extend(more, proven=False).proven
+    assert not begun.extend(more, proven=False).extend(more[::-1]).proven
 
 
 def test_one_that_failed_goes_as_far_as_it_went() -> None:
     begun = PathSoFar(np.array([START, END]), {0: 1})
     failure = Ending(Status.PLANNING_FAILED, "nothing leads on")
-    failed = begun.failed(failure)
+    failed = begun.with_failure(failure)
     assert failed.failure is failure
     assert failed.path is begun.path
     assert failed.crossings == begun.crossings

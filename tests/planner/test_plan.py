@@ -18,7 +18,7 @@ from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.optimized_motion import LOOKS
-from guidefield.planner.path_so_far import soonest_along
+from guidefield.planner.path_so_far import time_path_ignoring_jerk
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.task.trace import StageEntered, StageLeft
@@ -67,7 +67,7 @@ def test_where_no_proof_comes_of_optimising_the_connection_is_proven_before(monk
     made = dataclasses.replace(
         wall, q_start=wall.group.from_chart(start), goal=to_configuration(goal, wall.group), guide_planes=()
     )
-    optimized_to = (2 + LOOKS) * [soonest_along(wall, np.array([start, goal]))]  # through the wall
+    optimized_to = (2 + LOOKS) * [time_path_ignoring_jerk(wall, np.array([start, goal]))]  # through the wall
 
     def misled(
         problem: Problem, motion: Trajectory, settings: OptimizationSettings, *_: object, **__: object
@@ -193,18 +193,18 @@ def test_guided_alone_gives_up_honestly_with_the_motion_so_far() -> None:
 
 def test_auto_goes_on_with_the_tree_where_the_field_is_stuck(monkeypatch) -> None:
     from guidefield.planner import crossings
-    from guidefield.planner.guide.guide import Crossing
+    from guidefield.planner.guide.guide import PlaneCrossing
 
     made = problem("panda", "wall_with_window")
-    real, calls = crossings.cross, []
+    real, calls = crossings.cross_plane, []
 
     def stuck_at_the_first(problem, q, plane, index, attempts):
         calls.append(index)
         if index == 0:
-            return Crossing(Status.STUCK_IN_MINIMUM, "stuck", q[None], {"stage": "guide", "distance": 1.0})
+            return PlaneCrossing(Status.STUCK_IN_MINIMUM, "stuck", q[None], {"stage": "guide", "distance": 1.0})
         return real(problem, q, plane, index, attempts)
 
-    monkeypatch.setattr(crossings, "cross", stuck_at_the_first)
+    monkeypatch.setattr(crossings, "cross_plane", stuck_at_the_first)
     result = plan(made, Planner.AUTO)
     check_success(made, result)
     assert calls == list(range(len(made.guide_planes)))

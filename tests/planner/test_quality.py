@@ -18,7 +18,13 @@ from guidefield.messages.requests import UrdfText
 from guidefield.messages.values import Placement
 from guidefield.planner import quality
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.quality import END_LENGTH, FEW_SAMPLES, clearance, clearance_profile, figures
+from guidefield.planner.quality import (
+    END_LENGTH,
+    FEW_SAMPLES,
+    measure_clearance,
+    measure_clearance_profile,
+    measure_figures,
+)
 from guidefield.potential import RobotField
 from guidefield.prove.search import TOLERANCE
 from guidefield.robot.group.kinematics import Kinematics
@@ -56,7 +62,7 @@ def run(length: float) -> Trajectory:
 @pytest.mark.parametrize("share", [0.31, 0.4975, 0.777])
 def test_a_thin_post_is_passed_at_its_distance_however_long_the_way_is(length: float, share: float) -> None:
     made = problem(grouped(carriage(length)), scene_of(post(share * length)), q_start=np.zeros(1))
-    measured = clearance(run(length), made)
+    measured = measure_clearance(run(length), made)
     assert measured.obstacle.exact
     assert APART - 1e-6 <= measured.obstacle.distance <= APART + TOLERANCE
     assert measured.obstacle.pair == ("car", "post")
@@ -123,10 +129,10 @@ def waiting() -> Trajectory:
 @pytest.mark.parametrize("at", [0.4, 1.2345, 2.3])
 def test_what_comes_close_while_the_robot_waits_is_seen(at: float) -> None:
     made = problem(grouped(carriage(10.0)), scene_of(passing_by(0.003, at)), q_start=np.zeros(1))
-    measured = clearance(waiting(), made)
+    measured = measure_clearance(waiting(), made)
     assert 0.003 - 1e-6 <= measured.obstacle.distance <= 0.003 + TOLERANCE
     assert measured.obstacle.time == pytest.approx(at, abs=0.05 / 10.0)
-    profile = clearance_profile((measured, made, made.scene))
+    profile = measure_clearance_profile((measured, made, made.scene))
     assert profile.obstacle_distance.min() == pytest.approx(measured.obstacle.distance, abs=1e-5)
     assert (np.diff(profile.times) < 0.11).all()
     np.testing.assert_allclose(profile.lengths[profile.times <= 3.0], 0.0, atol=1e-3)
@@ -135,12 +141,12 @@ def test_what_comes_close_while_the_robot_waits_is_seen(at: float) -> None:
 
 def test_the_inner_way_leaves_out_the_ends() -> None:
     made = problem(grouped(carriage(10.0)), scene_of(post(0.1)), q_start=np.zeros(1))
-    measured = clearance(run(10.0), made)
+    measured = measure_clearance(run(10.0), made)
     assert measured.obstacle.distance == pytest.approx(APART, abs=TOLERANCE)
     beside = np.hypot(END_LENGTH - 0.1 - 0.01, APART + 1e-3) - 1e-3
     assert measured.inner is not None
     assert measured.inner.distance == pytest.approx(beside, abs=2 * TOLERANCE)
-    short = clearance(run(0.5), made)
+    short = measure_clearance(run(0.5), made)
     assert short.inner is None
 
 
@@ -182,20 +188,20 @@ def test_where_time_is_up_what_is_kept_at_least_is_told_with_a_warning(monkeypat
 
 def measuring() -> bool:
     """Whether the distances are being measured, by who asks."""
-    return any(frame.function == "clearance" and "quality" in frame.filename for frame in inspect.stack())
+    return any(frame.function == "measure_clearance" and "quality" in frame.filename for frame in inspect.stack())
 
 
 def test_a_panda_that_rests_has_the_distances_of_its_place() -> None:
     made = problem("panda", "bookshelf")
     z = made.group.chart(rest(group("panda")))
     still = Trajectory(np.array([0.0]), z[None], np.zeros_like(z[None]))
-    measured = clearance(still, made)
+    measured = measure_clearance(still, made)
     there = clearance_at(made.world, made.q_start)
     assert measured.obstacle.distance == pytest.approx(there.obstacle_distance, abs=1e-5)
     assert measured.own.distance == pytest.approx(there.self_distance, abs=1e-5)
     assert measured.mean == measured.ends == measured.obstacle.distance
     assert measured.inner is None
-    profile = clearance_profile((measured, made, made.scene))
+    profile = measure_clearance_profile((measured, made, made.scene))
     assert profile.obstacle_pair[0] == there.obstacle_pair
     np.testing.assert_allclose(profile.witness[0], there.witness)
 
@@ -213,8 +219,8 @@ def test_a_profile_has_the_distances_of_each_sample_among_what_rests_and_what_mo
     made = problem(planned, scene, q_start=rest(planned))
     begin = planned.chart(rest(planned))
     points = np.array([begin, begin + 0.4])
-    measured = clearance(Trajectory(np.array([0.0, 2.0]), points, np.zeros_like(points)), made)
-    profile = clearance_profile((measured, made, scene))
+    measured = measure_clearance(Trajectory(np.array([0.0, 2.0]), points, np.zeros_like(points)), made)
+    profile = measure_clearance_profile((measured, made, scene))
     assert {pair[1] for pair in profile.obstacle_pair if pair} == {"crate", "ball"}
     for row in range(0, len(profile.times), 5):
         time_there, q = float(profile.times[row]), profile.configurations[row]
@@ -244,7 +250,7 @@ def test_lengths_are_those_of_many_chords(knots: int) -> None:
     kinematics = Kinematics(planned)
     dense = motion.evaluate(np.unique(np.concatenate([np.linspace(0.0, motion.duration, 20_001), motion.times])))[0]
     tips = np.array([kinematics.tip_position(planned.expand_from_chart(z)) for z in dense])
-    told = figures(motion, kinematics)
+    told = measure_figures(motion, kinematics)
     for said, way in ((told.joint_path_length, dense), (told.tip_path_length, tips)):
         assert said == pytest.approx(np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), rel=1e-4, abs=1e-12)
 
@@ -262,7 +268,7 @@ def test_the_length_of_a_way_that_turns_back_is_all_that_was_gone(
     samples = way.evaluate(np.linspace(0.0, 1.0, 2_000_001))[0][:, 0]
     gone = float(np.abs(np.diff(samples)).sum())
     assert length is None or gone == pytest.approx(length, rel=1e-9)
-    told = figures(way, Kinematics(arm))
+    told = measure_figures(way, Kinematics(arm))
     assert told.joint_path_length == pytest.approx(gone, rel=1e-4)
     assert told.tip_path_length == pytest.approx(gone, rel=1e-4)
 
@@ -275,6 +281,6 @@ def test_the_length_of_a_way_that_turns_back_in_each_of_many_pieces_is_all_that_
     way = Trajectory(np.arange(400.0), positions[:, None], rates[:, None])
     samples = way.evaluate(np.linspace(0.0, 399.0, 2_000_001))[0][:, 0]
     gone = float(np.abs(np.diff(samples)).sum())
-    told = figures(way, Kinematics(arm))
+    told = measure_figures(way, Kinematics(arm))
     assert told.joint_path_length == pytest.approx(gone, rel=1e-4)
     assert told.tip_path_length == pytest.approx(gone, rel=1e-4)

@@ -32,7 +32,7 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.plan import Plan, plan
-from guidefield.planner.quality import END_LENGTH, figures
+from guidefield.planner.quality import END_LENGTH, measure_figures
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft
 from guidefield.prove.curve import Curve
@@ -154,7 +154,10 @@ def _measured(
         return row
     row.judged = judged(asked.world, Curve(made.trajectory.bezier(), made.trajectory.piece_times()))
     row.relative_length = _relative(row.judged, problem, vamp)
-    row.smoothness, row.duration = figures(made.trajectory, asked.kinematics).smoothness, made.trajectory.duration
+    row.smoothness, row.duration = (
+        measure_figures(made.trajectory, asked.kinematics).smoothness,
+        made.trajectory.duration,
+    )
     return row
 
 

@@ -24,8 +24,8 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.planner.guide import rounds
-from guidefield.planner.guide.auto_planes import derive
-from guidefield.planner.guide.guide import ATTEMPTS, Univariate, cross
+from guidefield.planner.guide.auto_planes import derive_planes
+from guidefield.planner.guide.guide import ATTEMPTS, Univariate, cross_plane
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
 from guidefield.planner.guide.rounds import Aim, Attempt
@@ -115,7 +115,7 @@ def crossed(problem: Problem, planes: Sequence[GuidePlane], attempts: Sequence[A
     potentials, settled_from, solved = [], [], True
     begin = time.process_time()
     for index, plane in enumerate(planes):
-        crossing = cross(problem, q, plane, index, attempts)
+        crossing = cross_plane(problem, q, plane, index, attempts)
         paths.append(crossing.path)
         q, solved = crossing.path[-1], crossing.status is Status.SUCCESS
         if not solved:
@@ -204,7 +204,7 @@ def derived_planes(scenes: Sequence[str], runs: int) -> None:
         spent = []
         for _ in range(max(runs, 3)):
             begin = time.process_time()
-            planes = derive(problem, problem.guide_planes[-1])
+            planes = derive_planes(problem, problem.guide_planes[-1])
             spent.append(1000.0 * (time.process_time() - begin))
         milliseconds.append(min(spent))
         report(title, "projected", runs, planes or ())

@@ -17,7 +17,7 @@ from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.deadline import Deadline
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import Rounds, shorter
+from guidefield.planner.connect.connect import ShorteningRounds, shorten_path
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import ConfigurationGoal
@@ -58,9 +58,9 @@ def _row(given: Problems, declared: dict, number: int) -> tuple[float, float] | 
     if found.path is None:
         return None
     path = lanes.shorten(found.path, TREE.resolution, MARGIN)
-    rounds = Rounds(number, TREE.resolution, MARGIN)
+    rounds = ShorteningRounds(number, TREE.resolution, MARGIN)
     began = time.thread_time()
-    better = shorter(problem, path, z_goal[None], rounds, rng, lambda _: True)
+    better = shorten_path(problem, path, z_goal[None], rounds, rng, lambda _: True)
     return length_of(better.path, problem.group.units) / length_of(
         path, problem.group.units
     ), time.thread_time() - began

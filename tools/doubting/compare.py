@@ -32,7 +32,7 @@ from guidefield.robot.model.model import JointKind
 CLOSER = 2e-6
 """A pair that is closer than required by more than this is no free pair [m]."""
 OFF = 1e-4
-"""A figure may be off by this [m]."""
+"""A figure may be off by this, times the robot's size [m]."""
 BEYOND = 1e-9
 """A joint may be beyond its limit by this [rad or m], a share of a limit off by it."""
 FLOOR = 3e-5
@@ -42,7 +42,7 @@ LEFT = 1.1e-3
 REACHED = 1e-6
 """The tip may be beyond its goal's tolerance by this [m or rad]."""
 END = 0.31
-"""At each end so much of the way is left out of the inner clearance, and a little more [rad or m]."""
+"""At each end so much of the way is left out of the inner clearance, and a little more [rad, or m at size 1]."""
 KEPT = 1e-6
 """A share of a rate's limit is kept up to this above 1."""
 
@@ -343,21 +343,22 @@ def _clearances(judge: Judge, curve: Curve, sampled: Sampled, reply: Any) -> lis
     if (said is None) != (nearest.pair is None) and told is not None:
         found.append(Disagreement(Kind.FIGURE, f"clearance.minimum is {said}, sampled {_told(nearest)}"))
     elif said is not None and nearest.pair is not None:
-        found += _minimum("clearance.minimum", said, nearest)
+        found += _minimum(judge, "clearance.minimum", said, nearest)
         found += _attained(judge, curve, told)
         ends = [judge.least_at(curve, float(curve.times[k])) for k in (0, -1)]
-        if not _near(told.ends, min(ends), nearest.slack or judge.slacks[~judge.own].max()):
+        if not _near(judge, told.ends, min(ends), nearest.slack or judge.slacks[~judge.own].max()):
             found.append(Disagreement(Kind.FIGURE, f"clearance.ends is {told.ends:.9g}, it is {min(ends):.9g}"))
         if told.inner is not None:
             found += _inner(judge, curve, sampled, told.inner)
     own = reply.self_clearance
     if own is not None and own.minimum is not None and sampled.own.pair is not None:
-        found += _minimum("self_clearance.minimum", own.minimum, sampled.own)
-        if own.minimum < sampled.own.distance - OFF - judge.slacks[judge.own].max(initial=0.0):
+        found += _minimum(judge, "self_clearance.minimum", own.minimum, sampled.own)
+        off = OFF * judge.subject.size
+        if own.minimum < sampled.own.distance - off - judge.slacks[judge.own].max(initial=0.0):
             closer = judge.least_of(curve, frozenset(own.pair))
             at_an_end = (judge.enclosed(curve, float(curve.times[k])) for k in (0, -1))
             inside = own.minimum == 0.0 and any(set(pair or ()) == set(own.pair) for pair in at_an_end)
-            if own.minimum < closer - OFF and not (own.minimum <= 0.0 and closer <= 0.0) and not inside:
+            if own.minimum < closer - off and not (own.minimum <= 0.0 and closer <= 0.0) and not inside:
                 said = f"self_clearance.minimum is {own.minimum:.9g} of {own.pair}, who keep {closer:.9g}"
                 found.append(Disagreement(Kind.FIGURE, said))
     return found
@@ -366,18 +367,28 @@ def _clearances(judge: Judge, curve: Curve, sampled: Sampled, reply: Any) -> lis
 def _inner(judge: Judge, curve: Curve, sampled: Sampled, said: float) -> list[Disagreement]:
     """That a distance is smaller than the smallest without the ends of the way, some more than those left out."""
     fine = np.linspace(curve.times[0], curve.times[-1], 1000)
-    travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve.chart_at(fine), axis=0), axis=1))]
+    steps = np.diff(curve.chart_at(fine), axis=0) / _lengths(judge, curve)
+    travelled = np.r_[0.0, np.cumsum(np.linalg.norm(steps, axis=1))]
     since, until = np.interp([END, travelled[-1] - END], travelled, fine)
     inside = ((sampled.times > since) & (sampled.times < until))[:, None] & sampled.exact & ~judge.own
     least = float(sampled.distances[inside].min(initial=np.inf))
-    if least < said - OFF and not (said <= 0.0 and least <= 0.0):
+    if least < said - OFF * judge.subject.size and not (said <= 0.0 and least <= 0.0):
         return [Disagreement(Kind.FIGURE, f"clearance.inner is {said:.9g}, but there are {least:.9g} m inside")]
     return []
 
 
-def _minimum(what: str, said: float, nearest: Nearest) -> list[Disagreement]:
+def _lengths(judge: Judge, curve: Curve) -> np.ndarray:
+    """The change of each coordinate that counts as much as 1 rad, shape (nv,) [rad or m]."""
+    model, lengths = judge.subject.formula.model, np.ones(curve.points.shape[1])
+    for part in curve.parts:
+        slides = {1: model.joints[model.getJointId(part.name)].shortname().startswith("JointModelP"), 3: 2, 7: 3}
+        lengths[part.at.start : part.at.start + slides.get(part.width, 0)] = judge.subject.length
+    return lengths
+
+
+def _minimum(judge: Judge, what: str, said: float, nearest: Nearest) -> list[Disagreement]:
     """That a distance is smaller than the smallest that is told; in contact depths aren't compared."""
-    if nearest.distance < said - OFF and not (said <= 0.0 and nearest.distance <= 0.0):
+    if nearest.distance < said - OFF * judge.subject.size and not (said <= 0.0 and nearest.distance <= 0.0):
         return [Disagreement(Kind.FIGURE, f"{what} is {said:.9g}, but {_told(nearest)}")]
     return []
 
@@ -389,7 +400,7 @@ def _attained(judge: Judge, curve: Curve, told: Any) -> list[Disagreement]:
     there = float(judge.along(curve, np.full(len(mine), when), mine).min(initial=np.inf))
     slack = float(judge.slacks[mine].max(initial=0.0))
     inside = told.minimum <= 0.0 < there and judge.enclosed(curve, when) is not None
-    if not _near(told.minimum, there, slack) and not inside:
+    if not _near(judge, told.minimum, there, slack) and not inside:
         return [
             Disagreement(
                 Kind.FIGURE, f"clearance is told as {told.minimum:.9g} of {told.pair} at {when:.9g}, it is {there:.9g}"
@@ -398,9 +409,10 @@ def _attained(judge: Judge, curve: Curve, told: Any) -> list[Disagreement]:
     return []
 
 
-def _near(said: float, there: float, slack: float) -> bool:
+def _near(judge: Judge, said: float, there: float, slack: float) -> bool:
     """Whether a distance is told rightly; in contact depths aren't compared."""
-    return (said <= 0.0 and there <= slack) or there - slack - OFF <= said <= there + OFF
+    off = OFF * judge.subject.size
+    return (said <= 0.0 and there <= slack) or there - slack - off <= said <= there + off
 
 
 def _reached(request: PlanRequest, reply: PlanReply) -> list[Disagreement]:

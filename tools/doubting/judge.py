@@ -48,6 +48,7 @@ class Subject:
         rest: Values of all joints that follow none.
         tip: The frame that goals are about, unless a request says otherwise.
         size: How many times as large as usual it is: of a large one distances may be off by as much more.
+        length: The same of a small one, too: a length that counts as much as an angle of 1 rad [m].
     """
 
     formula: Formula
@@ -56,6 +57,7 @@ class Subject:
     rest: Values
     tip: str
     size: float = 1.0
+    length: float = 1.0
 
     @cached_property
     def links(self) -> list[str]:

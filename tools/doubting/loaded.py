@@ -65,6 +65,7 @@ class Loaded:
             as_values(configuration_to_wire(model.joints, model.rest)),
             model.tip,
             max(1.0, model.size),
+            model.size,
         )
         return cls(robot, reference, model, subject, text, engine)
 

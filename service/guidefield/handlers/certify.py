@@ -26,15 +26,15 @@ from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, Judgement, Leaving, judge, judge_leaving
 from guidefield.planner.motion.given_motion import GivenMotion
-from guidefield.planner.motion.limit_load import limit_shares
+from guidefield.planner.motion.limit_load import measure_limit_shares
 from guidefield.planner.quality import (
     Clearance,
     ClearanceProfile,
-    MotionInTime,
-    clearance,
-    clearance_profile,
-    clearances,
-    travelled_way,
+    TimedMotion,
+    measure_clearance,
+    measure_clearance_profile,
+    measure_clearances,
+    measure_travel,
 )
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Silent
@@ -80,8 +80,8 @@ def answer_certify(
     prepare_plan(None, problem.scene, deadline)
     deadline.check("the motion was laid out")
     sizes = tuple(problem.group.sizes.tolist())
-    _ = problem.motion.pieces, travelled_way(_motion(problem), sizes)  # laid out for all that is asked about it
-    uses = limit_shares(problem.motion, problem.group, problem.jerk_limits)
+    _ = problem.motion.pieces, measure_travel(_motion(problem), sizes)  # laid out for all that is asked about it
+    uses = measure_limit_shares(problem.motion, problem.group, problem.jerk_limits)
     recording = record(problem.group, scene)
     problem = dataclasses.replace(problem, observer=recording or Silent())
     load_seconds = time.monotonic() - began
@@ -90,7 +90,7 @@ def answer_certify(
         judgement = judge(problem, uses)
         stage.outcome = judgement.verdict.reason.value
     with stages.entered("measure", "the smallest distances along the motion"):
-        found = clearances([(_motion(problem), problem)])
+        found = measure_clearances([(_motion(problem), problem)])
         if request.proof:
             certified = judgement.verdict.free and judgement.within_limits
             prove(_declare_parts(request, problem, judgement.leaving) if certified else [], deadline)
@@ -117,7 +117,7 @@ def _recorded(scene: Scene, problem: GivenProblem, measured: Clearance | None) -
     """A motion as a recording shows it; distances that weren't measured in time are measured for it."""
 
     def measure() -> ClearanceProfile:
-        return clearance_profile((measured or clearance(_motion(problem), problem), problem, scene))
+        return measure_clearance_profile((measured or measure_clearance(_motion(problem), problem), problem, scene))
 
     def packed() -> PackedMotion:
         return PackedMotion(found=None if measured is None else PackedClearance.of(measured))
@@ -141,7 +141,7 @@ def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], Robo
         robot_parts(group)
 
 
-def _motion(problem: GivenProblem) -> MotionInTime:
+def _motion(problem: GivenProblem) -> TimedMotion:
     """Return the motion to measure: in time among obstacles that move."""
     return problem.motion.measured_among(problem.scene)
 

@@ -26,12 +26,12 @@ from guidefield.messages import replies
 from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply
 from guidefield.planner.judgement import GivenProblem, Judgement, Leaving
-from guidefield.planner.leaving import left_contacts
+from guidefield.planner.leaving import warn_of_left_contacts
 from guidefield.planner.motion.drawn_motion import deviations
 from guidefield.planner.motion.given_motion import QuinticMotion
-from guidefield.planner.motion.limit_load import Use
+from guidefield.planner.motion.limit_load import LimitUse
 from guidefield.planner.quality import UNMEASURED, Clearance
-from guidefield.planner.task.stages import Ending, describe_kept, refused_at
+from guidefield.planner.task.stages import Ending, describe_kept, describe_refused_place
 from guidefield.prove.verdict import Reason, Verdict
 
 RATES = {"velocity": ("rad/s", "m/s"), "acceleration": ("rad/s²", "m/s²"), "jerk": ("rad/s³", "m/s³")}
@@ -50,7 +50,7 @@ def reply_to(
     """Put a judgement into the wire's words."""
     group, ended, leaving = problem.group, _ending(problem, judgement), judgement.leaving
     uses = judgement.uses
-    left = [] if leaving is None or not leaving.leaves else [left_contacts(leaving.contacts)]
+    left = [] if leaving is None or not leaving.leaves else [warn_of_left_contacts(leaving.contacts)]
     return CertifyReply(
         run_id=run_id,
         status=outcome(ended.status, ended.message, ended.details),
@@ -104,7 +104,7 @@ def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
     if verdict.free:
         return _beyond_a_rate(problem, judgement)
     where = describe_place(*_locate_verdict(problem, verdict))
-    details = refused_at(problem.group, verdict)
+    details = describe_refused_place(problem.group, verdict)
     if verdict.reason is Reason.STOPPED:
         status = problem.deadline.status() or Status.TIMED_OUT
         until = describe_place(*_free_until(problem, verdict))
@@ -244,7 +244,7 @@ def _measured_at(problem: GivenProblem, time: float) -> tuple[float, float | Non
     return motion.along(piece, float(np.clip((time - times[piece]) / (times[piece + 1] - times[piece]), 0.0, 1.0)))
 
 
-def _position_use(problem: GivenProblem, use: Use) -> replies.LimitUse:
+def _position_use(problem: GivenProblem, use: LimitUse) -> replies.LimitUse:
     """The largest share of a position limit; that of a joint that stands still where that is beyond its own."""
     fault = problem.still_fault
     if fault is None or fault.upper <= fault.lower:
@@ -256,7 +256,7 @@ def _position_use(problem: GivenProblem, use: Use) -> replies.LimitUse:
     return replies.LimitUse(share=share, joint=fault.joint, row=row, time=when)
 
 
-def _use(problem: GivenProblem, use: Use, owner: str = "name") -> replies.LimitUse:
+def _use(problem: GivenProblem, use: LimitUse, owner: str = "name") -> replies.LimitUse:
     """A use on the wire; `owner` is the field of a joint with the name of the mimic joint whose limit it is, if any."""
     if use.coordinate is None:
         return replies.LimitUse()

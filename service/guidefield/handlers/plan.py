@@ -30,7 +30,7 @@ from guidefield.planner.motion.drawn_motion import draw_plan
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
-from guidefield.planner.quality import UNMEASURED, Clearance, MotionInTime, clearance_profile, clearances
+from guidefield.planner.quality import UNMEASURED, Clearance, TimedMotion, measure_clearance_profile, measure_clearances
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import LimitFault, limit_faults
@@ -90,7 +90,7 @@ def answer_plan(
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
     drawn = made.drawn
     motion = made.trajectory if drawn is None else drawn.motion.measured_among(problem.scene)
-    measured = None if motion is None else clearances([(motion, problem)])
+    measured = None if motion is None else measure_clearances([(motion, problem)])
     if made.trajectory is not None and measured is None:
         warnings = (*warnings, UNMEASURED)
     found = measured[0] if measured else None
@@ -118,7 +118,7 @@ def restore_plan(request: PlanRequest, robot: RobotModel, scene: Scene, packed: 
     trajectory = None if packed.knots is None else packed.knots.trajectory()
     found = None
     if packed.found is not None and trajectory is not None:
-        motion: MotionInTime = trajectory
+        motion: TimedMotion = trajectory
         if problem.execution is not None:
             motion = draw_plan(trajectory, problem.execution, packed.parts).motion.measured_among(problem.scene)
         found = packed.found.clearance(motion, problem)
@@ -138,7 +138,7 @@ def _recorded(
         knots = None if trajectory is None else PackedKnots.of(trajectory)
         return PackedMotion(knots, None if found is None else PackedClearance.of(found), parts=parts)
 
-    measure = lambda: None if found is None else clearance_profile((found, problem, scene))  # noqa: E731
+    measure = lambda: None if found is None else measure_clearance_profile((found, problem, scene))  # noqa: E731
     return PlainMotion(problem.group, scene, measure, packed)
 
 

@@ -31,7 +31,7 @@ from guidefield.handlers.asked_group import (
 from guidefield.handlers.attached import holding
 from guidefield.messages import requests
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
-from guidefield.planner.guide.auto_planes import derive
+from guidefield.planner.guide.auto_planes import derive_planes
 from guidefield.planner.plan import Plan
 from guidefield.planner.task.problem import ConfigurationGoal, Goal, LastPlaneGoal, Objective, Problem, TipGoal
 from guidefield.planner.task.trace import StageLeft
@@ -86,7 +86,7 @@ def with_derived_planes(problem: Problem, request: PlanRequest) -> tuple[Problem
     if request.guide_planes != "auto" or request.planner == "tree":
         return problem, Derivation()
     begin = time.perf_counter()
-    planes = derive(problem.at(problem.scene.end), _goal_place(problem))
+    planes = derive_planes(problem.at(problem.scene.end), _goal_place(problem))
     seconds = time.perf_counter() - begin
     if planes is None:
         warning = "no guide planes could be derived: the tip alone finds no way to the goal"

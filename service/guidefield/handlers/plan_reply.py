@@ -19,7 +19,7 @@ from guidefield.planner.motion.given_motion import GivenMotion, StraightMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import efforts_along, speeds_along
 from guidefield.planner.plan import Plan
-from guidefield.planner.quality import Clearance, Closest, figures
+from guidefield.planner.quality import Clearance, SmallestDistance, measure_figures
 from guidefield.planner.task.effort import Efforts
 from guidefield.planner.task.motion_limits import CartesianLimit, CartesianUse
 from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
@@ -135,7 +135,7 @@ def wire_trajectory(
     """
     if trajectory is None:
         return None
-    states = _turning_less(trajectory, group) if sample_rate is None else trajectory.resampled(sample_rate)
+    states = _turning_less(trajectory, group) if sample_rate is None else trajectory.resample(sample_rate)
     along = states.positions, states.velocities
     return replies.Trajectory(
         times=states.times.tolist(),
@@ -205,7 +205,7 @@ def self_figures(measured: Clearance, certified: float) -> replies.SelfClearance
     return replies.SelfClearance(minimum=stated(measured.own, certified), pair=list(measured.own.pair))
 
 
-def stated(closest: Closest, certified: float) -> float | None:
+def stated(closest: SmallestDistance, certified: float) -> float | None:
     """The smallest distance [m]; where there was no time to find it, what is certain; None if nothing is."""
     if closest.exact:
         return closest.distance
@@ -278,7 +278,7 @@ def motion_metrics(trajectory: Trajectory | None, kinematics: Kinematics) -> rep
     """Figures of a trajectory, if there is one."""
     if trajectory is None:
         return None
-    found = figures(trajectory, kinematics)
+    found = measure_figures(trajectory, kinematics)
     return replies.Metrics(
         joint_path_length=found.joint_path_length,
         tip_path_length=found.tip_path_length,

@@ -12,7 +12,7 @@ from guidefield.case_file import Motion
 from guidefield.deadline import Deadline
 from guidefield.messages.replies import MotionReply
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.quality import Clearance, ClearanceProfile, Closest, MotionInTime
+from guidefield.planner.quality import Clearance, ClearanceProfile, SmallestDistance, TimedMotion
 from guidefield.planner.task.problem import Conditions
 from guidefield.planner.task.trace import Event, PackedArray
 from guidefield.prove.curve import Curve
@@ -73,9 +73,9 @@ class PackedKnots(msgspec.Struct, array_like=True, frozen=True):
 class PackedClearance(msgspec.Struct, array_like=True, frozen=True):
     """Distances along a motion as they were measured: a `Clearance` without its motion."""
 
-    obstacle: Closest
-    inner: Closest | None
-    own: Closest
+    obstacle: SmallestDistance
+    inner: SmallestDistance | None
+    own: SmallestDistance
     times: PackedArray
     lengths: PackedArray
     mean: float
@@ -87,7 +87,7 @@ class PackedClearance(msgspec.Struct, array_like=True, frozen=True):
         times, lengths = PackedArray.of(found.times), PackedArray.of(found.lengths)
         return cls(found.obstacle, found.inner, found.own, times, lengths, found.mean, found.ends)
 
-    def clearance(self, motion: MotionInTime, conditions: Conditions) -> Clearance:
+    def clearance(self, motion: TimedMotion, conditions: Conditions) -> Clearance:
         """Unpack the distances of a motion under its conditions."""
         times = self.times.array()
         return Clearance(

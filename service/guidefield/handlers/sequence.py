@@ -37,8 +37,8 @@ from guidefield.handlers.steps import Steps
 from guidefield.messages import replies
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.quality import UNMEASURED, Clearance, clearances
-from guidefield.planner.sequence.sequence import Leg, SequencePlan, plan_sequence
+from guidefield.planner.quality import UNMEASURED, Clearance, measure_clearances
+from guidefield.planner.sequence.sequence import SequencePlan, StepResult, plan_sequence
 from guidefield.planner.sequence.stretches import Stretch
 from guidefield.planner.task.trace import Silent
 from guidefield.robot.group.kinematics import Kinematics
@@ -71,7 +71,7 @@ def answer_steps(
     made = plan_sequence(course, course.start, course.whole, deadline, recording or Silent())
     begin = time.monotonic()
     stretches = measurable(made)
-    found = clearances([(executed_in_time(stretch), stretch) for stretch in stretches])
+    found = measure_clearances([(executed_in_time(stretch), stretch) for stretch in stretches])
     measured = None if found is None else [*zip(stretches, found, strict=True)]
     if measured is not None:
         free = {id(one) for one, verdict in zip(made.stretches, made.verdicts, strict=False) if verdict.free}
@@ -176,7 +176,9 @@ def reply_to(
     )
 
 
-def _step(leg: Leg[Standing], course: Steps, made: SequencePlan[Standing], measured: Measured) -> replies.StepFigures:
+def _step(
+    leg: StepResult[Standing], course: Steps, made: SequencePlan[Standing], measured: Measured
+) -> replies.StepFigures:
     """One step in the wire's words."""
     own = [(stretch, one) for stretch, one in measured if stretch.index == leg.index and course.moves(leg.index)]
     judged = [

@@ -19,9 +19,9 @@ from guidefield.messages import scene as messages
 from guidefield.messages.values import IDENTITY, Placement
 from guidefield.planner.motion.drawn_motion import draw_plan
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.quality import Clearance, ClearanceProfile, MotionInTime, clearance_profile
+from guidefield.planner.quality import Clearance, ClearanceProfile, TimedMotion, measure_clearance_profile
 from guidefield.planner.sequence.sequence import SequencePlan
-from guidefield.planner.sequence.stretches import Stretch, part, whole_configuration
+from guidefield.planner.sequence.stretches import Stretch, cut_trajectory, whole_configuration
 from guidefield.planner.task.problem import Conditions
 from guidefield.planner.task.trace import PackedArray
 from guidefield.robot.group.group import PlanningGroup
@@ -98,7 +98,9 @@ class SequenceMotion:
         if not self.measured:
             return None
         every = math.ceil(sum(len(one.times) for _, one in self.measured) / MAX_SAMPLES)
-        return clearance_profile(*((one, stretch, stretch.scene) for stretch, one in self.measured), every=every)
+        return measure_clearance_profile(
+            *((one, stretch, stretch.scene) for stretch, one in self.measured), every=every
+        )
 
     def pack(self) -> PackedMotion:
         """As in `RecordedMotion`."""
@@ -138,7 +140,7 @@ class SequenceMotion:
         return _with_carried(start, ways)
 
 
-def executed_in_time(stretch: Stretch) -> MotionInTime:
+def executed_in_time(stretch: Stretch) -> TimedMotion:
     """What a robot executes of a stretch, to be measured."""
     executed = stretch.executed
     return executed if isinstance(executed, Trajectory) else executed.measured_among(stretch.scene)
@@ -154,7 +156,7 @@ def _stretch(packed: PackedStretch, conditions: Conditions, trajectory: Trajecto
     allowed = frozenset(packed.allowed)
     if allowed != conditions.allowed_collisions:
         fields |= {"allowed_collisions": allowed, "world": World.build(conditions.group, conditions.scene, allowed)}
-    return Stretch(**fields, index=packed.index, motion=part(trajectory, packed.begin, packed.end))
+    return Stretch(**fields, index=packed.index, motion=cut_trajectory(trajectory, packed.begin, packed.end))
 
 
 def _with_carried(start: Standing, ways: dict[str, list[tuple[float, Placement]]]) -> Scene:

@@ -9,8 +9,8 @@ import numpy as np
 
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.ends import tip_points
-from guidefield.planner.guide.guide import cross
+from guidefield.planner.ends import find_tip_points
+from guidefield.planner.guide.guide import cross_plane
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.guide.tip_reach import tip_radius
 from guidefield.planner.held_paths import connect_to_plane
@@ -55,18 +55,22 @@ def cross_planes(
                 found = connect_to_plane(problem, found, along, index, stage)
             if found.failure is not None:
                 return found
-        found = found.on_plane(index)
+        found = found.with_plane_reached(index)
     return found
 
 
 def _approach(
     problem: Problem, found: PathSoFar, plane: GuidePlane, index: int, attempts: Sequence[Attempt], stage: Stage
 ) -> PathSoFar:
-    crossing = cross(problem, problem.group.from_chart(found.path[-1]), plane, index, attempts)
+    crossing = cross_plane(problem, problem.group.from_chart(found.path[-1]), plane, index, attempts)
     reached = crossing.status is Status.SUCCESS
     stage.outcome = "reached" if reached else crossing.status.name.lower().replace("_", " ")
-    along_planes = found.extended(problem.group.chart_path(list(crossing.path), found.path[-1]))
-    return along_planes if reached else along_planes.failed(Ending(crossing.status, crossing.message, crossing.details))
+    along_planes = found.extend(problem.group.chart_path(list(crossing.path), found.path[-1]))
+    return (
+        along_planes
+        if reached
+        else along_planes.with_failure(Ending(crossing.status, crossing.message, crossing.details))
+    )
 
 
 SQUARE = 1.05  # half side of the square about the goal over the radius of the tip's body
@@ -85,16 +89,16 @@ def find_led_goals(
     group, target = problem.group, problem.goal.target
     with stages.entered("guide", "to the place of the goal's pose") as stage:
         here = found.path[-1]
-        square = _square(problem, here, np.asarray(target.placement.translation))
+        square = _make_square(problem, here, np.asarray(target.placement.translation))
         along = _approach(problem, found, square, len(problem.guide_planes), attempts, stage)
     found = found if along.failure is not None else along
     try:
-        return found, tip_points(problem, target, (along.path[-1], here))
+        return found, find_tip_points(problem, target, (along.path[-1], here))
     except StageFailed as failed:
-        return found.failed(failed.ending), cast(ChartPoints, np.empty((0, group.nv)))
+        return found.with_failure(failed.ending), cast(ChartPoints, np.empty((0, group.nv)))
 
 
-def _square(problem: Problem, here: ChartPoint, place: np.ndarray) -> GuidePlane:
+def _make_square(problem: Problem, here: ChartPoint, place: np.ndarray) -> GuidePlane:
     """As small as the tip's body lets it be, about a place (3,), across the straight way of the tip there."""
     way = place - problem.kinematics.tip_position(problem.group.expand_from_chart(here))
     length = float(np.linalg.norm(way))

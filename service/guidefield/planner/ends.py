@@ -30,7 +30,7 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfigur
 SURE = 1e-3  # only what is deeper than this is taken for a proof: Coal's depths are found by steps [m], at size 1
 
 
-def blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) -> BlockingPairs | None:
+def find_blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) -> BlockingPairs | None:
     """The pairs that touch however a target is reached; None where no such pair is found.
 
     Args:
@@ -112,26 +112,28 @@ def check_start(problem: Problem) -> None:
         raise StageFailed(status, f"the start violates a path constraint: {message}", stage="start", **details)
 
 
-def goal_points(problem: Problem) -> ChartPoints | None:
+def find_goal_points(problem: Problem) -> ChartPoints | None:
     """Chart points (m, nv) that would reach the goal and are free; None where the last guide plane is the goal.
 
     Raises:
         StageFailed: GOAL_IN_COLLISION, NO_IK_SOLUTION or CLEARANCE_BELOW_MINIMUM; TIMED_OUT or PREEMPTED.
     """
     if isinstance(problem.goal, ConfigurationGoal):
-        return _kept_goals(problem, _free_goals(problem, problem.goal))
+        return _keep_admissible_goals(problem, _free_goals(problem, problem.goal))
     if isinstance(problem.goal, TipGoal):
         target = problem.goal.target
-        standing = _stands_at(problem, target)
+        standing = _find_standing_goal(problem, target)
         if standing is not None and not (problem.guide_planes or problem.in_motion):
             return standing
         if problem.guide_planes:  # the way there begins where they lead
-            return _kept_goals(problem, tip_points(problem, target))
-        return _kept_goals(problem, tip_points(problem, target, _about(problem), CANDIDATES, _soonest))
+            return _keep_admissible_goals(problem, find_tip_points(problem, target))
+        return _keep_admissible_goals(
+            problem, find_tip_points(problem, target, _sample_about_start(problem), CANDIDATES, _soonest)
+        )
     return None
 
 
-def _stands_at(problem: Problem, target: PoseTarget) -> ChartPoints | None:
+def _find_standing_goal(problem: Problem, target: PoseTarget) -> ChartPoints | None:
     """The start, shape (1, nv), where its tip is at a pose already, and nothing speaks against it; else None."""
     group, z = problem.group, problem.z_start
     if not target.is_reached(problem.kinematics.frame_placement(group.expand_from_chart(z), group.tip_id)):
@@ -140,7 +142,7 @@ def _stands_at(problem: Problem, target: PoseTarget) -> ChartPoints | None:
     return z[None] if stays else None
 
 
-def _about(problem: Problem) -> ChartPoints:
+def _sample_about_start(problem: Problem) -> ChartPoints:
     """Chart points (k, nv) about the start, within limits, from which configurations next to it are found."""
     group = problem.group
     aside = np.random.default_rng([problem.seed, 4]).normal(scale=START_SPREAD, size=(STARTS, group.nv))
@@ -168,16 +170,16 @@ def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
     return zs[chosen]
 
 
-def _all(_problem: Problem, zs: ChartPoints) -> ChartPoints:
+def _choose_all(_problem: Problem, zs: ChartPoints) -> ChartPoints:
     return zs
 
 
-def tip_points(
+def find_tip_points(
     problem: Problem,
     target: PoseTarget,
     starts: Sequence[ChartPoint] | ChartPoints = (),
     count: int = SOLUTIONS,
-    chosen: Callable[[Problem, ChartPoints], ChartPoints] = _all,
+    chosen: Callable[[Problem, ChartPoints], ChartPoints] = _choose_all,
 ) -> ChartPoints:
     """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
 
@@ -189,7 +191,7 @@ def tip_points(
             GOAL_IN_COLLISION or CLEARANCE_BELOW_MINIMUM with what stands in the way where those found aren't free;
             TIMED_OUT or PREEMPTED.
     """
-    tip = _Tip(target, problem.scene.moves)
+    tip = _TipBlockage(target, problem.scene.moves)
     result = _solve(problem, target, starts, count, tip.keeps_some_distance, blocked=lambda: tip.blocked is not None)
     if tip.blocked is not None and not problem.deadline.expired():
         raise StageFailed(
@@ -199,9 +201,9 @@ def tip_points(
             **result.details,
             **tip.blocked.details(),
         )
-    if not result.solutions and result.rejected and not _hopeless(problem, result):
+    if not result.solutions and result.rejected and not _is_hopeless(problem, result):
         result = _solve(problem, target, starts, count, _touch_nothing, MAX_STARTS)
-    if (found := _chosen_in_the_open(problem, result.solutions, chosen)) is not None:
+    if (found := _choose_in_the_open(problem, result.solutions, chosen)) is not None:
         return found
     if result.solutions:  # all that were found are inside of something: look for others
         result = _solve(problem, target, starts, count, _are_outside)
@@ -209,7 +211,7 @@ def tip_points(
         return chosen(problem, np.array(result.solutions))
     rejected = [problem.group.expand_from_chart(z) for z in result.rejected]
     touching, touch = met_each(problem.world, rejected)  # lanes refuse what all but touches
-    if zs := [z for z, kept in zip(result.rejected, _keep_off(problem, result.rejected, touch), strict=True) if kept]:
+    if zs := [z for z, kept in zip(result.rejected, _are_apart(problem, result.rejected, touch), strict=True) if kept]:
         return chosen(problem, np.array(zs))
     if (status := problem.deadline.status()) is not None and result.cause is not Cause.OUT_OF_REACH:
         raise StageFailed(
@@ -228,10 +230,10 @@ def explain_unreached(result: IkResult, met: BlockingPairs) -> tuple[Status, str
     return (Status.GOAL_IN_COLLISION if met.clearest is None else Status.CLEARANCE_BELOW_MINIMUM), told
 
 
-def _chosen_in_the_open(
+def _choose_in_the_open(
     problem: Problem, zs: Sequence[ChartPoint], chosen: Callable[[Problem, ChartPoints], ChartPoints]
 ) -> ChartPoints | None:
-    """Of chart points (nv,) at which no body is inside another one, those that are wanted; as in `tip_points`.
+    """Of chart points (nv,) at which no body is inside another one, those that are wanted; as in `find_tip_points`.
 
     None where there are none. What isn't wanted is hardly ever asked about: that takes longer than the choice.
     """
@@ -244,7 +246,7 @@ def _chosen_in_the_open(
     return chosen(problem, np.array(rest)) if rest else None
 
 
-def _hopeless(problem: Problem, result: IkResult) -> bool:
+def _is_hopeless(problem: Problem, result: IkResult) -> bool:
     """Whether no search finds what the last one did not, and all of that touches something, as far as lanes tell."""
     return result.exhausted and not _touch_nothing(problem, cast(ChartPoints, np.array(result.rejected))).any()
 
@@ -272,7 +274,7 @@ def _solve(
     )
 
 
-class _Tip:
+class _TipBlockage:
     """Whether something blocks the tip where it is to be, asked once nothing of what was found there is free.
 
     Attributes:
@@ -287,7 +289,7 @@ class _Tip:
         free = _touch_nothing(problem, zs, GRAZING_DISTANCE * problem.group.size)  # certificates don't stop by grazing
         if not (self._asked or free.any()):
             self._asked = True
-            self.blocked = blocked_tip(problem.world, self._target, problem.group.expand_from_chart(zs[0]))
+            self.blocked = find_blocked_tip(problem.world, self._target, problem.group.expand_from_chart(zs[0]))
         return free
 
 
@@ -297,7 +299,7 @@ def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
     What lanes find free is; what they don't is judged by Coal where there is nothing else.
     """
     free = _are_outside(problem, zs)
-    return free if free.any() else _coal_frees(problem, zs)
+    return free if free.any() else _are_free_by_coal(problem, zs)
 
 
 def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
@@ -316,11 +318,11 @@ def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np
     return free
 
 
-def _coal_frees(problem: Problem, zs: ChartPoints) -> np.ndarray:
-    return _keep_off(problem, zs, problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs]))
+def _are_free_by_coal(problem: Problem, zs: ChartPoints) -> np.ndarray:
+    return _are_apart(problem, zs, problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs]))
 
 
-def _keep_off(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints, touch: list[bool]) -> np.ndarray:
+def _are_apart(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints, touch: list[bool]) -> np.ndarray:
     free = ~np.array(touch, bool)
     free[free] = _are_in_the_open(problem, [z for z, one in zip(zs, free, strict=True) if one])
     free[free] = [_keeps_clearance(problem, z) for z, one in zip(zs, free, strict=True) if one]
@@ -360,9 +362,9 @@ def end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | N
 def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
     """Chart points (m, nv) of the configurations that are free."""
     zs = np.array([problem.group.chart(q) for q in goal.configurations])
-    free: ChartPoints = zs[_while_time(problem, zs, _are_outside)]
+    free: ChartPoints = zs[_judge_before_deadline(problem, zs, _are_outside)]
     if not len(free):
-        free = zs[_while_time(problem, zs, _coal_frees)]
+        free = zs[_judge_before_deadline(problem, zs, _are_free_by_coal)]
     if len(free):
         return free
     faults: list[tuple[str, dict[str, Any]] | None] = []
@@ -384,7 +386,9 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
     raise StageFailed(Status.GOAL_IN_COLLISION, message, stage="goal", goals=len(zs), **met.details())
 
 
-def _while_time(problem: Problem, zs: ChartPoints, free: Callable[[Problem, ChartPoints], np.ndarray]) -> np.ndarray:
+def _judge_before_deadline(
+    problem: Problem, zs: ChartPoints, free: Callable[[Problem, ChartPoints], np.ndarray]
+) -> np.ndarray:
     """Which chart points (n, nv) are free, some judged at a time: (n,), bool. None is that there was no time for."""
     found = np.zeros(len(zs), bool)
     for begin in range(0, len(zs), GOALS_AT_ONCE):
@@ -394,7 +398,7 @@ def _while_time(problem: Problem, zs: ChartPoints, free: Callable[[Problem, Char
     return found
 
 
-def _held_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
+def _keep_goals_held_by_torques(problem: Problem, goals: ChartPoints) -> ChartPoints:
     """Those of some goals (m, nv) at which torques hold the robot."""
     if problem.effort_limit is None:
         return goals
@@ -407,8 +411,8 @@ def _held_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
     raise StageFailed(Status.GOAL_STATE_INVALID, message, **values)
 
 
-def _kept_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
-    goals = _held_goals(problem, goals)
+def _keep_admissible_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
+    goals = _keep_goals_held_by_torques(problem, goals)
     faults = [_find_violation(problem, goal) for goal in goals]
     kept = [goal for goal, fault in zip(goals, faults, strict=True) if fault is None]
     if kept:

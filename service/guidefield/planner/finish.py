@@ -18,16 +18,16 @@ import numpy as np
 from guidefield.collision.clearance import clearance_at
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import distinct
-from guidefield.planner.motion_certificate import Finished, certify_as_far_as_found, certify_motion
-from guidefield.planner.optimized_motion import Crossed, optimize_motion, through_planes
+from guidefield.planner.motion.waypoints import remove_repetitions
+from guidefield.planner.motion_certificate import CertifiedMotion, certify_as_far_as_found, certify_motion
+from guidefield.planner.optimized_motion import CrossedPlanes, bring_onto_planes, optimize_motion
 from guidefield.planner.path_so_far import (
     PathSoFar,
     limits_of,
-    motion_along,
-    rounded_spline,
-    soonest_along,
-    stopping_along,
+    round_path,
+    time_path,
+    time_path_ignoring_jerk,
+    time_path_with_stops,
 )
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
@@ -52,52 +52,54 @@ STOPPING = "no motion round the corners of the path was certified: this one stop
 """Warning about a motion that is slower therefore."""
 
 
-def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+def finish(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion:
     """Make a certified trajectory of a path whose straight pieces are free; judge one that failed as far as it goes.
 
     Only one that is proven itself is worth a try where the optimised one is refused.
     """
-    if found.failure is not None or problem.optimization_iterations == 0 or len(distinct(found.path)) == 1:
-        return found_motion(problem, found, stages)
+    if found.failure is not None or problem.optimization_iterations == 0 or len(remove_repetitions(found.path)) == 1:
+        return certify_found_path(problem, found, stages)
     finished = _optimize_path(problem, found, stages)
     if finished is not None and (finished.verdict.free or not found.proven):
         return finished
     as_found = _follow_path(problem, found, stages)
     if finished is None:
-        return _warn(as_found, f"{LOST}; this is the motion as it was found")
+        return _add_warning(as_found, f"{LOST}; this is the motion as it was found")
     why = finished.verdict.reason
     if not as_found.verdict.free:
         return as_found if why is Reason.CONTACT else finished
     message = f"the optimised motion was not certified ({why.value}); this is the motion as it was found"
-    return _blend(problem, finished, as_found, stages) or _warn(as_found, message)
+    return _blend(problem, finished, as_found, stages) or _add_warning(as_found, message)
 
 
-def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+def certify_found_path(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion:
     """The motion along a path as found, as fast as its limits or its schedule allow, judged as far as it goes."""
     if found.failure is not None:
         return certify_as_far_as_found(problem, found, stages)
     return _follow_path(problem, found, stages)
 
 
-def _optimize_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finished | None:
+def _optimize_path(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion | None:
     """The optimised trajectory from the time-optimal one along the path; where it is refused, optimised again.
 
     None where it can't be brought onto a guide plane.
     """
     with stages.entered("parameterize", "as fast as the limits allow along the path") as stage:
-        motion = soonest_through(problem, found, found.path)
+        motion = time_through_planes(problem, found, found.path)
         stage.outcome = f"{motion.duration:.3f} s"
-    others = (soonest_through(problem, found, path) for path in found.others)
-    return optimize_motion(problem, motion, others, stages, Crossed.of(problem, found.path, found.crossings))
+    others = (time_through_planes(problem, found, path) for path in found.others)
+    return optimize_motion(problem, motion, others, stages, CrossedPlanes.of(problem, found.path, found.crossings))
 
 
-def soonest_through(problem: Problem, found: PathSoFar, path: ChartPoints) -> Trajectory:
+def time_through_planes(problem: Problem, found: PathSoFar, path: ChartPoints) -> Trajectory:
     """The fastest motion along a path (n, nv) of what was found, whatever its jerk; between guide planes straighter."""
-    return soonest_along(problem, fewer_waypoints(problem, path, found.crossings) if found.crossings else path)
+    return time_path_ignoring_jerk(
+        problem, remove_waypoints(problem, path, found.crossings) if found.crossings else path
+    )
 
 
-def _follow_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
-    crossed, finished = Crossed.of(problem, found.path, found.crossings), None
+def _follow_path(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion:
+    crossed, finished = CrossedPlanes.of(problem, found.path, found.crossings), None
     for repair in range(REPAIRS + 1):
         with stages.entered("parameterize", "as fast as the limits allow, round the corners") as stage:
             made = _round_corners(problem, found.path, crossed, 2**repair)
@@ -108,13 +110,15 @@ def _follow_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finished
         if finished.verdict.free or _is_hopeless(problem, found.path, finished) or problem.deadline.expired():
             return finished
     with stages.entered("parameterize", "as fast as the limits allow, with a stop at each corner") as stage:
-        trajectory, knots = stopping_along(problem, found.path)
+        trajectory, knots = time_path_with_stops(problem, found.path)
         stage.outcome = f"{trajectory.duration:.3f} s"
     stopping = certify_motion(problem, trajectory, {plane: knots[at] for plane, at in found.crossings.items()}, stages)
-    return _warn(stopping, STOPPING) if finished is None or stopping.verdict.free else finished
+    return _add_warning(stopping, STOPPING) if finished is None or stopping.verdict.free else finished
 
 
-def _blend(problem: Problem, refused: Finished, certified: Finished, stages: Stages) -> Finished | None:
+def _blend(
+    problem: Problem, refused: CertifiedMotion, certified: CertifiedMotion, stages: Stages
+) -> CertifiedMotion | None:
     """Return the certified motion nearest to a refused one between that and one that is certified.
 
     None where none is certified and quicker than that one, and where guide planes are crossed.
@@ -128,7 +132,7 @@ def _blend(problem: Problem, refused: Finished, certified: Finished, stages: Sta
         if problem.deadline.expired():
             break
         with stages.entered("parameterize", f"{share:.0%} of the way to the refused motion") as stage:
-            motion = motion_along(problem, cast(ChartPoints, near + share * (far - near)))
+            motion = time_path(problem, cast(ChartPoints, near + share * (far - near)))
             stage.outcome = f"{motion.duration:.3f} s"
         if certified.trajectory is None or motion.duration >= certified.trajectory.duration:
             continue
@@ -139,28 +143,28 @@ def _blend(problem: Problem, refused: Finished, certified: Finished, stages: Sta
 
 
 def _round_corners(
-    problem: Problem, path: ChartPoints, crossed: Crossed, finer: int
+    problem: Problem, path: ChartPoints, crossed: CrossedPlanes, finer: int
 ) -> tuple[Trajectory, dict[int, int]] | None:
     if not crossed.passages:
-        trajectory = motion_along(problem, path, finer)
+        trajectory = time_path(problem, path, finer)
         return trajectory, crossed.knots(trajectory, ())
-    return through_planes(problem, rounded_spline(problem, path, limits_of(problem), finer), crossed)
+    return bring_onto_planes(problem, round_path(problem, path, limits_of(problem), finer), crossed)
 
 
-def _warn(finished: Finished, warning: str) -> Finished:
+def _add_warning(finished: CertifiedMotion, warning: str) -> CertifiedMotion:
     return replace(finished, warnings=(warning, *finished.warnings))
 
 
-def _is_hopeless(problem: Problem, path: ChartPoints, finished: Finished) -> bool:
+def _is_hopeless(problem: Problem, path: ChartPoints, finished: CertifiedMotion) -> bool:
     verdict = finished.verdict
     if verdict.piece is None or len(path) < 2:
         return True
     assert finished.trajectory is not None, "it was judged"
     place = finished.trajectory.bezier()[verdict.piece].mean(axis=0)
-    return _refused_at(problem, _nearest(path, place), verdict.reason)
+    return _find_refused_place(problem, _find_nearest(path, place), verdict.reason)
 
 
-def _refused_at(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
+def _find_refused_place(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
     match reason:
         case Reason.BEYOND_LIMITS:
             lower, upper = problem.group.lower - LIMITS.tolerance, problem.group.upper + LIMITS.tolerance
@@ -175,14 +179,14 @@ def _refused_at(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
     return False
 
 
-def _nearest(path: ChartPoints, place: ChartPoint) -> ChartPoint:
+def _find_nearest(path: ChartPoints, place: ChartPoint) -> ChartPoint:
     along = np.diff(path, axis=0)
     share = np.einsum("ij,ij->i", place - path[:-1], along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-30)
     nearest = path[:-1] + np.clip(share, 0.0, 1.0)[:, None] * along
     return cast(ChartPoint, nearest[int(np.argmin(np.linalg.norm(place - nearest, axis=1)))])
 
 
-def fewer_waypoints(problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> ChartPoints:
+def remove_waypoints(problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> ChartPoints:
     """A path (n, nv) with the same ends, no longer, through the same waypoints on guide planes.
 
     Between them straight ways are taken that keep a distance from obstacles; where there is none the path stays.

@@ -18,14 +18,14 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.planner.ends import are_free
-from guidefield.planner.finish import finish, found_motion, soonest_through
-from guidefield.planner.held_paths import HeldPath, Through, connections, detours, quick_paths
+from guidefield.planner.finish import certify_found_path, finish, time_through_planes
+from guidefield.planner.held_paths import HeldPath, Through, connections, find_detours, find_quick_paths
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import distinct
-from guidefield.planner.motion_certificate import Finished, certify_motion, find_excess, judge
+from guidefield.planner.motion.waypoints import remove_repetitions
+from guidefield.planner.motion_certificate import CertifiedMotion, certify_motion, find_excess, judge
 from guidefield.planner.optimize.clearance_samples import keeps_aside
-from guidefield.planner.optimized_motion import Crossed, optimize_motion
-from guidefield.planner.path_so_far import PathSoFar, motion_along
+from guidefield.planner.optimized_motion import CrossedPlanes, optimize_motion
+from guidefield.planner.path_so_far import PathSoFar, time_path
 from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
     Occupancy,
@@ -39,7 +39,7 @@ from guidefield.planner.schedule.schedule import (
 )
 from guidefield.planner.schedule.slices import SCHEDULE, WAYS, Slices, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Ending, Stages, once_they_rest
+from guidefield.planner.task.stages import Ending, Stages, make_ending_at_rest
 from guidefield.planner.task.trace import Note
 from guidefield.prove.verdict import Verdict
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
@@ -47,7 +47,9 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 MotionJudge = Callable[[Trajectory], Verdict]  # judges a motion from time 0 on
 
 
-def reach_among_movers(problem: Problem, goals: ChartPoints | None, through: Through, stages: Stages) -> Finished:
+def reach_among_movers(
+    problem: Problem, goals: ChartPoints | None, through: Through, stages: Stages
+) -> CertifiedMotion:
     """Bring a robot through guide planes to a goal among obstacles that move, from time 0 on.
 
     Args:
@@ -66,8 +68,13 @@ def reach_among_movers(problem: Problem, goals: ChartPoints | None, through: Thr
 
 
 def keep_schedule(
-    problem: Problem, finished: Finished, stages: Stages, also: MotionJudge | None = None, *, at_rest: bool = False
-) -> Finished:
+    problem: Problem,
+    finished: CertifiedMotion,
+    stages: Stages,
+    also: MotionJudge | None = None,
+    *,
+    at_rest: bool = False,
+) -> CertifiedMotion:
     """Go along a motion that is free of what rests so that nothing that moves is met: the way is given, not when.
 
     Args:
@@ -118,24 +125,24 @@ class _Search:
         """The problem once all obstacles have come to rest."""
         return self._problem.at(self._problem.scene.end)
 
-    def by_quick_paths(self, through: Through) -> Finished | None:
+    def by_quick_paths(self, through: Through) -> CertifiedMotion | None:
         """The motion along the way that is arrived on first, of those that a few motions find; None without any."""
         with self._stages.entered("connect", "ways to the goal, and when each can be gone") as stage:
-            estimates = list(self._estimates(quick_paths(self._problem, through)))
+            estimates = list(self._estimates(find_quick_paths(self._problem, through)))
             stage.outcome = f"{len(estimates)} ways can be gone"
         return self._first(estimates)
 
-    def by_detours(self, through: Through) -> Finished | None:
+    def by_detours(self, through: Through) -> CertifiedMotion | None:
         """The motion by a place to wait at, where the robot may not wait where it starts; None without any."""
         if self.leave_by[0] == np.inf or self._problem.deadline.expired():
             return None
         with self._stages.entered("connect", "ways by places to wait at") as stage:
-            ways = detours(self._problem, through, self._slices, self.leave_by[0])
+            ways = find_detours(self._problem, through, self._slices, self.leave_by[0])
             estimates = list(self._estimates(ways))
             stage.outcome = f"{len(estimates)} ways can be gone"
         return self._first(estimates)
 
-    def _first(self, estimates: Sequence[_Estimate]) -> Finished | None:
+    def _first(self, estimates: Sequence[_Estimate]) -> CertifiedMotion | None:
         for estimate in sorted(estimates, key=lambda one: one.arrival):
             if self._problem.deadline.expired():
                 return None
@@ -145,7 +152,7 @@ class _Search:
                 return finished
         return None
 
-    def by_thorough_ways(self, through: Through) -> Finished | None:
+    def by_thorough_ways(self, through: Through) -> CertifiedMotion | None:
         """The motion along the way of the planner among obstacles at rest; None if there is none."""
         if self._problem.deadline.expired():
             return None
@@ -162,10 +169,10 @@ class _Search:
                 return finished
         return None
 
-    def failed(self) -> Finished:
+    def failed(self) -> CertifiedMotion:
         """Nothing but the start, and why."""
-        found = PathSoFar.at_start(self._problem).failed(self.why())
-        return found_motion(self._problem.at(0.0), found, self._stages)
+        found = PathSoFar.at_start(self._problem).with_failure(self.why())
+        return certify_found_path(self._problem.at(0.0), found, self._stages)
 
     def why(self) -> Ending:
         problem, (leave_by, refusal) = self._problem, self.leave_by
@@ -185,7 +192,7 @@ class _Search:
             details = {"stage": "start", "time": leave_by, "pair": list(refusal.pair) if refusal.pair else None}
             return Ending(Status.START_STATE_INVALID, message, details)
         if self._ending is not None:
-            return once_they_rest(problem, self._ending)
+            return make_ending_at_rest(problem, self._ending)
         if self._farthest is None:
             message = "no motion to the goal was certified among the obstacles that move"
             return Ending(Status.PLANNING_FAILED, message, {"stage": "connect"})
@@ -210,13 +217,13 @@ class _Search:
         step, best, in_vain = step_of(self._problem.group), np.inf, 0
         for way in ways:
             key = way.found.path.tobytes(), way.at_rest
-            if len(distinct(way.found.path)) == 1 or key in known or not self._ends_free(way):
+            if len(remove_repetitions(way.found.path)) == 1 or key in known or not self._ends_free(way):
                 continue
             known.add(key)
             if self._problem.beside:  # they may let it be many times as slow
-                motion = motion_along(way.problem, way.found.path)
+                motion = time_path(way.problem, way.found.path)
             else:
-                motion = soonest_through(way.problem, way.found, way.found.path)
+                motion = time_through_planes(way.problem, way.found, way.found.path)
             chosen = self._earliest(motion, self._occupancy(motion, at_rest=way.at_rest), WAYS.rooms)
             if not chosen and deadline.expired():
                 return
@@ -236,14 +243,14 @@ class _Search:
             return True
         return bool(are_free(self._resting, way.found.path[-1:])[0])
 
-    def _along(self, way: HeldPath) -> Finished | None:
+    def _along(self, way: HeldPath) -> CertifiedMotion | None:
         made, soonest = None, -np.inf
         if not way.detour:
             optimised = finish(way.problem, way.found, self._stages)
             made = self.scheduled(optimised, at_rest=way.at_rest)
             soonest = soonest if optimised.trajectory is None else optimised.trajectory.duration
         if made is None and not self._problem.deadline.expired():
-            made = self.scheduled(found_motion(way.problem, way.found, self._stages), at_rest=way.at_rest)
+            made = self.scheduled(certify_found_path(way.problem, way.found, self._stages), at_rest=way.at_rest)
             soonest = -np.inf
         if made is None or made.trajectory is None:
             return None
@@ -253,7 +260,7 @@ class _Search:
         if self._problem.optimization_iterations == 0 or motion.duration == 0.0:
             return made
         between = self.leave_by[0], self._from(motion.positions[-1])
-        crossed = Crossed.of(self._problem, made.path, made.crossings)
+        crossed = CrossedPlanes.of(self._problem, made.path, made.crossings)
         better = optimize_motion(self._problem, motion, (), self._stages, crossed, between, self._judge)
         if better is None or not better.verdict.free or self._exceeds(better.trajectory):
             return made
@@ -272,7 +279,7 @@ class _Search:
         kept = self._also(motion)
         return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
-    def scheduled(self, finished: Finished, *, at_rest: bool) -> Finished | None:
+    def scheduled(self, finished: CertifiedMotion, *, at_rest: bool) -> CertifiedMotion | None:
         """The certified motion that is at the places of another when nothing is there; None where there is none."""
         if finished.trajectory is None or not finished.verdict.free:
             return None
@@ -329,7 +336,7 @@ class _Search:
                 self._farthest = share, occupancy.point(min(cell + 1, occupancy.count - 1))
         return schedules
 
-    def _certified(self, finished: Finished, motion: Trajectory) -> Finished:
+    def _certified(self, finished: CertifiedMotion, motion: Trajectory) -> CertifiedMotion:
         judged = certify_motion(self._problem, motion, {}, self._stages, self._judge)
         return replace(finished, verdict=judged.verdict, trajectory=judged.trajectory)
 

@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import Status
-from guidefield.planner.connect.connect import Connection, connect, quickest_way
+from guidefield.planner.connect.connect import Connection, connect, find_quickest_path
 from guidefield.planner.connect.constrained import Keeper, connect_constrained
-from guidefield.planner.ends import UNREACHED, tip_points
+from guidefield.planner.ends import UNREACHED, find_tip_points
 from guidefield.planner.guide.tip_reach import inset_of
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.slices import WAYS, Slices, build_held_world
@@ -40,25 +40,25 @@ def connect_to_plane(problem: Problem, found: PathSoFar, stuck: PathSoFar, index
             problem, found, _points_on(problem, problem.guide_planes[index], stuck.path[-1]), stage
         )
     except StageFailed as failed:
-        reached = found.failed(failed.ending)
+        reached = found.with_failure(failed.ending)
     if reached.failure is None:
         return reached
     if stuck.failure is None:
         return reached
     message = f"{stuck.failure.message}; the tree got no further either: {reached.failure.message}"
     stage.outcome = stage.outcome or message
-    return stuck.failed(Ending(stuck.failure.status, message, stuck.failure.details))
+    return stuck.with_failure(Ending(stuck.failure.status, message, stuck.failure.details))
 
 
 def _points_on(problem: Problem, plane: GuidePlane, stuck: ChartPoint) -> ChartPoints:
     tip = problem.kinematics.tip_position(problem.group.expand_from_chart(stuck))
     place = plane.closest_point(tip, inset_of(problem, plane))
     try:
-        return tip_points(problem, PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf)))
+        return find_tip_points(problem, PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf)))
     except StageFailed as failed:
         if failed.ending.status not in UNREACHED:
             raise
-    return tip_points(problem, _within(problem, plane))
+    return find_tip_points(problem, _within(problem, plane))
 
 
 def _within(problem: Problem, plane: GuidePlane) -> PoseTarget:
@@ -88,8 +88,8 @@ def connect_to_goal(
         connection = _try_connection(problem, found, goals, prove)
     stage.outcome = connection.message
     if connection.status is not Status.SUCCESS:
-        return found.failed(Ending(connection.status, connection.message, {"stage": "connect"}))
-    return found.extended(connection.path, proven=connection.proven, others=connection.others)
+        return found.with_failure(Ending(connection.status, connection.message, {"stage": "connect"}))
+    return found.extend(connection.path, proven=connection.proven, others=connection.others)
 
 
 def connections(
@@ -147,7 +147,7 @@ Through = Callable[[Problem, PathSoFar, bool], tuple[PathSoFar, ChartPoints | No
 goals (m, nv) after them, None where the last plane is the goal."""
 
 
-def quick_paths(problem: Problem, through: Through) -> Iterator[HeldPath]:
+def find_quick_paths(problem: Problem, through: Through) -> Iterator[HeldPath]:
     """Ways that a few motions find, one after the other, through the guide planes to goals."""
     for draw, (name, among, at_rest) in enumerate(_holdings(problem)):
         if problem.deadline.expired():
@@ -167,11 +167,11 @@ def _go_on(among: Problem, found: PathSoFar, through: Through, rng: np.random.Ge
     free = goals[~among.lanes.touching(goals, among.min_clearance)]
     here = found.path[-1]
     near = np.array([among.group.unwrapped(goal, here) for goal in free])
-    way = quickest_way(among, here, near, rng) if len(near) else None
-    return None if way is None else found.extended(way.path, proven=False, others=way.others)
+    way = find_quickest_path(among, here, near, rng) if len(near) else None
+    return None if way is None else found.extend(way.path, proven=False, others=way.others)
 
 
-def detours(problem: Problem, through: Through, slices: Slices, since: float) -> Iterator[HeldPath]:
+def find_detours(problem: Problem, through: Through, slices: Slices, since: float) -> Iterator[HeldPath]:
     """Ways by places to wait at, where the robot can't stay from a time on [s]; those that are free longest first."""
     rng, among, last = np.random.default_rng([problem.seed, 6]), _among(problem, {}), problem.at(problem.scene.end)
     places = _places(among, rng)
@@ -185,10 +185,10 @@ def detours(problem: Problem, through: Through, slices: Slices, since: float) ->
     for place in places[np.argsort(blocked, kind="stable")[: WAYS.detours]]:
         if problem.deadline.expired():
             return
-        there = quickest_way(among, problem.z_start, place[None], rng)
+        there = find_quickest_path(among, problem.z_start, place[None], rng)
         if there is None:
             continue
-        found = PathSoFar.at_start(among).extended(there.path, proven=False)
+        found = PathSoFar.at_start(among).extend(there.path, proven=False)
         onward = _go_on(last, found, through, rng) or _go_on(among, found, through, rng)
         if onward is not None:
             yield HeldPath("by a place to wait at", among, onward, detour=True)
@@ -221,7 +221,7 @@ def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:
         yield "among what rests, again", _among(problem, {}), False
 
 
-def among_what_rests(problem: Problem) -> Problem:
+def without_movers(problem: Problem) -> Problem:
     """The problem without the obstacles that move."""
     return _among(problem, {}) if problem.scene.moves else problem
 

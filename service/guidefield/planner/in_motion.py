@@ -14,14 +14,14 @@ from typing import Any, cast
 import numpy as np
 
 from guidefield.errors import Status
-from guidefield.planner.finish import found_motion
+from guidefield.planner.finish import certify_found_path
 from guidefield.planner.held_paths import connections
 from guidefield.planner.motion.limit_load import TOLERANCE
-from guidefield.planner.motion.profiles import backwards, jerks_apart, jerks_of, stopping
-from guidefield.planner.motion.trajectory import Trajectory, led_to, one_after_another
-from guidefield.planner.motion_certificate import Finished, certify_motion, judge_itself
+from guidefield.planner.motion.profiles import choose_jerks, reverse_motion, separate_jerks, stop_motion
+from guidefield.planner.motion.trajectory import Trajectory, concatenate, unwrap_towards
+from guidefield.planner.motion_certificate import CertifiedMotion, certify_motion, judge_itself
 from guidefield.planner.optimized_motion import optimize_motion
-from guidefield.planner.path_so_far import PathSoFar, soonest_along
+from guidefield.planner.path_so_far import PathSoFar, time_path_ignoring_jerk
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.verdict import Reason
@@ -51,7 +51,7 @@ class MovingEnds(ReadOnly):
         away = [np.abs((end - run.positions[0] + np.pi) % (2.0 * np.pi) - np.pi).max() for run in self.runs]
         run = self.runs[int(np.argmin(away))]
         turned = run.positions + (end - run.positions[0])  # whole turns may have been added
-        return one_after_another([led_to(self.stop, middle), middle, Trajectory(run.times, turned, run.velocities)])
+        return concatenate([unwrap_towards(self.stop, middle), middle, Trajectory(run.times, turned, run.velocities)])
 
 
 def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingEnds:
@@ -70,7 +70,7 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
         once_at_rest = problem.at(problem.scene.end)
         for goal in goals:
             try:
-                run = backwards(_stop_within_limits(once_at_rest, _GOAL, goal, -problem.end_rates, None))
+                run = reverse_motion(_stop_within_limits(once_at_rest, _GOAL, goal, -problem.end_rates, None))
                 reached.append((goal, run))
             except StageFailed as failed:
                 failures.append(failed)
@@ -80,13 +80,13 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
     return MovingEnds(stop, np.array([goal for goal, _ in reached]), tuple(run for _, run in reached))
 
 
-def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> Finished:
+def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> CertifiedMotion:
     """Connect what the ends leave over, optimise and certify the whole."""
     resting = problem.since(ends.stop.duration, problem.group.from_chart(ends.stop.positions[-1]))
     finished, words = None, "from where it can stop to where it gets up to speed"
     for found in connections(resting, PathSoFar.at_start(resting), ends.inner_goals, stages, words):
         if found.failure is not None:
-            return found_motion(problem, found, stages)
+            return certify_found_path(problem, found, stages)
         finished = _finish_between(problem, resting, ends, found, stages)
         if finished.verdict.free:
             break
@@ -94,13 +94,15 @@ def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> Fini
     return finished
 
 
-def _finish_between(problem: Problem, resting: Problem, ends: MovingEnds, found: PathSoFar, stages: Stages) -> Finished:
+def _finish_between(
+    problem: Problem, resting: Problem, ends: MovingEnds, found: PathSoFar, stages: Stages
+) -> CertifiedMotion:
     if problem.optimization_iterations != 0:
         first, *others = (_soonest(resting, ends, path) for path in (found.path, *found.others))
         optimized = optimize_motion(problem, first, others, stages)
         if optimized is not None and (optimized.verdict.free or problem.deadline.expired()):
             return optimized
-    middle = found_motion(resting, found, stages)
+    middle = certify_found_path(resting, found, stages)
     if middle.trajectory is None:
         return middle
     trajectory = ends.around(middle.trajectory)
@@ -110,7 +112,7 @@ def _finish_between(problem: Problem, resting: Problem, ends: MovingEnds, found:
 
 
 def _soonest(resting: Problem, ends: MovingEnds, path: ChartPoints) -> Trajectory:
-    return ends.around(soonest_along(resting, path))
+    return ends.around(time_path_ignoring_jerk(resting, path))
 
 
 @dataclass(frozen=True)
@@ -162,9 +164,9 @@ def _stop_within_limits(
     rise = still if acceleration is None else acceleration
     room = group.velocity_limits - np.abs(velocity)
     rises = np.where(velocity * rise > 0.0, rise**2 / (2.0 * np.maximum(room, 1e-300)), 0.0)
-    jerks = jerks_of(group.acceleration_limits, problem.jerk_limits, rises)
-    jerks = jerks_apart(velocity, rise, group.acceleration_limits, jerks, rises)
-    motion = stopping(z, velocity, rise, group.acceleration_limits, jerks)
+    jerks = choose_jerks(group.acceleration_limits, problem.jerk_limits, rises)
+    jerks = separate_jerks(velocity, rise, group.acceleration_limits, jerks, rises)
+    motion = stop_motion(z, velocity, rise, group.acceleration_limits, jerks)
     if motion.duration == 0.0:
         return motion
     verdict = judge_itself(problem, motion)

@@ -21,11 +21,11 @@ from guidefield.collision.blocking_pairs import Contact, contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import DeadlineExpired
-from guidefield.planner.leaving import DISTANCE_ERROR, LEFT_DISTANCE, SLIGHT_DEPTH, distances_of, touching_pairs
+from guidefield.planner.leaving import DISTANCE_ERROR, LEFT_DISTANCE, SLIGHT_DEPTH, measure_distances, touching_pairs
 from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
-from guidefield.planner.motion.limit_load import Uses
-from guidefield.planner.motion_certificate import certify_given, enclosed_start
+from guidefield.planner.motion.limit_load import LimitUses
+from guidefield.planner.motion_certificate import certify_given, find_enclosed_start
 from guidefield.planner.task.effort import Efforts, measure_efforts
 from guidefield.planner.task.motion_limits import CartesianUse, measure_cartesian
 from guidefield.planner.task.problem import Conditions
@@ -58,7 +58,7 @@ def judge_leaving(conditions: Conditions, motion: GivenMotion) -> Leaving | None
     contacts = tuple(contacts_at(conditions.world_at(begin), conditions.group.expand_from_chart(motion.start)))
     if not contacts or any(one.depth is not None and one.depth > SLIGHT_DEPTH for one in contacts):
         return None
-    piece, share, closer = _way_out(conditions, motion, contacts)
+    piece, share, closer = _judge_way_out(conditions, motion, contacts)
     if closer is not None:
         names, z = conditions.world.pair_names(closer), _place(motion, piece, share)
         reason = Reason.STOPPED if conditions.deadline.expired() else Reason.CONTACT
@@ -81,16 +81,16 @@ def _place(motion: GivenMotion, piece: int, share: float) -> ChartPoint:
     return point_on((motion.straight if motion.kind is CurveKind.STEPS else motion.pieces)[piece], share)
 
 
-def _way_out(
+def _judge_way_out(
     conditions: Conditions, motion: GivenMotion, contacts: tuple[Contact, ...]
 ) -> tuple[int, float, int | None]:
     world = conditions.world
     pairs = touching_pairs(world, contacts)
-    distances, enough = distances_of(world, pairs), max(LEFT_DISTANCE, conditions.min_clearance)
+    distances, enough = measure_distances(world, pairs), max(LEFT_DISTANCE, conditions.min_clearance)
     before = distances(motion.start, motion.along(0, 0.0)[1])
     for piece, controls in enumerate(motion.pieces):
         length = float(np.linalg.norm(np.diff(controls, axis=0) / conditions.group.sizes, axis=1).sum())
-        count = max(1, math.ceil(length / SPACING), _moments(conditions, motion, piece))
+        count = max(1, math.ceil(length / SPACING), _choose_moments(conditions, motion, piece))
         for share in (k / count for k in range(1, count + 1)):
             z, time = _place(motion, piece, share), motion.along(piece, share)[1]
             now = distances(z, time)
@@ -113,7 +113,7 @@ def _is_free_beside(conditions: Conditions, motion: GivenMotion, piece: int, sha
     return certify(world, still, conditions.min_clearance, deadline=conditions.deadline, tube=tube).free
 
 
-def _moments(conditions: Conditions, motion: GivenMotion, piece: int) -> int:
+def _choose_moments(conditions: Conditions, motion: GivenMotion, piece: int) -> int:
     """At so many moments of a piece what moves is measured, whether the robot moves or not."""
     begin, end = (motion.along(piece, share)[1] for share in (0.0, 1.0))
     return 0 if not conditions.scene.moves or begin is None or end is None else math.ceil((end - begin) / INTERVAL)
@@ -123,17 +123,17 @@ def _judge_parts(parts: Sequence[tuple[Conditions, GivenMotion]], piece: int, sh
     (others, out), *after = parts
     leaving = certify_given(others, out, others.deadline)
     if not leaving.free or not after:
-        return _on_the_whole(leaving, 0, piece, 0.0, share)
+        return _place_on_whole(leaving, 0, piece, 0.0, share)
     conditions, rest = after[0]
     time, z = rest.along(0, 0.0)[1], rest.start
     if (inside := enclosed(conditions.world_at(time or 0.0), conditions.group.expand_from_chart(z))) is not None:
         return Verdict(Reason.CONTACT, leaving.evaluations, piece, share, (0, 0.0), inside, z)
     left = certify_given(conditions, rest, conditions.deadline)
     first = piece + 1 if share == 1.0 else piece
-    return replace(_on_the_whole(left, first, piece, share, 1.0), evaluations=leaving.evaluations + left.evaluations)
+    return replace(_place_on_whole(left, first, piece, share, 1.0), evaluations=leaving.evaluations + left.evaluations)
 
 
-def _on_the_whole(verdict: Verdict, first: int, cut: int, begin: float, end: float) -> Verdict:
+def _place_on_whole(verdict: Verdict, first: int, cut: int, begin: float, end: float) -> Verdict:
     if verdict.piece is None or verdict.parameter is None or verdict.free_until is None:
         return verdict
     places = [
@@ -165,7 +165,7 @@ class Judgement:
     """What is said about a motion."""
 
     verdict: Verdict
-    uses: Uses
+    uses: LimitUses
     enclosed: bool = False  # whether what is refused is a body wholly inside another at the start
     # how a contact at the start is left; None where there is none, or it may not be left
     leaving: Leaving | None = None
@@ -181,7 +181,7 @@ class Judgement:
         return rates and kept and all(use.exceeded is None for use in self.cartesian)
 
 
-def judge(problem: GivenProblem, uses: Uses) -> Judgement:
+def judge(problem: GivenProblem, uses: LimitUses) -> Judgement:
     """Judge a motion until time is up.
 
     Raises:
@@ -192,20 +192,20 @@ def judge(problem: GivenProblem, uses: Uses) -> Judgement:
         z = problem.motion.start
         return Judgement(Verdict(Reason.BEYOND_LIMITS, 0, 0, 0.0, (0, 0.0), None, z, beyond=fault), uses)
     begin = problem.motion.along(0, 0.0)[1] or 0.0
-    if (inside := enclosed_start(problem, problem.motion.start, begin)) is not None:
+    if (inside := find_enclosed_start(problem, problem.motion.start, begin)) is not None:
         return Judgement(inside, uses, enclosed=True)
-    kept, leaving = _constraints(problem), None
+    kept, leaving = _judge_constraints(problem), None
     if problem.leave_start_contact:
         leaving = judge_leaving(problem, problem.motion)
-    verdict = first_refused(kept, _freedom(problem, kept) if leaving is None else leaving.verdict)
+    verdict = first_refused(kept, _judge_freedom(problem, kept) if leaving is None else leaving.verdict)
     problem.counters.collision_checks += verdict.evaluations
     cartesian: tuple[CartesianUse, ...] = ()
     if problem.cartesian_limits:
         cartesian = measure_cartesian(problem.cartesian_limits, problem.motion.polynomials, problem.deadline)
-    return Judgement(verdict, uses, leaving=leaving, cartesian=cartesian, efforts=_efforts(problem))
+    return Judgement(verdict, uses, leaving=leaving, cartesian=cartesian, efforts=_judge_efforts(problem))
 
 
-def _efforts(problem: GivenProblem) -> Efforts | None:
+def _judge_efforts(problem: GivenProblem) -> Efforts | None:
     motion = problem.motion
     if motion.times is None or (motion.velocities is None and not motion.is_point):
         return None
@@ -217,7 +217,7 @@ def _efforts(problem: GivenProblem) -> Efforts | None:
         return Efforts("the time that is allowed was up")
 
 
-def _constraints(problem: GivenProblem) -> Verdict:
+def _judge_constraints(problem: GivenProblem) -> Verdict:
     if not problem.path_constraints:
         return Verdict(Reason.FREE, 0)
     turns = problem.world.bodies.turns
@@ -225,7 +225,7 @@ def _constraints(problem: GivenProblem) -> Verdict:
     return certify_constraints(problem.constrained_frames, turns, motion.pieces, problem.deadline, motion.tube)
 
 
-def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
+def _judge_freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
     motion, deadline = problem.motion, problem.deadline
     count = len(motion.pieces) if kept.piece is None else kept.piece + 1
     return certify_given(problem, motion, deadline, count)

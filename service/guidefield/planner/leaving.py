@@ -13,9 +13,9 @@ from guidefield.collision.blocking_pairs import Contact, contacts_at
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.motion.trajectory import Trajectory, led_to, one_after_another
-from guidefield.planner.motion_certificate import Finished
-from guidefield.planner.path_so_far import motion_along
+from guidefield.planner.motion.trajectory import Trajectory, concatenate, unwrap_towards
+from guidefield.planner.motion_certificate import CertifiedMotion
+from guidefield.planner.path_so_far import time_path
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.certificate import certify
@@ -35,7 +35,7 @@ WAY_OUT_SAMPLES = 24  # places on the motion where what touches is measured. Unr
 
 
 @dataclass(frozen=True, eq=False)
-class Left(ReadOnly):
+class LeftContact(ReadOnly):
     """A contact that is left."""
 
     motion: Trajectory  # straight, from rest to rest; its end is free
@@ -44,10 +44,10 @@ class Left(ReadOnly):
     @property
     def warning(self) -> str:
         """What happened, as a sentence."""
-        return left_contacts(self.contacts)
+        return warn_of_left_contacts(self.contacts)
 
 
-def leave(problem: Problem, stages: Stages) -> Left | None:
+def leave_contacts(problem: Problem, stages: Stages) -> LeftContact | None:
     """A motion out of the contacts at the start; None if there are none.
 
     Along it what touches never comes closer, what is apart again stays apart, and everything else is certified free.
@@ -61,23 +61,23 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
     with stages.entered("ends", "out of the contact at the start") as stage:
         for one in contacts:
             if one.depth is not None and one.depth > SLIGHT_DEPTH:
-                raise _refusal(one, f"deeper than the {1000 * SLIGHT_DEPTH:.0f} mm that can be planned away from")
+                raise _make_refusal(one, f"deeper than the {1000 * SLIGHT_DEPTH:.0f} mm that can be planned away from")
         start, group = problem.z_start, problem.group
         rng = np.random.default_rng([problem.seed, 3])
-        ways = _Ways(problem, contacts)
+        ways = _WaysOut(problem, contacts)
         for length in WAY_OUT_LENGTHS:
             for direction in rng.normal(size=(DIRECTIONS, group.nv)):
                 way = length * direction / np.linalg.norm(direction) * group.sizes
                 end = np.clip(start + way, group.lower, group.upper)
                 if (motion := ways.along(end)) is not None:
                     stage.outcome = f"{length:g} rad lead out of the contact"
-                    return Left(motion, contacts)
+                    return LeftContact(motion, contacts)
             if problem.deadline.expired():
                 break
-        raise _refusal(contacts[0], "and no short motion leads out of it")
+        raise _make_refusal(contacts[0], "and no short motion leads out of it")
 
 
-def join_way_out(left: Left, rest: Finished) -> Finished:
+def join_way_out(left: LeftContact, rest: CertifiedMotion) -> CertifiedMotion:
     """The motion out of contact, from rest to rest, and after it the rest of the motion, from where it was left.
 
     Args:
@@ -86,7 +86,7 @@ def join_way_out(left: Left, rest: Finished) -> Finished:
     warnings = (left.warning, *rest.warnings)
     if rest.trajectory is None:
         return dataclasses.replace(rest, warnings=warnings)
-    trajectory = one_after_another([led_to(left.motion, rest.trajectory), rest.trajectory])
+    trajectory = concatenate([unwrap_towards(left.motion, rest.trajectory), rest.trajectory])
     return dataclasses.replace(
         rest,
         trajectory=trajectory,
@@ -97,12 +97,12 @@ def join_way_out(left: Left, rest: Finished) -> Finished:
     )
 
 
-class _Ways:
+class _WaysOut:
     """Straight motions from rest to rest out of contacts at a start."""
 
     def __init__(self, problem: Problem, contacts: tuple[Contact, ...]) -> None:
         self._problem = problem
-        self._distances = distances_of(problem.world, touching_pairs(problem.world, contacts))
+        self._distances = measure_distances(problem.world, touching_pairs(problem.world, contacts))
         allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
         self._others = World.build(problem.group, problem.scene, allowed)
 
@@ -115,7 +115,7 @@ class _Ways:
         enough = max(LEFT_DISTANCE, least)
         if (self._distances(end, 0.0) < enough).any():
             return None
-        motion = motion_along(problem, np.array([problem.z_start, end]))
+        motion = time_path(problem, np.array([problem.z_start, end]))
         arrival = motion.duration
         there, q = problem.world_at(arrival), problem.group.expand_from_chart(end)
         if there.in_collision(q) or (least > 0.0 and clearance_at(there, q).obstacle_distance < least):
@@ -146,7 +146,7 @@ def touching_pairs(world: World, contacts: Sequence[Contact]) -> list[int]:
     return [k for k in np.concatenate([own, mixed]).tolist() if world.pair_names(k) in names]
 
 
-def distances_of(world: World, pairs: Sequence[int]) -> Callable[[ChartPoint, float | None], np.ndarray]:
+def measure_distances(world: World, pairs: Sequence[int]) -> Callable[[ChartPoint, float | None], np.ndarray]:
     """Measures how far some pairs are apart at a chart point (nv,) and a time [s]: (k,) [m], signed or 0 in contact.
 
     Without a time obstacles rest.
@@ -159,13 +159,13 @@ def distances_of(world: World, pairs: Sequence[int]) -> Callable[[ChartPoint, fl
     return distances
 
 
-def left_contacts(contacts: Sequence[Contact]) -> str:
+def warn_of_left_contacts(contacts: Sequence[Contact]) -> str:
     """What is warned of where contacts at the start are left, as a sentence."""
     told = ", ".join(f"{one.pair[0]} and {one.pair[1]}{_depth(one)}" for one in contacts)
     return f"the start was in contact ({told}): the motion begins by leaving it, and is certified free from then on"
 
 
-def _refusal(contact: Contact, why: str) -> StageFailed:
+def _make_refusal(contact: Contact, why: str) -> StageFailed:
     message = f"the start is in collision: {contact.pair[0]} and {contact.pair[1]}{_depth(contact)}, {why}"
     details: dict[str, Any] = {"pair": list(contact.pair), "depth": contact.depth}
     return StageFailed(Status.START_STATE_IN_COLLISION, message, stage="start", **details)
@@ -175,7 +175,7 @@ def _depth(contact: Contact) -> str:
     return "" if contact.depth is None else f", {1000 * contact.depth:.1f} mm deep"
 
 
-def continue_after(problem: Problem, left: Left) -> Problem:
+def continue_after(problem: Problem, left: LeftContact) -> Problem:
     """The problem from when and where the contact is left."""
     end = problem.group.from_chart(left.motion.positions[-1])
     return dataclasses.replace(problem.since(left.motion.duration, end), leave_start_contact=False)

@@ -17,7 +17,7 @@ from guidefield.memo import MISSING, Answers, memoized
 from guidefield.messages.execution import MOST_SENT_ROWS
 from guidefield.planner.motion.drawn_motion import DrawnMotion, draw_plan
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
-from guidefield.planner.motion.limit_load import limit_shares
+from guidefield.planner.motion.limit_load import measure_limit_shares
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
@@ -42,7 +42,7 @@ MOST_SLOWED = 8  # how often a motion is slowed down until what a controller dra
 
 
 @dataclass(frozen=True, eq=False)
-class Finished(ReadOnly):
+class CertifiedMotion(ReadOnly):
     """A motion at the end of planning, and the certificate's verdict about it."""
 
     verdict: Verdict  # the certificate's judgement of `trajectory`, or of `path` where there is no trajectory
@@ -91,7 +91,7 @@ def _at_same_times(verdict: Verdict, judged: GivenMotion, trajectory: Trajectory
 
 
 @dataclass(frozen=True, eq=False)
-class Settled(ReadOnly):
+class SettledExecution(ReadOnly):
     """What a controller is sent of a motion, and the certificate's verdict about what it draws."""
 
     drawn: DrawnMotion
@@ -104,13 +104,13 @@ class Settled(ReadOnly):
         return self.verdict.free and self.stretch <= 1.0
 
 
-_SETTLED = Answers[tuple[Settled, "weakref.ref[World]"]](1)
+_SETTLED = Answers[tuple[SettledExecution, "weakref.ref[World]"]](1)
 """What was settled about a trajectory, and in which world."""
 
 JudgeDrawn = Callable[[GivenMotion], tuple[Verdict, float]]  # tells the verdict, and `Settled.stretch`
 
 
-def settle_execution(problem: Problem, trajectory: Trajectory) -> Settled:
+def settle_execution(problem: Problem, trajectory: Trajectory) -> SettledExecution:
     """Choose the rows that a controller is sent of a motion, as `settle_rows`."""
     execution, deadline = problem.execution, problem.deadline.at_least(LAST_JUDGEMENT)
     assert execution is not None, "it is asked for"
@@ -125,7 +125,7 @@ def settle_execution(problem: Problem, trajectory: Trajectory) -> Settled:
 
 def settle_rows(
     trajectory: Trajectory, execution: ControllerModel, deadline: Deadline, judge_motion: JudgeDrawn
-) -> Settled:
+) -> SettledExecution:
     """Choose the rows that a controller is sent of a motion: more of them until what it draws is certified.
 
     Where the motion itself, within the tolerance, isn't certified, no more are tried; nor where a limit is exceeded
@@ -134,7 +134,7 @@ def settle_rows(
     parts, refines, before = 1, execution.interpolation in (Interpolation.LINEAR, Interpolation.QUINTIC), np.inf
     while True:
         drawn = draw_plan(trajectory, execution, parts)
-        settled = Settled(drawn, *judge_motion(drawn.motion))
+        settled = SettledExecution(drawn, *judge_motion(drawn.motion))
         if settled.is_kept or not refines or parts >= MOST_PARTS or deadline.expired():
             return settled
         if execution.count_rows(trajectory.times, 2 * parts) > MOST_SENT_ROWS:
@@ -160,7 +160,7 @@ def judge_drawn(conditions: Conditions, motion: GivenMotion, deadline: Deadline)
 
 def judge_rates(conditions: Conditions, motion: GivenMotion, verdict: Verdict) -> tuple[Verdict, float]:
     """Judge the limits of rates of a motion whose verdict is free; and `Settled.stretch`."""
-    group, uses = conditions.group, limit_shares(motion, conditions.group, conditions.jerk_limits)
+    group, uses = conditions.group, measure_limit_shares(motion, conditions.group, conditions.jerk_limits)
     stretch = 1.0
     if find_excess(conditions, motion) is not None:
         beside: list[MotionLimit] = [*conditions.cartesian_limits]
@@ -209,7 +209,7 @@ def certify_motion(
     stages: Stages,
     judged_by: Judge = judge,
     message: str = "on the exact geometry, between samples too",
-) -> Finished:
+) -> CertifiedMotion:
     """Return a trajectory with the verdict of whoever judges it; slower, where a controller draws it beyond a limit.
 
     Args:
@@ -226,7 +226,7 @@ def certify_motion(
             verdict = judged_by(problem, trajectory)
         problem.counters.collision_checks += verdict.evaluations
         stage.outcome = verdict.reason.value
-    return Finished(verdict, trajectory.positions, crossings, trajectory)
+    return CertifiedMotion(verdict, trajectory.positions, crossings, trajectory)
 
 
 def slow_down(trajectory: Trajectory, stretch: float, attempt: int) -> Trajectory:
@@ -237,16 +237,16 @@ def slow_down(trajectory: Trajectory, stretch: float, attempt: int) -> Trajector
     return Trajectory(times, trajectory.positions, cast(ChartRates, trajectory.velocities / factor))
 
 
-def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion:
     """Return the motion of a stage that failed, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
         pieces, times = found.bezier(), found.piece_times()
         deadline = problem.deadline.at_least(LAST_JUDGEMENT)
-        verdict = enclosed_start(problem, pieces[0, 0]) or certify(
+        verdict = find_enclosed_start(problem, pieces[0, 0]) or certify(
             problem.world, pieces, problem.min_clearance, deadline=deadline, times=times
         )
         stage.outcome = verdict.reason.value
-    return Finished(verdict, found.path, found.crossings, failure=found.failure)
+    return CertifiedMotion(verdict, found.path, found.crossings, failure=found.failure)
 
 
 @memoized
@@ -280,7 +280,7 @@ def find_excess(conditions: Conditions, motion: Trajectory | GivenMotion | None)
 def certify_from_start(conditions: Conditions, motion: Trajectory, deadline: Deadline) -> Verdict:
     """Judge a motion from its start on, which need not be free, and the path constraints."""
     pieces, times = motion.bezier(), motion.piece_times()
-    verdict = enclosed_start(conditions, pieces[0, 0], float(times[0])) or certify(
+    verdict = find_enclosed_start(conditions, pieces[0, 0], float(times[0])) or certify(
         conditions.world, pieces, conditions.min_clearance, deadline=deadline, times=times
     )
     return _with_constraints(conditions, verdict, pieces, deadline)
@@ -293,7 +293,7 @@ def _with_constraints(conditions: Conditions, verdict: Verdict, pieces: ChartCur
     return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 
-def enclosed_start(conditions: Conditions, z: ChartPoint, time: float = 0.0) -> Verdict | None:
+def find_enclosed_start(conditions: Conditions, z: ChartPoint, time: float = 0.0) -> Verdict | None:
     """The refusal of a motion for what is wholly inside another at its start (nv,).
 
     None where nothing is, or it touches. A certificate of what comes after the start doesn't see it: a mesh is a

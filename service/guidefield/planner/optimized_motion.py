@@ -16,16 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from guidefield.planner.motion.bspline import BSpline
-from guidefield.planner.motion.limit_load import at_limits, limit_load
+from guidefield.planner.motion.limit_load import measure_limit_load, stretch_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.motion_certificate import Finished, Judge, certify_motion, find_excess, judge
+from guidefield.planner.motion_certificate import CertifiedMotion, Judge, certify_motion, find_excess, judge
 from guidefield.planner.optimize import settings as presets
 from guidefield.planner.optimize.clearance_samples import better
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage, PlanePlace, first_places, passing, with_knots
 from guidefield.planner.optimize.sampled_robot import TouchedPoint, touched_points
-from guidefield.planner.path_so_far import limits_of, retimed_spline
+from guidefield.planner.path_so_far import limits_of, retime_motion
 from guidefield.planner.schedule.retimed import wait_until_begin
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
@@ -37,7 +37,7 @@ HURRIED = "time was up while the motion was optimised: with a longer `allowed_pl
 
 
 @dataclass(frozen=True, eq=False)
-class Crossed(ReadOnly):
+class CrossedPlanes(ReadOnly):
     """The guide planes that an optimised motion crosses."""
 
     passages: tuple[Passage, ...]
@@ -46,7 +46,7 @@ class Crossed(ReadOnly):
     at_ends: Mapping[int, int]
 
     @classmethod
-    def of(cls, problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> Crossed:
+    def of(cls, problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> CrossedPlanes:
         """Of a path (n, nv), and by index of each guide plane that was reached, its index in the path."""
         last = len(path) - 1
         inner = sorted((at, plane) for plane, at in crossings.items() if 0 < at < last)
@@ -69,7 +69,7 @@ class Crossed(ReadOnly):
 GAINED = 0.03
 """A motion is timed anew for limits beside those of rates where these alone would let it be faster by this share."""
 
-NO_PLANES = Crossed((), (), {})  # of a motion that crosses none
+NO_PLANES = CrossedPlanes((), (), {})  # of a motion that crosses none
 
 
 LOOKS = 3  # how often a motion that is refused again is optimised with a look at where it touched, at most
@@ -81,10 +81,10 @@ def optimize_motion(
     motion: Trajectory,
     others: Iterable[Trajectory],
     stages: Stages,
-    crossed: Crossed = NO_PLANES,
+    crossed: CrossedPlanes = NO_PLANES,
     between: tuple[float, float] = ANY_TIME,
     judged_by: Judge = judge,
-) -> Finished | None:
+) -> CertifiedMotion | None:
     """Optimise a motion; where it is refused among obstacles that rest, optimise it again, up to `LOOKS` times more.
 
     Args:
@@ -102,7 +102,7 @@ def optimize_motion(
         stands = (motion.positions == motion.positions[0]).all(axis=1) & (motion.velocities == 0.0).all(axis=1)
         begin = int(np.argmin(stands)) - 1
         begun = Trajectory(motion.times[begin:], motion.positions[begin:], motion.velocities[begin:])
-    settings = settings_of(problem, passes=bool(crossed.passages))
+    settings = choose_settings(problem, passes=bool(crossed.passages))
     if settings.rough:  # it is optimised in few pieces
         settings = presets.lengthened(settings, length_of(begun.positions, problem.group.sizes))
     message = f"shape and time together, {'among what moves, ' if moves else ''}{problem.objective.value}"
@@ -116,7 +116,7 @@ def optimize_motion(
             break
         made = None
         if optimized.outcome is not Outcome.NOT_PASSING:
-            made = _of_optimized(problem, optimized, begun, settings, crossed, between[1], stages, judged_by)
+            made = _certify_optimized(problem, optimized, begun, settings, crossed, between[1], stages, judged_by)
             if made is not None and (made.verdict.free or finished is None):
                 finished = made
         settled = finished is not None and finished.verdict.free
@@ -141,7 +141,7 @@ def optimize_motion(
     return finished
 
 
-def _is_overloaded(problem: Problem, finished: Finished | None) -> bool:
+def _is_overloaded(problem: Problem, finished: CertifiedMotion | None) -> bool:
     """Whether a motion's torques exceed limits that bind it: where gravity alone does, no time is long enough."""
     return (
         problem.effort_limit is not None
@@ -150,12 +150,12 @@ def _is_overloaded(problem: Problem, finished: Finished | None) -> bool:
     )
 
 
-def settings_of(problem: Problem, *, passes: bool = False) -> presets.OptimizationSettings:
+def choose_settings(problem: Problem, *, passes: bool = False) -> presets.OptimizationSettings:
     """Of the optimisation of a problem's motion, which may have to pass something on its way."""
-    return presets.sized(_usual_settings_of(problem, passes), problem.group.size)
+    return presets.sized(_choose_usual_settings(problem, passes), problem.group.size)
 
 
-def _usual_settings_of(problem: Problem, passes: bool) -> presets.OptimizationSettings:
+def _choose_usual_settings(problem: Problem, passes: bool) -> presets.OptimizationSettings:
     settings, many = presets.OPTIMIZATION[problem.objective], problem.group.nv > presets.MANY
     if problem.path_constraints:
         return presets.constrained(presets.of_many(settings) if many else settings)
@@ -170,25 +170,25 @@ def _usual_settings_of(problem: Problem, passes: bool) -> presets.OptimizationSe
     return presets.in_space(settings) if problem.cartesian_limits else settings
 
 
-def _of_optimized(
+def _certify_optimized(
     problem: Problem,
     optimized: Optimized,
     begun: Trajectory,
     settings: presets.OptimizationSettings,
-    crossed: Crossed,
+    crossed: CrossedPlanes,
     arrive_from: float,
     stages: Stages,
     judged_by: Judge,
-) -> Finished | None:
+) -> CertifiedMotion | None:
     """An optimised trajectory, judged, with a warning where time was up meanwhile; None where it is no better."""
     warnings, finished = (HURRIED,) if optimized.outcome is Outcome.OUT_OF_TIME else (), None
     found = (optimized.trajectory, crossed.knots(optimized.trajectory, optimized.passed))
     candidates: Iterable[tuple[Trajectory, dict[int, int]]] = (found,)
     if problem.scene.moves:
-        within = _within_limits(problem, optimized.trajectory, found[1], crossed, arrive_from)
+        within = _time_within_limits(problem, optimized.trajectory, found[1], crossed, arrive_from)
         candidates = (one for one in within if better(problem, one[0], begun, settings))
     elif problem.beside and not problem.in_motion:
-        candidates = filter(None, (_retimed(problem, optimized.trajectory, crossed), found))
+        candidates = filter(None, (_retime(problem, optimized.trajectory, crossed), found))
     for shaped, passed in candidates:
         whole = wait_until_begin(shaped)
         before = len(whole.times) - len(shaped.times)  # a knot, where it waits
@@ -199,17 +199,19 @@ def _of_optimized(
     return finished
 
 
-def _retimed(problem: Problem, motion: Trajectory, crossed: Crossed) -> tuple[Trajectory, dict[int, int]] | None:
+def _retime(problem: Problem, motion: Trajectory, crossed: CrossedPlanes) -> tuple[Trajectory, dict[int, int]] | None:
     """The fastest motion along the way of another one within limits; None where it is no faster."""
     knots = (motion.times - motion.times[0], motion.positions, motion.velocities)
-    if limit_load(*knots, *limits_of(problem)[:3]) > 1.0 - GAINED:
+    if measure_limit_load(*knots, *limits_of(problem)[:3]) > 1.0 - GAINED:
         return None
-    spline = retimed_spline(problem, motion)
-    made = None if spline is None else through_planes(problem, spline, crossed)
+    spline = retime_motion(problem, motion)
+    made = None if spline is None else bring_onto_planes(problem, spline, crossed)
     return None if made is None or made[0].duration >= motion.duration else made
 
 
-def through_planes(problem: Problem, spline: BSpline, crossed: Crossed) -> tuple[Trajectory, dict[int, int]] | None:
+def bring_onto_planes(
+    problem: Problem, spline: BSpline, crossed: CrossedPlanes
+) -> tuple[Trajectory, dict[int, int]] | None:
     """A motion brought exactly onto the guide planes that it crosses, as fast as its limits allow, and its knots there.
 
     None where it can't be brought there.
@@ -221,12 +223,12 @@ def through_planes(problem: Problem, spline: BSpline, crossed: Crossed) -> tuple
         return None
     knots, passed = with_knots(*exact)
     limits = limits_of(problem)
-    trajectory = at_limits(*knots, *limits[:3], limits.beside)
+    trajectory = stretch_to_limits(*knots, *limits[:3], limits.beside)
     return trajectory, crossed.knots(trajectory, passed)
 
 
-def _within_limits(
-    problem: Problem, motion: Trajectory, passed: dict[int, int], crossed: Crossed, arrive_from: float
+def _time_within_limits(
+    problem: Problem, motion: Trajectory, passed: dict[int, int], crossed: CrossedPlanes, arrive_from: float
 ) -> Iterator[tuple[Trajectory, dict[int, int]]]:
     """A motion as fast as it may go, if it doesn't arrive too soon then; and as it is, if it is within its limits.
 
@@ -234,10 +236,12 @@ def _within_limits(
     """
     begin, rates = float(motion.times[0]), limits_of(problem)
     knots = (motion.times - begin, motion.positions, motion.velocities)
-    fast = at_limits(*knots, *rates[:3], rates.beside)
-    anew = _retimed(problem, fast, crossed) if rates.beside else None
+    fast = stretch_to_limits(*knots, *rates[:3], rates.beside)
+    anew = _retime(problem, fast, crossed) if rates.beside else None
     for one, on_planes in filter(None, (anew, (fast, passed))):
         if begin + one.duration >= arrive_from:
             yield Trajectory(begin + one.times, one.positions, one.velocities), on_planes
-    if limit_load(*knots, *rates[:3]) <= 1.0 and all(it.stretch(motion.polynomials) <= 1.0 for it in rates.beside):
+    if measure_limit_load(*knots, *rates[:3]) <= 1.0 and all(
+        it.stretch(motion.polynomials) <= 1.0 for it in rates.beside
+    ):
         yield motion, passed

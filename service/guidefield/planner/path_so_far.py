@@ -12,9 +12,9 @@ import numpy as np
 
 from guidefield.planner.connect.constrained import Keeper
 from guidefield.planner.motion.bspline import BSpline
-from guidefield.planner.motion.timing import Limits, PathCurve, executed, parameterize
-from guidefield.planner.motion.trajectory import Trajectory, one_after_another
-from guidefield.planner.motion.waypoints import CURVE, distinct, lengths_of, polyline, subdivided
+from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
+from guidefield.planner.motion.trajectory import Trajectory, concatenate
+from guidefield.planner.motion.waypoints import CURVE, lengths_of, polyline, remove_repetitions, subdivide
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending
 from guidefield.read_only import ReadOnly
@@ -42,38 +42,38 @@ def limits_of(problem: Problem) -> Limits:
     return Limits(group.velocity_limits, group.acceleration_limits, own, problem.beside)
 
 
-def rounded_spline(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> BSpline:
+def round_path(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> BSpline:
     """The fastest motion round the corners of a path (n, nv), from rest to rest.
 
     Args:
         finer: Control points of the curve, and pieces of the motion, are so many times as dense.
     """
-    places = subdivided(distinct(path), CURVE.spacing / finer, problem.group.sizes)
+    places = subdivide(remove_repetitions(path), CURVE.spacing / finer, problem.group.sizes)
     if problem.path_constraints:
         keeper = Keeper(problem, problem.constrained_frames)
-        back = [z if (kept := keeper.brought_back(z)) is None else kept for z in places[1:-1]]
-        places = distinct(cast(ChartPoints, np.array([places[0], *back, places[-1]])))
+        back = [z if (kept := keeper.bring_back(z)) is None else kept for z in places[1:-1]]
+        places = remove_repetitions(cast(ChartPoints, np.array([places[0], *back, places[-1]])))
     return parameterize(PathCurve.along(places, problem.group.sizes), limits, finer)
 
 
-def motion_along(problem: Problem, path: ChartPoints, finer: int = 1) -> Trajectory:
+def time_path(problem: Problem, path: ChartPoints, finer: int = 1) -> Trajectory:
     """The same within the problem's limits; a single knot where the path (n, nv) goes nowhere."""
-    return _within(problem, path, limits_of(problem), finer)
+    return _time_within(problem, path, limits_of(problem), finer)
 
 
-def soonest_along(problem: Problem, path: ChartPoints) -> Trajectory:
+def time_path_ignoring_jerk(problem: Problem, path: ChartPoints) -> Trajectory:
     """The same along a path (n, nv), whatever its jerk, and what it does as a whole."""
     unlimited = cast(ChartRate, np.full(problem.group.nv, np.inf))
-    return _within(problem, path, limits_of(problem)._replace(jerk=unlimited, beside=()))
+    return _time_within(problem, path, limits_of(problem)._replace(jerk=unlimited, beside=()))
 
 
-def _within(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> Trajectory:
-    if len(distinct(path)) == 1:
-        return standing(path[0])
-    return executed(rounded_spline(problem, path, limits, finer), limits)
+def _time_within(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> Trajectory:
+    if len(remove_repetitions(path)) == 1:
+        return make_standing_motion(path[0])
+    return stretch_spline_to_limits(round_path(problem, path, limits, finer), limits)
 
 
-def retimed_spline(problem: Problem, motion: Trajectory) -> BSpline | None:
+def retime_motion(problem: Problem, motion: Trajectory) -> BSpline | None:
     """The fastest motion along the way of another one from rest to rest; None where that goes nowhere.
 
     It keeps to the way but for what its pieces are long, see `timing`.
@@ -84,27 +84,27 @@ def retimed_spline(problem: Problem, motion: Trajectory) -> BSpline | None:
     if lengths[-1] <= CURVE.repeated:
         return None
     evenly = np.interp(np.linspace(0.0, lengths[-1], RETIMED.places), lengths, times)
-    places = distinct(motion.evaluate(evenly)[0])
+    places = remove_repetitions(motion.evaluate(evenly)[0])
     return parameterize(PathCurve.along(places, problem.group.sizes), limits_of(problem), RETIMED.finer)
 
 
-def stopping_along(problem: Problem, path: ChartPoints) -> tuple[Trajectory, list[int]]:
+def time_path_with_stops(problem: Problem, path: ChartPoints) -> tuple[Trajectory, list[int]]:
     """The motion along the very path (n, nv), at rest at every waypoint; and its knot at each of them."""
     limits = limits_of(problem)
     parts = []
     for begin, end in pairwise(path):
         line = cast(ChartPoints, np.array([begin, end]))
-        if len(distinct(line)) == 1:
-            parts.append(standing(begin))
+        if len(remove_repetitions(line)) == 1:
+            parts.append(make_standing_motion(begin))
         else:
             sizes = problem.group.sizes
-            curve = PathCurve.along(subdivided(line, CURVE.spacing, sizes), sizes)
-            parts.append(executed(parameterize(curve, limits), limits))
+            curve = PathCurve.along(subdivide(line, CURVE.spacing, sizes), sizes)
+            parts.append(stretch_spline_to_limits(parameterize(curve, limits), limits))
     knots = np.r_[0, np.cumsum([len(part.times) - 1 for part in parts])]
-    return one_after_another(parts), knots.tolist()
+    return concatenate(parts), knots.tolist()
 
 
-def standing(z: ChartPoint) -> Trajectory:
+def make_standing_motion(z: ChartPoint) -> Trajectory:
     """The motion that stays at a chart point (nv,)."""
     return Trajectory(np.zeros(1), cast(ChartPoints, z[None].copy()), cast(ChartRates, np.zeros((1, len(z)))))
 
@@ -126,12 +126,12 @@ class PathSoFar(ReadOnly):
         """Nothing but a problem's start."""
         return cls(problem.z_start[None])
 
-    def extended(self, points: ChartPoints, *, proven: bool = True, others: tuple[ChartPoints, ...] = ()) -> PathSoFar:
+    def extend(self, points: ChartPoints, *, proven: bool = True, others: tuple[ChartPoints, ...] = ()) -> PathSoFar:
         """Gone on from where the path ends, along points (n, nv) that begin there, and along other ways (n, nv)."""
         path, *rest = (np.concatenate([self.path, way[1:]]) for way in (points, *others))
         return dataclasses.replace(self, path=path, proven=self.proven and proven, others=tuple(rest))
 
-    def on_plane(self, index: int) -> Self:
+    def with_plane_reached(self, index: int) -> Self:
         """The same, with the guide plane of an index reached where the path ends."""
         return dataclasses.replace(self, crossings={**self.crossings, index: len(self.path) - 1})
 
@@ -139,7 +139,7 @@ class PathSoFar(ReadOnly):
         """Nothing but the first point."""
         return PathSoFar(self.path[:1])
 
-    def failed(self, failure: Ending) -> Self:
+    def with_failure(self, failure: Ending) -> Self:
         """The same, as far as it goes."""
         return dataclasses.replace(self, failure=failure)
 

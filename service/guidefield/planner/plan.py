@@ -11,7 +11,7 @@ import numpy as np
 
 from guidefield.errors import Status
 from guidefield.planner.crossings import cross_planes, find_led_goals
-from guidefield.planner.ends import UNREACHED, check_start, goal_points
+from guidefield.planner.ends import UNREACHED, check_start, find_goal_points
 from guidefield.planner.finish import finish
 from guidefield.planner.goal_among_movers import reach_among_movers
 from guidefield.planner.guide.guide import PROJECTED
@@ -19,14 +19,14 @@ from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.held_paths import Through, connections
 from guidefield.planner.in_motion import STOPS, finish_in_motion, moving_ends
 from guidefield.planner.judgement import judge_leaving
-from guidefield.planner.leaving import continue_after, join_way_out, leave
+from guidefield.planner.leaving import continue_after, join_way_out, leave_contacts
 from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import (
     LAST_JUDGEMENT,
     MOST_SLOWED,
-    Finished,
+    CertifiedMotion,
     certify_given,
     certify_motion,
     find_excess,
@@ -37,7 +37,7 @@ from guidefield.planner.motion_certificate import (
 )
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import ControllerModel, Problem, TipGoal
-from guidefield.planner.task.stages import Ending, StageFailed, Stages, once_they_rest, refusal
+from guidefield.planner.task.stages import Ending, StageFailed, Stages, make_ending_at_rest, make_refusal
 from guidefield.planner.task.trace import StageLeft
 from guidefield.prove.certificate import certify_constraints
 from guidefield.prove.verdict import Verdict
@@ -76,7 +76,7 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
     """Plan a motion."""
     stages, left = Stages(problem), None
     try:
-        left = leave(problem, stages) if problem.leave_start_contact else None
+        left = leave_contacts(problem, stages) if problem.leave_start_contact else None
     except StageFailed as failed:
         return _make_plan(problem, _refuse_start(problem, failed.ending, stages), stages)
     finished = _plan_from_start(continue_after(problem, left) if left else problem, planner, attempts, stages)
@@ -89,8 +89,8 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
 
 
 def _settle_leaving(
-    problem: Problem, execution: ControllerModel, whole: Finished, trajectory: Trajectory
-) -> tuple[Finished, DrawnMotion]:
+    problem: Problem, execution: ControllerModel, whole: CertifiedMotion, trajectory: Trajectory
+) -> tuple[CertifiedMotion, DrawnMotion]:
     """Choose the rows of a motion that leaves a contact at its start, slower where it has to be."""
     deadline, left_at = problem.deadline.at_least(LAST_JUDGEMENT), whole.judged_from
 
@@ -118,7 +118,9 @@ def make_refused_plan(problem: Problem, status: Status, message: str, details: d
     return _make_plan(problem, _refuse_start(problem, Ending(status, message, details), stages), stages)
 
 
-def _plan_from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
+def _plan_from_start(
+    problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages
+) -> CertifiedMotion:
     try:
         goals = _find_ends(problem, planner, stages)
     except StageFailed as failed:
@@ -126,7 +128,7 @@ def _plan_from_start(problem: Problem, planner: Planner, attempts: Sequence[Atte
     if problem.in_motion:
         assert goals is not None, "planes are no goals then"
         return _plan_in_motion(problem, goals, stages)
-    through = _planes_of(problem, goals, planner, attempts, stages)
+    through = _cross_planes(problem, goals, planner, attempts, stages)
     if problem.scene.moves:
         return reach_among_movers(problem, goals, through, stages)
     found, goals = through(problem, PathSoFar.at_start(problem), True)
@@ -135,7 +137,7 @@ def _plan_from_start(problem: Problem, planner: Planner, attempts: Sequence[Atte
     return _reach_goal(problem, found, goals, stages)
 
 
-def _planes_of(
+def _cross_planes(
     problem: Problem, goals: ChartPoints | None, planner: Planner, attempts: Sequence[Attempt], stages: Stages
 ) -> Through:
     """The way through a problem's guide planes, among its obstacles or some of them, to the goals after them."""
@@ -155,7 +157,7 @@ def _planes_of(
     return through
 
 
-def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
+def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> CertifiedMotion:
     """From a start in motion, or to an end in motion; among obstacles that move the robot stops first."""
     try:
         ends = moving_ends(problem, goals, stages)
@@ -166,7 +168,7 @@ def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Fin
 
     stop = ends.stop
     then = problem.since(stop.duration, problem.group.from_chart(stop.positions[-1]))
-    through = _planes_of(then, ends.inner_goals, Planner.TREE, (), stages)
+    through = _cross_planes(then, ends.inner_goals, Planner.TREE, (), stages)
     rest = reach_among_movers(then, ends.inner_goals, through, stages)
     whole = stop if rest.trajectory is None else ends.around(rest.trajectory)
     judged = certify_motion(problem, whole, {}, stages, message="the whole motion, between samples too")
@@ -181,12 +183,12 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
     with stages.entered("ends", "start and goal") as stage:
         check_start(problem.at(0.0))
         try:
-            goals = goal_points(problem.at(problem.scene.end))
+            goals = find_goal_points(problem.at(problem.scene.end))
         except StageFailed as failed:
             leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.path_constraints
             unreached = failed.ending.status in UNREACHED
             if not (leads and unreached and isinstance(problem.goal, TipGoal)):
-                told = once_they_rest(problem, failed.ending)
+                told = make_ending_at_rest(problem, failed.ending)
                 raise StageFailed(told.status, told.message, **told.details) from None
             stage.outcome = "the start is free; the goal's pose is looked for from where guide planes lead"
             return None
@@ -197,7 +199,7 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
     return goals
 
 
-def _reach_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages) -> Finished:
+def _reach_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages) -> CertifiedMotion:
     """Connect and finish: what is free at samples is optimised at once; where that fails, it is proven before."""
     finished = None
     for connected in connections(problem, found, goals, stages, "to the goal"):
@@ -208,18 +210,18 @@ def _reach_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: 
     return finished
 
 
-def _refuse_start(problem: Problem, failure: Ending, stages: Stages) -> Finished:
-    return finish(problem, PathSoFar.at_start(problem).failed(failure), stages)
+def _refuse_start(problem: Problem, failure: Ending, stages: Stages) -> CertifiedMotion:
+    return finish(problem, PathSoFar.at_start(problem).with_failure(failure), stages)
 
 
-def _make_plan(problem: Problem, finished: Finished, stages: Stages, drawn: DrawnMotion | None = None) -> Plan:
+def _make_plan(problem: Problem, finished: CertifiedMotion, stages: Stages, drawn: DrawnMotion | None = None) -> Plan:
     trajectory = finished.trajectory
     if drawn is None and trajectory is not None and problem.execution is not None:
         drawn = settle_execution(problem, trajectory).drawn
     if finished.failure is not None:
         ended = finished.failure
     elif not finished.verdict.free:
-        ended = refusal(problem, finished.verdict)
+        ended = make_refusal(problem, finished.verdict)
     elif (excess := find_excess(problem, trajectory if drawn is None else drawn.motion)) is not None:
         ended = excess
     elif problem.deadline.is_cancelled():

@@ -67,7 +67,7 @@ the layout of what is measured and the reply need the rest."""
 FEW_SAMPLES = 40  # of more samples the potential is evaluated at every second
 
 
-class MotionInTime(Protocol):
+class TimedMotion(Protocol):
     """A motion that can be measured: a plan's trajectory, or one that was given."""
 
     @property
@@ -89,7 +89,7 @@ class MotionInTime(Protocol):
 
 
 @dataclass(frozen=True)
-class Closest:
+class SmallestDistance:
     """The smallest distance of some pairs along a motion."""
 
     distance: float  # the smallest that was found, attained at `time` [m]; infinite without such a pair
@@ -108,9 +108,9 @@ class Closest:
 class Clearance(ReadOnly):
     """How far a motion keeps from everything: exact over its whole length, and samples along it."""
 
-    obstacle: Closest
-    inner: Closest | None  # the same less `END_LENGTH` of the way at each end; None if nothing is left
-    own: Closest
+    obstacle: SmallestDistance
+    inner: SmallestDistance | None  # the same less `END_LENGTH` of the way at each end; None if nothing is left
+    own: SmallestDistance
     times: np.ndarray  # of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move
     lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad, or m at size 1]
     mean: float  # mean distance from obstacles over every third sample [m]
@@ -155,15 +155,15 @@ UNMEASURED = "time was up before distances were measured: `clearance` and `self_
 """Warning about motions that were not measured."""
 
 
-def clearances(motions: Sequence[tuple[MotionInTime, Conditions]]) -> list[Clearance] | None:
+def measure_clearances(motions: Sequence[tuple[TimedMotion, Conditions]]) -> list[Clearance] | None:
     """Measure motions, each under its conditions; None if the deadline passed before."""
     try:
-        return [clearance(*one) for one in motions]
+        return [measure_clearance(*one) for one in motions]
     except DeadlineExpired:
         return None
 
 
-def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
+def measure_clearance(trajectory: TimedMotion, problem: Conditions) -> Clearance:
     """Measure a trajectory, among the obstacles as they stand meanwhile.
 
     The smallest distances are looked for until the deadline, and for `LAST_SEARCH_S` at least: see `Closest.exact`.
@@ -177,13 +177,15 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
         asked, found = known[:2]
         found = confirm(world, asked.curve, asked.coarse, asked.spans, found)
     else:
-        asked = _asked_along(trajectory, problem)
+        asked = _make_clearance_queries(trajectory, problem)
         deadline.check("the motion was measured")
         found = smallest_along(world, asked.curve, asked.coarse, asked.spans, deadline=deadline)
     times, lengths, coarse, spans, curve = asked
     distances = found.distances
     closest = [
-        Closest(one.distance, one.bound, one.time, None if one.pair < 0 else world.pair_names(one.pair), one.tolerance)
+        SmallestDistance(
+            one.distance, one.bound, one.time, None if one.pair < 0 else world.pair_names(one.pair), one.tolerance
+        )
         for one in (*found.obstacle, found.own)
     ]
     start = world.group.expand_from_chart(curve.point_at(times[0]))
@@ -213,9 +215,9 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     )
 
 
-def certify_and_measure(trajectory: MotionInTime, problem: Conditions, deadline: Deadline) -> Verdict:
-    """Certify a motion, and search in the same pass the distances that `clearance` asks for."""
-    asked = _asked_along(trajectory, problem)
+def certify_and_measure(trajectory: TimedMotion, problem: Conditions, deadline: Deadline) -> Verdict:
+    """Certify a motion, and search in the same pass the distances that `measure_clearance` asks for."""
+    asked = _make_clearance_queries(trajectory, problem)
     goal = Goal(problem.min_clearance, in_time=problem.scene.moves, spans=asked.spans, samples=asked.coarse)
     found = certify_curve(problem.world, asked.curve, goal, deadline)
     if found.obstacle:
@@ -223,7 +225,7 @@ def certify_and_measure(trajectory: MotionInTime, problem: Conditions, deadline:
     return found.verdict
 
 
-class _AskedAlong(NamedTuple):
+class _ClearanceQueries(NamedTuple):
     """What is asked for along a motion."""
 
     times: np.ndarray  # of samples, shape (k,) [s]
@@ -233,19 +235,19 @@ class _AskedAlong(NamedTuple):
     curve: Curve
 
 
-def _asked_along(trajectory: MotionInTime, problem: Conditions) -> _AskedAlong:
-    times, lengths, inside = _samples(trajectory, problem)
+def _make_clearance_queries(trajectory: TimedMotion, problem: Conditions) -> _ClearanceQueries:
+    times, lengths, inside = _choose_samples(trajectory, problem)
     spans = [(float(times[0]), float(times[-1])), *([inside] if inside else [])]
     coarse = times[::COARSE_STRIDE].copy()
     coarse = coarse if coarse[-1] >= times[-1] else np.append(coarse, times[-1])
-    return _AskedAlong(times, lengths, coarse, spans, Curve(trajectory.bezier(), trajectory.piece_times()))
+    return _ClearanceQueries(times, lengths, coarse, spans, Curve(trajectory.bezier(), trajectory.piece_times()))
 
 
-_SEARCHED = Answers[tuple[_AskedAlong, Found, "weakref.ref[World]"]](1)
+_SEARCHED = Answers[tuple[_ClearanceQueries, Found, "weakref.ref[World]"]](1)
 """What a certificate's search was asked and found along a motion, and in which world."""
 
 
-def clearance_profile(*parts: tuple[Clearance, Conditions, Scene], every: int = 1) -> ClearanceProfile:
+def measure_clearance_profile(*parts: tuple[Clearance, Conditions, Scene], every: int = 1) -> ClearanceProfile:
     """Return distances and potential at the samples of a measured motion, for its recording.
 
     Args:
@@ -305,7 +307,7 @@ class _Samples(NamedTuple):
     expanded: ModelConfigurations
 
 
-def _with_enclosure(found: Closest, inside: list[int], time: float, world: World) -> Closest:
+def _with_enclosure(found: SmallestDistance, inside: list[int], time: float, world: World) -> SmallestDistance:
     """The smallest distance along a motion, given the pairs one of whose bodies is inside the other when it begins.
 
     What is inside stays there until it touches, so that nothing else of the motion has to be looked at.
@@ -315,11 +317,11 @@ def _with_enclosure(found: Closest, inside: list[int], time: float, world: World
     return replace(found, distance=0.0, bound=min(found.bound, 0.0), time=time, pair=world.pair_names(inside[0]))
 
 
-def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
+def measure_figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     """Length, duration and smoothness of a trajectory."""
     steps, lengths = 4 * math.ceil(max(1.0, 0.25 * LENGTH_STEPS / max(1, len(trajectory.times) - 1))), np.empty(WAYS)
     way_lengths(*trajectory.tables, kinematics.tip, steps, LENGTH_SHARE, LENGTH_LEVELS, lengths)
-    way = travelled_way(trajectory, tuple(kinematics.group.sizes.tolist()))
+    way = measure_travel(trajectory, tuple(kinematics.group.sizes.tolist()))
     bending = 0.0  # the integral of the squared curvature by length, times the length
     if way.length > 0.0 and len(way.evenly) > 2:
         bending = squared_turns(way.pieces, way.begins, way.evenly) / way.stride * way.length
@@ -332,7 +334,7 @@ def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     )
 
 
-class TravelledWay(NamedTuple):
+class TravelledPath(NamedTuple):
     """A motion as curves, and how far it has travelled, of coordinates over their sizes."""
 
     pieces: ChartCurves  # control points of the curves, shape (m, k, nv) [rad, or m at size 1]
@@ -349,7 +351,7 @@ class TravelledWay(NamedTuple):
 
 
 @memoized
-def travelled_way(trajectory: MotionInTime, sizes: tuple[float, ...]) -> TravelledWay:
+def measure_travel(trajectory: TimedMotion, sizes: tuple[float, ...]) -> TravelledPath:
     """Lay out a motion by how far it has travelled by sizes of coordinates, once: of many rows it takes 0.1 s."""
     pieces, begins = np.ascontiguousarray(trajectory.bezier() / sizes), np.array(trajectory.piece_times(), float)
     many = min(TIMES_A_KNOT * len(trajectory.times) + 2, MAX_TIMES)
@@ -359,18 +361,18 @@ def travelled_way(trajectory: MotionInTime, sizes: tuple[float, ...]) -> Travell
     length = float(lengths[-1])
     count = min(max(math.ceil(length / SAMPLE_SPACING) + 1, 2), MAX_SAMPLES)
     evenly = np.linspace(0.0, length, count)
-    way = TravelledWay(
+    way = TravelledPath(
         cast(ChartCurves, pieces), begins, times, lengths, float(evenly[1]), np.interp(evenly, lengths, times)
     )
     read_only(*way)
     return way
 
 
-def _samples(
-    trajectory: MotionInTime, problem: Conditions
+def _choose_samples(
+    trajectory: TimedMotion, problem: Conditions
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
     """Times of samples, the distances travelled by then, and between which times the inner way is, if there is one."""
-    way, inside = travelled_way(trajectory, tuple(problem.group.sizes.tolist())), None
+    way, inside = measure_travel(trajectory, tuple(problem.group.sizes.tolist())), None
     if way.length > 2.0 * END_LENGTH:
         ends = np.array([END_LENGTH, way.length - END_LENGTH])
         when_travelled(way.pieces, way.begins, way.times, way.lengths, TIMES_BETWEEN, ends)

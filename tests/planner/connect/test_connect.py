@@ -13,7 +13,7 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.connect import connect
-from guidefield.planner.guide.guide import ATTEMPTS, cross
+from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
 from tests.collision.lanes.test_lanes import draw
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 from tests.robots import box_arm, group, grouped, rest
@@ -151,7 +151,7 @@ def test_snakes_go_through_tubes_to_configurations(title: str) -> None:
     made = seed_problem(title)
     q = made.q_start
     for index, plane in enumerate(made.guide_planes):
-        q = cross(made, q, plane, index, ATTEMPTS["projected"](made.group)).path[-1]
+        q = cross_plane(made, q, plane, index, ATTEMPTS["projected"](made.group)).path[-1]
     start = made.group.chart(made.q_start)
     goal = made.group.unwrapped(made.group.chart(q), start)
     assert not densely_free(made, np.array([start, goal]), 1e-2)

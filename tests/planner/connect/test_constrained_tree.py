@@ -47,7 +47,7 @@ def test_a_walk_goes_the_short_way_round() -> None:
 def test_the_same_seed_finds_the_same_path() -> None:
     made, keeper = upright("continuous y oblique-continuous y", 0.7)
     rng = np.random.default_rng(5)
-    ends = [keeper.brought_back(made.group.chart(made.group.random(rng))) for _ in range(20)]
+    ends = [keeper.bring_back(made.group.chart(made.group.random(rng))) for _ in range(20)]
     start, goal = [z for z in ends if z is not None and not made.lanes.touching(z[None])[0]][:2]
     paths = [connect_constrained(made, keeper, start, goal[None], np.random.default_rng(7)).path for _ in range(2)]
     np.testing.assert_array_equal(*paths)
@@ -70,7 +70,7 @@ def test_a_path_keeps_the_constraint_and_never_jumps(seed: int) -> None:
     made, keeper = upright("continuous y oblique-continuous y", 0.7, post)
     rng, ends = np.random.default_rng(seed), []
     while len(ends) < 2:
-        z = keeper.brought_back(made.group.chart(made.group.random(rng)))
+        z = keeper.bring_back(made.group.chart(made.group.random(rng)))
         if z is not None and not made.lanes.touching(z[None])[0]:
             ends.append(z)
     found = connect_constrained(made, keeper, ends[0], np.array(ends[1:]), rng)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from guidefield.errors import Status
-from guidefield.planner.connect.connect import connect, estimated_time, quickest_way
+from guidefield.planner.connect.connect import connect, estimate_time, find_quickest_path
 from guidefield.planner.connect.settings import QUICKEST
 from guidefield.planner.task.problem import Objective
 from tests.planner.connect.test_connect import wall_between
@@ -21,11 +21,11 @@ from tests.planner.problems import densely_free, problem, scene_of
 def test_a_time_is_between_the_straight_ones_and_that_of_waiting_for_the_slowest(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     path, velocities = rng.normal(size=(count, 4)), rng.uniform(0.1, 3.0, 4)
-    time = estimated_time(path, velocities)
+    time = estimate_time(path, velocities)
     straight = max(abs(float(a)) / float(v) for a, v in zip(path[-1] - path[0], velocities, strict=True))
     waiting = sum(max(np.abs(b - a) / velocities) for a, b in pairwise(path))
     assert straight * (1 - 1e-12) <= time <= waiting * (1 + 1e-12)
-    assert estimated_time(path[[0, -1]], velocities) == pytest.approx(straight)
+    assert estimate_time(path[[0, -1]], velocities) == pytest.approx(straight)
 
 
 def test_of_several_goals_the_soonest_is_taken_though_another_is_nearer() -> None:
@@ -45,15 +45,15 @@ def test_a_goal_behind_a_wall_is_passed_by_for_one_that_is_farther_but_reached_s
     aside[0] += 1.85  # a little more than through the wall
     assert densely_free(made, np.array([start, aside]))
     rng = np.random.default_rng(0)
-    way = quickest_way(made, start, np.array([behind, aside]), rng)
+    way = find_quickest_path(made, start, np.array([behind, aside]), rng)
     assert way is not None
     assert way.tried == 2
     np.testing.assert_array_equal(way.path, [start, aside])
-    alone = quickest_way(made, start, behind[None], rng)
+    alone = find_quickest_path(made, start, behind[None], rng)
     assert alone is not None
     assert len(alone.path) > 2
     limits = made.group.velocity_limits
-    assert estimated_time(alone.path, limits) > estimated_time(way.path, limits)
+    assert estimate_time(alone.path, limits) > estimate_time(way.path, limits)
 
 
 def test_of_two_goals_as_soon_the_one_with_the_shorter_way_is_taken_unless_time_alone_counts() -> None:
@@ -62,7 +62,7 @@ def test_of_two_goals_as_soon_the_one_with_the_shorter_way_is_taken_unless_time_
     one_joint, all_joints = z + 0.1 * np.eye(7)[0] * limits, z + 0.099 * limits
     goals = np.array([all_joints, one_joint])
     for objective, taken in ((Objective.BALANCED, one_joint), (Objective.TIME, all_joints)):
-        way = quickest_way(dataclasses.replace(made, objective=objective), z, goals, np.random.default_rng(0))
+        way = find_quickest_path(dataclasses.replace(made, objective=objective), z, goals, np.random.default_rng(0))
         assert way is not None
         np.testing.assert_array_equal(way.path, [z, taken])
 
@@ -72,14 +72,14 @@ def test_for_time_alone_more_ways_are_looked_for(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("guidefield.planner.connect.connect.QUICKEST", never)
     made, start, behind = wall_between()
     hurried = dataclasses.replace(made, objective=Objective.TIME)
-    once, often = (quickest_way(one, start, behind[None], np.random.default_rng(1)) for one in (made, hurried))
+    once, often = (find_quickest_path(one, start, behind[None], np.random.default_rng(1)) for one in (made, hurried))
     assert once is not None
     assert often is not None
     assert once.others == ()
     assert 1 <= len(often.others) < QUICKEST.ways
-    scores = [estimated_time(way, made.group.velocity_limits) for way in (often.path, *often.others)]
+    scores = [estimate_time(way, made.group.velocity_limits) for way in (often.path, *often.others)]
     assert scores == sorted(scores)
-    assert scores[0] <= estimated_time(once.path, made.group.velocity_limits)
+    assert scores[0] <= estimate_time(once.path, made.group.velocity_limits)
     for way in often.others:
         np.testing.assert_array_equal(way[[0, -1]], [start, behind])
         assert densely_free(made, way)
@@ -90,14 +90,14 @@ def test_for_time_alone_more_ways_are_looked_for(monkeypatch: pytest.MonkeyPatch
 def test_no_more_are_tried_than_can_be_better() -> None:
     made = problem("panda", scene_of())
     z = made.group.chart(made.q_start)
-    way = quickest_way(made, z, z + np.array([0.4, 0.1, 0.2])[:, None], np.random.default_rng(0))
+    way = find_quickest_path(made, z, z + np.array([0.4, 0.1, 0.2])[:, None], np.random.default_rng(0))
     assert way is not None
     assert way.tried == 1
 
 
 def test_where_a_few_motions_do_not_lead_to_any_all_are_tried_together(monkeypatch: pytest.MonkeyPatch) -> None:
     made, start, goal = wall_between()
-    monkeypatch.setattr("guidefield.planner.connect.connect.quickest_way", lambda *_: None)
+    monkeypatch.setattr("guidefield.planner.connect.connect.find_quickest_path", lambda *_: None)
     other = goal.copy()
     other[6] += 0.2
     goals = np.array([goal, other])

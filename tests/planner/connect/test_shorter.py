@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import Rounds, Shorter, connect, score, shorter
+from guidefield.planner.connect.connect import ShortenedPath, ShorteningRounds, connect, score_path, shorten_path
 from guidefield.planner.connect.settings import ROUNDS
 from guidefield.planner.connect.tree_search import sources_of
 from guidefield.planner.motion.waypoints import length_of
@@ -30,11 +30,11 @@ def first_path(seed: int = 0) -> tuple:
     return made, found.path
 
 
-def improved(number: int, accepted: bool = True, seed: int = 0, **deadline: object) -> tuple[Shorter, np.ndarray]:
+def improved(number: int, accepted: bool = True, seed: int = 0, **deadline: object) -> tuple[ShortenedPath, np.ndarray]:
     made, path = first_path()
     bounded = problem("panda", made.scene, deadline=Deadline(**deadline))
-    rounds, rng = Rounds(number, COARSE, 0.0), np.random.default_rng(seed)
-    return shorter(bounded, path, path[-1:], rounds, rng, lambda _: accepted), path
+    rounds, rng = ShorteningRounds(number, COARSE, 0.0), np.random.default_rng(seed)
+    return shorten_path(bounded, path, path[-1:], rounds, rng, lambda _: accepted), path
 
 
 def test_more_rounds_make_no_longer_paths_with_the_same_ends() -> None:
@@ -94,8 +94,8 @@ def test_a_detour_is_made_shorter_unasked() -> None:
     plain, more = (connect(one, near[0], near[1][None], np.random.default_rng(2)) for one in (asked_for_none, made))
     assert "rounds" not in plain.message
     assert f"in {ROUNDS.of_detour} rounds" in more.message
-    assert score(made, more.path) < score(made, plain.path)
-    assert score(made, plain.path) > ROUNDS.detour * score(made, plain.path[[0, -1]])
+    assert score_path(made, more.path) < score_path(made, plain.path)
+    assert score_path(made, plain.path) > ROUNDS.detour * score_path(made, plain.path[[0, -1]])
     assert densely_free(made, more.path)
 
 

@@ -13,7 +13,7 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import connect, why_not
+from guidefield.planner.connect.connect import connect, explain_failed_search
 from guidefield.planner.connect.tree_search import can_be_left
 from guidefield.robot.group.group import PlanningGroup
 from tests.planner.connect.test_connect import wall_between
@@ -91,9 +91,9 @@ def test_what_was_not_found_in_time_comes_with_numbers() -> None:
     deadline = Deadline(is_cancelled=lambda: next(calls) > 20)
     found = tree_search.grow(made.lanes, start[None], goal[None], 32.0, 2.0, np.random.default_rng(0), deadline)
     assert found.path is None
-    message = why_not(found, 1, in_time=True)
+    message = explain_failed_search(found, 1, in_time=True)
     assert f"in time: {found.motions} motions were judged" in message
     assert "from the start and the goal have 1 and 1 configurations" in message
     assert "hard to get away from" in message
     assert sum(found.tried) <= found.motions
-    assert "3000000" in why_not(found, 2, in_time=False)
+    assert "3000000" in explain_failed_search(found, 2, in_time=False)

@@ -12,8 +12,14 @@ import pytest
 from guidefield.errors import Status
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
-from guidefield.planner.guide.auto_planes import clearances, derive, enclosed, section, tip_way
-from guidefield.planner.guide.guide import ATTEMPTS, cross
+from guidefield.planner.guide.auto_planes import (
+    derive_planes,
+    find_free_section,
+    find_tip_way,
+    is_in_passage,
+    measure_point_clearances,
+)
+from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
 from guidefield.planner.guide.settings import TIP_WAY
 from guidefield.scene import library
 from guidefield.scene.distance_tables import distance_tables
@@ -37,7 +43,7 @@ WALL = [
 
 def way_through(scene, start, goal, **kw):
     options = {"radius": 0.02, "centre": np.zeros(3), "reach": np.inf, **kw}
-    return tip_way(distance_tables(scene), np.array(start, float), np.array(goal, float), **options)
+    return find_tip_way(distance_tables(scene), np.array(start, float), np.array(goal, float), **options)
 
 
 def test_the_way_leads_through_the_window() -> None:
@@ -67,34 +73,34 @@ def test_out_of_reach_is_no_way() -> None:
 def test_a_section_is_convex_free_and_as_large_as_the_window() -> None:
     tables = distance_tables(scene_of(*WALL))
     across = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    corners = section(tables, np.array([0.5, 0.05, 0.0]), across)
+    corners = find_free_section(tables, np.array([0.5, 0.05, 0.0]), across)
     inside = np.array([0.5, 0.05, 0.0]) + 0.97 * corners @ across
-    assert clearances(tables, inside).min() > 0.0
+    assert measure_point_clearances(tables, inside).min() > 0.0
     x, y = corners.T
     area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
     assert 0.8 * 0.16 < area <= 0.16 + 1e-6
     edges = np.roll(corners, -1, axis=0) - corners
     after = np.roll(edges, -1, axis=0)
     assert np.all(edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0] > -1e-9)
-    open_air = section(tables, np.array([-3.0, 0.0, 0.0]), across)
+    open_air = find_free_section(tables, np.array([-3.0, 0.0, 0.0]), across)
     np.testing.assert_allclose(np.linalg.norm(open_air, axis=1), TIP_WAY.longest)
 
 
 def test_what_is_enclosed_by_the_window_is_what_is_in_it() -> None:
     tables = distance_tables(scene_of(*WALL))
     in_window, across = np.array([0.5, 0.05, 0.0]), np.array([[1.0, 0.0, 0.0]])
-    assert enclosed(tables, in_window, across)
-    assert not enclosed(tables, in_window, np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
-    assert not enclosed(tables, np.array([0.3, 0.05, 0.0]), across)
+    assert is_in_passage(tables, in_window, across)
+    assert not is_in_passage(tables, in_window, np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    assert not is_in_passage(tables, np.array([0.3, 0.05, 0.0]), across)
 
 
 @pytest.mark.parametrize("title", ["seed_d_passage_3", "seed_d_passage_6"])
 def test_a_goal_inside_a_tube_is_reached_through_the_tube(title: str) -> None:
     """The tube is open at both ends, and the goal next to the far one: outside there is more room, and a way in."""
     made = seed_problem(title)
-    planes, tables = derive(made, made.guide_planes[-1]), distance_tables(made.scene)
+    planes, tables = derive_planes(made, made.guide_planes[-1]), distance_tables(made.scene)
     assert planes
-    assert all(enclosed(tables, plane.centroid, plane.normal[None]) for plane in planes)
+    assert all(is_in_passage(tables, plane.centroid, plane.normal[None]) for plane in planes)
     places = [plane.centroid[0] for plane in (*planes, made.guide_planes[-1])]
     assert places == sorted(places), "the tube leads along x"
 
@@ -103,27 +109,27 @@ def test_a_goal_inside_a_tube_is_reached_through_the_tube(title: str) -> None:
 def test_the_seeds_scenes_are_solved_with_the_goal_plane_alone(title: str) -> None:
     made = seed_problem(title)
     goal = made.guide_planes[-1]
-    planes = derive(made, goal)
+    planes = derive_planes(made, goal)
     assert planes
     assert [plane.name for plane in planes] == [f"GP-auto-{i}" for i in range(1, len(planes) + 1)]
     tables, q = distance_tables(made.scene), made.q_start
     for index, plane in enumerate((*planes, goal)):
         if index < len(planes):
             inner = plane.centroid + 0.9 * (plane.vertices - plane.centroid)
-            assert clearances(tables, np.vstack([inner, plane.centroid])).min() > 0.0
-        crossing = cross(made, q, plane, index, ATTEMPTS["projected"](made.group))
+            assert measure_point_clearances(tables, np.vstack([inner, plane.centroid])).min() > 0.0
+        crossing = cross_plane(made, q, plane, index, ATTEMPTS["projected"](made.group))
         assert crossing.status is Status.SUCCESS, crossing.message
         q = crossing.path[-1]
 
 
 def test_it_is_deterministic_and_silent_where_the_goal_is_in_sight() -> None:
     made = seed_problem("seed_e_S_3")
-    twice = [derive(made, made.guide_planes[-1]) for _ in range(2)]
+    twice = [derive_planes(made, made.guide_planes[-1]) for _ in range(2)]
     for a, b in zip(*twice, strict=True):
         np.testing.assert_array_equal(a.vertices, b.vertices)
     empty = problem("panda", scene_of())
     tip = empty.kinematics.tip_position(rest(empty.group))
-    assert derive(empty, tip + np.array([-0.1, 0.2, 0.1])) == ()
+    assert derive_planes(empty, tip + np.array([-0.1, 0.2, 0.1])) == ()
 
 
 def ask(title: str, **changes):
@@ -154,7 +160,7 @@ def test_goals_beyond_the_planes_are_reached_through_derived_ones(kind: str, mov
     made = problem("panda", "wall_with_window")
     q = made.q_start
     for index, plane in enumerate(made.guide_planes):
-        q = cross(made, q, plane, index, ATTEMPTS["projected"](made.group)).path[-1]
+        q = cross_plane(made, q, plane, index, ATTEMPTS["projected"](made.group)).path[-1]
     tip = made.kinematics.frame_placement(q, made.group.tip_id)
     values = {
         joint.name: q[joint.idx_q : joint.idx_q + joint.nq].tolist() if joint.nq > 1 else float(q[joint.idx_q])
@@ -189,7 +195,7 @@ def test_a_pose_in_a_tube_is_looked_for_from_where_the_planes_lead() -> None:
     made = seed_problem("seed_e_L_3")
     q = made.q_start
     for index, plane in enumerate(made.guide_planes):
-        q = cross(made, q, plane, index, ATTEMPTS["projected"](made.group)).path[-1]
+        q = cross_plane(made, q, plane, index, ATTEMPTS["projected"](made.group)).path[-1]
     tip = made.kinematics.frame_placement(q, made.group.tip_id)
     quaternion = pin.Quaternion(tip.rotation).normalized().coeffs().tolist()
     goal = {"type": "pose", "position": tip.translation.tolist(), "quaternion_xyzw": quaternion}

@@ -11,7 +11,7 @@ from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.kernels.guide.tip_constraint import TipConstraint
-from guidefield.planner.guide.guide import ATTEMPTS, cross
+from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Descent, descend, evaluated, on_plane, reorienting, sliding
 from guidefield.planner.guide.settings import DESCENT
@@ -118,7 +118,7 @@ def test_close_to_obstacles_it_goes_on_for_clearance() -> None:
     made = seed_problem("seed_c_blocked")
     q, nearest = made.q_start, np.inf
     for index, plane in enumerate(made.guide_planes):
-        crossing = cross(made, q, plane, index, ATTEMPTS["projected"](made.group))
+        crossing = cross_plane(made, q, plane, index, ATTEMPTS["projected"](made.group))
         assert crossing.status is Status.SUCCESS, crossing.message
         q = crossing.path[-1]
         zs = made.group.chart_path(list(crossing.path))

@@ -10,7 +10,7 @@ import pytest
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.guide import cross_plane
 from guidefield.planner.guide.guided_path import reach_point
 from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.tip_reach import inset_of, tip_radius
@@ -31,7 +31,7 @@ def test_every_plane_is_crossed_in_order_and_every_step_is_free(scene: str) -> N
     q = made.q_start
     assert len(made.guide_planes) >= 2
     for index, plane in enumerate(made.guide_planes):
-        crossing = cross(made, q, plane, index)
+        crossing = cross_plane(made, q, plane, index)
         assert crossing.status is Status.SUCCESS, crossing.message
         np.testing.assert_array_equal(crossing.path[0], q)
         q = crossing.path[-1]
@@ -46,7 +46,7 @@ def test_a_snake_on_a_plane_goes_round_the_corner_of_a_tube(title: str) -> None:
     made = seed_problem(title)
     q = made.q_start
     for index, plane in enumerate(made.guide_planes):
-        crossing = cross(made, q, plane, index)
+        crossing = cross_plane(made, q, plane, index)
         assert crossing.status is Status.SUCCESS, crossing.message
         assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.02)
         q = crossing.path[-1]
@@ -57,7 +57,7 @@ def test_a_snake_on_a_plane_goes_round_the_corner_of_a_tube(title: str) -> None:
 
 def test_the_field_lowers_the_potential_on_the_way() -> None:
     made = problem("panda", "bookshelf")
-    cross(made, made.q_start, made.guide_planes[0], 0)
+    cross_plane(made, made.q_start, made.guide_planes[0], 0)
     steps = [event for event in made.observer.events if isinstance(event, Step)]
     assert {StepKind.START, StepKind.ADVANCE, StepKind.DESCEND} <= {step.kind for step in steps}
     assert all(step.plane == 0 for step in steps)
@@ -70,7 +70,7 @@ def test_other_arms_cross_a_plane_in_front_of_them(name: str) -> None:
     toward = tip + np.array([0.0, 0.12, 0.05])
     corners = [toward + np.array([dx, 0.0, dz]) for dx, dz in ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))]
     plane = build(messages.GuidePlane(name="GP", vertices=[tuple(c) for c in corners]), 0)
-    crossing = cross(made, made.q_start, plane, 0)
+    crossing = cross_plane(made, made.q_start, plane, 0)
     assert crossing.status is Status.SUCCESS, crossing.message
     assert abs(plane.signed_height(made.kinematics.tip_position(crossing.path[-1]))) <= APPROACH.on_plane
 
@@ -82,7 +82,7 @@ def test_a_chain_of_one_joint_kind_after_another_crosses_a_plane() -> None:
     tip = made.kinematics.tip_position(start)
     corners = [tip + np.array([0.15, dy, dz]) for dy, dz in ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))]
     plane = build(messages.GuidePlane(name="GP", vertices=[tuple(c) for c in corners]), 0)
-    assert cross(made, start, plane, 0).status is Status.SUCCESS
+    assert cross_plane(made, start, plane, 0).status is Status.SUCCESS
 
 
 def test_the_tip_heads_for_the_polygon_inset_by_its_own_radius() -> None:
@@ -96,7 +96,7 @@ def test_the_tip_heads_for_the_polygon_inset_by_its_own_radius() -> None:
 
 def test_a_plane_inside_an_obstacle_is_refused_at_once() -> None:
     made = problem("panda", scene_of(messages.Box(name="block", size=(0.2, 0.4, 0.4), position=(0.6, 0.0, 0.5))))
-    crossing = cross(made, made.q_start, build(plane_at(0.6), 0), 0)
+    crossing = cross_plane(made, made.q_start, build(plane_at(0.6), 0), 0)
     assert crossing.status is Status.GUIDE_PLANE_UNREACHABLE
     assert crossing.details["obstacle"] == "block"
 
@@ -104,7 +104,7 @@ def test_a_plane_inside_an_obstacle_is_refused_at_once() -> None:
 def test_a_plane_behind_a_wall_gets_it_stuck_with_the_pair_named() -> None:
     wall = messages.Box(name="wall", size=(0.02, 3.0, 3.0), position=(0.55, 0.0, 0.5))
     made = problem("panda", scene_of(wall))
-    crossing = cross(made, made.q_start, build(plane_at(0.7), 0), 0)
+    crossing = cross_plane(made, made.q_start, build(plane_at(0.7), 0), 0)
     assert crossing.status is Status.STUCK_IN_MINIMUM
     assert crossing.details["distance"] > 0.05
     assert crossing.details["pair"] is not None
@@ -115,25 +115,25 @@ def test_a_plane_behind_a_wall_gets_it_stuck_with_the_pair_named() -> None:
 def test_a_plane_that_joint_limits_keep_out_of_reach_is_unreachable() -> None:
     made = problem("panda", scene_of())
     # within the sum of the link lengths, but under the base's own column and beyond the elbow's limits
-    crossing = cross(made, made.q_start, build(plane_at(0.0, half=0.05, z=-0.75), 0), 0)
+    crossing = cross_plane(made, made.q_start, build(plane_at(0.0, half=0.05, z=-0.75), 0), 0)
     assert crossing.status in (Status.GUIDE_PLANE_UNREACHABLE, Status.STUCK_IN_MINIMUM)
     assert crossing.details["distance"] > 0.01
 
 
 def test_the_budget_ends_it() -> None:
     made = problem("panda", "bookshelf", deadline=Deadline(time.monotonic() - 1.0))
-    late = cross(made, made.q_start, made.guide_planes[0], 0)
+    late = cross_plane(made, made.q_start, made.guide_planes[0], 0)
     assert late.status is Status.TIMED_OUT
     assert late.message.startswith(f"time was up {1000 * late.details['distance']:.0f} mm before guide plane 'GP1'")
     made = problem("panda", "bookshelf", deadline=Deadline(is_cancelled=lambda: True))
-    assert cross(made, made.q_start, made.guide_planes[0], 0).status is Status.PREEMPTED
+    assert cross_plane(made, made.q_start, made.guide_planes[0], 0).status is Status.PREEMPTED
 
 
 def test_the_same_problem_gives_the_same_path_bit_for_bit() -> None:
     paths = []
     for _ in range(2):
         made = problem("panda", "wall_with_window")
-        paths.append(cross(made, made.q_start, made.guide_planes[0], 0).path)
+        paths.append(cross_plane(made, made.q_start, made.guide_planes[0], 0).path)
     np.testing.assert_array_equal(*paths)
 
 

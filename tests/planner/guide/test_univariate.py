@@ -9,7 +9,7 @@ import pytest
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import InvalidGroup, Status
-from guidefield.planner.guide.guide import ATTEMPTS, Univariate, cross
+from guidefield.planner.guide.guide import ATTEMPTS, Univariate, cross_plane
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected, descend, on_plane
 from guidefield.planner.guide.rounds import Minimizer
@@ -57,7 +57,7 @@ def test_every_plane_is_crossed(title: str) -> None:
     made = seed_problem(title)
     q = made.q_start
     for index, plane in enumerate(made.guide_planes):
-        crossing = cross(made, q, plane, index, ATTEMPTS["univariate"](made.group))
+        crossing = cross_plane(made, q, plane, index, ATTEMPTS["univariate"](made.group))
         assert crossing.status is Status.SUCCESS, crossing.message
         q = crossing.path[-1]
         tip = made.kinematics.tip_position(q)
@@ -71,7 +71,7 @@ def test_rounds_that_come_near_obstacles_on_the_way_are_made_in_shorter_advances
     made = seed_problem(title)
     q, group = made.q_start, made.group
     for index, plane in enumerate(made.guide_planes):
-        crossing = cross(made, q, plane, index, ATTEMPTS["univariate"](group))
+        crossing = cross_plane(made, q, plane, index, ATTEMPTS["univariate"](group))
         q = crossing.path[-1]
         for start, end in pairwise(crossing.path):
             a = group.chart(start)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.planner.motion.timing import Limits, PathCurve, executed, parameterize
+from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import CURVE, distinct, subdivided
+from guidefield.planner.motion.waypoints import CURVE, remove_repetitions, subdivide
 
 # Those of a Panda, accelerations halved.
 VELOCITIES = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])
@@ -26,7 +26,7 @@ def even(seed: int, n: int = 32) -> np.ndarray:
 
 
 def curve_along(path: np.ndarray, finer: int = 1) -> PathCurve:
-    return PathCurve.along(subdivided(distinct(path), CURVE.spacing / finer))
+    return PathCurve.along(subdivide(remove_repetitions(path), CURVE.spacing / finer))
 
 
 def soonest(
@@ -43,4 +43,4 @@ def soonest(
         ACCELERATIONS[:nv] if accelerations is None else accelerations,
         np.full(nv, np.inf) if jerks is None else jerks,
     )
-    return executed(parameterize(curve_along(path, finer), limits, finer), limits)
+    return stretch_spline_to_limits(parameterize(curve_along(path, finer), limits, finer), limits)

@@ -55,7 +55,7 @@ def test_it_begins_and_ends_as_it_is_told(seed: int, count: int) -> None:
 @given(seeds, pieces)
 def test_a_subdivided_one_is_the_same_curve(seed: int, count: int) -> None:
     spline = random_spline(seed, count)
-    finer = spline.subdivided()
+    finer = spline.subdivide()
     assert finer.pieces == 2 * spline.pieces
     for time in np.linspace(0.0, spline.duration, 3 * count + 1):
         np.testing.assert_allclose(de_boor(finer, min(time, finer.duration)), de_boor(spline, time), atol=1e-10)
@@ -78,7 +78,7 @@ def test_towards_another_it_goes_evenly_and_keeps_its_ends(seed: int, count: int
     spline = random_spline(seed, count)
     inner = spline.inner + np.random.default_rng(seed).normal(size=spline.inner.shape)
     other = BSpline.between(spline.start, spline.end, inner, 1.7 * spline.step)
-    between = spline.towards(other, share)
+    between = spline.blend(other, share)
     np.testing.assert_allclose(between.inner, (1.0 - share) * spline.inner + share * other.inner, atol=1e-12)
     assert between.step == pytest.approx(1.7**share * spline.step)
     _, positions, velocities = between.knots()

@@ -12,7 +12,7 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages.scene import Box
 from guidefield.planner.motion.drawn_motion import deviations, draw_plan
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, QuinticMotion
-from guidefield.planner.motion.limit_load import limit_shares
+from guidefield.planner.motion.limit_load import measure_limit_shares
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import judge, settle_execution
 from guidefield.planner.task.problem import ConfigurationGoal, ControllerModel, Interpolation
@@ -105,7 +105,7 @@ def test_shares_of_a_quintics_limits_are_those_of_dense_samples(seed):
     plan = planned(seed)
     motion = draw_plan(plan, execution("quintic"), 1).motion
     jerks = rng.uniform(50.0, 500.0, NV)
-    uses = limit_shares(motion, arm, jerks)
+    uses = measure_limit_shares(motion, arm, jerks)
     rows = np.stack([motion.positions, motion.velocities, motion.accelerations], axis=1)
     about = np.concatenate([plan.times[1:] - 1e-9, plan.times[:-1] + 1e-9])
     times = np.append(np.linspace(plan.times[0], plan.times[-1], 10001), about)

@@ -10,7 +10,7 @@ import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, StraightMotion, spline_rates
-from guidefield.planner.motion.limit_load import limit_shares
+from guidefield.planner.motion.limit_load import measure_limit_shares
 from guidefield.planner.motion.trajectory import Trajectory
 from tests.robots import group
 
@@ -61,7 +61,7 @@ def test_a_spline_through_a_smooth_motion_is_off_by_the_fourth_power_of_the_step
 @given(seed=SEEDS, kind=st.sampled_from([CurveKind.HERMITE, CurveKind.SPLINE]))
 def test_shares_of_limits_are_those_of_dense_samples(seed: int, kind: CurveKind) -> None:
     motion = random_motion(seed, kind)
-    uses = limit_shares(motion, ARM, 100.0 * np.ones(ARM.nv))
+    uses = measure_limit_shares(motion, ARM, 100.0 * np.ones(ARM.nv))
     curve = motion.measured
     dense = np.unique(np.concatenate([np.linspace(curve.times[0], curve.times[-1], 40_001), curve.times]))
     positions, velocities, accelerations = curve.evaluate(dense)
@@ -87,8 +87,8 @@ def test_shares_of_limits_are_those_of_dense_samples(seed: int, kind: CurveKind)
 
 
 def test_jerk_has_no_share_where_nothing_limits_it() -> None:
-    assert limit_shares(random_motion(1), ARM, None).jerk.share is None
-    unlimited = limit_shares(random_motion(1, CurveKind.SPLINE), ARM, np.full(ARM.nv, np.inf))
+    assert measure_limit_shares(random_motion(1), ARM, None).jerk.share is None
+    unlimited = measure_limit_shares(random_motion(1, CurveKind.SPLINE), ARM, np.full(ARM.nv, np.inf))
     assert unlimited.jerk.share is None
     assert unlimited.jerk.is_within
 

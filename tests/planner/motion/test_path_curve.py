@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as arrays
 
 from guidefield.planner.motion.timing import PathCurve
-from guidefield.planner.motion.waypoints import CURVE, distinct, length_of, subdivided
+from guidefield.planner.motion.waypoints import CURVE, length_of, remove_repetitions, subdivide
 from tests.planner.motion.paths import curve_along, walk
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -44,7 +44,7 @@ def test_it_is_scipys_spline_of_its_control_points(seed: int, steps: int) -> Non
 @settings(max_examples=18, deadline=None)
 @given(waypoints=ANY_WAYPOINTS)
 def test_it_keeps_the_ends_and_the_range_of_its_path(waypoints: np.ndarray) -> None:
-    path = distinct(waypoints)
+    path = remove_repetitions(waypoints)
     if len(path) == 1:
         return
     curve = curve_along(path)
@@ -62,7 +62,7 @@ def test_twice_as_many_control_points_are_at_half_the_distance_from_the_path(see
     path = walk(seed, 6)
     farthest = []
     for finer in (1, 2, 4, 8, 16):
-        places = subdivided(path, CURVE.spacing / finer)
+        places = subdivide(path, CURVE.spacing / finer)
         farthest.append(distances_to_polyline(dense(curve_along(path, finer), 4000), path).max())
         assert farthest[-1] <= np.linalg.norm(np.diff(places, 2, axis=0), axis=1).max() / 6.0 + 1e-12
     assert farthest[4] < 0.15 * farthest[0]
@@ -71,10 +71,10 @@ def test_twice_as_many_control_points_are_at_half_the_distance_from_the_path(see
 @settings(max_examples=18, deadline=None)
 @given(waypoints=ANY_WAYPOINTS, spacing=st.floats(0.05, 3.0))
 def test_places_along_a_path_are_on_it_and_close(waypoints: np.ndarray, spacing: float) -> None:
-    path = distinct(waypoints)
+    path = remove_repetitions(waypoints)
     if len(path) == 1:
         return
-    places = subdivided(path, spacing)
+    places = subdivide(path, spacing)
     assert len(places) >= 3
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= spacing * (1.0 + 1e-12)
     assert distances_to_polyline(places, path).max() <= 1e-12
@@ -84,22 +84,22 @@ def test_places_along_a_path_are_on_it_and_close(waypoints: np.ndarray, spacing:
 
 def test_repeated_waypoints_are_left_out() -> None:
     a, b, c = walk(1, 3)
-    np.testing.assert_array_equal(distinct(np.array([a, a, b, b + CURVE.repeated / 10, b, c, c])), [a, b, c])
+    np.testing.assert_array_equal(remove_repetitions(np.array([a, a, b, b + CURVE.repeated / 10, b, c, c])), [a, b, c])
 
 
 def test_the_goal_is_kept_rather_than_what_it_repeats() -> None:
     a, b = walk(2, 2)
     goal = b + CURVE.repeated / 10
-    np.testing.assert_array_equal(distinct(np.array([a, b, goal])), [a, goal])
+    np.testing.assert_array_equal(remove_repetitions(np.array([a, b, goal])), [a, goal])
 
 
 def test_a_waypoint_between_two_that_repeat_each_other_is_no_trap() -> None:
     a, step = walk(3, 2)[0], np.eye(7)[0] * CURVE.repeated
-    assert len(distinct(np.array([a, a + 1.2 * step, a + 0.6 * step]))) == 1
+    assert len(remove_repetitions(np.array([a, a + 1.2 * step, a + 0.6 * step]))) == 1
 
 
 def test_a_path_that_goes_nowhere_is_a_point_and_there_and_back_is_none() -> None:
     a, b = walk(4, 2)
-    np.testing.assert_array_equal(distinct(np.array([a, a, a])), [a])
-    np.testing.assert_array_equal(distinct(a[None]), [a])
-    assert len(distinct(np.array([a, b, a]))) == 3
+    np.testing.assert_array_equal(remove_repetitions(np.array([a, a, a])), [a])
+    np.testing.assert_array_equal(remove_repetitions(a[None]), [a])
+    assert len(remove_repetitions(np.array([a, b, a]))) == 3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.planner.motion.profiles import CLOSE, RAMP, backwards, jerks_apart, jerks_of, stopping
+from guidefield.planner.motion.profiles import CLOSE, RAMP, choose_jerks, reverse_motion, separate_jerks, stop_motion
 
 seeds = st.integers(0, 10_000)
 
@@ -25,7 +25,7 @@ def drawn(seed: int) -> tuple[np.ndarray, ...]:
 @given(seeds)
 def test_it_begins_in_its_state_ends_at_rest_and_keeps_limits(seed: int) -> None:
     position, velocity, acceleration, limits, jerks = drawn(seed)
-    motion = stopping(position, velocity, acceleration, limits, jerks)
+    motion = stop_motion(position, velocity, acceleration, limits, jerks)
     np.testing.assert_array_equal(motion.positions[0], position)
     np.testing.assert_array_equal(motion.velocities[0], velocity)
     if motion.duration == 0.0:
@@ -48,7 +48,7 @@ def test_it_begins_in_its_state_ends_at_rest_and_keeps_limits(seed: int) -> None
 @given(st.floats(1e-3, 10.0), st.floats(0.1, 20.0), st.floats(1.0, 1e3))
 def test_without_acceleration_it_takes_the_time_of_the_formula(speed: float, limit: float, jerk: float) -> None:
     zero = np.zeros(1)
-    motion = stopping(zero, np.array([-speed]), zero, np.array([limit]), np.array([jerk]))
+    motion = stop_motion(zero, np.array([-speed]), zero, np.array([limit]), np.array([jerk]))
     ramps = limit**2 / jerk
     expected = speed / limit + limit / jerk if speed > ramps else 2.0 * math.sqrt(speed / jerk)
     assert motion.duration == pytest.approx(expected, rel=1e-9)
@@ -57,8 +57,8 @@ def test_without_acceleration_it_takes_the_time_of_the_formula(speed: float, lim
 
 @given(seeds)
 def test_backwards_is_the_same_way_from_rest(seed: int) -> None:
-    motion = stopping(*drawn(seed))
-    back = backwards(motion)
+    motion = stop_motion(*drawn(seed))
+    back = reverse_motion(motion)
     times = np.linspace(0.0, motion.duration, 50)
     q, v, _ = motion.evaluate(times)
     p, w, _ = back.evaluate(motion.duration - times)
@@ -68,33 +68,35 @@ def test_backwards_is_the_same_way_from_rest(seed: int) -> None:
 
 def test_where_jerk_does_not_matter_accelerations_rise_quickly() -> None:
     limits = np.array([2.0, 3.0])
-    np.testing.assert_allclose(jerks_of(limits, None, np.zeros(2)), limits / RAMP)
-    np.testing.assert_allclose(jerks_of(limits, np.array([7.0, np.inf]), np.zeros(2)), [7.0, 3.0 / RAMP], rtol=1e-4)
-    np.testing.assert_allclose(jerks_of(limits, None, np.array([1e4, 0.0])), [1.01e4, 3.0 / RAMP])
+    np.testing.assert_allclose(choose_jerks(limits, None, np.zeros(2)), limits / RAMP)
+    np.testing.assert_allclose(choose_jerks(limits, np.array([7.0, np.inf]), np.zeros(2)), [7.0, 3.0 / RAMP], rtol=1e-4)
+    np.testing.assert_allclose(choose_jerks(limits, None, np.array([1e4, 0.0])), [1.01e4, 3.0 / RAMP])
 
 
 @given(seeds)
 def test_knots_are_apart_for_jerks_that_are_hardly_lower(seed: int) -> None:
     _, velocity, acceleration, limits, jerks = drawn(seed)
-    lower = jerks_apart(velocity, acceleration, limits, jerks, np.zeros(3))
+    lower = separate_jerks(velocity, acceleration, limits, jerks, np.zeros(3))
     assert (lower <= jerks).all()
     assert (lower >= 0.88 * jerks).all()
-    again = jerks_apart(velocity, acceleration, limits, lower, np.zeros(3))
-    if (np.diff(stopping(np.zeros(3), velocity, acceleration, limits, lower).times) >= CLOSE).all():
+    again = separate_jerks(velocity, acceleration, limits, lower, np.zeros(3))
+    if (np.diff(stop_motion(np.zeros(3), velocity, acceleration, limits, lower).times) >= CLOSE).all():
         np.testing.assert_array_equal(again, lower)
 
 
 def test_two_joints_that_stop_almost_together_are_set_apart() -> None:
     velocity, zero, limits = np.array([1.0, 1.0001]), np.zeros(2), np.array([50.0, 50.0])
     jerks = np.array([120.0, 120.0])
-    assert np.diff(stopping(zero, velocity, zero, limits, jerks).times).min() < 1e-4
-    lower = jerks_apart(velocity, zero, limits, jerks, zero)
+    assert np.diff(stop_motion(zero, velocity, zero, limits, jerks).times).min() < 1e-4
+    lower = separate_jerks(velocity, zero, limits, jerks, zero)
     assert lower[0] == 120.0
-    assert np.diff(stopping(zero, velocity, zero, limits, lower).times).min() >= CLOSE
-    np.testing.assert_array_equal(jerks_apart(velocity, zero, limits, jerks, jerks), jerks, err_msg="none may be lower")
+    assert np.diff(stop_motion(zero, velocity, zero, limits, lower).times).min() >= CLOSE
+    np.testing.assert_array_equal(
+        separate_jerks(velocity, zero, limits, jerks, jerks), jerks, err_msg="none may be lower"
+    )
 
 
 def test_a_jerk_that_velocity_limits_need_leaves_no_room_for_rounding() -> None:
-    asked = jerks_of(np.full(3, 2.0), np.full(3, 100.0), np.array([0.0, 50.0, 100.0]))
+    asked = choose_jerks(np.full(3, 2.0), np.full(3, 100.0), np.array([0.0, 50.0, 100.0]))
     np.testing.assert_array_equal(asked[:2], [asked[0], asked[0]])
     assert asked[0] < asked[2] == 100.0

@@ -5,7 +5,7 @@ import pytest
 import toppra
 from hypothesis import example, given, settings, strategies as st
 
-from guidefield.planner.motion.timing import Limits, fastest, parameterize
+from guidefield.planner.motion.timing import Limits, find_fastest_progress, parameterize
 from guidefield.planner.motion.waypoints import TIMING
 from tests.planner.motion.paths import ACCELERATIONS, VELOCITIES, curve_along, even, soonest, walk
 from tests.planner.motion.test_path_curve import ANY_WAYPOINTS
@@ -58,7 +58,7 @@ def assert_within_limits(trajectory, jerk=None, samples_a_piece=10):
 @pytest.mark.parametrize("seed", range(3))
 def test_the_speed_is_as_toppras(paths, seed):
     waypoints = paths(seed)
-    optimal = fastest(curve_along(waypoints), Limits(VELOCITIES, ACCELERATIONS, UNLIMITED))
+    optimal = find_fastest_progress(curve_along(waypoints), Limits(VELOCITIES, ACCELERATIONS, UNLIMITED))
     assert 0.998 < optimal.duration / toppras_duration(waypoints, 16) < 1.025
 
 
@@ -66,7 +66,7 @@ def test_the_speed_is_as_toppras(paths, seed):
 @given(seed=SEEDS)
 def test_the_motion_takes_little_longer_than_the_optimal_speed(seed):
     for waypoints, most in ((walk(seed), 1.12), (even(seed), 1.04)):
-        optimal = fastest(curve_along(waypoints), Limits(VELOCITIES, ACCELERATIONS, UNLIMITED))
+        optimal = find_fastest_progress(curve_along(waypoints), Limits(VELOCITIES, ACCELERATIONS, UNLIMITED))
         assert soonest(waypoints).duration < most * optimal.duration
 
 

@@ -5,7 +5,7 @@ import pytest
 import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
-from guidefield.planner.motion.trajectory import Trajectory, one_after_another
+from guidefield.planner.motion.trajectory import Trajectory, concatenate
 from tests.knots import random_knots
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -65,13 +65,13 @@ def test_a_motion_that_goes_nowhere_is_a_piece_of_equal_points():
     assert not v.any()
     assert not a.any()
     assert not trajectory.accelerations.any()
-    np.testing.assert_array_equal(trajectory.resampled(100.0).times, [0.0])
+    np.testing.assert_array_equal(trajectory.resample(100.0).times, [0.0])
 
 
 @pytest.mark.parametrize("rate", [1.0, 7.3, 50.0, 1000.0])
 def test_resampling_is_uniform_and_includes_the_end(rate):
     trajectory = Trajectory(*random_knots(9))
-    samples = trajectory.resampled(rate)
+    samples = trajectory.resample(rate)
     assert samples.times[0] == 0.0
     assert samples.times[-1] == trajectory.duration
     steps = np.diff(samples.times)
@@ -85,18 +85,18 @@ def test_resampling_is_uniform_and_includes_the_end(rate):
 
 def test_resampling_does_not_repeat_an_end_that_is_a_tick():
     trajectory = Trajectory(np.array([0.0, 0.3]), np.array([[0.0], [1.0]]), np.zeros((2, 1)))
-    np.testing.assert_allclose(trajectory.resampled(10.0).times, [0.0, 0.1, 0.2, 0.3], atol=1e-15)
+    np.testing.assert_allclose(trajectory.resample(10.0).times, [0.0, 0.1, 0.2, 0.3], atol=1e-15)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.inf, np.nan])
 def test_refuses_a_rate_that_is_none(rate):
     with pytest.raises(ValueError, match="sample rate"):
-        standing().resampled(rate)
+        standing().resample(rate)
 
 
 def test_arrays_are_read_only():
     trajectory = Trajectory(*random_knots(10))
-    samples = trajectory.resampled(10.0)
+    samples = trajectory.resample(10.0)
     for value in (trajectory, samples):
         for array in (value.times, value.positions, value.velocities, value.accelerations):
             with pytest.raises(ValueError, match="read-only"):
@@ -111,7 +111,7 @@ def test_joined_motions_are_each_where_they_were() -> None:
         np.vstack([first.velocities[-1:], rng.normal(size=(1, 2))]),
     )  # fmt: skip
     still = Trajectory(np.zeros(1), first.positions[:1], np.zeros((1, 2)))
-    both = one_after_another([still, first, second])
+    both = concatenate([still, first, second])
     assert both.duration == 3.0
     times = np.linspace(0.0, 1.0, 9)
     np.testing.assert_allclose(both.evaluate(times)[0], first.evaluate(times)[0], atol=1e-12)

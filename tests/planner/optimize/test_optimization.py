@@ -18,7 +18,7 @@ from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.constrained import Keeper
 from guidefield.planner.motion.bspline import BSpline
-from guidefield.planner.motion.timing import executed
+from guidefield.planner.motion.timing import stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize import interior_point
 from guidefield.planner.optimize.interior_point import Descent, Look
@@ -35,7 +35,7 @@ from guidefield.planner.optimize.settings import (
     in_few_pieces,
     of_many,
 )
-from guidefield.planner.path_so_far import limits_of, retimed_spline, soonest_along
+from guidefield.planner.path_so_far import limits_of, retime_motion, time_path_ignoring_jerk
 from guidefield.planner.task.motion_limits import frame_limit
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
@@ -50,7 +50,7 @@ from tests.scene.solids import l_prism, mesh_message
 
 
 def optimized(made: Problem, path: np.ndarray) -> Optimized:
-    return optimize(made, soonest_along(made, path), BALANCED)
+    return optimize(made, time_path_ignoring_jerk(made, path), BALANCED)
 
 
 def test_a_limit_of_speed_in_space_gives_a_motion_another_shape() -> None:
@@ -59,9 +59,9 @@ def test_a_limit_of_speed_in_space_gives_a_motion_another_shape() -> None:
     made = problem("panda", scene_of(), cartesian_limits=(limit,))
     path = np.array([[side, 0.6, 0.0, -1.2, 0.0, 1.8, 0.8] for side in (-1.3, 1.3)])
     for asked in (made, problem("panda", scene_of())):
-        slower = retimed_spline(made, optimized(asked, path).trajectory)
+        slower = retime_motion(made, optimized(asked, path).trajectory)
         assert slower is not None
-        motion = executed(slower, limits_of(made))
+        motion = stretch_spline_to_limits(slower, limits_of(made))
         reached = limit.reached(motion.polynomials)[0]
         assert 0.24 < reached.found <= reached.bound <= 0.25 * (1.0 + 1e-6)
         durations.append(motion.duration)
@@ -89,7 +89,7 @@ def check_limits(made: Problem, trajectory: Trajectory) -> None:
 
 def test_it_is_faster_keeps_away_and_is_certified() -> None:
     made, path = over_the_wall()
-    before, after = soonest_along(made, path), optimized(made, path)
+    before, after = time_path_ignoring_jerk(made, path), optimized(made, path)
     assert after.outcome is Outcome.OPTIMISED
     assert after.trajectory.duration < 0.9 * before.duration
     assert after.before == before.duration
@@ -112,7 +112,7 @@ def test_a_free_motion_takes_fewer_looks_to_as_good_a_motion(monkeypatch: pytest
     patient, most = optimized(made, path).trajectory, len(looks)
     assert set(looks) == {1.0}
     looks.clear()
-    soon = optimize(made, soonest_along(made, path), free(BALANCED)).trajectory
+    soon = optimize(made, time_path_ignoring_jerk(made, path), free(BALANCED)).trajectory
     assert len(looks) < most
     assert min(looks) < 1.0
     assert soon.duration < 1.01 * patient.duration
@@ -137,7 +137,7 @@ def test_a_look_leaves_the_one_beside_it_as_it_was(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(Descent, "look", watched)
     made, path = over_the_wall()
-    optimize(made, soonest_along(made, path), free(BALANCED))
+    optimize(made, time_path_ignoring_jerk(made, path), free(BALANCED))
     assert len(beside_others) > len(set(beside_others)) > 5, "some more than once"
 
 
@@ -228,7 +228,7 @@ def test_a_coordinate_without_room_stays_where_it_is() -> None:
     fixed = dataclasses.replace(made, group=dataclasses.replace(made.group, lower=lower, upper=upper))
     trajectory = optimized(fixed, held).trajectory
     np.testing.assert_allclose(trajectory.positions[:, 6], path[0, 6], atol=1e-15)
-    assert trajectory.duration < soonest_along(fixed, held).duration
+    assert trajectory.duration < time_path_ignoring_jerk(fixed, held).duration
 
 
 def test_iterations_are_counted_and_it_may_stop_at_any() -> None:
@@ -266,14 +266,14 @@ def test_the_clearance_asked_for_is_kept(asked: float) -> None:
 
 def test_looking_closer_keeps_further_away() -> None:
     made, path = over_the_wall()
-    closely = optimize(made, soonest_along(made, path), closer(BALANCED)).trajectory
+    closely = optimize(made, time_path_ignoring_jerk(made, path), closer(BALANCED)).trajectory
     usual = optimized(made, path).trajectory
     assert smallest_clearance(made, closely.positions, 0.3) > smallest_clearance(made, usual.positions, 0.3)
 
 
 def test_each_objective_is_better_at_what_it_is_for() -> None:
     made, path = over_the_wall()
-    by = {one: optimize(made, soonest_along(made, path), OPTIMIZATION[one]).trajectory for one in Objective}
+    by = {one: optimize(made, time_path_ignoring_jerk(made, path), OPTIMIZATION[one]).trajectory for one in Objective}
     kept = {one: smallest_clearance(made, trajectory.positions, 0.3) for one, trajectory in by.items()}
     for trajectory in by.values():
         assert certify(made.world, trajectory.bezier()).free
@@ -286,7 +286,9 @@ def test_for_time_too_the_clearance_asked_for_is_kept() -> None:
     made, path = over_the_wall()
     asked = dataclasses.replace(made, min_clearance=0.08)
     assert certify(
-        made.world, optimize(asked, soonest_along(asked, path), OPTIMIZATION[Objective.TIME]).trajectory.bezier(), 0.08
+        made.world,
+        optimize(asked, time_path_ignoring_jerk(asked, path), OPTIMIZATION[Objective.TIME]).trajectory.bezier(),
+        0.08,
     ).free
 
 
@@ -295,9 +297,11 @@ def test_of_several_first_motions_the_best_goes_on() -> None:
     aside = path[len(path) // 2] + 1.2 * np.eye(made.group.nv)[6]
     detour = np.concatenate([path[: len(path) // 2], aside[None], path[len(path) // 2 :]])
     thorough = dataclasses.replace(BALANCED, enough=1.0)
-    alone = optimize(made, soonest_along(made, path), thorough)
+    alone = optimize(made, time_path_ignoring_jerk(made, path), thorough)
     for first, second in ((path, detour), (detour, path)):
-        both = optimize(made, soonest_along(made, first), thorough, iter([soonest_along(made, second)]))
+        both = optimize(
+            made, time_path_ignoring_jerk(made, first), thorough, iter([time_path_ignoring_jerk(made, second)])
+        )
         assert both.trajectory.duration < 1.02 * alone.trajectory.duration
         assert both.steps > alone.steps
 
@@ -309,10 +313,10 @@ def test_where_the_first_is_as_fast_as_can_be_no_other_is_looked_at() -> None:
 
     def others() -> Iterator[Trajectory]:
         raise AssertionError("asked for another")
-        yield soonest_along(made, way)
+        yield time_path_ignoring_jerk(made, way)
 
     lenient = dataclasses.replace(BALANCED, enough=1.5)
-    assert optimize(made, soonest_along(made, way), lenient, others()).outcome is Outcome.OPTIMISED
+    assert optimize(made, time_path_ignoring_jerk(made, way), lenient, others()).outcome is Outcome.OPTIMISED
 
 
 def square(middle: np.ndarray, half: float) -> GuidePlane:
@@ -335,7 +339,7 @@ def by_way_of(turn: float) -> tuple[Problem, np.ndarray, PlanePlace]:
 @pytest.mark.parametrize("turn", [1.0, 0.2], ids=["through it", "there and back"])
 def test_a_guided_motion_crosses_its_plane_though_a_shorter_way_leads_past_it(turn: float) -> None:
     made, path, place = by_way_of(turn)
-    motion = soonest_along(made, path)
+    motion = time_path_ignoring_jerk(made, path)
     past = optimize(made, motion, BALANCED)
     through = optimize(made, motion, BALANCED, passages=(Passage(place, path[1]),))
     assert through.outcome is Outcome.OPTIMISED
@@ -360,7 +364,7 @@ def test_a_long_chain_passes_its_plane_in_few_pieces() -> None:
     start = made.group.chart(made.q_start)
     path = start + np.array([0.0, 0.1, 0.1])[:, None] * rng.normal(size=(3, nv))
     place = PlanePlace.through(made, square(made.kinematics.tip_positions(path[1:2])[0], 0.05), path[1])
-    motion = soonest_along(made, path)
+    motion = time_path_ignoring_jerk(made, path)
     found = optimize(made, motion, of_many(BALANCED), passages=(Passage(place, path[1]),))
     assert nv > MANY
     assert found.outcome is Outcome.OPTIMISED
@@ -376,7 +380,7 @@ def test_a_plane_crossed_twice_is_crossed_twice_and_out_of_iterations_too() -> N
     twice = (Passage(place, path[1]), Passage(place, path[1]))
     for most in (None, 1, 4):
         asked = dataclasses.replace(made, optimization_iterations=most)
-        found = optimize(asked, soonest_along(made, path), BALANCED, passages=twice)
+        found = optimize(asked, time_path_ignoring_jerk(made, path), BALANCED, passages=twice)
         assert len(found.passed) == 2
         for knot in found.passed:
             tip = made.kinematics.tip_positions(found.trajectory.positions[[knot]])[0]
@@ -387,7 +391,7 @@ def test_a_plane_crossed_twice_is_crossed_twice_and_out_of_iterations_too() -> N
 def test_a_plane_that_can_not_be_reached_is_told() -> None:
     made, path, place = by_way_of(1.0)
     far = PlanePlace(made, square(place.plane.centroid + 3.0 * np.eye(3)[0], 0.03), 0.0)
-    found = optimize(made, soonest_along(made, path), BALANCED, passages=(Passage(far, path[1]),))
+    found = optimize(made, time_path_ignoring_jerk(made, path), BALANCED, passages=(Passage(far, path[1]),))
     assert found.outcome is Outcome.NOT_PASSING
 
 
@@ -461,7 +465,7 @@ def test_the_observer_hears_of_each_step() -> None:
 
 def test_a_free_motion_begins_with_few_pieces_and_is_as_good() -> None:
     made, path = over_the_wall()
-    motion, settings = soonest_along(made, path), free(BALANCED)
+    motion, settings = time_path_ignoring_jerk(made, path), free(BALANCED)
     of_all = optimize(made, motion, settings).trajectory
     made.observer.events.clear()
     begun_with_few = optimize(made, motion, in_few_pieces(settings)).trajectory
@@ -476,7 +480,7 @@ def test_a_free_motion_begins_with_few_pieces_and_is_as_good() -> None:
 
 def test_steps_are_counted_at_every_number_of_pieces() -> None:
     made, path = over_the_wall()
-    motion, settings = soonest_along(made, path), in_few_pieces(free(BALANCED))
+    motion, settings = time_path_ignoring_jerk(made, path), in_few_pieces(free(BALANCED))
     whole = optimize(made, motion, settings)
     for steps in (1, whole.steps - 1):
         after = optimize(dataclasses.replace(made, optimization_iterations=steps), motion, settings)
@@ -487,7 +491,7 @@ def test_steps_are_counted_at_every_number_of_pieces() -> None:
 
 def test_a_look_is_given_up_where_the_clearance_is_more_than_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
     made, path = over_the_wall()
-    motion, settings, looks = soonest_along(made, path), in_few_pieces(free(BALANCED)), []
+    motion, settings, looks = time_path_ignoring_jerk(made, path), in_few_pieces(free(BALANCED)), []
     look = Descent.look
 
     def wholly(
@@ -525,7 +529,7 @@ def kept_way(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:
     keeper, path = Keeper(made, made.constrained_frames), [first]
     target = first + np.array([-1.2, 0.5, 0.3, 0.2, 0.4, 0.3, 0.0])
     for share in np.linspace(0.0, 1.0, 30)[1:]:
-        back = keeper.brought_back(first + share * (target - first) + 0.05 * rng.normal(size=7))
+        back = keeper.bring_back(first + share * (target - first) + 0.05 * rng.normal(size=7))
         assert back is not None
         path.append(back)
     return made, np.array(path)
@@ -534,7 +538,7 @@ def kept_way(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:
 @pytest.mark.parametrize(("of", "tolerance"), [("plane", 0.002), ("plane", 0.03), ("cone", 0.3)])
 def test_path_constraints_are_kept_between_samples_too(of: str, tolerance: float) -> None:
     made, path = kept_way(of, tolerance)
-    motion = soonest_along(made, path)
+    motion = time_path_ignoring_jerk(made, path)
     trajectory = optimize(made, motion, constrained(BALANCED)).trajectory
     assert trajectory.duration < 0.8 * motion.duration
     check_limits(made, trajectory)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.planner.finish import soonest_along
+from guidefield.planner.finish import time_path_ignoring_jerk
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.clearance_samples import better, keeps_aside
 from guidefield.planner.optimize.settings import BALANCED
@@ -17,7 +17,7 @@ AWAY = flight([0.0, 1.0], (0.0, 3.0, 0.5), (0.0, 4.0, 0.5))
 
 
 def swing(made: Problem, begin: float = 0.0) -> Trajectory:
-    motion = soonest_along(made, np.array([START, moved(1.2, 0.3, 0.0, 0.4, 0.0, 0.0, 0.0)]))
+    motion = time_path_ignoring_jerk(made, np.array([START, moved(1.2, 0.3, 0.0, 0.4, 0.0, 0.0, 0.0)]))
     return Trajectory(begin + motion.times, motion.positions, motion.velocities)
 
 

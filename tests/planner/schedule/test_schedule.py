@@ -14,7 +14,7 @@ from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
-from guidefield.planner.path_so_far import motion_along, soonest_along
+from guidefield.planner.path_so_far import time_path, time_path_ignoring_jerk
 from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
     Occupancy,
@@ -55,7 +55,7 @@ def asked(*obstacles: messages.Obstacle, **options: Any) -> Problem:
 
 
 def swing(made: Problem) -> Any:
-    return soonest_along(made, np.array([START, moved(1.2, 0.3, 0.0, 0.4, 0.0, 0.0, 0.0)]))
+    return time_path_ignoring_jerk(made, np.array([START, moved(1.2, 0.3, 0.0, 0.4, 0.0, 0.0, 0.0)]))
 
 
 def occupancy(made: Problem, motion: Any, leave_by: float = np.inf, arrive_from: float = 0.0) -> Occupancy:
@@ -187,7 +187,7 @@ def test_where_the_start_must_be_left_and_the_middle_is_closed_it_slows_down_wit
     limits = None if jerk is None else np.full(7, jerk)
     made = asked(ball(trajectory=flight([0.0, 3.0], (3.0, 0.0, 0.0), (3.0, 1.0, 0.0))), jerk_limits=limits)
     path = np.array([START, moved(1.2, 0.3, 0.0, 0.4, 0.0, 0.0, 0.0), moved(1.6, 0.1, 0.3, 0.4, 0.0, 0.5, 0.0)])
-    motion = motion_along(made, path)
+    motion = time_path(made, path)
     length = step_of(PANDA) / slices_in(step_of(PANDA))
     half = 0.5 * motion.duration
 

@@ -11,7 +11,7 @@ from tests.robots import group
 
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.sequence.joined import PassedGoal
-from guidefield.planner.sequence.rounding import Curve, round_corners
+from guidefield.planner.sequence.rounding import CurveByLength, round_corners
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -35,7 +35,7 @@ def test_a_corner_leaves_its_lines_within_the_radius_and_along_them(seed: int, r
     corners = np.cumsum(rng.uniform(-1.0, 1.0, (4, arm.nv)), axis=0)
     asked = problem(arm, scene_of(), goal=to_configuration(corners[1], arm), q_start=arm.from_chart(corners[0]))
     goals = [PassedGoal(asked, z, radius) for z in corners[1:3]]
-    curves = [Curve(straight(*line)) for line in pairwise(corners)]
+    curves = [CurveByLength(straight(*line)) for line in pairwise(corners)]
     found = round_corners(curves, goals, [radius, radius], 0.05)
     assert np.array_equal(found.path[[0, -1]], corners[[0, -1]])
     aside = np.min([beside(np.array(line), found.path) for line in pairwise(corners)], axis=0)
@@ -56,6 +56,8 @@ def test_a_step_that_goes_nowhere_has_no_corner() -> None:
     z[1:] += 0.3
     asked = problem(arm, scene_of(), goal=to_configuration(z[1], arm), q_start=arm.from_chart(z[0]))
     standing = Trajectory(np.zeros(1), z[1:2], np.zeros((1, arm.nv)))
-    found = round_corners([Curve(straight(z[0], z[1])), Curve(standing)], [PassedGoal(asked, z[1], 0.1)], [0.1], 0.05)
+    found = round_corners(
+        [CurveByLength(straight(z[0], z[1])), CurveByLength(standing)], [PassedGoal(asked, z[1], 0.1)], [0.1], 0.05
+    )
     assert np.abs(found.path[-1] - z[1]).max() < 1e-12
     assert beside(z[:2], found.path).max() < 1e-12

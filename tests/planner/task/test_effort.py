@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.messages.requests import UrdfText
-from guidefield.planner.motion.timing import Limits, PathCurve, executed, parameterize
+from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
 from guidefield.planner.task import motion_limits
 from guidefield.planner.task.effort import (
     EffortLimit,
@@ -121,7 +121,7 @@ def test_a_timed_motion_keeps_its_limits_of_torque(seed, room) -> None:
     held = np.abs(holding_torques(tree, PathCurve.along(places).at(np.linspace(0.0, 5.0, 400)))).max(axis=0)
     limit = EffortLimit(tree, room * held + 0.5, tuple(planned.velocity_names))
     limits = Limits(planned.velocity_limits, planned.acceleration_limits, np.full(planned.nv, np.inf), (limit,))
-    motion = executed(parameterize(PathCurve.along(places), limits), limits).polynomials
+    motion = stretch_spline_to_limits(parameterize(PathCurve.along(places), limits), limits).polynomials
     dense = np.abs(dense_torques(planned, motion)).max(axis=0)
     assert (dense <= limit.limits * (1.0 + 1e-9)).all()
 

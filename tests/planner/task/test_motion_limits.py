@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.errors import MalformedRequest, UnknownFrame
 from guidefield.kernels.timing.carried_rates import MotionPolynomials
-from guidefield.planner.motion.timing import Limits, PathCurve, executed, parameterize
+from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task import motion_limits
 from guidefield.planner.task.motion_limits import (
@@ -103,7 +103,7 @@ def test_a_timed_motion_keeps_its_limits_in_space_and_reaches_one(seed, speed) -
     limit = frame_limit(planned, "tool0", speed, 4.0 * speed)
     limits = Limits(planned.velocity_limits, planned.acceleration_limits, np.full(planned.nv, np.inf), (limit,))
     places = np.cumsum(np.random.default_rng(seed).normal(0.0, 0.3, (6, planned.nv)), axis=0)
-    motion = executed(parameterize(PathCurve.along(places), limits), limits)
+    motion = stretch_spline_to_limits(parameterize(PathCurve.along(places), limits), limits)
     fastest, strongest = limit.reached(motion.polynomials)
     rates = np.abs(motion.velocities) / planned.velocity_limits
     assert fastest.bound <= speed * (1.0 + 1e-9)

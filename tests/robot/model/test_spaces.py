@@ -62,7 +62,7 @@ def planned(world: World, q: Configuration, z: ChartPoint, zs: ChartPoints) -> N
     motion_free(world, zs[0], z)
     PathCurve.along(zs).at(np.zeros(1))
     Trajectory(np.zeros(1), zs, Trajectory(np.zeros(1), zs, zs).velocities)  # refused
-    PathSoFar(zs).extended(z)  # refused
+    PathSoFar(zs).extend(z)  # refused
     PathSoFar(q)  # refused
     certify(world, zs)  # refused
     motion_free(world, q, z)  # refused

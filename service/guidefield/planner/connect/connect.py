@@ -31,7 +31,7 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
 
 
 @dataclass(frozen=True, eq=False)
-class QuickestWay(ReadOnly):
+class QuickestPath(ReadOnly):
     """The way to one of several goals that is estimated to take the least time."""
 
     path: ChartPoints  # chart points, shape (n, nv), free at samples
@@ -40,14 +40,14 @@ class QuickestWay(ReadOnly):
     iterations: int
 
 
-def quickest_way(
+def find_quickest_path(
     problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator
-) -> QuickestWay | None:
+) -> QuickestPath | None:
     """Find the best way from z_start (nv,) to goals (m, nv), each by itself.
 
     None where all have to be tried together.
     """
-    search = _Search(problem, z_start, goals, rng)
+    search = _PathSearch(problem, z_start, goals, rng)
     bounds = search.straight_scores()
     order = np.argsort(bounds, kind="stable")[: QUICKEST.goals].tolist()
     for round_ in range(1 + (QUICKEST.rounds if problem.objective is Objective.TIME else 0)):
@@ -61,10 +61,10 @@ def quickest_way(
         return None
     ways = {Objective.TIME: QUICKEST.ways, Objective.BALANCED: QUICKEST.few_ways, Objective.CLEARANCE: 1}
     best, *others = sorted(search.found, key=lambda scored: scored[0])[: ways[problem.objective]]
-    return QuickestWay(best[1], tuple(way for _, way in others), len(search.straight), search.iterations)
+    return QuickestPath(best[1], tuple(way for _, way in others), len(search.straight), search.iterations)
 
 
-class _Search:
+class _PathSearch:
     """The ways that were found so far, each with its score."""
 
     def __init__(self, problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator) -> None:
@@ -112,19 +112,19 @@ class _Search:
             if found.path is None:
                 return
             way = lanes.shorten(found.path, TREE.resolution, clearance + MARGIN * problem.group.size)
-        self.found.append((score(problem, way), way))
+        self.found.append((score_path(problem, way), way))
 
 
-def score(problem: Problem, way: ChartPoints) -> float:
+def score_path(problem: Problem, way: ChartPoints) -> float:
     """What a way (n, nv) counts [s]: its estimated time, and a share of its length unless time alone counts."""
     limits = problem.group.velocity_limits
-    time = estimated_time(way, limits)
+    time = estimate_time(way, limits)
     if problem.objective is Objective.TIME:
         return time
     return time + QUICKEST.length * float(np.linalg.norm(np.diff(way, axis=0) / limits, axis=1).sum())
 
 
-def estimated_time(path: ChartPoints, velocity_limits: ChartRate) -> float:
+def estimate_time(path: ChartPoints, velocity_limits: ChartRate) -> float:
     """About how long a path (n, nv) takes once it is optimised, but for speeding up and slowing down [s]."""
     times = np.abs(np.diff(path, axis=0)) / velocity_limits
     return 0.5 * float(times.max(axis=1).sum() + times.sum(axis=0).max())
@@ -134,7 +134,7 @@ FEW = 0.01
 """An end is hard to get away from if its tree has less configurations than this share of the motions tried there."""
 
 
-def no_way(
+def explain_no_path(
     lanes: BatchCollision, start: ChartPoint, goals: ChartPoints, resolution: float, clearance: float
 ) -> str | None:
     """Why a group of one coordinate can't get to any goal, or None where it can or has several coordinates.
@@ -156,7 +156,7 @@ def no_way(
     return f"joint {joint.name} can't get to the goal: {which} it comes to what it must not touch"
 
 
-def why_not(found: FoundPath, goals: int, *, in_time: bool) -> str:
+def explain_failed_search(found: FoundPath, goals: int, *, in_time: bool) -> str:
     """Why a search ended without a path, for a person."""
     names = "start", "goal" if goals == 1 else "goals"
     if found.enclosed is not None:
@@ -176,7 +176,7 @@ def why_not(found: FoundPath, goals: int, *, in_time: bool) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Shorter(ReadOnly):
+class ShortenedPath(ReadOnly):
     """What came of it."""
 
     path: ChartPoints  # chart points (n, nv), free as the path that it began with, and no longer
@@ -185,7 +185,7 @@ class Shorter(ReadOnly):
 
 
 @dataclass(frozen=True)
-class Rounds:
+class ShorteningRounds:
     """How a connection is made shorter."""
 
     number: int
@@ -193,14 +193,14 @@ class Rounds:
     margin: float  # what shortcuts keep from obstacles beside the clearance asked for [m]
 
 
-def shorter(
+def shorten_path(
     problem: Problem,
     path: ChartPoints,
     goals: ChartPoints,
-    rounds: Rounds,
+    rounds: ShorteningRounds,
     rng: np.random.Generator,
     accepted: Callable[[ChartPoints], bool],
-) -> Shorter:
+) -> ShortenedPath:
     """Look for shorter paths from where a path (n, nv) begins to one of several free goals (m, nv)."""
     units = problem.group.units
     deadline, before, done = problem.deadline.share(ROUNDS.share), length_of(path, units), 0
@@ -224,7 +224,7 @@ def shorter(
     message = f"made {share:.1%} shorter in {done} rounds"
     if deadline.expired():
         message += f" of {rounds.number}: time ended them"
-    return Shorter(path, done, message)
+    return ShortenedPath(path, done, message)
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,14 +249,14 @@ def connect(
     lanes, clearance, margin = problem.lanes, problem.min_clearance, MARGIN * problem.group.size
     near = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     if len(near) > 1 or problem.objective is Objective.TIME:
-        quickest = _quickest(problem, z_start, near, rng, prove)
+        quickest = _connect_to_quickest(problem, z_start, near, rng, prove)
         if quickest is not None:
             return quickest
     for goal in near[np.argsort(np.linalg.norm((near - z_start) / problem.group.units, axis=1))]:
         way = np.array([z_start, goal])
         if lanes.free_until(way, TREE.resolution, clearance) and (not prove or _certify_path(problem, way)):
             return Connection(Status.SUCCESS, "the straight motion is free", way, prove)
-    blocked = no_way(lanes, z_start, near, TREE.resolution, clearance)
+    blocked = explain_no_path(lanes, z_start, near, TREE.resolution, clearance)
     if blocked is not None:
         return Connection(Status.PLANNING_FAILED, blocked, z_start[None])
     roots = np.concatenate([near, *map(problem.group.turned_otherwise, near)])
@@ -276,10 +276,10 @@ def connect(
         if accepted(path):
             message = f"found by a tree in {found.iterations} iterations"
             number = problem.optimization_iterations
-            if number is None and score(problem, path) > ROUNDS.detour * score(problem, path[[0, -1]]):
+            if number is None and score_path(problem, path) > ROUNDS.detour * score_path(problem, path[[0, -1]]):
                 number = ROUNDS.of_detour
             if number:
-                better = shorter(problem, path, roots, Rounds(number, resolution, margin), rng, accepted)
+                better = shorten_path(problem, path, roots, ShorteningRounds(number, resolution, margin), rng, accepted)
                 path, message = better.path, f"{message}, {better.message}"
             for z in path[1:]:
                 problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found by the tree"))
@@ -288,7 +288,7 @@ def connect(
     return _make_unconnected(problem, z_start, found, len(goals), refused)
 
 
-def _quickest(
+def _connect_to_quickest(
     problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator, prove: bool
 ) -> Connection | None:
     """To the goal (m, nv) that is estimated to be reached soonest; None where none is, or the certificate refuses."""
@@ -296,16 +296,16 @@ def _quickest(
     def accepted(path: ChartPoints) -> bool:
         return not prove or _certify_path(problem, path)
 
-    way = quickest_way(problem, z_start, goals, rng)
+    way = find_quickest_path(problem, z_start, goals, rng)
     if way is None or not accepted(way.path):
         return None
     path = way.path
     message = f"of {len(goals)} goals {way.tried} tried; " if len(goals) > 1 else ""
     message += "the straight motion is free" if len(path) == 2 else f"found by trees in {way.iterations} iterations"
     if problem.optimization_iterations and len(path) > 2:
-        rounds = Rounds(problem.optimization_iterations, TREE.resolution, MARGIN * problem.group.size)
+        rounds = ShorteningRounds(problem.optimization_iterations, TREE.resolution, MARGIN * problem.group.size)
         roots = np.concatenate([goals, *map(problem.group.turned_otherwise, goals)])
-        better = shorter(problem, path, roots, rounds, rng, accepted)
+        better = shorten_path(problem, path, roots, rounds, rng, accepted)
         path, message = better.path, f"{message}, {better.message}"
     for z in path[1:]:
         problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found by the tree"))
@@ -317,7 +317,7 @@ def _make_unconnected(
 ) -> Connection:
     status = problem.deadline.status()
     if found.path is None:
-        message = why_not(found, goals, in_time=status is not None)
+        message = explain_failed_search(found, goals, in_time=status is not None)
         if refused:
             message += f"; the certificate refused {refused} that looked free"
     else:

@@ -10,7 +10,7 @@ import pinocchio as pin
 from guidefield.errors import Status
 from guidefield.kernels.tree.path_constraints import KeptFrames, bring_back
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import Connection, why_not
+from guidefield.planner.connect.connect import Connection, explain_failed_search
 from guidefield.planner.connect.settings import CONSTRAINED, TREE
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Problem
@@ -27,7 +27,7 @@ class Keeper:
     problem: Problem
     frames: ConstrainedFrames
 
-    def brought_back(self, z: ChartPoint) -> ChartPoint | None:
+    def bring_back(self, z: ChartPoint) -> ChartPoint | None:
         """The chart point next to z (nv,), within limits, that keeps the constraints with room; None if there is none.
 
         Newton's steps of least length on the numbers that are too large.
@@ -55,7 +55,7 @@ def connect_constrained(
     problem.tell(TreeGrown(found.trees))
     if found.path is None:
         status = problem.deadline.status()
-        message = why_not(found, len(goals), in_time=status is not None)
+        message = explain_failed_search(found, len(goals), in_time=status is not None)
         return Connection(status or Status.PLANNING_FAILED, f"within the path constraints {message}", z_start[None])
     path = _shorten(problem, keeper, found.path, rng)
     for z in path[1:]:

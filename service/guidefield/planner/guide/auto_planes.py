@@ -37,7 +37,7 @@ class TipWay(ReadOnly):
     size: float
 
 
-def tip_way(
+def find_tip_way(
     tables: DistanceTables, start: np.ndarray, goal: np.ndarray, radius: float, centre: np.ndarray, reach: float,
     ample: float = np.inf, size: float = 1.0,
 ) -> TipWay | None:  # fmt: skip
@@ -52,7 +52,7 @@ def tip_way(
     low = start - spacing * np.ceil((start - low) / spacing)  # the start is a point of the grid
     counts = np.ceil((high - low) / spacing).astype(np.int64) + 1
     first, last = (np.rint((end - low) / spacing).astype(np.int64) for end in (start, goal))
-    ends = clearances(tables, np.array([start, low + spacing * last]), size)
+    ends = measure_point_clearances(tables, np.array([start, low + spacing * last]), size)
     floor = float(min(radius, 0.5 * ends.min()))
     if floor <= 0.0:
         return None
@@ -67,11 +67,11 @@ def tip_way(
         if n >= 2:
             points = low + spacing * np.stack(np.unravel_index(found[:n][::-1], tuple(counts)), axis=1)
             points[-1] = goal
-            return _smoothed(tables, points, size)
+            return _smooth(tables, points, size)
     return None
 
 
-def section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray, size: float = 1.0) -> np.ndarray:
+def find_free_section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray, size: float = 1.0) -> np.ndarray:
     """What is free in a plane about a point (3,): a convex polygon, counter-clockwise, (k, 2) along `across` (2, 3).
 
     Cut from a wide one at the nearest hits of rays first, so that what is cut away is small.
@@ -80,20 +80,20 @@ def section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray, size
     return corners[: free_section(tables, centre, across, TIP_WAY.longest * size, corners)]
 
 
-def open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray, size: float) -> np.ndarray:
+def measure_open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray, size: float) -> np.ndarray:
     """How much of planes about points (n, 3), along unit vectors (n, 2, 3), is seen from there, shape (n,) [m^2]."""
     areas = np.empty(len(centres))
     open_areas_kernel(tables, centres, across, TIP_WAY.longest * size, TIP_WAY.compared_rays, areas)
     return areas
 
 
-def enclosed(tables: DistanceTables, point: np.ndarray, normals: np.ndarray, size: float = 1.0) -> bool:
+def is_in_passage(tables: DistanceTables, point: np.ndarray, normals: np.ndarray, size: float = 1.0) -> bool:
     """Whether a point (3,) is in a passage: in one of the planes with unit normals (n, 3) all rays from it hit."""
     across = np.array([axes_across(normal) for normal in normals])
     return is_enclosed(tables, point, across, TIP_WAY.longest * size, TIP_WAY.compared_rays)
 
 
-def clearances(tables: DistanceTables, points: np.ndarray, size: float = 1.0) -> np.ndarray:
+def measure_point_clearances(tables: DistanceTables, points: np.ndarray, size: float = 1.0) -> np.ndarray:
     """Distance of points (n, 3) to the obstacles, at most `CAP` at a size, shape (n,) [m]."""
     clear: np.ndarray = np.minimum(distance_at_points(tables, points, CAP * size)[0], CAP * size)
     return clear
@@ -111,9 +111,9 @@ def _box(
     return low, high
 
 
-def _smoothed(tables: DistanceTables, points: np.ndarray, size: float) -> TipWay:
+def _smooth(tables: DistanceTables, points: np.ndarray, size: float) -> TipWay:
     """The way as a band: drawn straight, pushed off the obstacles; no point of it loses clearance."""
-    least, cap = TIP_WAY.kept * clearances(tables, points, size), CAP * size
+    least, cap = TIP_WAY.kept * measure_point_clearances(tables, points, size), CAP * size
     for _ in range(TIP_WAY.smoothings):
         distances, away, _ = distance_at_points(tables, points, cap)
         tangents = _tangents(points)
@@ -121,9 +121,9 @@ def _smoothed(tables: DistanceTables, points: np.ndarray, size: float) -> TipWay
         moved = points.copy()
         moved[1:-1] = 0.25 * points[:-2] + 0.5 * points[1:-1] + 0.25 * points[2:]
         moved[1:-1] += (TIP_WAY.push * (cap - np.minimum(distances, cap))[:, None] * away)[1:-1]
-        keeps = clearances(tables, moved, size) >= least
+        keeps = measure_point_clearances(tables, moved, size) >= least
         points = np.where(keeps[:, None], moved, points)
-    return TipWay(points, _tangents(points), clearances(tables, points, size), size)
+    return TipWay(points, _tangents(points), measure_point_clearances(tables, points, size), size)
 
 
 def _tangents(points: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
 """Normals of planes in which a point may be enclosed, where none is given: along axes and diagonals, shape (13, 3)."""
 
 
-def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane, ...] | None:
+def derive_planes(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane, ...] | None:
     """Planes that lead the tip to a point (3,) [m] or a plane's centroid, GP-auto-1, GP-auto-2 ...
 
     None if there is no way. There are none where it sees it from the start.
@@ -149,28 +149,32 @@ def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane,
     place, normals = (goal.centroid, goal.normal[None]) if isinstance(goal, GuidePlane) else (goal, NORMALS)
     centre, reach = arm_reach(problem)
     size = problem.group.size
-    ample = min(_room(tables, start, NORMALS, size), _room(tables, place, normals, size))
-    way = tip_way(tables, start, place, tip_radius(problem), centre, reach, ample, size)
+    ample = min(_ample_clearance(tables, start, NORMALS, size), _ample_clearance(tables, place, normals, size))
+    way = find_tip_way(tables, start, place, tip_radius(problem), centre, reach, ample, size)
     if way is None:
         return None
     confined, chosen = way.clearances < AUTO_PLANES.mouth * CAP * way.size, list[int]()
     mouths = set((np.flatnonzero(confined[1:] & ~confined[:-1]) + 1).tolist())
-    for at in sorted(_bottlenecks(way) | mouths):
-        chosen = _with(way, chosen, _smallest_nearby(tables, way, at))
-    planes = [_plane(tables, way, at, number) for number, at in enumerate(_with_bends(tables, way, chosen), 1)]
+    for at in sorted(_find_bottlenecks(way) | mouths):
+        chosen = _add_place(way, chosen, _find_smallest_section(tables, way, at))
+    planes = [_plane(tables, way, at, number) for number, at in enumerate(_add_bends(tables, way, chosen), 1)]
     return tuple(plane for plane in planes if plane is not None)
 
 
-def _room(tables: DistanceTables, end: np.ndarray, normals: np.ndarray, size: float) -> float:
+def _ample_clearance(tables: DistanceTables, end: np.ndarray, normals: np.ndarray, size: float) -> float:
     """Clearance that is ample for a way with such an end [m].
 
     From a tube no way is roomier than the tube: more clearance elsewhere is worth no detour. So a goal inside a tube
     is reached through the tube, and not round it and in at its far end.
     """
-    return float(clearances(tables, end[None], size)[0]) if enclosed(tables, end, normals, size) else CAP * size
+    return (
+        float(measure_point_clearances(tables, end[None], size)[0])
+        if is_in_passage(tables, end, normals, size)
+        else CAP * size
+    )
 
 
-def _with(way: TipWay, chosen: list[int], place: int) -> list[int]:
+def _add_place(way: TipWay, chosen: list[int], place: int) -> list[int]:
     others = [0, len(way.points) - 1, *chosen]
     if (
         min(float(np.linalg.norm(way.points[place] - way.points[other])) for other in others)
@@ -180,7 +184,7 @@ def _with(way: TipWay, chosen: list[int], place: int) -> list[int]:
     return sorted([*chosen, place])
 
 
-def _bottlenecks(way: TipWay) -> set[int]:
+def _find_bottlenecks(way: TipWay) -> set[int]:
     """Local minima of clearance; of a plateau its first and last point."""
     clear, found = way.clearances, set()
     first = 0
@@ -194,44 +198,46 @@ def _bottlenecks(way: TipWay) -> set[int]:
     return found
 
 
-def _with_bends(tables: DistanceTables, way: TipWay, chosen: list[int]) -> list[int]:
+def _add_bends(tables: DistanceTables, way: TipWay, chosen: list[int]) -> list[int]:
     """With one between every two, start and goal among them, that don't see each other: farthest from their chord."""
     looked = [0, *chosen, len(way.points) - 1]
     k = 0
     while k + 1 < len(looked):
         a, b = looked[k], looked[k + 1]
-        if b - a < 3 or _see(tables, way, a, b):
+        if b - a < 3 or _can_see(tables, way, a, b):
             k += 1
             continue
         chord = way.points[b] - way.points[a]
         between = way.points[a + 1 : b] - way.points[a]
         share = np.clip(between @ chord / max(float(chord @ chord), 1e-12), 0.0, 1.0)
         away = np.linalg.norm(between - share[:, None] * chord, axis=1)
-        bend = _smallest_nearby(tables, way, a + 1 + int(np.argmax(away)), (a, b))
-        if _with(way, [place for place in looked if 0 < place < len(way.points) - 1], bend).count(bend):
+        bend = _find_smallest_section(tables, way, a + 1 + int(np.argmax(away)), (a, b))
+        if _add_place(way, [place for place in looked if 0 < place < len(way.points) - 1], bend).count(bend):
             looked.insert(k + 1, bend)
         else:
             k += 1
     return looked[1:-1]
 
 
-def _see(tables: DistanceTables, way: TipWay, a: int, b: int) -> bool:
+def _can_see(tables: DistanceTables, way: TipWay, a: int, b: int) -> bool:
     """Return whether the straight way between two places keeps a share of the clearance that they have."""
     step = AUTO_PLANES.sight_step * way.size
     steps = max(2, int(np.ceil(float(np.linalg.norm(way.points[b] - way.points[a])) / step)))
     points = np.linspace(way.points[a], way.points[b], steps + 1)
     local = float(min(way.clearances[a], way.clearances[b]))
-    return float(clearances(tables, points, way.size).min()) >= AUTO_PLANES.sight * local
+    return float(measure_point_clearances(tables, points, way.size).min()) >= AUTO_PLANES.sight * local
 
 
-def _smallest_nearby(tables: DistanceTables, way: TipWay, place: int, within: tuple[int, int] | None = None) -> int:
+def _find_smallest_section(
+    tables: DistanceTables, way: TipWay, place: int, within: tuple[int, int] | None = None
+) -> int:
     """The place near another, and within a stretch of the way, where the section is smallest."""
     first, last = within or (0, len(way.points) - 1)
     places = np.arange(max(first + 1, place - AUTO_PLANES.nearby), min(last, place + AUTO_PLANES.nearby + 1))
     if not len(places):
         return place
     across = np.array([axes_across(way.tangents[k]) for k in places])
-    areas = open_areas(tables, way.points[places], across, way.size)
+    areas = measure_open_areas(tables, way.points[places], across, way.size)
     return int(places[np.lexsort([np.abs(places - place), areas])[0]])
 
 
@@ -239,11 +245,11 @@ def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> Guid
     across = axes_across(way.tangents[place])
     centre = way.points[place].copy()
     for _ in range(AUTO_PLANES.centrings):
-        moved = centre + centroid(section(tables, centre, across, way.size)) @ across
-        if clearances(tables, moved[None], way.size)[0] < AUTO_PLANES.centred * way.clearances[place]:
+        moved = centre + centroid(find_free_section(tables, centre, across, way.size)) @ across
+        if measure_point_clearances(tables, moved[None], way.size)[0] < AUTO_PLANES.centred * way.clearances[place]:
             break
         centre = moved
-    corners = _distinct(section(tables, centre, across, way.size))
+    corners = _merge_corners(find_free_section(tables, centre, across, way.size))
     vertices = [tuple(vertex) for vertex in (centre + corners @ across).tolist()]
     try:
         return build(messages.GuidePlane(name=f"GP-auto-{number}", vertices=vertices), number - 1)
@@ -251,7 +257,7 @@ def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> Guid
         return None
 
 
-def _distinct(corners: np.ndarray) -> np.ndarray:
+def _merge_corners(corners: np.ndarray) -> np.ndarray:
     size = float(np.ptp(corners, axis=0).max())
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
     distinct: np.ndarray = corners[sides > AUTO_PLANES.distinct * size]

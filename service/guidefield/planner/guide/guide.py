@@ -23,9 +23,9 @@ from guidefield.planner.guide.guided_path import GuidedPath, reach_point
 from guidefield.planner.guide.projected import Blocks, Projected
 from guidefield.planner.guide.rounds import Aim, Attempt, Round, rounds
 from guidefield.planner.guide.settings import APPROACH, SETTLING, UNIVARIATE
-from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
+from guidefield.planner.guide.tip_reach import explain_unreachable, inset_of
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import stopped_before
+from guidefield.planner.task.stages import make_stopped_message
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
@@ -133,7 +133,7 @@ PROJECTED = (
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing(ReadOnly):
+class PlaneCrossing(ReadOnly):
     """What came of a guide plane."""
 
     status: Status
@@ -143,19 +143,19 @@ class Crossing(ReadOnly):
     details: dict[str, Any] = field(default_factory=dict)
 
 
-def cross(
+def cross_plane(
     problem: Problem, q: Configuration, plane: GuidePlane, index: int, attempts: Sequence[Attempt] = PROJECTED
-) -> Crossing:
+) -> PlaneCrossing:
     """Bring the tip from q (nq,) onto a guide plane.
 
     The first attempt that succeeds, else the one that came nearest.
     """
-    impossible = unreachable_at_once(problem, plane)
+    impossible = explain_unreachable(problem, plane)
     if impossible is not None:
         reason, details = impossible
         details = {"stage": "guide", "plane": index, "guide_plane": plane.name, **details}
-        return Crossing(Status.GUIDE_PLANE_UNREACHABLE, f"guide plane {plane.name!r}: {reason}", q[None], details)
-    best: Crossing | None = None
+        return PlaneCrossing(Status.GUIDE_PLANE_UNREACHABLE, f"guide plane {plane.name!r}: {reason}", q[None], details)
+    best: PlaneCrossing | None = None
     for number, attempt in enumerate(attempts):
         if number:
             problem.tell(Note(f"again, {attempt.minimizer.name}, steps of {1000 * attempt.step:.0f} mm"))
@@ -168,23 +168,25 @@ def cross(
     return best
 
 
-def _attempt(problem: Problem, q: Configuration, plane: GuidePlane, index: int, attempt: Attempt) -> Crossing:
+def _attempt(problem: Problem, q: Configuration, plane: GuidePlane, index: int, attempt: Attempt) -> PlaneCrossing:
     aim = Aim(plane, inset_of(problem, plane))
     guided = GuidedPath(problem, q, margin_at(problem, q), index)
     problem.tell(Step(StepKind.START, q, f"towards guide plane {plane.name}", problem.robot_field.potential(q), index))
     creeping = 0
     while True:
         if (status := problem.deadline.status()) is not None:
-            return _given_up(status, stopped_before(status, plane.name, aim.distance(guided.tip)), guided, aim, index)
+            return _give_up(
+                status, make_stopped_message(status, plane.name, aim.distance(guided.tip)), guided, aim, index
+            )
         for made in rounds(guided, aim, attempt):
             if made.ended is Round.BLOCKED:
-                return _blocked(guided, aim, index)
+                return _explain_blockage(guided, aim, index)
             if made.ended is Round.ARRIVED:
-                return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(guided.path))
+                return PlaneCrossing(Status.SUCCESS, f"reached {plane.name}", np.array(guided.path))
             little = made.before - made.after < APPROACH.creeping * min(attempt.step * guided.size, made.before)
             creeping = creeping + 1 if little else 0
             if creeping >= APPROACH.creeping_rounds:
-                return _given_up(
+                return _give_up(
                     Status.STUCK_IN_MINIMUM,
                     f"stuck in a minimum of the potential {1000 * made.before:.0f} mm before guide plane"
                     f" {plane.name!r}",
@@ -192,26 +194,26 @@ def _attempt(problem: Problem, q: Configuration, plane: GuidePlane, index: int, 
                 )  # fmt: skip
 
 
-def _blocked(guided: GuidedPath, aim: Aim, index: int) -> Crossing:
+def _explain_blockage(guided: GuidedPath, aim: Aim, index: int) -> PlaneCrossing:
     """No advance is possible: held by an obstacle it is stuck, out of reach the plane is unreachable from here."""
     plane, left = aim.plane, 1000 * aim.distance(guided.tip)
     refusal = guided.refusal()
     if refusal is None:
-        return _given_up(
+        return _give_up(
             Status.GUIDE_PLANE_UNREACHABLE,
             f"guide plane {plane.name!r} is {left:.0f} mm away and the tip can't get nearer: joint limits or reach",
             guided, aim, index,
         )  # fmt: skip
     pair = " and ".join(refusal.pair) if refusal.pair else "two bodies"
     why = f"{pair} would {'come too close' if guided.problem.min_clearance > 0.0 else 'touch'}"
-    return _given_up(
+    return _give_up(
         Status.STUCK_IN_MINIMUM,
         f"stuck in a minimum of the potential {left:.0f} mm before guide plane {plane.name!r}: {why}",
         guided, aim, index,
     )  # fmt: skip
 
 
-def _given_up(status: Status, message: str, guided: GuidedPath, aim: Aim, index: int) -> Crossing:
+def _give_up(status: Status, message: str, guided: GuidedPath, aim: Aim, index: int) -> PlaneCrossing:
     group, refusal = guided.problem.group, guided.refusal()
     z = group.chart(guided.q)
     at_limit = [
@@ -227,7 +229,7 @@ def _given_up(status: Status, message: str, guided: GuidedPath, aim: Aim, index:
         "pair": list(refusal.pair) if refusal is not None and refusal.pair else None,
         "joints_at_limit": at_limit,
     }
-    return Crossing(status, message, np.array(guided.path), details)
+    return PlaneCrossing(status, message, np.array(guided.path), details)
 
 
 def margin_at(problem: Problem, q: Configuration) -> float:

@@ -23,7 +23,7 @@ from guidefield.scene.scene import Scene
 _ROUNDING = 1e-9  # what a reach is wider by, for rounding [m]
 
 
-def obstacle_touched(scene: Scene, centre: np.ndarray, radius: float) -> str | None:
+def find_touched_obstacle(scene: Scene, centre: np.ndarray, radius: float) -> str | None:
     """Name of an obstacle that a ball about a centre (3,) [m, world] touches, or None."""
     ball = coal.Sphere(max(radius, 1e-9))
     at = coal.Transform3s(np.eye(3), np.asarray(centre, float))
@@ -84,7 +84,7 @@ def _tip_radius(group: PlanningGroup) -> float:
     return radius
 
 
-def unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict[str, Any]] | None:
+def explain_unreachable(problem: Problem, plane: GuidePlane) -> tuple[str, dict[str, Any]] | None:
     """Why no configuration can have its tip on a plane, where that is known without looking; else None."""
     radius = tip_radius(problem)
     if plane.inradius < radius:
@@ -105,7 +105,7 @@ def unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict[
         return None
     blocking = None
     for place in places:
-        touched = obstacle_touched(problem.scene, place, radius)
+        touched = find_touched_obstacle(problem.scene, place, radius)
         if touched is None:
             return None
         blocking = blocking or touched

@@ -111,13 +111,13 @@ class BSpline(ReadOnly):
         spline_slopes(self.points, places, found)
         return cast(ChartPoints, found)
 
-    def towards(self, other: BSpline, share: float) -> BSpline:
+    def blend(self, other: BSpline, share: float) -> BSpline:
         """At a share of the way to another one of the same ends and as many pieces; the step goes by its logarithm."""
         points = cast(ChartPoints, self.inner + share * (other.inner - self.inner))
         step, begin = self.step * (other.step / self.step) ** share, self.begin + share * (other.begin - self.begin)
         return BSpline.between(self.start, self.end, points, step, begin)
 
-    def subdivided(self) -> BSpline:
+    def subdivide(self) -> BSpline:
         """The same curve with twice the pieces (Lane and Riesenfeld's rule for cubics)."""
         P = self.points
         finer = np.empty((2 * len(P) - 3, P.shape[1]))

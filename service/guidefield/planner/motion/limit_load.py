@@ -20,7 +20,7 @@ TOLERANCE = 1e-9  # by this share a motion may exceed a limit, for rounding
 MOST_ROUNDS = 16  # how often rounding is looked at again
 
 
-def limit_load(
+def measure_limit_load(
     times: np.ndarray,
     positions: ChartPoints,
     velocities: ChartRates,
@@ -39,7 +39,7 @@ def limit_load(
     return max(velocity, math.sqrt(acceleration), math.cbrt(jerk))
 
 
-def at_limits(
+def stretch_to_limits(
     times: np.ndarray,
     positions: ChartPoints,
     velocities: ChartRates,
@@ -48,13 +48,13 @@ def at_limits(
     jerk_limits: ChartRate,
     beside: Sequence[MotionLimit] = (),
 ) -> Trajectory:
-    """A motion, given as for `limit_load`, with time scaled so that it reaches a limit and exceeds none.
+    """A motion, given as for `measure_limit_load`, with time scaled so that it reaches a limit and exceeds none.
 
     A limit beside those of rates that no time is long enough for is left exceeded.
     """
     stretch, margin = 1.0, 1e-12
     for _ in range(MOST_ROUNDS):
-        load = limit_load(
+        load = measure_limit_load(
             times * stretch, positions, velocities / stretch, velocity_limits, acceleration_limits, jerk_limits
         )
         if stretch != 1.0 and load <= 1.0:
@@ -81,7 +81,7 @@ ROUNDING = 16.0 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
-class Use:
+class LimitUse:
     """The largest share of a limit."""
 
     # 1 is the limit; None where nothing is limited, there is no such rate, or it has no bound
@@ -98,16 +98,16 @@ class Use:
 
 
 @dataclass(frozen=True)
-class Uses:
+class LimitUses:
     """The largest shares of all limits."""
 
-    position: Use = Use()
-    velocity: Use = Use()
-    acceleration: Use = Use()
-    jerk: Use = Use()
+    position: LimitUse = LimitUse()
+    velocity: LimitUse = LimitUse()
+    acceleration: LimitUse = LimitUse()
+    jerk: LimitUse = LimitUse()
 
 
-def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRate | None) -> Uses:
+def measure_limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRate | None) -> LimitUses:
     """The largest shares of its limits that a motion uses; without limits of jerk (nv,), jerk doesn't matter.
 
     Rates are those of the chart, as in a plan: a planar or floating joint's are those of its position in the world and
@@ -121,13 +121,13 @@ def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRa
     if motion.times is None or motion.is_point:
         position = _largest(knots[:-1], knots[-1:], ranged)
         velocity = _at_point(motion, motion.velocities, group.velocity_limits)
-        return Uses(position, velocity, _at_point(motion, motion.accelerations, group.acceleration_limits))
+        return LimitUses(position, velocity, _at_point(motion, motion.accelerations, group.acceleration_limits))
     if motion.quintic is not None:
         return _quintic_shares(motion.quintic, group, middle, half, ranged, jerk_limits)
     spans = np.diff(motion.times)[:, None]
     if motion.kind is CurveKind.LINEAR or motion.velocities is None:
         rates = np.abs(np.diff(motion.positions, axis=0) / spans) / group.velocity_limits
-        return Uses(_largest(knots[:-1], knots[-1:], ranged), _largest(rates, rates[-1:]))
+        return LimitUses(_largest(knots[:-1], knots[-1:], ranged), _largest(rates, rates[-1:]))
     begins, ends = piece_accelerations(motion.times, motion.positions, motion.velocities)
     jerks = (ends - begins) / spans
     start, speed = motion.positions[:-1], motion.velocities[:-1]
@@ -141,12 +141,12 @@ def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRa
     first, second = np.abs(begins) / group.acceleration_limits, np.abs(ends) / group.acceleration_limits
     acceleration = _largest(first, second[-1:], None, second[None], np.ones((1, *second.shape)))
     if jerk_limits is None:
-        return Uses(position, velocity, acceleration)
+        return LimitUses(position, velocity, acceleration)
     limited = np.isfinite(jerk_limits)
     if (step := _step(motion, begins, ends, group.acceleration_limits, limited)) is not None:
-        return Uses(position, velocity, acceleration, step)
+        return LimitUses(position, velocity, acceleration, step)
     shares = np.abs(jerks) / jerk_limits
-    return Uses(position, velocity, acceleration, _largest(shares, shares[-1:], limited))
+    return LimitUses(position, velocity, acceleration, _largest(shares, shares[-1:], limited))
 
 
 def _quintic_shares(
@@ -156,33 +156,33 @@ def _quintic_shares(
     half: np.ndarray,
     ranged: np.ndarray,
     jerk_limits: ChartRate | None,
-) -> Uses:
+) -> LimitUses:
     """The largest shares of a motion of degree 5, whose accelerations have no steps."""
     velocities, accelerations, jerks = motion.rates()
     unlimited = np.ones(len(ranged), bool)
-    return Uses(
+    return LimitUses(
         _largest_of((motion.bezier() - middle) / half, ranged),
         _largest_of(velocities / group.velocity_limits, unlimited),
         _largest_of(accelerations / group.acceleration_limits, unlimited),
-        Use() if jerk_limits is None else _largest_of(jerks / jerk_limits, np.isfinite(jerk_limits)),
+        LimitUse() if jerk_limits is None else _largest_of(jerks / jerk_limits, np.isfinite(jerk_limits)),
     )
 
 
-def _largest_of(shares: np.ndarray, counts: np.ndarray) -> Use:
+def _largest_of(shares: np.ndarray, counts: np.ndarray) -> LimitUse:
     """The largest share along Bezier curves of shares (m, k, nv), of the coordinates that count, (nv,)."""
     if not counts.any():
-        return Use()
+        return LimitUse()
     most, pieces, places = largest_magnitudes(shares)
     coordinate = int(np.argmax(np.where(counts, most, -1.0)))
-    return Use(float(most[coordinate]), coordinate, int(pieces[coordinate]), float(places[coordinate]))
+    return LimitUse(float(most[coordinate]), coordinate, int(pieces[coordinate]), float(places[coordinate]))
 
 
-def _at_point(motion: GivenMotion, given: ChartRates | None, limits: ChartRate) -> Use:
+def _at_point(motion: GivenMotion, given: ChartRates | None, limits: ChartRate) -> LimitUse:
     """The largest share of a limit that the rates given at a single knot use, shape (k, nv); none without times."""
     if motion.times is None or given is None:
-        return Use(0.0, 0) if motion.times is not None else Use()
+        return LimitUse(0.0, 0) if motion.times is not None else LimitUse()
     shares = (np.abs(given) / limits).max(axis=0)
-    return Use(float(shares.max()), int(np.argmax(shares)))
+    return LimitUse(float(shares.max()), int(np.argmax(shares)))
 
 
 def _extrema(
@@ -203,7 +203,7 @@ def _extrema(
 
 def _step(
     motion: GivenMotion, begins: ChartRates, ends: ChartRates, limits: ChartRate, limited: np.ndarray
-) -> Use | None:
+) -> LimitUse | None:
     """The largest jump of an acceleration at a knot, as a share of its limit; None where there is none."""
     if motion.kind is CurveKind.SPLINE or len(begins) < 2:
         return None
@@ -214,7 +214,7 @@ def _step(
     knot, coordinate = np.unravel_index(int(np.argmax(jumps)), jumps.shape)
     if jumps[knot, coordinate] <= STEP:
         return None
-    return Use(None, int(coordinate), int(knot) + 1, 0.0, steps=True)
+    return LimitUse(None, int(coordinate), int(knot) + 1, 0.0, steps=True)
 
 
 def _largest(
@@ -223,10 +223,10 @@ def _largest(
     counts: np.ndarray | None = None,
     inner: np.ndarray | None = None,
     places: np.ndarray | None = None,
-) -> Use:
+) -> LimitUse:
     counts = np.ones(at_end.shape[1], bool) if counts is None else counts
     if not counts.any():
-        return Use()
+        return LimitUse()
     all_shares, all_places = [at_starts, np.tile(at_end, (len(at_starts), 1))], [np.zeros(at_starts.shape)]
     all_shares[1][:-1] = 0.0  # the end of the last piece alone
     all_places.append(np.ones(at_starts.shape))
@@ -237,7 +237,7 @@ def _largest(
         all_places += list(places)
     shares = np.where(counts, np.stack(all_shares), -1.0)
     which, piece, coordinate = np.unravel_index(int(np.argmax(shares)), shares.shape)
-    return Use(
+    return LimitUse(
         float(shares[which, piece, coordinate]),
         int(coordinate),
         int(piece),

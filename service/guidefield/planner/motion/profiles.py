@@ -20,7 +20,7 @@ SLOWER = 0.998  # a joint's jerk is lowered by this factor at a time
 TRIES = 60  # at most so often
 
 
-def jerks_of(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, rises: ChartRate) -> ChartRate:
+def choose_jerks(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, rises: ChartRate) -> ChartRate:
     """The jerks with which joints stop, shape (nv,), all finite [rad/s³ or m/s³].
 
     `rises` is what keeps the velocity's limit.
@@ -32,10 +32,10 @@ def jerks_of(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, rise
     return np.where(np.isfinite(jerk_limits), kept, own)
 
 
-def jerks_apart(
+def separate_jerks(
     velocity: ChartRate, acceleration: ChartRate, acceleration_limits: ChartRate, jerks: ChartRate, rises: ChartRate
 ) -> ChartRate:
-    """Jerks (nv,), some of them a little lower, with which no two knots of `stopping` are close but not the same.
+    """Jerks (nv,), some of them a little lower, with which no two knots of `stop_motion` are close but not the same.
 
     In pieces that short the jerk of a curve is rounding. Where no such jerk is found a joint keeps its own; none is
     less than it rises at least.
@@ -44,18 +44,18 @@ def jerks_apart(
     for j, (v, a, limit, least) in enumerate(zip(velocity, acceleration, acceleration_limits, rises, strict=True)):
         jerk = float(jerks[j])
         for _ in range(TRIES):
-            both = _with(knots, float(v), float(a), float(limit), jerk)
+            both = _add_jerk_times(knots, float(v), float(a), float(limit), jerk)
             if (np.diff(both) >= CLOSE).all():
                 chosen[j] = jerk
                 break
             jerk *= SLOWER
             if jerk < least:
                 break
-        knots = _with(knots, float(v), float(a), float(limit), float(chosen[j]))
+        knots = _add_jerk_times(knots, float(v), float(a), float(limit), float(chosen[j]))
     return chosen
 
 
-def _with(knots: np.ndarray, velocity: float, acceleration: float, limit: float, jerk: float) -> np.ndarray:
+def _add_jerk_times(knots: np.ndarray, velocity: float, acceleration: float, limit: float, jerk: float) -> np.ndarray:
     """Times (n,) with those at which a joint's jerk changes, in order, each once."""
     spans = [span for span, _ in _phases(velocity, acceleration, limit, jerk)]
     times = np.unique(np.concatenate([knots, np.cumsum(spans)]))
@@ -63,7 +63,7 @@ def _with(knots: np.ndarray, velocity: float, acceleration: float, limit: float,
     return apart
 
 
-def stopping(
+def stop_motion(
     position: ChartPoint, velocity: ChartRate, acceleration: ChartRate, acceleration_limits: ChartRate, jerks: ChartRate
 ) -> Trajectory:
     """The motion to rest, without acceleration, each joint by itself, with positive and finite jerks (nv,).
@@ -83,7 +83,7 @@ def stopping(
     return Trajectory(times, positions, velocities)
 
 
-def backwards(motion: Trajectory) -> Trajectory:
+def reverse_motion(motion: Trajectory) -> Trajectory:
     """The motion from its end to its start."""
     times = motion.times[-1] - motion.times[::-1]
     return Trajectory(times, motion.positions[::-1].copy(), -motion.velocities[::-1] + 0.0)

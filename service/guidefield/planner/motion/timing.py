@@ -20,7 +20,7 @@ import numpy as np
 from guidefield.kernels.timing import path_parameterization
 from guidefield.memo import memoized_by_value
 from guidefield.planner.motion.bspline import ENDS, BSpline, End, basis, basis_bends, basis_slopes
-from guidefield.planner.motion.limit_load import at_limits
+from guidefield.planner.motion.limit_load import stretch_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import TIMING, lengths_of
 from guidefield.planner.task.motion_limits import CurveLimits, MotionLimit
@@ -90,7 +90,7 @@ class Limits(NamedTuple):
     beside: tuple[MotionLimit, ...] = ()
 
 
-class Progress(NamedTuple):
+class CurveProgress(NamedTuple):
     """When a motion is where on a curve."""
 
     parameters: np.ndarray  # of the curve, shape (g,)
@@ -116,28 +116,28 @@ class Progress(NamedTuple):
 def parameterize(curve: PathCurve, limits: Limits, finer: int = 1) -> BSpline:
     """The fastest motion along a curve, from rest to rest, that exceeds no limit at any time.
 
-    `executed` makes its trajectory.
+    `stretch_spline_to_limits` makes its trajectory.
 
     Raises:
         ValueError: if the limits are not one per coordinate and positive, or those of velocity or acceleration are
             infinite.
     """
     _check(curve, limits)
-    progress = fastest(curve, limits)
+    progress = find_fastest_progress(curve, limits)
     most = max(TIMING.pieces[0], int(progress.duration / TIMING.shortest_piece))
     if not np.isfinite(limits.jerk).any():
-        return _in_time(curve, progress, min(finer * TIMING.pieces[-1], most))
-    tried = (_in_time(curve, progress, min(finer * count, most)) for count in TIMING.pieces)
+        return _resample_in_time(curve, progress, min(finer * TIMING.pieces[-1], most))
+    tried = (_resample_in_time(curve, progress, min(finer * count, most)) for count in TIMING.pieces)
     rates = limits._replace(beside=())
-    return min(tried, key=lambda spline: executed(spline, rates).duration)
+    return min(tried, key=lambda spline: stretch_spline_to_limits(spline, rates).duration)
 
 
-def executed(spline: BSpline, limits: Limits) -> Trajectory:
+def stretch_spline_to_limits(spline: BSpline, limits: Limits) -> Trajectory:
     """A motion with its time scaled so that it reaches a limit and exceeds none."""
-    return at_limits(*spline.knots(), *limits[:3], limits.beside)
+    return stretch_to_limits(*spline.knots(), *limits[:3], limits.beside)
 
 
-def fastest(curve: PathCurve, limits: Limits) -> Progress:
+def find_fastest_progress(curve: PathCurve, limits: Limits) -> CurveProgress:
     """When the fastest motion within limits of velocity and acceleration is where on a curve.
 
     Between the points of the grid it may exceed them a little.
@@ -159,8 +159,8 @@ def fastest(curve: PathCurve, limits: Limits) -> Progress:
     points = curve.at(parameters) if limits.beside else None
     beside = [] if points is None else [limit.along(points, *by_length) for limit in limits.beside]
     # Simpson's rule
-    speeds = _speeds(*by_length, (rate[:-1] + 4.0 * rate_between + rate[1:]) / (6.0 * steps), limits, beside)
-    return Progress(parameters, speeds.times, speeds.rates / rate)
+    speeds = _find_speeds(*by_length, (rate[:-1] + 4.0 * rate_between + rate[1:]) / (6.0 * steps), limits, beside)
+    return CurveProgress(parameters, speeds.times, speeds.rates / rate)
 
 
 class _Speeds(NamedTuple):
@@ -170,7 +170,7 @@ class _Speeds(NamedTuple):
     rates: np.ndarray
 
 
-def _speeds(
+def _find_speeds(
     first: ChartRates, second: ChartRates, steps: np.ndarray, limits: Limits, beside: Sequence[CurveLimits]
 ) -> _Speeds:
     # where the curve all but stands still in r no speed is too large for the velocities; the accelerations decide
@@ -195,7 +195,7 @@ def _speeds(
     return _Speeds(times, rates)
 
 
-def _in_time(curve: PathCurve, progress: Progress, pieces: int) -> BSpline:
+def _resample_in_time(curve: PathCurve, progress: CurveProgress, pieces: int) -> BSpline:
     """The motion of so many pieces with control points where the curve is at even times; two pieces longer."""
     step = progress.duration / (pieces - 2)
     inner = curve.at(progress.at(step * np.arange(1, pieces - ENDS + 1)))

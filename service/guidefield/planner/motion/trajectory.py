@@ -131,7 +131,7 @@ class Trajectory(ReadOnly):
         states_at(*self.tables, times, q, v, a)
         return cast(ChartPoints, q), cast(ChartRates, v), cast(ChartRates, a)
 
-    def resampled(self, rate: float) -> MotionSamples:
+    def resample(self, rate: float) -> MotionSamples:
         """States at a uniform rate [Hz], and at the very end.
 
         Raises:
@@ -145,7 +145,7 @@ class Trajectory(ReadOnly):
         return MotionSamples(times, *self.evaluate(times))
 
 
-def one_after_another(parts: Sequence[Trajectory]) -> Trajectory:
+def concatenate(parts: Sequence[Trajectory]) -> Trajectory:
     """Motions one after the other, each of which begins where the last one ends, with its velocities."""
     moving = [part for part in parts if part.duration > 0.0] or [parts[0]]
     times, begin = [moving[0].times[:1]], 0.0
@@ -161,7 +161,7 @@ def one_after_another(parts: Sequence[Trajectory]) -> Trajectory:
     )
 
 
-def led_to(first: Trajectory, then: Trajectory) -> Trajectory:
+def unwrap_towards(first: Trajectory, then: Trajectory) -> Trajectory:
     """A motion with as many whole turns as another that begins where it ends."""
     turns = np.round((then.positions[0] - first.positions[-1]) / (2.0 * np.pi))
     return Trajectory(first.times, cast(ChartPoints, first.positions + 2.0 * np.pi * turns), first.velocities)

@@ -70,7 +70,7 @@ def polyline(path: ChartPoints) -> ChartCurves:
     return np.stack([path[:-1], path[1:]], axis=1)
 
 
-def distinct(path: ChartPoints) -> ChartPoints:
+def remove_repetitions(path: ChartPoints) -> ChartPoints:
     """The waypoints (n, nv) of a path without repetitions, first and last kept; a single one if they are all the same.
 
     What is within `CURVE.repeated` of the one before repeats it.
@@ -89,7 +89,7 @@ def distinct(path: ChartPoints) -> ChartPoints:
     return cast(ChartPoints, np.array(kept))
 
 
-def subdivided(path: ChartPoints, spacing: float, sizes: np.ndarray | float = 1.0) -> ChartPoints:
+def subdivide(path: ChartPoints, spacing: float, sizes: np.ndarray | float = 1.0) -> ChartPoints:
     """Places along a path (n, nv), its waypoints among them, evenly on each straight piece and at most so far apart.
 
     There are three at least. Coordinates count by their sizes (nv,), where these are given.

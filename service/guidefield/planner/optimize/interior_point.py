@@ -301,7 +301,7 @@ class Descent(ReadOnly):
     def _closer(self, near: BSpline, far: BSpline) -> BSpline | None:
         """A motion strictly within limits between two that are, closer to the first; None where none is found."""
         for _ in range(self.question.settings.tries):
-            far = near.towards(far, self.question.settings.closer)
+            far = near.blend(far, self.question.settings.closer)
             if math.isfinite(self._barrier(far)):
                 return far
         return None

@@ -28,7 +28,7 @@ import numpy as np
 from guidefield.errors import Status
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits
 from guidefield.planner.motion.bspline import ENDS, BSpline, End
-from guidefield.planner.motion.limit_load import at_limits
+from guidefield.planner.motion.limit_load import stretch_to_limits
 from guidefield.planner.motion.profiles import ROUNDING
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
@@ -247,7 +247,7 @@ def optimize(
         times, positions, velocities = knots
         trajectory = Trajectory(spline.begin + times, positions, velocities)
     else:
-        trajectory = at_limits(*knots, limits.velocity, limits.acceleration, limits.jerk, problem.beside)
+        trajectory = stretch_to_limits(*knots, limits.velocity, limits.acceleration, limits.jerk, problem.beside)
     steps, outcome = descending.steps, descending.outcome or Outcome.OPTIMISED
     problem.tell(Note(f"optimised in {steps} steps: {motion.duration:.3f} s became {trajectory.duration:.3f} s"))
     return Optimized(trajectory, steps, motion.duration, outcome, passed)
@@ -362,7 +362,7 @@ class _Descending:
 
 def _finer(look: Look) -> tuple[BSpline, tuple[float, ...]]:
     """A motion with its pieces subdivided, and where it comes nearest to each passage, in these."""
-    return look.spline.subdivided(), tuple(2.0 * place for place in look.passed)
+    return look.spline.subdivide(), tuple(2.0 * place for place in look.passed)
 
 
 def least_time(problem: Problem, spline: BSpline) -> float:

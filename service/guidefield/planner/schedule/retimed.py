@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.planner.motion.limit_load import TOLERANCE, limit_load
+from guidefield.planner.motion.limit_load import TOLERANCE, measure_limit_load
 from guidefield.planner.motion.trajectory import Trajectory, bezier
 from guidefield.planner.motion.waypoints import TIMING
 from guidefield.planner.schedule.schedule import Schedule
@@ -120,7 +120,7 @@ def retime(problem: Problem, schedule: Schedule) -> Trajectory | None:
     )
     group = problem.group
     jerks = cast(ChartRate, np.full(group.nv, np.inf)) if problem.jerk_limits is None else problem.jerk_limits
-    if limit_load(*knots, group.velocity_limits, group.acceleration_limits, jerks) > 1.0 + TOLERANCE:
+    if measure_limit_load(*knots, group.velocity_limits, group.acceleration_limits, jerks) > 1.0 + TOLERANCE:
         return None
     times, positions, velocities = knots
     return wait_until_begin(Trajectory(schedule.departure + times, positions, velocities))

@@ -16,10 +16,10 @@ import numpy as np
 
 from guidefield.collision.blocking_pairs import blocking_pairs, contacts_at
 from guidefield.errors import Status
-from guidefield.planner.ends import explain_unreached, goal_points
+from guidefield.planner.ends import explain_unreached, find_goal_points
 from guidefield.planner.sequence.course import Course, S, StepMotion
 from guidefield.planner.sequence.straight_motion import follow_way
-from guidefield.planner.sequence.straight_way import StraightWay, stop_ending
+from guidefield.planner.sequence.straight_way import StraightWay, make_stop_ending
 from guidefield.planner.sequence.stretches import whole_configuration
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed
@@ -42,7 +42,7 @@ AHEAD = AheadSettings()
 
 
 @dataclass(frozen=True)
-class Refused:
+class StepRefusal:
     """Why a step can't be done, from all that was tried."""
 
     index: int
@@ -50,18 +50,18 @@ class Refused:
 
 
 @dataclass
-class _Search:
+class _LookAhead:
     """How much was looked at, and what was refused farthest ahead."""
 
     looks: int = 0
-    refused: Refused | None = None
+    refused: StepRefusal | None = None
 
     def refuse(self, index: int, ending: Ending) -> None:
         if self.refused is None or index > self.refused.index:
-            self.refused = Refused(index, ending)
+            self.refused = StepRefusal(index, ending)
 
 
-def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Problem | Refused:
+def keep_possible_goals(course: Course[S], index: int, at: S, motion: StepMotion) -> Problem | StepRefusal:
     """The problem of a step whose goals are only those that leave the later steps possible.
 
     Returns:
@@ -73,14 +73,14 @@ def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Pro
         return problem
     if not isinstance(problem.goal, TipGoal) and len(problem.goal.configurations) < 2:
         return problem  # nothing to choose
-    search = _Search()
+    search = _LookAhead()
     for draw in range(AHEAD.draws):
         try:
-            goals = goal_points(dataclasses.replace(problem.at(problem.scene.end), seed=problem.seed + draw))
+            goals = find_goal_points(dataclasses.replace(problem.at(problem.scene.end), seed=problem.seed + draw))
         except StageFailed as failed:
-            return Refused(index, failed.ending)
+            return StepRefusal(index, failed.ending)
         assert goals is not None, "a plane is no choice"
-        kept = _keep_possible(course, index, at, problem, goals, search)
+        kept = _filter_goals(course, index, at, problem, goals, search)
         if kept:
             chosen = ConfigurationGoal(tuple(problem.group.from_chart(z) for z in kept))
             return dataclasses.replace(problem, goal=chosen)
@@ -90,41 +90,41 @@ def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Pro
     return search.refused
 
 
-def _keep_possible(
-    course: Course[S], index: int, at: S, problem: Problem, goals: ChartPoints, search: _Search
+def _filter_goals(
+    course: Course[S], index: int, at: S, problem: Problem, goals: ChartPoints, search: _LookAhead
 ) -> list[ChartPoint]:
     kept: list[ChartPoint] = []
-    for z in _nearest_first(problem, goals):
+    for z in _sort_by_distance(problem, goals):
         after = course.after(index, at, whole_configuration(problem.group, problem.group.from_chart(z)), math.inf)
         search.looks = 0
-        if _possible(course, index + 1, after, search):
+        if _is_possible(course, index + 1, after, search):
             kept.append(z)
         if len(kept) == AHEAD.enough:
             break
     return kept
 
 
-def _nearest_first(problem: Problem, zs: ChartPoints) -> list[ChartPoint]:
+def _sort_by_distance(problem: Problem, zs: ChartPoints) -> list[ChartPoint]:
     away = [problem.group.unwrapped(z, problem.z_start) - problem.z_start for z in zs]
     order = np.argsort(np.linalg.norm(np.array(away) / problem.group.units, axis=1), kind="stable")
     return [cast(ChartPoint, zs[index]) for index in order]
 
 
-def _possible(course: Course[S], index: int, at: S, search: _Search) -> bool:
+def _is_possible(course: Course[S], index: int, at: S, search: _LookAhead) -> bool:
     if index == len(course):
         return True
     motion = course.motion(index, at, math.inf)
     if motion is None:
-        return _possible(course, index + 1, course.after(index, at, at.q, math.inf), search)
+        return _is_possible(course, index + 1, course.after(index, at, at.q, math.inf), search)
     search.looks += 1
     if search.looks > AHEAD.looks or motion.problem.deadline.expired():
         return True
-    ends = _ends(motion, index, search)
+    ends = _find_ends(motion, index, search)
     if ends is None:
         return True
     group = motion.problem.group
     return any(
-        _possible(
+        _is_possible(
             course,
             index + 1,
             course.after(index, at, whole_configuration(group, group.from_chart(z)), math.inf),
@@ -134,14 +134,14 @@ def _possible(course: Course[S], index: int, at: S, search: _Search) -> bool:
     )
 
 
-def _ends(motion: StepMotion, index: int, search: _Search) -> list[ChartPoint] | None:
+def _find_ends(motion: StepMotion, index: int, search: _LookAhead) -> list[ChartPoint] | None:
     """Where a step may end; None where that can't be told before it is planned."""
     problem = motion.problem
     if motion.way is None and (problem.guide_planes or isinstance(problem.goal, LastPlaneGoal)):
         return None
     found: list[ChartPoint] | Ending
     if motion.way is not None:
-        found = _straight_end(problem, motion.way)
+        found = _find_straight_end(problem, motion.way)
     elif isinstance(problem.goal, TipGoal):
         found = _find_reached(problem, problem.goal.target)
     else:
@@ -153,10 +153,10 @@ def _ends(motion: StepMotion, index: int, search: _Search) -> list[ChartPoint] |
     return found
 
 
-def _straight_end(problem: Problem, way: StraightWay) -> list[ChartPoint] | Ending:
+def _find_straight_end(problem: Problem, way: StraightWay) -> list[ChartPoint] | Ending:
     path, stop = follow_way(problem, way)
     if stop is not None:
-        return stop_ending(problem, way, stop)
+        return make_stop_ending(problem, way, stop)
     touching = next((z for z, touches in zip(path, _touch(problem, path), strict=True) if touches), None)
     if touching is None:
         return [cast(ChartPoint, path[-1])]
@@ -183,7 +183,7 @@ def _find_reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | En
 
 
 def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | Ending:
-    zs = _nearest_first(problem, np.array([problem.group.chart(q) for q in goal.configurations]))
+    zs = _sort_by_distance(problem, np.array([problem.group.chart(q) for q in goal.configurations]))
     free = [z for z, touches in zip(zs, _touch(problem, zs), strict=True) if not touches]
     if free:
         return free[: AHEAD.branches]

@@ -107,7 +107,7 @@ MOST_LOOKS = 2000  # looks at most, over the whole time that it is held
 
 
 @dataclass(frozen=True)
-class Allowed:
+class AllowedContact:
     """When a held object may touch an obstacle."""
 
     touch: Touch
@@ -120,7 +120,7 @@ class Allowed:
 
 
 @dataclass(frozen=True, eq=False)
-class Holding:
+class HeldSpan:
     """A stretch of steps in which an object is held that may touch something at its ends."""
 
     touch: Touch
@@ -129,12 +129,12 @@ class Holding:
     put_down: bool
 
 
-def holdings(
+def find_held_spans(
     touches: Sequence[Sequence[Touch]],
     detached: Sequence[str | None],
     spans: Sequence[tuple[float, float]],
     conditions: Sequence[Conditions],
-) -> Iterator[Holding]:
+) -> Iterator[HeldSpan]:
     """The stretches of steps, from what may be touched, what is put down, the time and the conditions of each step."""
     for touch in dict.fromkeys(touch for some in touches for touch in some):
         steps: list[int] = []
@@ -144,32 +144,32 @@ def holdings(
             ends = index == len(touches) - 1 or touch not in touches[index + 1] or detached[index] == touch[0]
             if steps and ends:
                 put_down = detached[steps[-1]] == touch[0]
-                yield Holding(touch, [spans[i] for i in steps], [conditions[i].world for i in steps], put_down)
+                yield HeldSpan(touch, [spans[i] for i in steps], [conditions[i].world for i in steps], put_down)
                 steps = []
 
 
-def find_allowed_times(holding: Holding, trajectory: Trajectory, min_clearance: float) -> list[Allowed]:
+def find_allowed_times(holding: HeldSpan, trajectory: Trajectory, min_clearance: float) -> list[AllowedContact]:
     """When a held object may touch an obstacle.
 
     Args:
         min_clearance: Away is nothing less than this [m].
     """
     begin, end = holding.spans[0][0], holding.spans[-1][1]
-    away = [time for time, gap in _gaps(holding, trajectory) if gap >= max(AWAY, min_clearance)]
+    away = [time for time, gap in _measure_gaps(holding, trajectory) if gap >= max(AWAY, min_clearance)]
     if not away:
-        return [Allowed(holding.touch, begin, end)]
-    found = [Allowed(holding.touch, begin, away[0])]
+        return [AllowedContact(holding.touch, begin, end)]
+    found = [AllowedContact(holding.touch, begin, away[0])]
     if holding.put_down:
-        found.append(Allowed(holding.touch, away[-1], end))
+        found.append(AllowedContact(holding.touch, away[-1], end))
     return [one for one in found if one.end > one.begin]
 
 
-def _gaps(holding: Holding, trajectory: Trajectory) -> Iterator[tuple[float, float]]:
+def _measure_gaps(holding: HeldSpan, trajectory: Trajectory) -> Iterator[tuple[float, float]]:
     """Times while it is held, in order, and the distance of the object from the obstacle then [m]."""
     whole = holding.spans[-1][1] - holding.spans[0][0]
     rate = min(LOOKS_A_SECOND, MOST_LOOKS / max(whole, 1e-9))
     for (begin, end), world in zip(holding.spans, holding.worlds, strict=True):
-        pairs = _pairs(world, holding.touch)
+        pairs = _find_pairs(world, holding.touch)
         if not pairs:
             continue
         times = np.linspace(begin, end, max(2, int(np.ceil((end - begin) * rate)) + 1))
@@ -179,7 +179,7 @@ def _gaps(holding: Holding, trajectory: Trajectory) -> Iterator[tuple[float, flo
             yield time, min(measure(world, pair, time)[0] for pair in pairs)
 
 
-def _pairs(world: World, touch: Touch) -> list[int]:
+def _find_pairs(world: World, touch: Touch) -> list[int]:
     held, obstacle = (np.flatnonzero([body == name for body in world.body_names]) for name in touch)
     bodies = world.pairs.bodies(np.arange(len(world.pairs)))
     found: list[int] = np.flatnonzero(np.isin(bodies[:, 0], held) & np.isin(bodies[:, 1], obstacle)).tolist()

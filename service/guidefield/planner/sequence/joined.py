@@ -13,7 +13,7 @@ import pinocchio as pin
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import judge_itself
 from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
-from guidefield.planner.sequence.stretches import part
+from guidefield.planner.sequence.stretches import cut_trajectory
 from guidefield.planner.task.motion_limits import slower
 from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.prove.verdict import Verdict
@@ -57,7 +57,7 @@ class PassedGoal(ReadOnly):
             away: np.ndarray = np.abs(zs - self.z).max(axis=1)
             return away
         here = self.placement
-        return np.array([_apart(here, self._tip(z)) for z in zs])
+        return np.array([_distances(here, self._tip(z)) for z in zs])
 
     def missed(self, zs: ChartPoints) -> np.ndarray:
         """How far chart points (k, nv) are beyond the radius, as a place that a motion passes.
@@ -87,7 +87,7 @@ class PassedGoal(ReadOnly):
         return self.problem.kinematics.frame_placement(group.expand_from_chart(z), group.tip_id)
 
 
-def _apart(one: pin.SE3, other: pin.SE3) -> float:
+def _distances(one: pin.SE3, other: pin.SE3) -> float:
     return max(_differences(one, other))
 
 
@@ -97,7 +97,7 @@ def _differences(one: pin.SE3, other: pin.SE3) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class StepPart:
     """The motion of one step among those that are joined, all in the chart of the first."""
 
     problem: Problem
@@ -107,7 +107,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class PassedAt(ReadOnly):
+class GoalPassage(ReadOnly):
     """A goal that is passed, at knots of a motion."""
 
     # knots at which the motion is within the radius for the first time, nearest to the goal, and there for the last
@@ -119,15 +119,15 @@ class PassedAt(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
-class Joined(ReadOnly):
+class JoinedMotion(ReadOnly):
     """A motion past goals."""
 
     motion: Trajectory
-    passages: tuple[PassedAt, ...]
+    passages: tuple[GoalPassage, ...]
     stops: bool = False
 
 
-def slowest(parts: Sequence[Part]) -> Problem:
+def find_slowest(parts: Sequence[StepPart]) -> Problem:
     """The first problem with the lowest limits of all."""
     first, groups = parts[0].problem, [one.problem.group for one in parts]
     velocities = np.stack([group.velocity_limits for group in groups]).min(axis=0)
@@ -142,7 +142,7 @@ def slowest(parts: Sequence[Part]) -> Problem:
     return dataclasses.replace(first, group=group, cartesian_limits=limits, effort_limit=least)
 
 
-def passed_about(goal: PassedGoal, motion: Trajectory, knots: tuple[int, int, int]) -> PassedAt:
+def find_passage(goal: PassedGoal, motion: Trajectory, knots: tuple[int, int, int]) -> GoalPassage:
     """Where a motion passes a goal.
 
     Args:
@@ -154,10 +154,10 @@ def passed_about(goal: PassedGoal, motion: Trajectory, knots: tuple[int, int, in
     entered = min(int(outside[outside < about].max(initial=-1)) + 1, about)
     left = max(int(outside[outside > about].min(initial=len(away))) - 1, about)
     nearest = entered + int(np.argmin(away[entered : left + 1]))
-    return PassedAt(first + entered, first + nearest, first + left, float(away[nearest]))
+    return GoalPassage(first + entered, first + nearest, first + left, float(away[nearest]))
 
 
-def find_refused_part(parts: Sequence[Part], joined: Joined) -> tuple[int, Verdict] | None:
+def find_refused_part(parts: Sequence[StepPart], joined: JoinedMotion) -> tuple[int, Verdict] | None:
     """The first part that isn't certified, or doesn't pass its goal, and the certificate's verdict of it; None: all do.
 
     Of a part that is free, but doesn't pass its goal, the verdict says that it is free.
@@ -173,17 +173,17 @@ def find_refused_part(parts: Sequence[Part], joined: Joined) -> tuple[int, Verdi
     return None
 
 
-def _judge_part(one: Part, motion: Trajectory, all_of: tuple[int, int], straight: tuple[int, int]) -> Verdict:
+def _judge_part(one: StepPart, motion: Trajectory, all_of: tuple[int, int], straight: tuple[int, int]) -> Verdict:
     """Return whether a part is free between two knots, and keeps to its way between two others."""
     problem = one.problem
-    verdict = judge_itself(problem, _between(motion, *all_of))
+    verdict = judge_itself(problem, _cut(motion, *all_of))
     if not verdict.free or one.way is None or straight[0] >= straight[1]:
         return verdict
-    pieces = _between(motion, *straight).bezier()
+    pieces = _cut(motion, *straight).bezier()
     turns = problem.world.bodies.turns
     kept = certify_straight(one.way, problem.group, turns, pieces, problem.deadline)
     return dataclasses.replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 
-def _between(motion: Trajectory, first: int, last: int) -> Trajectory:
-    return part(motion, cast(float, motion.times[first]), cast(float, motion.times[last]))
+def _cut(motion: Trajectory, first: int, last: int) -> Trajectory:
+    return cut_trajectory(motion, cast(float, motion.times[first]), cast(float, motion.times[last]))

@@ -26,24 +26,24 @@ import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.planner.goal_among_movers import keep_schedule
-from guidefield.planner.held_paths import among_what_rests
-from guidefield.planner.motion.trajectory import Trajectory, one_after_another
+from guidefield.planner.held_paths import without_movers
+from guidefield.planner.motion.trajectory import Trajectory, concatenate
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.motion_certificate import Finished, find_excess
+from guidefield.planner.motion_certificate import CertifiedMotion, find_excess
 from guidefield.planner.optimize import settings as presets
 from guidefield.planner.optimize.clearance_samples import Sections
 from guidefield.planner.optimize.optimization import Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
-from guidefield.planner.optimized_motion import Crossed, through_planes
-from guidefield.planner.path_so_far import motion_along, retimed_spline, soonest_along
+from guidefield.planner.optimized_motion import CrossedPlanes, bring_onto_planes
+from guidefield.planner.path_so_far import retime_motion, time_path, time_path_ignoring_jerk
 from guidefield.planner.sequence.joined import (
-    Joined,
-    Part,
-    PassedAt,
+    GoalPassage,
+    JoinedMotion,
     PassedGoal,
+    StepPart,
+    find_passage,
     find_refused_part,
-    passed_about,
-    slowest,
+    find_slowest,
 )
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Problem
@@ -70,18 +70,18 @@ class OptimizedPassingSettings:
 PASSING = OptimizedPassingSettings()
 
 
-def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Joined | None:
+def optimize_past_goals(parts: Sequence[StepPart], first: JoinedMotion, stages: Stages) -> JoinedMotion | None:
     """The optimised motion, certified; None where none is, or not all steps may be optimised.
 
     Args:
         first: A motion past the goals with which it begins, whatever its jerk.
     """
-    problem = slowest(parts)  # with a share of the time that is left: later steps need some, too
+    problem = find_slowest(parts)  # with a share of the time that is left: later steps need some, too
     problem = dataclasses.replace(problem, deadline=problem.deadline.share(PASSING.time))
-    if not _may_be(parts) or problem.deadline.expired():
+    if not _can_be_optimized(parts) or problem.deadline.expired():
         return None
     passages = _passages(parts, first)
-    sections, settings = _sections(problem, parts), _settings(problem, parts, first.motion)
+    sections, settings = _sections(problem, parts), _choose_settings(problem, parts, first.motion)
     for _ in range(PASSING.tries):
         with stages.entered("relax", f"past the goals, shape and time together, {problem.objective.value}") as stage:
             optimized = optimize(problem, first.motion, settings, (), passages, sections)
@@ -104,7 +104,7 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
     return None
 
 
-def _may_be(parts: Sequence[Part]) -> bool:
+def _can_be_optimized(parts: Sequence[StepPart]) -> bool:
     """Whether steps may be optimised: in few coordinates, straight ones along a line and next to goals of the tip."""
     if parts[0].problem.group.nv > presets.MANY:
         return False
@@ -118,18 +118,18 @@ def _may_be(parts: Sequence[Part]) -> bool:
     return True
 
 
-def _sections(problem: Problem, parts: Sequence[Part]) -> Sections:
+def _sections(problem: Problem, parts: Sequence[StepPart]) -> Sections:
     """What the whole motion keeps; and on a straight way that, or one beside it, or being at a goal between them."""
     constraints: list[PathConstraint] = list(problem.path_constraints)
     groups, near = [-1] * len(constraints), [range(len(parts))] * len(constraints)
     for k, one in enumerate(parts):  # what is at a goal isn't held to a way as well
         if one.goal is not None and one.goal.is_of_tip:
-            constraints += _at(one.goal)
+            constraints += _make_goal_section(one.goal)
             groups += 2 * [k]
             near += 2 * [range(k, k + 2)]
     for k, one in enumerate(parts):
         if one.way is not None:
-            constraints += _along(one.way)
+            constraints += _make_way_section(one.way)
             groups += 2 * [len(parts) + k]
             near += 2 * [range(k - 1, k + 2)]
     straight = [one.way is not None for one in parts]
@@ -143,13 +143,13 @@ def _sections(problem: Problem, parts: Sequence[Part]) -> Sections:
     return Sections(ConstrainedFrames(problem.group, tuple(constraints)), np.array(groups, np.int64), asked)
 
 
-def _at(goal: PassedGoal) -> tuple[PathConstraint, PathConstraint]:
+def _make_goal_section(goal: PassedGoal) -> tuple[PathConstraint, PathConstraint]:
     frame, here = goal.problem.group.tip, goal.placement
     limit = PASSING.inside / presets.BALANCED.constraint_room * goal.radius
     return point(frame, here.translation, limit), EvenTurn(frame, here, np.zeros(3), np.zeros(3), limit)
 
 
-def _along(way: StraightWay) -> tuple[PathConstraint, PathConstraint]:
+def _make_way_section(way: StraightWay) -> tuple[PathConstraint, PathConstraint]:
     begin = way.begin
     return (
         line(way.frame, begin.translation, way.direction, way.line_tolerance),
@@ -157,7 +157,7 @@ def _along(way: StraightWay) -> tuple[PathConstraint, PathConstraint]:
     )
 
 
-def _settings(problem: Problem, parts: Sequence[Part], motion: Trajectory) -> presets.OptimizationSettings:
+def _choose_settings(problem: Problem, parts: Sequence[StepPart], motion: Trajectory) -> presets.OptimizationSettings:
     radius = min(one.goal.radius for one in parts if one.goal is not None)
     wanted = math.ceil(length_of(motion.positions) / (PASSING.piece * radius))
     least = min(max(wanted, PASSING.least_pieces * len(parts)), PASSING.most_pieces)
@@ -167,7 +167,7 @@ def _settings(problem: Problem, parts: Sequence[Part], motion: Trajectory) -> pr
     return dataclasses.replace(settings, least_pieces=least, most_pieces=max(PASSING.most_pieces, least))
 
 
-def _passages(parts: Sequence[Part], joined: Joined) -> tuple[Passage, ...]:
+def _passages(parts: Sequence[StepPart], joined: JoinedMotion) -> tuple[Passage, ...]:
     """The goals, and where a motion passes them."""
     goals = [one.goal for one in parts if one.goal is not None]
     return tuple(
@@ -175,15 +175,15 @@ def _passages(parts: Sequence[Part], joined: Joined) -> tuple[Passage, ...]:
     )
 
 
-def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[Part]) -> Joined:
+def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[StepPart]) -> JoinedMotion:
     """The motion that passes goals at knots."""
     bounds = [0, *passed, len(motion.times) - 1]
     goals = [one.goal for one in parts if one.goal is not None]
-    passages = list[PassedAt]()
+    passages = list[GoalPassage]()
     for goal, first, about, last in zip(goals, bounds, bounds[1:], bounds[2:], strict=False):
         since = max(first, passages[-1].nearest) if passages else first  # within large radii they stay in order, too
-        passages.append(passed_about(goal, motion, (since, about, last)))
-    return Joined(motion, tuple(passages))
+        passages.append(find_passage(goal, motion, (since, about, last)))
+    return JoinedMotion(motion, tuple(passages))
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ class CornerSettings:
 CORNER = CornerSettings()
 
 
-class Curve:
+class CurveByLength:
     """The curve of a motion by its length."""
 
     def __init__(self, motion: Trajectory) -> None:
@@ -221,7 +221,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class Rounded(ReadOnly):
+class RoundedPath(ReadOnly):
     """A path through rounded corners."""
 
     path: ChartPoints  # its places, shape (n, nv)
@@ -229,8 +229,8 @@ class Rounded(ReadOnly):
 
 
 def round_corners(
-    curves: Sequence[Curve], goals: Sequence[PassedGoal], radii: Sequence[float], spacing: float
-) -> Rounded:
+    curves: Sequence[CurveByLength], goals: Sequence[PassedGoal], radii: Sequence[float], spacing: float
+) -> RoundedPath:
     """A path along curves, each of which begins where the one before ends.
 
     Args:
@@ -239,29 +239,29 @@ def round_corners(
     begin, path, corners, count = 0.0, [], [], 0
     for k, (curve, after) in enumerate(zip(curves, [*curves[1:], None], strict=True)):
         if after is None:
-            path.append(_evenly(curve, begin, curve.length, spacing))
+            path.append(_space_evenly(curve, begin, curve.length, spacing))
             break
-        left, right = _reach(curve, after, goals[k], radii[k])
-        straight = _evenly(curve, begin, curve.length - left, spacing)
-        bend = _bend(curve, after, left, right, spacing)
+        left, right = _measure_reach(curve, after, goals[k], radii[k])
+        straight = _space_evenly(curve, begin, curve.length - left, spacing)
+        bend = _make_corner(curve, after, left, right, spacing)
         path += [straight, bend[1:-1]]
         first = count + len(straight) - 1
         count = first + len(bend) - 1
         corners.append((first, count))
         begin = right
-    return Rounded(cast(ChartPoints, np.concatenate(path)), tuple(corners))
+    return RoundedPath(cast(ChartPoints, np.concatenate(path)), tuple(corners))
 
 
-def _reach(curve: Curve, after: Curve, goal: PassedGoal, radius: float) -> tuple[float, float]:
+def _measure_reach(curve: CurveByLength, after: CurveByLength, goal: PassedGoal, radius: float) -> tuple[float, float]:
     """Lengths before and after a goal that a corner takes [rad or m]."""
     within = CORNER.share * radius
     return (
-        _until(goal.distances(curve.places)[::-1], curve.length - curve.lengths[::-1], within),
-        _until(goal.distances(after.places), after.lengths, within),
+        _find_length_until(goal.distances(curve.places)[::-1], curve.length - curve.lengths[::-1], within),
+        _find_length_until(goal.distances(after.places), after.lengths, within),
     )
 
 
-def _until(distances: np.ndarray, lengths: np.ndarray, within: float) -> float:
+def _find_length_until(distances: np.ndarray, lengths: np.ndarray, within: float) -> float:
     """The length at which the distances first reach a bound; at most the share of the whole that a corner may take."""
     most = CORNER.most * float(lengths[-1])
     beyond = np.flatnonzero(distances > within)
@@ -272,12 +272,12 @@ def _until(distances: np.ndarray, lengths: np.ndarray, within: float) -> float:
     return min(most, float(lengths[k - 1] + share * (lengths[k] - lengths[k - 1])))
 
 
-def _evenly(curve: Curve, begin: float, end: float, spacing: float) -> ChartPoints:
+def _space_evenly(curve: CurveByLength, begin: float, end: float, spacing: float) -> ChartPoints:
     count = max(2, math.ceil((end - begin) / spacing) + 1)
     return curve.at(np.linspace(begin, end, count))
 
 
-def _bend(curve: Curve, after: Curve, left: float, right: float, spacing: float) -> ChartPoints:
+def _make_corner(curve: CurveByLength, after: CurveByLength, left: float, right: float, spacing: float) -> ChartPoints:
     """Places of a corner, evenly spaced, its first on the one curve and its last on the other."""
     u = np.linspace(0.0, 1.0, CORNER.fine + 1)
     meeting = curve.at(np.array([curve.length]))
@@ -304,17 +304,17 @@ class RoundingSettings:
 ROUNDING = RoundingSettings()
 
 
-def rounded_motion(parts: Sequence[Part], stages: Stages) -> tuple[Joined, Rounded] | None:
+def round_motion(parts: Sequence[StepPart], stages: Stages) -> tuple[JoinedMotion, RoundedPath] | None:
     """The motion along rounded corners, certified, and its path; None where none is."""
-    curves = [Curve(one.motion) for one in parts]
+    curves = [CurveByLength(one.motion) for one in parts]
     goals = [one.goal for one in parts if one.goal is not None]
     radii, density = [goal.radius for goal in goals], 1
-    problem = slowest(parts)
+    problem = find_slowest(parts)
     for _ in range(ROUNDING.tries):
         with stages.entered("parameterize", "past the goals, as fast as the limits allow") as stage:
             path = round_corners(curves, goals, radii, ROUNDING.spacing / density)
-            motion = motion_along(problem, path.path, density)
-            joined = Joined(motion, passages_of(motion, path, goals))
+            motion = time_path(problem, path.path, density)
+            joined = JoinedMotion(motion, find_passages(motion, path, goals))
             stage.outcome = f"{motion.duration:.3f} s"
         with stages.entered("certify", "between the goals and past them, between samples too") as stage:
             fault = find_refused_part(parts, joined)
@@ -334,7 +334,7 @@ def rounded_motion(parts: Sequence[Part], stages: Stages) -> tuple[Joined, Round
     return None
 
 
-def passages_of(motion: Trajectory, path: Rounded, goals: Sequence[PassedGoal]) -> tuple[PassedAt, ...]:
+def find_passages(motion: Trajectory, path: RoundedPath, goals: Sequence[PassedGoal]) -> tuple[GoalPassage, ...]:
     """Where a motion along a path passes each goal: about the middle of its corner, by length."""
     travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(motion.positions, axis=0), axis=1))]
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path.path, axis=0), axis=1))]
@@ -347,7 +347,7 @@ def passages_of(motion: Trajectory, path: Rounded, goals: Sequence[PassedGoal]) 
             (np.searchsorted(travelled, lengths[[begin, end]]) + np.array([-1, 2])).clip(first, last + 1).tolist()
         )
         about = low + int(np.argmin(goal.distances(motion.positions[low:high])))
-        passages.append(passed_about(goal, motion, (int(first), about, int(last))))
+        passages.append(find_passage(goal, motion, (int(first), about, int(last))))
     return tuple(passages)
 
 
@@ -355,37 +355,37 @@ NO_RADIUS = 1e-6
 """Goals with a radius up to this are stopped at: optimised motions pass places that closely, no closer [m, rad]."""
 
 
-def join(parts: Sequence[Part], stages: Stages) -> Joined:
+def join_motions(parts: Sequence[StepPart], stages: Stages) -> JoinedMotion:
     """Join motions of the same joints; what is past goals among what rests is gone when nothing that moves is met."""
     knots = np.cumsum([max(len(one.motion.times) - 1, 0) for one in parts]).tolist()
-    passages = tuple(PassedAt(knot, knot, knot, 0.0) for knot in knots[:-1])
-    stopping = Joined(one_after_another([one.motion for one in parts]), passages, stops=True)
+    passages = tuple(GoalPassage(knot, knot, knot, 0.0) for knot in knots[:-1])
+    stopping = JoinedMotion(concatenate([one.motion for one in parts]), passages, stops=True)
     if min(one.goal.radius for one in parts if one.goal is not None) <= NO_RADIUS:
         return stopping
-    still = [dataclasses.replace(one, problem=among_what_rests(one.problem)) for one in parts]
-    along = rounded_motion(still, stages)
-    first = stopping if along is None else _soonest(still, along[1])
-    optimized = optimized_past(still, first, stages)
-    anew = None if optimized is None else _timed_anew(still, optimized, stages)
+    still = [dataclasses.replace(one, problem=without_movers(one.problem)) for one in parts]
+    along = round_motion(still, stages)
+    first = stopping if along is None else _time_path_ignoring_jerk(still, along[1])
+    optimized = optimize_past_goals(still, first, stages)
+    anew = None if optimized is None else _retime(still, optimized, stages)
     past = [anew or optimized, None if along is None else along[0]]
     found = [_schedule(parts, one, stages) for one in past if one is not None and not _exceeds(still, one)]
     return min(filter(None, [*found, stopping]), key=lambda one: one.motion.duration)
 
 
-def _exceeds(parts: Sequence[Part], joined: Joined) -> bool:
+def _exceeds(parts: Sequence[StepPart], joined: JoinedMotion) -> bool:
     """Whether a motion past goals exceeds a limit of what it does as a whole, for which no time is long enough."""
-    return find_excess(slowest(parts), joined.motion) is not None
+    return find_excess(find_slowest(parts), joined.motion) is not None
 
 
-def _timed_anew(parts: Sequence[Part], joined: Joined, stages: Stages) -> Joined | None:
+def _retime(parts: Sequence[StepPart], joined: JoinedMotion, stages: Stages) -> JoinedMotion | None:
     """A motion past goals timed for limits beside those of rates along its way, certified; None where that's slower.
 
     It passes goals at the same places.
     """
-    problem = slowest(parts)
-    crossed = Crossed(_passages(parts, joined), tuple(range(len(joined.passages))), {})
-    spline = retimed_spline(problem, joined.motion) if problem.beside else None
-    found = None if spline is None else through_planes(problem, spline, crossed)
+    problem = find_slowest(parts)
+    crossed = CrossedPlanes(_passages(parts, joined), tuple(range(len(joined.passages))), {})
+    spline = retime_motion(problem, joined.motion) if problem.beside else None
+    found = None if spline is None else bring_onto_planes(problem, spline, crossed)
     if found is None or found[0].duration >= joined.motion.duration:
         return None
     made = _join(found[0], [found[1][k] for k in crossed.on_way], parts)
@@ -395,28 +395,28 @@ def _timed_anew(parts: Sequence[Part], joined: Joined, stages: Stages) -> Joined
     return made if fault is None else None
 
 
-def _schedule(parts: Sequence[Part], joined: Joined, stages: Stages) -> Joined | None:
+def _schedule(parts: Sequence[StepPart], joined: JoinedMotion, stages: Stages) -> JoinedMotion | None:
     """The motion past the goals when nothing that moves is met, each part certified then; None where there is none."""
-    problem = slowest(parts)
+    problem = find_slowest(parts)
     if not problem.scene.moves:
         return joined
     allowed = frozenset[tuple[str, str]]().union(*(one.problem.allowed_collisions for one in parts))
     world = World.build(problem.group, problem.scene, allowed)
     problem = dataclasses.replace(problem, world=world, allowed_collisions=allowed)
     goals = [one.goal for one in parts if one.goal is not None]
-    path = Rounded(joined.motion.positions, tuple((one.entered, one.left) for one in joined.passages))
+    path = RoundedPath(joined.motion.positions, tuple((one.entered, one.left) for one in joined.passages))
 
     def judge_parts(motion: Trajectory) -> Verdict:
-        refused = find_refused_part(parts, Joined(motion, passages_of(motion, path, goals)))
+        refused = find_refused_part(parts, JoinedMotion(motion, find_passages(motion, path, goals)))
         if refused is None:
             return Verdict(Reason.FREE, 0)
         return Verdict(Reason.PATH_CONSTRAINT, 0) if refused[1].free else refused[1]
 
-    finished = Finished(Verdict(Reason.FREE, 0), joined.motion.positions, {}, joined.motion)
+    finished = CertifiedMotion(Verdict(Reason.FREE, 0), joined.motion.positions, {}, joined.motion)
     motion = keep_schedule(problem, finished, stages, judge_parts).trajectory
-    return None if motion is None else Joined(motion, passages_of(motion, path, goals))
+    return None if motion is None else JoinedMotion(motion, find_passages(motion, path, goals))
 
 
-def _soonest(parts: Sequence[Part], path: Rounded) -> Joined:
-    motion = soonest_along(slowest(parts), path.path)
-    return Joined(motion, passages_of(motion, path, [one.goal for one in parts if one.goal is not None]))
+def _time_path_ignoring_jerk(parts: Sequence[StepPart], path: RoundedPath) -> JoinedMotion:
+    motion = time_path_ignoring_jerk(find_slowest(parts), path.path)
+    return JoinedMotion(motion, find_passages(motion, path, [one.goal for one in parts if one.goal is not None]))

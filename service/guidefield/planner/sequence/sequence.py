@@ -21,23 +21,30 @@ from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import LAST_JUDGEMENT, find_excess
 from guidefield.planner.plan import Plan
-from guidefield.planner.sequence.ahead import Refused, with_future
-from guidefield.planner.sequence.course import Allowed, Course, S, StepMotion, find_allowed_times, holdings
-from guidefield.planner.sequence.joined import Part, PassedGoal
-from guidefield.planner.sequence.rounding import join
+from guidefield.planner.sequence.ahead import StepRefusal, keep_possible_goals
+from guidefield.planner.sequence.course import (
+    AllowedContact,
+    Course,
+    S,
+    StepMotion,
+    find_allowed_times,
+    find_held_spans,
+)
+from guidefield.planner.sequence.joined import PassedGoal, StepPart
+from guidefield.planner.sequence.rounding import join_motions
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.sequence.stretches import (
     Composition,
     Embedding,
     Stretch,
     certify_stretch,
+    insert_knots,
+    make_stretches,
     settle_stretches,
-    stretches_of,
     whole_configuration,
-    with_knots_at,
 )
 from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
-from guidefield.planner.task.stages import Ending, Stages, refusal
+from guidefield.planner.task.stages import Ending, Stages, make_refusal
 from guidefield.planner.task.trace import Event, Note, Observer, PathRelaxed, StageLeft, Step, TreeGrown
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
@@ -51,7 +58,7 @@ STOPS = "to pass goals without stopping is no faster here, so the motion stops: 
 
 
 @dataclass(frozen=True, eq=False)
-class Leg(ReadOnly, Generic[S]):
+class StepResult(ReadOnly, Generic[S]):
     """What came of one step."""
 
     index: int
@@ -67,7 +74,7 @@ class Leg(ReadOnly, Generic[S]):
 
 
 @dataclass(frozen=True, eq=False)
-class _Moved:
+class _StepMotion:
     """The motion of a step that is not yet part of the whole."""
 
     motion: StepMotion
@@ -82,7 +89,7 @@ class SequencePlan(ReadOnly, Generic[S]):
     status: Status
     message: str
     details: dict[str, Any]  # the values that it speaks about; `step` is the index of the step that failed
-    legs: tuple[Leg[S], ...]
+    legs: tuple[StepResult[S], ...]
     # chart points of all joints, shape (n, nv): of all steps, or of the one that failed as far as it went
     path: ChartPoints
     # the certificate's judgements of the stretches; of a sequence that failed, of `path` alone
@@ -92,7 +99,7 @@ class SequencePlan(ReadOnly, Generic[S]):
     trajectory: Trajectory | None = None
     stretches: tuple[Stretch, ...] = ()
     drawn: DrawnMotion | None = None  # what a controller is sent of it; None where that isn't asked for
-    permissions: tuple[Allowed, ...] = ()
+    permissions: tuple[AllowedContact, ...] = ()
     stages: tuple[StageLeft, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
@@ -107,10 +114,10 @@ def plan_sequence(
     course: Course[S], start: S, whole: PlanningGroup, deadline: Deadline, observer: Observer
 ) -> SequencePlan[S]:
     """Plan a sequence."""
-    return _Planning(course, start, whole, deadline, observer).plan()
+    return _SequencePlanning(course, start, whole, deadline, observer).plan()
 
 
-class _Planning(Generic[S]):
+class _SequencePlanning(Generic[S]):
     """A sequence that is being planned."""
 
     def __init__(
@@ -119,8 +126,8 @@ class _Planning(Generic[S]):
         self._course, self._at, self._whole = course, start, whole
         self._deadline, self._observer = deadline, observer
         self._composition = Composition(whole.chart(whole.q_origin))
-        self._legs: list[Leg[S]] = []
-        self._moved: list[_Moved] = []
+        self._legs: list[StepResult[S]] = []
+        self._moved: list[_StepMotion] = []
         self._z = self._composition.z
         self._stages: list[StageLeft] = []
         self._seconds: dict[str, float] = {}
@@ -132,7 +139,7 @@ class _Planning(Generic[S]):
             try:
                 failed = self._step(index)
             except DeadlineExpired as late:
-                failed = self._make_refusal(_late(index, late), index, self._at)
+                failed = self._make_refusal(_make_late_ending(index, late), index, self._at)
             if failed is not None:
                 return failed
         return self._certified()
@@ -141,7 +148,7 @@ class _Planning(Generic[S]):
         course, at = self._course, self._at
         if index and (status := self._deadline.status()) is not None:
             ending = Ending(status, f"{end_reason(status)} before it was planned", {"stage": "ends"})
-            return self._make_refusal(Refused(index, ending), index, at)
+            return self._make_refusal(StepRefusal(index, ending), index, at)
         began = time.perf_counter()
         conditions, motion = course.conditions(index, at), course.motion(index, at, self._now)
         self._spend("load", began)
@@ -150,18 +157,18 @@ class _Planning(Generic[S]):
             group = motion.problem.group
             embedding = Embedding.of(group, motion.problem.z_start, self._whole, self._z)
             made = self._planned(index, motion, embedding)
-            if isinstance(made, Refused):
+            if isinstance(made, StepRefusal):
                 return self._make_refusal(made, index, at)
             self._add(made.stages, made.seconds, made.warnings, index)
             path = embedding.points(made.path)
             if made.status is not Status.SUCCESS or made.trajectory is None:
                 return self._failed(index, Ending(made.status, made.message, made.details), at, path, made.verdict)
-            self._moved.append(_Moved(motion, made.trajectory, embedding))
+            self._moved.append(_StepMotion(motion, made.trajectory, embedding))
             self._z = cast(ChartPoint, embedding.points(made.trajectory.positions[-1:])[0])
             q = whole_configuration(group, group.from_chart(made.trajectory.positions[-1]))
         way, problem = (None, None) if motion is None else (motion.way, motion.problem)
         now = self._composition.end
-        self._legs.append(Leg(index, at, (now, now), conditions, path, way, (now, now), problem))
+        self._legs.append(StepResult(index, at, (now, now), conditions, path, way, (now, now), problem))
         if course.passes(index) is None:
             self._composed(index)
         began = time.perf_counter()
@@ -196,7 +203,7 @@ class _Planning(Generic[S]):
         moved, legs = self._moved, self._legs[first:]
         parts = [self._part(first + k, one) for k, one in enumerate(moved)]
         stages = Stages(dataclasses.replace(legs[0].conditions, observer=self._observer))
-        joined = join(parts, stages)
+        joined = join_motions(parts, stages)
         self._add(tuple(stages.left), stages.seconds, (STOPS,) if joined.stops else (), first)
         times = self._composition.move(joined.motion, moved[0].embedding)
         marks = [0, *(one.nearest for one in joined.passages), -1]
@@ -207,7 +214,7 @@ class _Planning(Generic[S]):
             span, straight = (times[marks[k]], times[marks[k + 1]]), (times[since[k]], times[until[k]])
             self._legs[first + k] = dataclasses.replace(leg, span=span, straight=straight, passed=distances[k])
 
-    def _part(self, index: int, moved: _Moved) -> Part:
+    def _part(self, index: int, moved: _StepMotion) -> StepPart:
         """The motion of a step in the chart of the first that it is joined with."""
         shift = moved.embedding.shift - self._moved[0].embedding.shift
         motion = moved.trajectory
@@ -217,14 +224,14 @@ class _Planning(Generic[S]):
             world = World.build(problem.group, first.scene, problem.allowed_collisions)
             problem = dataclasses.replace(problem, scene=first.scene, world=world)
         goal = None if radius is None else PassedGoal(problem, turned.positions[-1], radius)
-        return Part(problem, turned, moved.motion.way, goal)
+        return StepPart(problem, turned, moved.motion.way, goal)
 
-    def _planned(self, index: int, motion: StepMotion, embedding: Embedding) -> Plan | Refused:
-        watched = Translated(self._observer, motion.problem.group, self._whole, embedding)
+    def _planned(self, index: int, motion: StepMotion, embedding: Embedding) -> Plan | StepRefusal:
+        watched = StepObserver(self._observer, motion.problem.group, self._whole, embedding)
         began = time.perf_counter()
-        problem = with_future(self._course, index, self._at, motion)
+        problem = keep_possible_goals(self._course, index, self._at, motion)
         self._spend("ends", began)
-        if isinstance(problem, Refused):
+        if isinstance(problem, StepRefusal):
             return problem
         return motion.plan(dataclasses.replace(problem, observer=watched))
 
@@ -242,10 +249,10 @@ class _Planning(Generic[S]):
             for stretch, verdict in zip(stretches, judged, strict=False):
                 verdicts.append(verdict)
                 if not verdicts[-1].free:
-                    ended = _in_step(stretch.index, refusal(stretch, verdicts[-1]))
+                    ended = _name_step(stretch.index, make_refusal(stretch, verdicts[-1]))
                     break
                 if (excess := find_excess(stretch, stretch.executed)) is not None:
-                    ended = _in_step(stretch.index, excess)
+                    ended = _name_step(stretch.index, excess)
                     break
             stage.outcome = verdicts[-1].reason.value
         self._add(tuple(stages.left), stages.seconds, (), None)
@@ -263,13 +270,13 @@ class _Planning(Generic[S]):
             **self._describe(),
         )
 
-    def _parts(self) -> tuple[Trajectory, list[Stretch], list[Allowed]]:
+    def _parts(self) -> tuple[Trajectory, list[Stretch], list[AllowedContact]]:
         trajectory, legs = self._composition.trajectory(), self._legs
         execution = legs[0].conditions.execution
         if execution is not None and execution.interpolation.holds:
             legs = self._legs = [_at_ticks(leg, execution, trajectory.duration) for leg in legs]
         permissions = []
-        for holding in holdings(
+        for holding in find_held_spans(
             [leg.at.touches for leg in legs],
             [self._course.detached(leg.index) for leg in legs],
             [leg.span for leg in legs],
@@ -279,30 +286,32 @@ class _Planning(Generic[S]):
         if execution is not None and execution.interpolation.holds:
             last = trajectory.duration
             permissions = [
-                Allowed(one.touch, execution.last_tick(one.begin), min(execution.find_arrival(one.end), last))
+                AllowedContact(one.touch, execution.last_tick(one.begin), min(execution.find_arrival(one.end), last))
                 for one in permissions
             ]
             cuts = [time for leg in legs for time in (*leg.span, *leg.straight)]
-            trajectory = with_knots_at(trajectory, cuts)
+            trajectory = insert_knots(trajectory, cuts)
         permissions = [
             dataclasses.replace(
-                one, begin=_snapped(one.begin, trajectory.times), end=_snapped(one.end, trajectory.times)
+                one, begin=_snap_to_knots(one.begin, trajectory.times), end=_snap_to_knots(one.end, trajectory.times)
             )
             for one in permissions
         ]
-        trajectory = with_knots_at(trajectory, [time for one in permissions for time in (one.begin, one.end)])
+        trajectory = insert_knots(trajectory, [time for one in permissions for time in (one.begin, one.end)])
         stretches = [
             stretch
             for leg in legs
-            for stretch in stretches_of(
+            for stretch in make_stretches(
                 leg.index, leg.conditions, trajectory, leg.span, permissions, leg.way, leg.straight
             )
         ]
         return trajectory, stretches, permissions
 
-    def _make_refusal(self, refused: Refused, step: int, at: S) -> SequencePlan[S]:
+    def _make_refusal(self, refused: StepRefusal, step: int, at: S) -> SequencePlan[S]:
         base = self._z
-        verdict = certify_stretch(_standing(self._course.conditions(step, at), step, base, self._composition.end))
+        verdict = certify_stretch(
+            _make_standing_stretch(self._course.conditions(step, at), step, base, self._composition.end)
+        )
         ending = refused.ending
         if refused.index > step:
             message = f"{ending.message}, from any end of `steps[{step}]` that was tried"
@@ -310,7 +319,7 @@ class _Planning(Generic[S]):
         return self._failed(refused.index, ending, at, base[None], verdict)
 
     def _failed(self, index: int, ending: Ending, at: S, path: ChartPoints, verdict: Verdict) -> SequencePlan[S]:
-        told = _in_step(index, ending)
+        told = _name_step(index, ending)
         return SequencePlan(
             told.status,
             told.message,
@@ -343,17 +352,17 @@ class _Planning(Generic[S]):
         }
 
 
-def _late(index: int, late: DeadlineExpired) -> Refused:
+def _make_late_ending(index: int, late: DeadlineExpired) -> StepRefusal:
     message = f"{end_reason(late.status)} before {late.step}; what is prepared is kept"
-    return Refused(index, Ending(late.status, message, {"stage": "load", "preparing": late.step}))
+    return StepRefusal(index, Ending(late.status, message, {"stage": "load", "preparing": late.step}))
 
 
-def _in_step(index: int, ending: Ending) -> Ending:
+def _name_step(index: int, ending: Ending) -> Ending:
     details = {**ending.details, "step": index, "path": f"$.steps[{index}]"}
     return Ending(ending.status, f"`steps[{index}]`: {ending.message}", details)
 
 
-def _at_ticks(leg: Leg[S], execution: ControllerModel, end: float) -> Leg[S]:
+def _at_ticks(leg: StepResult[S], execution: ControllerModel, end: float) -> StepResult[S]:
     """A step of a motion that ends at a time [s], which begins and ends at ticks, and so does its straight way."""
     begins, ends = leg.span
     span = min(execution.next_tick(begins), end), min(execution.next_tick(ends), end)
@@ -362,19 +371,19 @@ def _at_ticks(leg: Leg[S], execution: ControllerModel, end: float) -> Leg[S]:
     return dataclasses.replace(leg, span=span, straight=(first, last))
 
 
-def _snapped(time: float, knots: np.ndarray) -> float:
+def _snap_to_knots(time: float, knots: np.ndarray) -> float:
     nearest = float(knots[np.argmin(np.abs(knots - time))])
     return nearest if abs(nearest - time) <= SNAPPED else time
 
 
-def _standing(conditions: Conditions, index: int, z: ChartPoint, time: float) -> Stretch:
+def _make_standing_stretch(conditions: Conditions, index: int, z: ChartPoint, time: float) -> Stretch:
     still = Trajectory(np.array([time]), z[None], cast(ChartRates, np.zeros((1, len(z)))))
-    (stretch,) = stretches_of(index, conditions, still, (time, time), (), None, (time, time))
+    (stretch,) = make_stretches(index, conditions, still, (time, time), (), None, (time, time))
     return stretch
 
 
 @dataclass(frozen=True)
-class Translated:
+class StepObserver:
     """An observer of a step who tells an observer of the sequence."""
 
     observer: Observer

@@ -13,21 +13,21 @@ from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start
 from guidefield.planner.goal_among_movers import keep_schedule
-from guidefield.planner.held_paths import among_what_rests
-from guidefield.planner.motion_certificate import Finished, certify_from_start, enclosed_start
-from guidefield.planner.path_so_far import motion_along
+from guidefield.planner.held_paths import without_movers
+from guidefield.planner.motion_certificate import CertifiedMotion, certify_from_start, find_enclosed_start
+from guidefield.planner.path_so_far import time_path
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.straight_way import (
     STRAIGHT,
     StraightStop,
     StraightWay,
-    bring,
+    bring_tip,
     certify_straight,
-    floored,
-    stop_ending,
+    format_rounded_down,
+    make_stop_ending,
 )
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Ending, StageFailed, Stages, refusal
+from guidefield.planner.task.stages import Ending, StageFailed, Stages, make_refusal
 from guidefield.prove.certificate import certify
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
@@ -35,43 +35,45 @@ from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
 def straight_plan(problem: Problem, way: StraightWay) -> Plan:
     """Plan a motion along a straight way; no other way is looked for."""
-    stages, still = Stages(problem), among_what_rests(problem)
+    stages, still = Stages(problem), without_movers(problem)
     try:
         with stages.entered("ends", "start and straight way") as stage:
             check_start(problem.at(0.0))
             stage.outcome = "the start is free"
     except StageFailed as failed:
         return _make_failed_plan(problem.at(0.0), problem.z_start[None], failed.ending, stages)
-    places = _places(way)
+    places = _choose_places(way)
     for attempt in range(STRAIGHT.denser + 1):
         with stages.entered("connect", "along the straight way") as stage:
             path, stop = follow_way(problem, way, places)
-            stage.outcome = "reached" if stop is None else f"stopped at {floored(100.0 * stop.share, 0.1)} % of the way"
+            stage.outcome = (
+                "reached" if stop is None else f"stopped at {format_rounded_down(100.0 * stop.share, 0.1)} % of the way"
+            )
         if stop is not None:
             return _make_failed_plan(
-                still, path, _find_stop_ending(problem, stage.outcome) or stop_ending(problem, way, stop), stages
+                still, path, _find_stop_ending(problem, stage.outcome) or make_stop_ending(problem, way, stop), stages
             )
         with stages.entered("parameterize", "as fast as the limits allow") as stage:
-            trajectory = motion_along(problem, path, 2**attempt)
+            trajectory = time_path(problem, path, 2**attempt)
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry and on the straight way, between samples too") as stage:
             verdict = certify_from_start(still, trajectory, problem.deadline)
             if verdict.free:
-                verdict = _kept_straight(still, way, trajectory.bezier())
+                verdict = _certify_straightness(still, way, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
         last = attempt == STRAIGHT.denser or 2 * places > STRAIGHT.most or problem.deadline.expired()
         if verdict.free or verdict.reason is not Reason.PATH_CONSTRAINT or last:
             break
         places *= 2
-    made = Finished(verdict, path, {}, trajectory)
+    made = CertifiedMotion(verdict, path, {}, trajectory)
     if verdict.free:
-        made = keep_schedule(problem, made, stages, lambda motion: _kept_straight(problem, way, motion.bezier()))
+        made = keep_schedule(problem, made, stages, lambda motion: _certify_straightness(problem, way, motion.bezier()))
     if made.failure is not None:
         return _make_failed_plan(problem.at(0.0), problem.z_start[None], made.failure, stages)
     ended = Ending(Status.SUCCESS, "found a straight motion and certified it over its whole length")
     if not made.verdict.free:
-        ended = refusal(problem, made.verdict)
+        ended = make_refusal(problem, made.verdict)
     return Plan(
         ended.status,
         ended.message,
@@ -91,7 +93,7 @@ def follow_way(
 
     Where it goes no further, or time is up, those before and the place at which it ends.
     """
-    count, z = _places(way) if places is None else places, problem.z_start
+    count, z = _choose_places(way) if places is None else places, problem.z_start
     path, share = [z], 0.0
     for index in range(1, count + 1):
         there = index / count
@@ -99,7 +101,7 @@ def follow_way(
         while share < there:
             onward = there if step >= there - share else share + step
             near = STRAIGHT.reached if onward == there and step * count > 0.9 else STRAIGHT.closely
-            reached = None if problem.deadline.expired() else bring(problem, z, way.at(onward), near)
+            reached = None if problem.deadline.expired() else bring_tip(problem, z, way.at(onward), near)
             if reached is not None and np.abs(reached - z).max() <= STRAIGHT.jump:
                 share, z = onward, reached
                 path.append(z)
@@ -110,12 +112,12 @@ def follow_way(
     return np.array(path), None
 
 
-def _places(way: StraightWay) -> int:
+def _choose_places(way: StraightWay) -> int:
     wanted = max(way.length / STRAIGHT.spacing, way.angle / STRAIGHT.turning, 2.0)
     return min(math.ceil(wanted), STRAIGHT.most)
 
 
-def _kept_straight(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
+def _certify_straightness(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
     return certify_straight(way, problem.group, problem.world.bodies.turns, pieces, problem.deadline)
 
 
@@ -128,7 +130,7 @@ def _find_stop_ending(problem: Problem, where: str) -> Ending | None:
 
 def _make_failed_plan(problem: Problem, path: ChartPoints, ending: Ending, stages: Stages) -> Plan:
     pieces = np.stack([path[:-1], path[1:]], axis=1) if len(path) > 1 else np.repeat(path[None], 2, axis=1)
-    verdict = enclosed_start(problem, path[0]) or certify(problem.world, pieces, problem.min_clearance)
+    verdict = find_enclosed_start(problem, path[0]) or certify(problem.world, pieces, problem.min_clearance)
     return Plan(
         ending.status,
         ending.message,

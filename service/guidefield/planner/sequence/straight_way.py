@@ -128,20 +128,20 @@ class StraightStop(ReadOnly):
     z: ChartPoint  # chart point at the last place, shape (nv,)
 
 
-def stop_ending(problem: Problem, way: StraightWay, stop: StraightStop) -> Ending:
+def make_stop_ending(problem: Problem, way: StraightWay, stop: StraightStop) -> Ending:
     """The ending of a plan whose straight way can't be followed: the place, the cause, the joint with its limits."""
-    cause, sentence, details = _cause(problem, way, stop)
+    cause, sentence, details = _find_cause(problem, way, stop)
     message = f"the tip can't go straight: {_place(way, stop.share)} {sentence}"
     return Ending(Status.NO_IK_SOLUTION, message, {"stage": "connect", "share": stop.share, "cause": cause, **details})
 
 
-def floored(value: float, unit: float) -> str:
+def format_rounded_down(value: float, unit: float) -> str:
     """A value in words, rounded down to whole multiples of a unit."""
     digits = max(0, round(-math.log10(unit)))
     return f"{math.floor(value / unit + 1e-6) * unit:.{digits}f}"
 
 
-def bring(
+def bring_tip(
     problem: Problem, z: ChartPoint, target: Any, reached: float = STRAIGHT.reached, *, limited: bool = True
 ) -> ChartPoint | None:
     """The chart point (nv,) next to another that brings the tip to a placement, pinocchio.SE3 [m, world].
@@ -178,13 +178,13 @@ def _step(z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndar
     return cast(ChartPoint, np.clip(z + step, lower, upper))
 
 
-def _cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple[str, str, dict[str, Any]]:
+def _find_cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple[str, str, dict[str, Any]]:
     places = [way.at(stop.share + part * (stop.unreached - stop.share)) for part in STRAIGHT.ahead]
     for place in places:
-        beyond = bring(problem, stop.z, place, limited=False)
+        beyond = bring_tip(problem, stop.z, place, limited=False)
         if beyond is None or np.abs(beyond - stop.z).max() > STRAIGHT.jump:
             continue
-        if (found := _limit(problem, beyond)) is not None:
+        if (found := _find_limit(problem, beyond)) is not None:
             joint, limit, lower, upper, unit = found
             sentence = f"{joint.name} reaches its limit of {limit:.6g} {unit}"
             return "joint limit", sentence, {"joint": joint.name, "value": limit, "limits": [lower, upper]}
@@ -196,7 +196,7 @@ def _cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple[str,
     return "singular", "the arm is at a singular configuration: it would have to fold over to go on", {}
 
 
-def _limit(problem: Problem, beyond: ChartPoint) -> tuple[Joint, float, float, float, str] | None:
+def _find_limit(problem: Problem, beyond: ChartPoint) -> tuple[Joint, float, float, float, str] | None:
     """The joint that would have to go farthest beyond a limit, that limit, both limits and unit; None if none."""
     group = problem.group
     excess = np.maximum(group.lower - beyond, beyond - group.upper) / group.units
@@ -211,11 +211,11 @@ def _limit(problem: Problem, beyond: ChartPoint) -> tuple[Joint, float, float, f
 
 
 def _place(way: StraightWay, share: float) -> str:
-    percent = f"{floored(100.0 * share, 0.1)} %"
+    percent = f"{format_rounded_down(100.0 * share, 0.1)} %"
     if way.is_point:
-        return f"after {floored(share * way.angle, 0.001)} rad of a turn of {way.angle:.3f} rad ({percent})"
+        return f"after {format_rounded_down(share * way.angle, 0.001)} rad of a turn of {way.angle:.3f} rad ({percent})"
     length = 1000.0 * way.length
-    return f"{floored(share * length, 0.1)} mm along the straight way of {length:.1f} mm ({percent})"
+    return f"{format_rounded_down(share * length, 0.1)} mm along the straight way of {length:.1f} mm ({percent})"
 
 
 AT_ONCE = 64  # so many pieces of a motion are judged together

@@ -15,8 +15,8 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import certify_from_start, enclosed_start, judge_drawn, settle_rows
-from guidefield.planner.sequence.course import Allowed
+from guidefield.planner.motion_certificate import certify_from_start, find_enclosed_start, judge_drawn, settle_rows
+from guidefield.planner.sequence.course import AllowedContact
 from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
 from guidefield.planner.task.problem import Conditions, ControllerModel
 from guidefield.prove.verdict import Verdict
@@ -42,14 +42,20 @@ class Embedding(ReadOnly):
     shift: np.ndarray  # whole turns by which all joints' angles are beyond the step's, shape (k,) [rad]
 
     @classmethod
-    def of(cls, part: PlanningGroup, z_start: ChartPoint, whole: PlanningGroup, base: ChartPoint) -> Embedding:
+    def of(
+        cls, cut_trajectory: PlanningGroup, z_start: ChartPoint, whole: PlanningGroup, base: ChartPoint
+    ) -> Embedding:
         """The embedding of a group that begins at a chart point (k,), where all joints are at another (n,)."""
         at = {joint.name: joint for joint in whole.joints}
         columns = np.concatenate(
-            [np.arange(at[joint.name].idx_v, at[joint.name].idx_v + joint.nv) for joint in part.joints]
+            [np.arange(at[joint.name].idx_v, at[joint.name].idx_v + joint.nv) for joint in cut_trajectory.joints]
         )
-        turns = np.where(part.periods > 0.0, np.round((base[columns] - z_start) / np.maximum(part.periods, 1.0)), 0.0)
-        return cls(base, columns, turns * part.periods)
+        turns = np.where(
+            cut_trajectory.periods > 0.0,
+            np.round((base[columns] - z_start) / np.maximum(cut_trajectory.periods, 1.0)),
+            0.0,
+        )
+        return cls(base, columns, turns * cut_trajectory.periods)
 
     def points(self, zs: ChartPoints) -> ChartPoints:
         """Chart points of all joints, shape (m, n), of the step's, shape (m, k)."""
@@ -117,7 +123,7 @@ class Composition:
         return Trajectory(np.array(self._times), np.array(self._positions), np.array(self._velocities))
 
 
-def with_knots_at(trajectory: Trajectory, times: Iterable[float]) -> Trajectory:
+def insert_knots(trajectory: Trajectory, times: Iterable[float]) -> Trajectory:
     """The same curve with knots at some more times [s]."""
     inner = [time for time in times if trajectory.times[0] < time < trajectory.times[-1]]
     more = np.setdiff1d(np.array(inner, float), trajectory.times)
@@ -133,7 +139,7 @@ def with_knots_at(trajectory: Trajectory, times: Iterable[float]) -> Trajectory:
     )
 
 
-def part(trajectory: Trajectory, begin: float, end: float) -> Trajectory:
+def cut_trajectory(trajectory: Trajectory, begin: float, end: float) -> Trajectory:
     """The part of a trajectory between two of its knots [s]; its times stay what they are."""
     first, last = np.searchsorted(trajectory.times, [begin, end])
     rows = slice(first, last + 1)
@@ -161,12 +167,12 @@ class Stretch(Conditions):
         return dataclasses.replace(self, drawn=whole.between(whole.place_at(begin), until))
 
 
-def stretches_of(
+def make_stretches(
     index: int,
     conditions: Conditions,
     trajectory: Trajectory,
     span: tuple[float, float],
-    permissions: Sequence[Allowed],
+    permissions: Sequence[AllowedContact],
     way: StraightWay | None,
     straight: tuple[float, float],
 ) -> list[Stretch]:
@@ -191,7 +197,7 @@ def stretches_of(
         else:
             fields["allowed_collisions"], fields["world"] = conditions.allowed_collisions, conditions.world
         kept = straight[0] < straight[1] and straight[0] <= first and last <= straight[1]
-        motion = part(trajectory, first, last)
+        motion = cut_trajectory(trajectory, first, last)
         stretches.append(Stretch(**fields, index=index, motion=motion, way=way if kept else None))
     return stretches
 
@@ -236,7 +242,7 @@ def judge_stretch(stretch: Stretch, deadline: Deadline) -> tuple[Verdict, float]
         verdict, pieces = certify_from_start(stretch, stretch.motion, deadline), stretch.motion.bezier()
     else:
         begin, pieces = drawn.along(0, 0.0)[1] or 0.0, drawn.straight if drawn.kind is CurveKind.STEPS else drawn.pieces
-        inside = enclosed_start(stretch, drawn.start, begin)
+        inside = find_enclosed_start(stretch, drawn.start, begin)
         verdict, stretched = judge_drawn(stretch, drawn, deadline) if inside is None else (inside, 1.0)
     if not verdict.free or stretch.way is None:
         return verdict, stretched

@@ -35,7 +35,7 @@ def describe_kept(min_clearance: float) -> str:
     return f"keep {1000 * min_clearance:g} mm" if min_clearance > 0.0 else "don't touch"
 
 
-def stopped_before(status: Status, plane: str, distance: float) -> str:
+def make_stopped_message(status: Status, plane: str, distance: float) -> str:
     """What is told of a plan that was stopped on its way to a guide plane.
 
     Args:
@@ -47,7 +47,7 @@ def stopped_before(status: Status, plane: str, distance: float) -> str:
     return f"time was up {where}; a longer `allowed_planning_time` lets it go on"
 
 
-def refused_at(group: PlanningGroup, verdict: Verdict) -> dict[str, Any]:
+def describe_refused_place(group: PlanningGroup, verdict: Verdict) -> dict[str, Any]:
     """What a verdict says about what was refused: pair, configuration, the joint that is beyond its limits."""
     details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
     if verdict.chart_point is not None:
@@ -59,13 +59,13 @@ def refused_at(group: PlanningGroup, verdict: Verdict) -> dict[str, Any]:
     return details
 
 
-def refusal(conditions: Conditions, verdict: Verdict) -> Ending:
+def make_refusal(conditions: Conditions, verdict: Verdict) -> Ending:
     """Why a motion is not certified, and where."""
     status = conditions.deadline.status() or Status.INVALID_MOTION_PLAN
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
     between = f" between {pair}" if verdict.pair else ""
     message = f"the certificate refused the motion: {verdict.reason.value}{between}"
-    details = refused_at(conditions.group, verdict)
+    details = describe_refused_place(conditions.group, verdict)
     if verdict.chart_point is None:
         return Ending(status, message, details)
     group = conditions.group
@@ -95,7 +95,7 @@ def refusal(conditions: Conditions, verdict: Verdict) -> Ending:
     return Ending(status, message, details)
 
 
-def once_they_rest(problem: Problem, ending: Ending) -> Ending:
+def make_ending_at_rest(problem: Problem, ending: Ending) -> Ending:
     """How what is judged as the obstacles stand once they have come to rest ended; the same where none moves."""
     if not problem.scene.moves:
         return ending
