@@ -35,7 +35,7 @@ _log = logging.getLogger(__name__)
 
 
 class Renderer:
-    """Renders the recordings of the runs that it is told, the one told last first.
+    """Renders the recordings of runs, the run that was added last first.
 
     Args:
         setup: Prepares the engines of the process.

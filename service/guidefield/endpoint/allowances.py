@@ -10,12 +10,12 @@ from guidefield.errors import QuotaExceeded
 from guidefield.messages.quotas import Quotas
 from guidefield.pool.waiting import HALVED_IN, Waiting
 
-MOST_USERS = 1_000  # for how many users it is remembered when they asked
+MOST_USERS = 1_000  # number of users whose rest is remembered
 MINUTE = 60.0
-STEADY = HALVED_IN / math.log(2.0)  # what is counted of a user who gets a processor second each second, for long [s]
-AT_ONCE = 256 * 2**20  # so much payload may come at once [bytes]
-LIST_COUNTS = 10.0  # as how many queries one for a list counts, or for all of `info`: so much longer it takes to answer
-SHORTEST = 0.001  # the shortest time after which somebody is told to ask again [s]
+STEADY = HALVED_IN / math.log(2.0)  # use of a user who has had a processor second each second for long [s]
+AT_ONCE = 256 * 2**20  # payload that may come at once [bytes]
+LIST_COUNTS = 10.0  # number of queries as which a list, or all of `info`, counts: it takes that much longer to answer
+SHORTEST = 0.001  # shortest time after which a user may ask again [s]
 
 
 class Allowances:
@@ -29,8 +29,8 @@ class Allowances:
     def ask(self, user: str, size: int = 0, *, lists: bool = False) -> None:
         """Count a query of a user, with a payload of a size [bytes]; `lists`: it asks for a list, or for all of `info`.
 
-        Whoever has a query left may ask for a list; whoever has anything left may send a long payload, and waits longer
-        for the next. Raises QuotaExceeded if the user asks too often, or sent too much.
+        A user with a query left may ask for a list; one with any payload left may send a long one, and waits longer for
+        the next. Raises QuotaExceeded if the user asks too often, or sent too much.
         """
         quota, now = self._quotas.of(user), time.monotonic()
         rate, flow = quota.per_second, quota.payload_per_second if size else None
@@ -81,7 +81,7 @@ class _Refilled:
         return min(most, left + rate * (now - at))
 
     def keep(self, user: str, left: float, rate: float, most: float, now: float) -> None:
-        """Note what is left; it is forgotten once that is the most again, where very many are kept."""
+        """Note the rest of a share; of many users those with a full share are forgotten."""
         self._kept[user] = left, now, now + (most - left) / rate
         if len(self._kept) > MOST_USERS:
             self._kept = {name: kept for name, kept in self._kept.items() if kept[2] > now}

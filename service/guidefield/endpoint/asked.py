@@ -57,7 +57,7 @@ def _split(key: str) -> tuple[str, tuple[str, ...]]:
 
 
 class Asked:
-    """A query that waits for its one answer; `count` is told whether it was answered, refused or dropped."""
+    """A query that waits for its one answer; `count` takes the outcome: answered, refused or dropped."""
 
     def __init__(self, query: zenoh.Query, key: str, instance: str, count: Callable[[str], None], post: Post) -> None:
         self._query, self._key, self._instance, self._count, self._post = query, key, instance, count, post
@@ -103,7 +103,7 @@ class Asked:
             self.answer(answer)
 
     def answer(self, answer: Answer) -> None:
-        """Have the answer sent, unless one was sent; an error in its place where too much waits for this client."""
+        """Have the answer sent, unless one was sent; an error instead if too much waits for this client."""
         if not self._open.acquire(blocking=False):
             return
         outcome = "answered" if answer[0] else "refused"

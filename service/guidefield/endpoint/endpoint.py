@@ -1,11 +1,11 @@
 """Queries in, exactly one answer out to each of them.
 
-Theory of operation. One queryable serves every key of the instance, so that a query on any key, known or not, has one
-answerer. Zenoh calls it in the thread of the link that a query came by, so that a flood on one link holds up no other.
-It only sorts: what needs a robot, obstacle geometry or a kernel goes to the pool of workers; what reads or deletes
-files goes to a few threads here; the rest is answered at once, or ends a run early. Whoever settles a query does so
-through `Asked`, which answers once and only once, whatever happens; the answer goes out by a thread of the `Outbox`, so
-that whoever doesn't read holds up nobody.
+Theory of operation. One queryable serves every key of the instance, so that each query, on a known key or not, has one
+answerer. Zenoh calls it in the thread of the query's link, so that a flood on one link holds up no other. It only
+sorts: queries that need a robot, obstacle geometry or a kernel go to the pool of workers; those that read or delete
+files go to a few threads here; the others are answered at once, or end a run early. Each query is settled through
+`Asked`, which answers exactly once; a thread of the `Outbox` sends the answer, so that a client that doesn't read holds
+up no other.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ Where a link ends to which an answer is being sent, Zenoh blocks one of the thre
 thread gives up, for up to `READ_WITHIN`. So there are more of them than answers are sent at once; of four, Zenoh's own
 number, four stopped clients would keep every other link's answers waiting. Those that receive call the endpoint: of
 four, six links that flood it would keep the others' queries waiting three times as long. Those that keep the time of
-queries are as many as Zenoh's own, one: four wake one another twice for each query.
+queries is as Zenoh has it, one: four wake one another twice for each query.
 """
 UNLESS_TOLD = {
     "scouting/multicast/enabled": "false",
@@ -50,7 +50,7 @@ def close_links_at_once(session: zenoh.Session) -> zenoh.LinkEventsListener[None
     Zenoh has the system wait, when a TCP or TLS socket is closed, until the other end has read what was sent, for up to
     ten seconds (`SO_LINGER`, not configurable in Zenoh 1.10), and closes sockets in the threads that receive, accept
     and manage all links. If the links of many end to which something is still being sent, nobody else is served
-    meanwhile. Without that option closing returns at once, and the system goes on to send what is left by itself.
+    then. Without that option closing returns at once, and the system sends the rest by itself.
     """
 
     def opened(event: zenoh.LinkEvent) -> None:
@@ -65,9 +65,9 @@ def close_sockets_at_once() -> None:
     for number in DESCRIPTORS.iterdir():
         try:
             found = socket.socket(fileno=int(number.name))
-        except OSError:  # no socket, or closed meanwhile
+        except OSError:  # no socket, or closed by now
             continue
-        with contextlib.suppress(OSError):  # closed meanwhile
+        with contextlib.suppress(OSError):  # closed by now
             if found.type == socket.SOCK_STREAM and found.family in (socket.AF_INET, socket.AF_INET6):
                 found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, AT_ONCE)
         found.detach()  # it stays Zenoh's

@@ -173,7 +173,7 @@ def _buckets(histogram: Histogram) -> list[tuple[str, float]]:
     return list(zip(bounds, map(float, itertools.accumulate(histogram.counts)), strict=True))
 
 
-End = Callable[[str], None]  # ends the trace of a query; is told whether it was answered or refused
+End = Callable[[str], None]  # ends the trace of a query, given its outcome: answered or refused
 Trace = Callable[[str, str], End]  # begins the trace of a query, by the kind and the key of it
 
 

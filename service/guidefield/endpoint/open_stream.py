@@ -76,7 +76,7 @@ class OpenStream:
         return self._companion.memory
 
     def update(self, payload: bytes, encoding: Encoding) -> None:
-        """Take an update, unless too much waits already: then that is told as a state."""
+        """Take an update; if too much waits already, a state says so."""
         with self._lock:
             if self._open is None:
                 return

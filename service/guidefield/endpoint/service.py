@@ -82,7 +82,7 @@ class ServiceSettings(EngineSetup):
 
 
 def limits_of(queue: int) -> Limits:
-    """Return the limits of a queue of so many requests; a single client may have half of them."""
+    """Return the limits of a queue of a number of requests; a single client may have half of them."""
     return Limits(tasks=queue, tasks_of_client=(queue + 1) // 2)
 
 
@@ -91,7 +91,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
 
     Args:
         settings: How.
-        stop: Set by whoever wants it to end.
+        stop: Ends the service once it is set.
         announce: Is told, in one sentence each, how the start goes; the last begins with "ready".
 
     Raises:

@@ -1,8 +1,8 @@
 """The streams of a service: their opening, the queries and updates for them, and their end.
 
 Theory of operation. Each stream has a process for its life. Its updates are put by the client, and can't be answered:
-what is wrong with one is told on the stream's key ``state``. Queries about it are answered as all others are. A stream
-is its user's; whoever can't use the user's keys can neither see nor feed it.
+the stream's key ``state`` tells their faults. Queries about it are answered as all others. A stream is its user's;
+clients that can't use the user's keys can neither see nor feed it.
 """
 
 from __future__ import annotations

@@ -155,7 +155,7 @@ class UnderWay:
                 task.set_result(cancelled())
             else:
                 self._pool.submit(task)
-        except Exception as error:  # whoever asked the same meanwhile must hear of it
+        except Exception as error:  # who asked for the same must hear of it
             work.answer.set_exception(error)
             raise
         return work.answer

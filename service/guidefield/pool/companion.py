@@ -1,9 +1,8 @@
-"""A process of its own for one conversation: taken when that begins, looked after while it goes on, ended with it.
+"""A process for one conversation: started with it, supervised while it lasts, ended with it.
 
-Theory of operation. One thread here starts the process, which ends with this thread at the latest, and hears what it
-tells; another one sends what it is told, so that nobody waits for a process that takes nothing. What waits to be sent
-is bounded. Every so often it is looked whether the process lives, how much memory it has, and whether it still gets on:
-whoever is told something says so when it is done with it.
+Theory of operation. One thread starts the process, which ends with this thread at the latest, and hears its messages;
+another thread sends messages, so that no caller waits for a process that takes none. The messages that wait are
+bounded. The first thread checks every 0.1 s that the process lives, keeps to its memory, and acknowledges messages.
 """
 
 from __future__ import annotations
@@ -24,21 +23,21 @@ from guidefield.errors import GuidefieldError, WorkerCrashed
 from guidefield.pool.process import end_with_parent, limit_memory
 from guidefield.system import resident
 
-LOOK_EVERY = 0.1  # how often it is looked after a process [s]
-MOST_WAITING = 1_000  # so many things may wait to be sent to a process
-MOST_BYTES_WAITING = 64 << 20  # how large they may be together [bytes]
-STUCK = 10.0  # a process that has taken nothing for so long while something waited is ended [s]
+LOOK_EVERY = 0.1  # period at which a process is checked [s]
+MOST_WAITING = 1_000  # maximum number of messages that wait to be sent
+MOST_BYTES_WAITING = 64 << 20  # their maximum size together [bytes]
+STUCK = 10.0  # time without an acknowledgement, while messages wait, after which a process is ended [s]
 
 _log = logging.getLogger(__name__)
 _spawn = multiprocessing.get_context("spawn")
 
 Conversation = Callable[[Connection], None]
-"""What a process does, given the line to who started it; it is sent there, so it must pickle."""
+"""The work of a process, given the line to its parent; it must pickle."""
 
 
 @dataclass(frozen=True)
 class Taken:
-    """A process has come to the end of what it was told last."""
+    """Acknowledges messages."""
 
     count: int
 
@@ -47,11 +46,11 @@ class Companion:
     """A process for one conversation.
 
     Args:
-        conversation: What it does.
-        memory: It is ended where it takes more [bytes].
-        hear: Is called with whatever it tells, but `Taken`, in a thread of its own.
-        over: Is asked every so often, in that thread: why the conversation is to end, if it is.
-        ended: Is called once, in that thread, when the process is gone: why.
+        conversation: Its work.
+        memory: Limit of its memory [bytes]; beyond that it is ended.
+        hear: Called with each of its messages but `Taken`, in a thread of its own.
+        over: Called at each check, in that thread; returns why the conversation is to end, if it is.
+        ended: Called once, in that thread, with the reason, when the process is gone.
     """
 
     def __init__(
@@ -78,7 +77,7 @@ class Companion:
 
     @property
     def memory(self) -> int:
-        """Its resident memory [bytes]; 0 where there is none."""
+        """Its resident memory [bytes]; 0 without a process."""
         return 0 if self._pid is None else resident(self._pid)
 
     @property
@@ -87,11 +86,7 @@ class Companion:
         return self._pid
 
     def tell(self, what: Any, size: int) -> bool:
-        """Have something told to the process; waits for nothing.
-
-        Returns:
-            Whether it will be; it isn't where too much waits already, or the conversation is over.
-        """
+        """Send the process a message of a size [bytes] soon; return False if too much waits, or it is over."""
         with self._changed:
             full = len(self._waiting) >= MOST_WAITING or self._size + size > MOST_BYTES_WAITING
             if self._closed or (full and self._waiting):
@@ -123,7 +118,7 @@ class Companion:
             self._pid = process.pid
             sender.start()
             error = self._listen(here, process)
-        except Exception as failure:  # whoever waits must hear of it
+        except Exception as failure:  # the caller must hear of it
             _log.exception("a process for a conversation failed")
             error = WorkerCrashed(f"the process could not be started or heard: {failure}")
         with self._changed:
@@ -181,7 +176,7 @@ class Companion:
 
 
 def _converse(conversation: Conversation, line: Connection, memory: int) -> None:
-    """What runs in the process."""
+    """Run the conversation, in its process."""
     end_with_parent()
     limit_memory(memory)
     conversation(line)

@@ -1,14 +1,13 @@
-"""Answers on their way out: whoever doesn't read holds up nobody else.
+"""Answers on their way out: a client that doesn't read holds up no other.
 
-Theory of operation. Zenoh sends an answer in the thread that gives it, and keeps that thread for seconds where a link
-takes nothing more. So answers are given by threads that do nothing else. Those of one client are sent one after the
-other; a client that doesn't read keeps one thread, until Zenoh ends its link. Of a client without a name each answer
-counts as one's. What waits is bounded, for each client, each user and all.
-One user has at most half of the threads and of the room.
+Theory of operation. Zenoh sends an answer in the thread that gives it, and blocks that thread for seconds if a link
+takes no more. So answers are given by threads of their own, those of one client one after the other: a client that
+doesn't read blocks one thread, until Zenoh ends its link. Each answer to a client without a name counts as a client's.
+The answers that wait are bounded for each client, each user and all; one user has at most half of threads and space.
 
-A thread more attends to where answers come from, and sends what it posts by itself: to wake another thread for it takes
-longer than to send it. Where sending takes long after all, another one takes its place, and for a while nothing is sent
-to that user by whoever attends.
+One more thread polls the workers, and sends the answers that it posts by itself: to wake another thread takes longer
+than to send. If sending takes long after all, another thread polls in its place, and for some seconds the polling
+thread sends nothing to that user.
 """
 
 from __future__ import annotations
@@ -22,16 +21,15 @@ from dataclasses import dataclass, field
 
 from guidefield.messages.identities import Asker
 
-MOST_THREADS = 128  # how many answers may be sent at once
-MOST_BYTES_OF_CLIENT = 64 * 2**20  # what may wait for one client beside the answer that is sent to it [bytes]
-MOST_BYTES = 2**30  # what may wait for all of them [bytes]
-MOST_LETTERS = 10_000  # how many answers may wait
-OF_USER = 0.5  # which share of the threads, bytes and answers one user may have
-STALLED = 0.02  # an answer that takes longer to send is no longer waited for by whoever attends to others [s]
-SLOW_FOR = 5.0  # how long answers to a user are left to other threads after that [s]
-WATCHED_FOR = 1.0
-"""How long after an answer it is still watched whether another one takes long [s]: nobody has to be woken for it."""
-IDLE = 10.0  # a thread that has had nothing to send for so long ends [s]
+MOST_THREADS = 128  # maximum number of answers that are sent at once
+MOST_BYTES_OF_CLIENT = 64 * 2**20  # maximum size of the answers that wait for one client [bytes]
+MOST_BYTES = 2**30  # maximum size of the answers that wait for all clients [bytes]
+MOST_LETTERS = 10_000  # maximum number of answers that wait
+OF_USER = 0.5  # largest share of one user in threads, bytes and answers
+STALLED = 0.02  # time to send an answer after which another thread polls [s]
+SLOW_FOR = 5.0  # time for which other threads send the answers to that user then [s]
+WATCHED_FOR = 1.0  # time for which the polling thread is still watched after an answer, so that none has to wake it [s]
+IDLE = 10.0  # time without an answer after which a thread ends [s]
 
 _log = logging.getLogger(__name__)
 
@@ -71,7 +69,7 @@ class Outbox:
     """Sends answers in threads of its own.
 
     Args:
-        poll: Waits until some answers have come, and posts them; called again and again, by one thread at a time.
+        poll: Waits for answers and posts them; called again and again, by one thread at a time.
     """
 
     def __init__(self, poll: Callable[[], None] = lambda: None) -> None:
@@ -92,15 +90,10 @@ class Outbox:
         self._closed = False
 
     def post(self, asker: Asker, size: int, send: Callable[[], None]) -> bool:
-        """Have an answer sent, if not too much waits already.
-
-        Args:
-            asker: Who asked.
-            size: Room that the answer takes [bytes].
-            send: Sends it; may take as long as the client's link does.
+        """Have an answer of a size [bytes] sent, which may take as long as the client's link does.
 
         Returns:
-            Whether it will be sent. One answer to a client always is.
+            False if too much waits already. One answer to a client is always sent.
         """
         user, key = asker.user, asker if asker.client else object()
         with self._lock:
@@ -165,10 +158,7 @@ class Outbox:
         self._have_taken()
 
     def _have_taken(self) -> None:
-        """Have one thread look for an answer to send, one that idles or a new one.
-
-        One is woken, not all: where a hundred idled, they took longer to find nothing than an answer took.
-        """
+        """Have one thread send an answer, an idle one or a new one; all that idle would take longer to find nothing."""
         if self._idle:
             self._sendable_now.notify()
         elif self._threads < MOST_THREADS:
@@ -188,7 +178,7 @@ class Outbox:
             self._settle(key, letter)
 
     def _next(self) -> tuple[object, _Letter] | None:
-        """The next answer to send; None where there was none for a while, or nothing is to be sent any more."""
+        """Return the next answer to send; None if there was none for `IDLE`, or the outbox is closed."""
         with self._lock:
             self._idle += 1
             self._sendable_now.wait_for(lambda: self._closed or self._sendable() is not None, IDLE)
@@ -205,7 +195,7 @@ class Outbox:
             lane = self._lanes[key]
             lane.busy = True
             if not self._idle and self._sendable() is not None:
-                self._have_taken()  # it was told of more than it takes, and may be kept by whoever doesn't read
+                self._have_taken()  # it was woken for more than it takes, and a client may block it
             return key, lane.letters.popleft()
 
     def _sendable(self) -> str | None:
@@ -231,7 +221,7 @@ class Outbox:
             self._emptied.notify_all()
 
     def _poll_all(self) -> None:
-        """Poll, and send what was posted meanwhile, until another thread does or none is to."""
+        """Poll, and send the answers that this posts, until another thread polls or none is to."""
         me = self._poller = threading.get_ident()
         while self._polls and self._poller == me:
             try:
@@ -245,7 +235,7 @@ class Outbox:
                 self._poller = None
 
     def _next_own(self, me: int) -> tuple[object, _Letter] | None:
-        """The next answer that the thread which polls sends by itself; None if there is none, or it polls no more."""
+        """Return the next answer that the polling thread sends by itself; None without one, or if it polls no more."""
         with self._lock:
             if self._poller != me:
                 return None
@@ -260,7 +250,7 @@ class Outbox:
             return key, letter
 
     def _watch(self) -> None:
-        """Have another thread poll where the one that does takes long to send something."""
+        """Have another thread poll if the polling one takes long to send an answer."""
         while not self._closed:
             self._watched.wait()
             time.sleep(STALLED)
@@ -276,7 +266,7 @@ class Outbox:
                     self._watched.clear()
 
     def _leave_own(self) -> None:
-        """Leave to other threads what the one that polled has not begun to send."""
+        """Leave the answers that the polling thread has not begun to send to other threads."""
         while self._own:
             key, letter = self._own.popleft()
             lane = self._lanes[key]

@@ -1,19 +1,16 @@
 """Worker processes behind a bounded queue: a crash costs one job, never the service.
 
-Theory of operation. Whoever submits a task hands its job to an idle worker itself; a task that finds none waits in the
-queue. One thread at a time attends to the workers: it waits for their sockets and for the clock, gives a worker that is
-done its next job, and settles the task with the worker's answer, or with the error that stands in for it. After
-anything but an orderly answer a fresh process is started. A worker that dies while it has nothing to do is replaced in
-the same way, and a job that it was handed but never began is handed to another one; what a worker has begun, it writes
-as a number into memory that it shares with the pool; in the same way it is told which job is to end early. Every few
-hundredths of a second it is looked whether workers that work live and how much memory they have, and whose time is up.
-Workers share no lock, so one that is killed at any instruction cannot block another. Where there are several users, one
-more worker can stand by, for those whom the others' requests hold up.
+Theory of operation. The caller of `submit` hands its job to an idle worker itself; without one the task waits in the
+queue. One thread at a time, the outbox's polling thread, attends to the workers: it waits for their sockets and for the
+clock, gives a worker that is done its next job, and settles the task with the worker's answer, or with an error. After
+anything but an orderly answer a new process is started. So it is when a worker dies without a job; a job that it was
+handed but never began goes to another one. A worker writes the number of the job that it began into memory that it
+shares with the pool, where it reads the number of the job to end early. Every 0.05 s the thread checks that workers
+live and keep to their memory and time. Workers share no lock, so that one that is killed at any instruction can't block
+another. With several users one more worker can stand by, for users whom the others' requests hold up.
 
-While brief jobs wait, a worker that works on one holds the next: it begins that without anybody's help. If it doesn't
-come to it soon, another worker gets it, too, and the first answer counts.
-
-The thread that attends is one of the outbox's: what it has settled it sends by itself.
+While brief jobs wait, a worker that works on a brief one holds the next, and begins it by itself. If it doesn't come to
+it soon, another worker gets it, too, and the first answer counts.
 """
 
 from __future__ import annotations
@@ -38,16 +35,16 @@ from guidefield.pool.process import FAILED, PROGRESS, READY, REPLY, SET_BACK, UN
 from guidefield.pool.slot import Current, Frame, Worker, spawn
 from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
-LOOKED_AFTER = 0.05  # how often workers that work and tasks that wait are looked after [s]
-ACTIVE = 1.0  # how long after a task was done the pool still looks up that often, so that nobody has to wake it [s]
-RESTART_PAUSE = 1.0  # how long after a worker that could not be prepared the next one is started [s]
-STARTS_TRIED = 3  # how often a worker may fail to start while a job waits for it, or end before it begins with a job
-REAPED_WITHIN = 1.0  # how long a process that tells no more may take to end once it is killed [s]
-LAST_WORD = 2.0  # how much of a processor a job that is told to end early may use for it when the pool is closed [s]
-LAST_WORD_WITHIN = 10.0  # how long it may take for that, however little of a busy machine it gets [s]
-OWED_WITHIN = 10.0  # how long a worker that is no longer needed may take for what it owes [s]
-STOPPED_WITHIN = 10.0  # how long workers that are killed may take to end, and their tasks to be settled [s]
-CLOSING_CHECK = 0.01  # how often it is looked whether what is waited for at the end is done [s]
+LOOKED_AFTER = 0.05  # period at which workers that work and tasks that wait are checked [s]
+ACTIVE = 1.0  # time after a task for which the pool still wakes that often, so that no caller has to wake it [s]
+RESTART_PAUSE = 1.0  # time after a worker that could not be prepared until the next one is started [s]
+STARTS_TRIED = 3  # number of starts that may fail while a job waits, and of workers that may die before they begin it
+REAPED_WITHIN = 1.0  # time for a killed process to end [s]
+LAST_WORD = 2.0  # processor time for a job to end early when the pool is closed [s]
+LAST_WORD_WITHIN = 10.0  # time for that on a busy machine [s]
+OWED_WITHIN = 10.0  # time for the work that a worker owes when the pool is closed [s]
+STOPPED_WITHIN = 10.0  # time for killed workers to end, and for their tasks to be settled [s]
+CLOSING_CHECK = 0.01  # period at which the end of these is checked [s]
 DEFAULT_LIMITS = Limits()
 DEFAULT_MEMORY = 4 << 30  # memory that a worker may have [bytes]
 

@@ -29,7 +29,7 @@ from guidefield.errors import GuidefieldError
 from guidefield.pool.waiting import Answer
 
 DATA_ROOM = 2  # address space of a worker as a multiple of its memory limit: one huge allocation fails at once
-LONGEST_REASON = 4096  # longest reason that is told of a worker that can't be prepared [characters]
+LONGEST_REASON = 4096  # maximum length of the reason why a worker can't be prepared [characters]
 JOB = struct.Struct("<QQQ")
 """Head of a job's frame: its number, its size when pickled, and that of the buffer behind it, if it has one."""
 TOLD = struct.Struct("<BQdQ")
@@ -111,7 +111,7 @@ class Call:
         return bool(connection.wait([self.line.socket], 0.0))
 
     def finish(self) -> None:
-        """Do what is left until after the answer."""
+        """Do the work that remains after the answer."""
         for work in self.later:
             try:
                 work()

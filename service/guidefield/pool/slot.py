@@ -148,7 +148,7 @@ class Worker:
 
     @property
     def late_at(self) -> float:
-        """When its job is answered in its place, by `time.monotonic()` [s]; infinite: never."""
+        """Time at which its job is answered without it, by `time.monotonic()` [s]; infinite: never."""
         current = self.current
         if current is None or current.task.late is None or current.task.done():
             return math.inf
@@ -156,7 +156,7 @@ class Worker:
         return late.at_last if self.line.numbers.prepared == current.number else late.at
 
     def give(self, current: Current) -> bool:
-        """Send it a job; return whether all of it went: `send_rest` sends what is left."""
+        """Send it a job; return whether all of it went: `send_rest` sends the rest."""
         beside = list[pickle.PickleBuffer]()  # a large payload, which only the socket copies, without the interpreter
 
         def is_left_in(one: pickle.PickleBuffer) -> bool:
@@ -175,11 +175,11 @@ class Worker:
 
     @property
     def has_rest(self) -> bool:
-        """Return whether something of a job is left to be sent."""
+        """Return whether a part of a job is to be sent yet."""
         return bool(self._rest)
 
     def send_rest(self) -> bool:
-        """Send more of what is left; return whether that was all."""
+        """Send more of the rest; return whether that was all."""
         with self._sending:
             return self._send_some()
 

@@ -1,11 +1,10 @@
 """The queue of jobs: bounded, fair between users and their clients, closed at the end.
 
-Theory of operation. A free worker goes to the user who has the fewest workers; of those who are equal, to the one whose
-turn it is by start-time fair queueing (Goyal, Vin and Cheng, 1996): a user's turn moves on by what was worked for it,
-and whoever comes when nothing of it waits begins where the queue is. Of equal turns the one with the least waiting
-comes first. So a user who asks for little waits for no more than a worker to be free, however much others have waiting.
-Of one user's clients one comes after the other. Where the queue is full, and somebody comes who has less in it than
-another user, the last request of the user with the most is pushed out.
+Theory of operation. A free worker goes to the user who has the fewest workers; of equal users, to the one whose turn it
+is by start-time fair queueing (Goyal, Vin and Cheng, 1996): a user's turn moves on by the processor time that it got,
+and a user without tasks that wait begins where the queue is. Of equal turns the user with the fewest tasks comes first.
+So a user who asks for little waits for one free worker at most, whatever others have waiting. The clients of one user
+take turns. If the queue is full, a user with fewer tasks in it pushes out the last task of the user with the most.
 
 Requests that take long may keep all workers when another user comes. So one more worker stands by: it takes only what
 has waited for `HELD_UP`, of users who have no worker. What it works on for longer than `TRIAL` while another such user
@@ -145,7 +144,7 @@ class _Line:
 
 
 class Waiting:
-    """The queue; whoever takes a task from it says when it is done. Safe for threads, and nobody waits in it.
+    """The queue; the caller of `take` calls `done` later. Safe for threads, none of which waits in it.
 
     Attributes:
         due_at: When to ask for expired tasks, by `time.monotonic()`, at the latest [s]; infinite: none waits.

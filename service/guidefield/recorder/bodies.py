@@ -1,4 +1,4 @@
-"""A robot's bodies as they are drawn, turned into chunks once: a file named by what it was made from keeps them."""
+"""The bodies of a robot as chunks, made once and kept in a file that is named by their sources."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ COLOR = (125, 175, 240, 255)  # colour of the balls (RGBA)
 
 
 def known(robot: RobotModel) -> str:
-    """The numbers of bounding spheres of the shapes, as far as they are known."""
+    """The numbers of bounding spheres of the shapes that have some."""
     return " ".join("-" if one is None else f"{len(one.cover.spheres)}" for one in known_coverage(robot))
 
 

@@ -100,7 +100,7 @@ class RecordedRun(Generic[_Request_co, _Reply_co]):
     anchor: Anchor | None = None
 
     def seen(self) -> tuple[_Request_co, _Reply_co]:
-        """Return request and reply as they are drawn."""
+        """Return request and reply as seen from the anchor."""
         if self.anchor is None:
             return self.request, self.reply
         return self.anchor.inward(self.request), self.anchor.inward(self.reply)

@@ -29,7 +29,7 @@ from guidefield.recorder.motion import placed_links
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints
 
-MOST_FRAMES = 60  # steps at which the robot is shown: of more, as many, evenly chosen
+MOST_FRAMES = 60  # maximum number of steps at which the robot is shown, evenly chosen
 STEP_COLORS = {
     StepKind.START: (240, 240, 240, 255),
     StepKind.ADVANCE: (94, 184, 255, 255),
@@ -40,7 +40,7 @@ STEP_COLORS = {
 }
 """Colour by kind of step (RGBA)."""
 RELAX_COLOR = (190, 160, 250, 255)  # of a step of the optimisation (RGBA)
-POINT_RADIUS = 0.006  # radius of the point that stands for a step, at size 1 [m]
+POINT_RADIUS = 0.006  # radius of the point of a step, at size 1 [m]
 OTHER_COLOR = (200, 200, 200, 255)
 
 

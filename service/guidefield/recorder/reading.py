@@ -33,7 +33,7 @@ from guidefield.recorder.rrd_file import UNREADABLE, encode_recording, read_chun
 from guidefield.recorder.view import Eye, layout
 from guidefield.versions import parse_versions
 
-LEFT_OUT = "/left_out"  # the entity that stands for what a stored recording lacks
+LEFT_OUT = "/left_out"  # entity with the names of the parts that a stored recording lacks
 LINK = ".drawn"  # ending of a stored recording's link to the file of its scene; the store deletes it with the recording
 
 _log = logging.getLogger(__name__)

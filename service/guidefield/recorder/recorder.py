@@ -86,7 +86,7 @@ def _draw_closest_pair(profile: ClearanceProfile, size: float) -> Chunk:
 
 
 def _plot_joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) -> Iterator[Chunk]:
-    """Joint positions, velocities and accelerations, as they are and as shares of their limits: -1 lower, 1 upper."""
+    """Joint positions, velocities and accelerations, and their shares of the limits: -1 lower, 1 upper."""
     names, rates = group.position_names, group.velocity_names
     if trajectory is None or not trajectory.times:
         positions = position_rows(group, motion.configurations)

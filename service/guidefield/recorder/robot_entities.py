@@ -42,8 +42,7 @@ MOMENTS = 13  # configurations at which forces are shown, of those at which the 
 LONGEST_ARROW = 0.25  # length of the arrow of the largest force of a recording, at size 1 [m]
 FORCE_DECADES = 2.0  # powers of ten of force that the colours of points and the lengths of arrows tell apart
 RESOLUTION = 80  # pixels along the longer side of the picture
-EVALUATED_EVERY = 3
-"""Of the pixels of a row and of a column one in so many has its field evaluated where no wall is near."""
+EVALUATED_EVERY = 3  # distance of the pixels at which the field is evaluated where no wall is near [pixels]
 NOTHING = build(messages.Scene(name="nothing"))
 ARROW_COLOR = (255, 140, 60, 255)
 POINT_RADIUS = 0.007

@@ -178,7 +178,7 @@ def _texture(mesh: trimesh.Trimesh) -> Any:
 
 
 def _spread_points(points: np.ndarray, count: int) -> np.ndarray:
-    """At most so many of the points (n, 3), each the farthest from those before it."""
+    """At most a number of the points (n, 3), each the farthest from those before it."""
     distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
     chosen = []
     for _ in range(min(count, len(points))):

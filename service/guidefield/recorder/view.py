@@ -23,7 +23,7 @@ BACKGROUND = (13, 16, 17)  # colour around the picture of the field (RGB), as th
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=STEP, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seq=0)
 )
-"""All steps up to the one that is looked at."""
+"""All steps up to the one at the cursor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +151,7 @@ PREFERRED_AZIMUTH = 1.96  # best azimuth of the eye from the direction of the mo
 TRIED_AT_ONCE = 4  # eyes whose rays are cast together, those of preferred directions first
 PREFERENCE = 1.2  # share of hidden points that the preferred direction makes up for
 DISTANCE = 1.9  # distance of the eye, as a multiple of the radius of its target
-SMALLEST_RADIUS = 0.35  # radius that is looked at even if less moves, at size 1 [m]
+SMALLEST_RADIUS = 0.35  # smallest radius of the target, at size 1 [m]
 SAMPLES = 8  # points of the tip's way that are looked for
 MOST_TRIANGLES = 1500  # triangles that may hide something; of more, the largest
 HIDING_SHARE = 0.1  # share of the tip's way that an obstacle hides before it is drawn translucent
