@@ -264,27 +264,6 @@ def test_a_scene_that_cannot_be_built_is_not_stored(keeping: Engine) -> None:
         keeping.answer(requests.ReadScene("bad"))
 
 
-def test_a_mesh_index_out_of_range_names_its_path() -> None:
-    with pytest.raises(MalformedRequest, match="names vertex 7"):
-        guidefield.answer(
-            {
-                "type": "potential",
-                "scene": {
-                    "name": "s",
-                    "obstacles": [
-                        {
-                            "type": "mesh",
-                            "name": "m",
-                            "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
-                            "triangles": [[0, 1, 7]],
-                        }
-                    ],
-                },
-                "points": [[0, 0, 0]],
-            }
-        )
-
-
 def test_info_names_versions_and_schemas(engine: Engine) -> None:
     reply = engine.answer(requests.ReadInfo())
     assert isinstance(reply, InfoReply)

@@ -186,44 +186,30 @@ def test_a_recording_and_a_proof_speak_of_the_world(tmp_path: Path, deferred: bo
     assert told["obstacles"][0] == msgspec.json.decode(msgspec.json.encode(request.scene.obstacles[0]))
 
 
-def test_a_base_kilometres_away_drives_as_at_home() -> None:
-    def asked(place: Vector, start: Vector) -> PlanRequest:
-        x, y, angle = start
-        walls = [
-            Box(name=name, size=(0.1, 2.0, 1.0), position=there(place, x + 1.5, y + side, 0.0))
-            for name, side in (("left", 1.6), ("right", -1.6))
-        ]
-        goal = JointsGoal({"root_joint": [x + 3.0, y, angle]})
-        at = Placement(position=place)
-        return PlanRequest(
-            "chain_planar_3x260_r25",
-            Scene("gate", obstacles=walls),
-            goal,
-            start={"root_joint": [x, y, angle]},
-            robot_placement=at,
-            guide_planes=[],
-        )
-
-    near = answer(asked((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    for place, start in (((0.0, 0.0, 0.0), (5000.0, -3000.0, 0.0)), ((1e6, 2e6, 0.0), (400_000.5, 4e5, 0.0))):
-        far = answer(asked(place, start))
-        same(near, far, 1e-4)
-        columns = [far.position_names.index(f"root_joint.{axis}") for axis in "xy"]
-        rows = [[row[k] for k in columns] for row in (far.trajectory.positions[0], far.trajectory.positions[-1])]
-        assert rows == [[start[0], start[1]], [start[0] + 3.0, start[1]]]
-
-
-def driven(start: Vector) -> PlanRequest:
+def driven(start: Vector, place: Vector = (0.0, 0.0, 0.0)) -> PlanRequest:
     """A base drives straight on between two walls."""
     x, y, angle = start
-    walls = [Box(name=str(side), size=(0.1, 2.0, 1.0), position=(x + 1.5, y + side, 0.0)) for side in (1.6, -1.6)]
+    walls = [
+        Box(name=str(side), size=(0.1, 2.0, 1.0), position=there(place, x + 1.5, y + side, 0.0)) for side in (1.6, -1.6)
+    ]
     return PlanRequest(
         "chain_planar_3x260_r25",
         Scene("gate", obstacles=walls),
         JointsGoal({"root_joint": [x + 3.0, y, angle]}),
         start={"root_joint": [x, y, angle]},
+        robot_placement=Placement(position=place),
         guide_planes=[],
     )
+
+
+def test_a_base_kilometres_away_drives_as_at_home() -> None:
+    near = answer(driven((0.0, 0.0, 0.0)))
+    for place, start in (((0.0, 0.0, 0.0), (5000.0, -3000.0, 0.0)), ((1e6, 2e6, 0.0), (400_000.5, 4e5, 0.0))):
+        far = answer(driven(start, place))
+        same(near, far, 1e-4)
+        columns = [far.position_names.index(f"root_joint.{axis}") for axis in "xy"]
+        rows = [[row[k] for k in columns] for row in (far.trajectory.positions[0], far.trajectory.positions[-1])]
+        assert rows == [[start[0], start[1]], [start[0] + 3.0, start[1]]]
 
 
 @pytest.mark.parametrize("named", [True, False])

@@ -346,7 +346,8 @@ def _clearances(judge: Judge, curve: Curve, sampled: Sampled, reply: Any) -> lis
         found += _minimum(judge, "clearance.minimum", said, nearest)
         found += _attained(judge, curve, told)
         ends = [judge.least_at(curve, float(curve.times[k])) for k in (0, -1)]
-        if not _near(judge, told.ends, min(ends), nearest.slack or judge.slacks[~judge.own].max()):
+        inside = told.ends <= 0.0 and any(judge.enclosed(curve, float(curve.times[k])) for k in (0, -1))
+        if not _near(judge, told.ends, min(ends), nearest.slack or judge.slacks[~judge.own].max()) and not inside:
             found.append(Disagreement(Kind.FIGURE, f"clearance.ends is {told.ends:.9g}, it is {min(ends):.9g}"))
         if told.inner is not None:
             found += _inner(judge, curve, sampled, told.inner)
