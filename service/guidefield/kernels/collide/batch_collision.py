@@ -287,15 +287,24 @@ def forget(world: LaneWorld) -> None:
 def touching_configurations(
     words: Indices, clearance: float, configurations: SingleRows, touching_out: TruthsOut
 ) -> None:
-    """Write which of chart points (n, nv) [rad or m] touch, one after another, (n,).
+    """Write which of chart points (n, nv) [rad or m] touch, (n,): sixteen at once, and one by one where any does.
 
     `words` are a packed `LaneWorld`; `clearance` is kept from obstacles [m].
     """
-    world = world_of(pointers(words))
-    for i in range(configurations.shape[0]):
-        for j in range(configurations.shape[1]):
-            store(world.block, j * LANES, splat(configurations[i, j]))
-        touching_out[i] = block_touches(world, clearance, True)
+    world, count = world_of(pointers(words)), configurations.shape[0]
+    for begin in range(0, count, LANES):
+        end = min(begin + LANES, count)
+        if end - begin > 1:
+            for j in range(configurations.shape[1]):
+                for k in range(LANES):
+                    world.block[j * LANES + k] = configurations[min(begin + k, end - 1), j]
+            if not block_touches(world, clearance, True):
+                touching_out[begin:end] = False
+                continue
+        for i in range(begin, end):
+            for j in range(configurations.shape[1]):
+                store(world.block, j * LANES, splat(configurations[i, j]))
+            touching_out[i] = block_touches(world, clearance, True)
 
 
 @lane_kernel
