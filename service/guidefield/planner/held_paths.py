@@ -149,19 +149,27 @@ goals (m, nv) after them, None where the last plane is the goal."""
 
 def find_quick_paths(problem: Problem, through: Through) -> Iterator[HeldPath]:
     """Ways that a few motions find, one after the other, through the guide planes to goals."""
+    crossed: dict[Problem, tuple[PathSoFar, ChartPoints | None]] = {}
     for draw, (name, among, at_rest) in enumerate(_holdings(problem)):
         if problem.deadline.expired():
             return
         if among.lanes.touching(problem.z_start[None], problem.min_clearance)[0]:
             continue
         rng = np.random.default_rng([problem.seed, 5, draw])
-        if (found := _go_on(among, PathSoFar.at_start(among), through, rng)) is not None:
+        if among not in crossed:
+            crossed[among] = through(among, PathSoFar.at_start(among), False)
+        if (found := _reach_goal(among, *crossed[among], rng)) is not None:
             yield HeldPath(name, among, found, at_rest)
 
 
 def _go_on(among: Problem, found: PathSoFar, through: Through, rng: np.random.Generator) -> PathSoFar | None:
     """Go on from where a motion ends, through the guide planes to the nearest free goal, by a few motions."""
-    found, goals = through(among, found, False)
+    return _reach_goal(among, *through(among, found, False), rng)
+
+
+def _reach_goal(
+    among: Problem, found: PathSoFar, goals: ChartPoints | None, rng: np.random.Generator
+) -> PathSoFar | None:
     if found.failure is not None or goals is None:
         return found if found.failure is None else None
     free = goals[~among.lanes.touching(goals, among.min_clearance)]
@@ -205,8 +213,8 @@ def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:
 
 def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:
     """The problem among obstacles that are held in some ways: in words, and whether where they come to rest."""
-    end = problem.scene.end
-    yield "among what rests", _among(problem, {}), False
+    end, alone = problem.scene.end, _among(problem, {})
+    yield "among what rests", alone, False
     resting = problem.at(end)
     yield "where they come to rest", resting, True
     for share in WAYS.moments:
@@ -218,7 +226,7 @@ def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:
         name = f"wherever they are until {problem.began + until:.2f} s"
         yield name, _among(problem, dict.fromkeys(moving, moments)), False
     for _ in range(WAYS.draws - 1):
-        yield "among what rests, again", _among(problem, {}), False
+        yield "among what rests, again", alone, False
 
 
 def without_movers(problem: Problem) -> Problem:

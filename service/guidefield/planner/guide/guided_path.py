@@ -13,7 +13,7 @@ import numpy as np
 
 from guidefield.collision.swept import swept_world
 from guidefield.kernels.kinematics.integrate import reach
-from guidefield.planner.guide.settings import WAYS
+from guidefield.planner.guide.settings import APPROACH, WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.prove.certificate import motion_free
@@ -75,8 +75,14 @@ class GuidedPath:
         return self.judged(q0, q1)
 
     def judged(self, q0: Configuration, q1: Configuration) -> bool:
-        """`free` by the certificate, where capsules can't tell; each configuration of shape (nq,)."""
+        """`free` by the certificate, where capsules can't tell; each configuration of shape (nq,).
+
+        A sample that is too close refuses it sooner.
+        """
         z0, z1 = swept_world(self.problem.world).ends(q0, q1)
+        if not self.problem.lanes.free_until(np.array([z0, z1]), APPROACH.resolution, self.margin):
+            self._refused = (z0, z1)
+            return False
         verdict = motion_free(self.problem.world, z0, z1, self.margin)
         self.problem.counters.collision_checks += verdict.evaluations
         if not verdict.free:

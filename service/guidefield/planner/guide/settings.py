@@ -54,6 +54,7 @@ class ApproachSettings:
     guard: float = 0.5  # share of an advance's gain that slide and reorient have to keep, 1 - beta. Unrecorded
     on_plane: float = 1e-4  # how near the plane counts as on it [m]: the tip's accuracy that the pages promise
     short: float = 0.1 / 4  # an advance of this length is not made again with shorter ones [m]. Scenes
+    resolution: float = 32.0  # samples of a motion per length in the chart [1/rad or 1/m], as a tree's motions have
     at_once: int = 4  # rounds between two checks of the deadline, in one kernel. Unrecorded
     creeping: float = 0.1  # a round gains little below this share of what an advance may bring. Unrecorded
     creeping_rounds: int = 3  # so many such rounds in a row are a standstill. Unrecorded
