@@ -28,7 +28,7 @@ from guidefield.geometry.distance_bodies import (
     triangulated,
 )
 from guidefield.geometry.surface_rows import box_nodes, surfaces_in, write_surfaces
-from guidefield.kernels.barrier.moving_barrier import MovingBodies
+from guidefield.kernels.barrier.moving_bodies import MovingBodies
 from guidefield.kernels.collide.primitive import HALF_SPACE as HALF_SPACE_PLACED, primitive_bodies
 from guidefield.kernels.distance.distance import CROPPED_SOLID, HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.memo import memoized

@@ -7,7 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.kernels.barrier.moving_barrier import moved_bodies, moving_distance, place_moved
+from guidefield.kernels.barrier.moving_bodies import moved_bodies, place_moved
+from guidefield.kernels.barrier.obstacle_barrier import moving_distance
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.planner.optimize.settings import SAMPLED_ROBOT
 from guidefield.scene.distance_tables import distance_tables, moving_tables

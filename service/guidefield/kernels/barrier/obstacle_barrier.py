@@ -1,7 +1,14 @@
-"""The barrier between a robot's points and obstacles at one configuration, as forces and inertias on its joints.
+"""The barrier between a robot's points and obstacles at one configuration and time, as forces on its joints.
 
 The Hessian is Gauss and Newton's: b'' times the square of the distance's gradient, never negative. A point at x that is
 pushed along n gives the spatial force f = (n, x x n); b' f and b'' f f^T gather at the joint that moves the point.
+
+Obstacles that move are where they are at the time. From what moves there with the velocity v the distance d of a point
+changes by
+
+    ∂d/∂t = -n · v
+
+so that the barrier has a derivative by time, and Gauss and Newton's Hessian one by time and configuration.
 """
 
 from __future__ import annotations
@@ -11,6 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from guidefield.kernels.barrier.moving_bodies import (
+    MOVING,
+    MovedBodies,
+    MovingBodies,
+    moved_bodies,
+    place_moved,
+)
 from guidefield.kernels.barrier.sampled_robot import (
     FIRST,
     JOINT,
@@ -25,7 +39,7 @@ from guidefield.kernels.barrier.sampled_robot import (
     place,
     workspace,
 )
-from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, nearest_body
+from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, bounds_near, nearest_body
 from guidefield.kernels.distance.points_distance import Lanes3, nearest_body_of_each
 from guidefield.kernels.distance.triangle_distance import box_gap_squared
 from guidefield.kernels.jit.arrays import (
@@ -35,12 +49,13 @@ from guidefield.kernels.jit.arrays import (
     Floats,
     IndexBlocksOut,
     IndexRowsOut,
+    Integers,
     Vector3,
     numba_type,
 )
 from guidefield.kernels.jit.decorators import compiled, uncounted
 from guidefield.kernels.kinematics.poses import moved_by
-from guidefield.kernels.simd.vector import LANES_64, Vector, load, store, total as total_of
+from guidefield.kernels.simd.vector import LANES_64, Vector, load, select, store, total as total_of
 
 MARGIN = 0.04  # a group may move this far before bodies are looked for anew [m], at size 1
 MOST = 24  # with more bodies about it than this, a group looks for them anew each time
@@ -110,31 +125,36 @@ _NOWHERE = 1e6  # coordinates of lanes without a point: too far away to be measu
 def obstacle_barrier(
     robot: SampledRobot,
     tables: DistanceTables,
+    moving: MovingBodies,
     s: int,
+    time: float,
     walls: Vector3,
     near: NearBodies,
     work: Workspace,
+    moved: MovedBodies,
 ) -> float:
     """The barrier between the robot's points and obstacles.
 
     Args:
         robot: The robot.
-        tables: Obstacles.
+        tables: Obstacles that rest.
+        moving: Obstacles that move.
         s: Under which number bodies near the configuration are remembered.
+        time: When those that move are met [s].
         walls: Range of the barrier, positive; distance from obstacles at which its wall stands; floor, the distance
             below which points cost more, positive [m].
         near: What is remembered.
         work: Scratch, up to date with the configuration; forces and inertias gather in it.
+        moved: Scratch; in it gathers how the barrier changes with time.
 
     Returns:
         Sum of the weighted barriers.
     """
     total = 0.0
-    reach, clearance, floor = walls
-    farthest = max(reach + clearance, floor)
+    farthest = max(walls[0] + walls[1], walls[2])
     for g in range(robot.groups.shape[0]):
         count = remembered_bodies(robot, tables, s, g, farthest, near, work)
-        if count == 0 or not _some_block_near(robot, g, tables, count, farthest, work):
+        if count == 0 or not _some_block_near(robot, g, tables, work.candidates, count, farthest, work):
             continue
         joint, first, last = robot.groups[g, JOINT], robot.groups[g, FIRST], robot.groups[g, PAST]
         T, block = work.joints.poses[joint], robot.first_blocks[g]
@@ -144,25 +164,130 @@ def obstacle_barrier(
                 x, y, z, w = _block(robot, at, last, work.block)
                 p = moved_by(T, x, y, z)
                 d, nx, ny, nz = nearest_body_of_each(p, work.candidates, count, tables, farthest, work.lanes)
-                value, slope, curvature = barrier(d - clearance, reach, robot.size)
-                more, more_slope, more_curvature = deficit(d, floor)
-                store(work.sums, 0, load(work.sums, 0) + w * (value + more))
-                _sum_up(p, (nx, ny, nz), w * (slope + more_slope), w * (curvature + more_curvature), work.sums)
+                _add_block(p, d, (nx, ny, nz), w, walls, robot.size, work.sums)
             block += 1
         total += _gather(joint, work)
+    if moving.motions.shape[0] > 0:
+        total += _moving_barrier(robot, moving, time, walls, work, moved)
     return total
 
 
 @uncounted
+def _moving_barrier(
+    robot: SampledRobot, moving: MovingBodies, time: float, walls: Vector3, work: Workspace, moved: MovedBodies
+) -> float:
+    """The barrier between the robot's points and obstacles that move."""
+    place_moved(moving, time, moved)
+    moved.forces[:, :] = 0.0
+    moved.by_time[:] = 0.0
+    total = 0.0
+    farthest = max(walls[0] + walls[1], walls[2])
+    for g in range(robot.groups.shape[0]):
+        count = _near_group(robot, g, farthest, work, moved)
+        if count == 0 or not _some_block_near(robot, g, moved.bodies, moved.candidates, count, farthest, work):
+            continue
+        joint, first, last = robot.groups[g, JOINT], robot.groups[g, FIRST], robot.groups[g, PAST]
+        T, block = work.joints.poses[joint], robot.first_blocks[g]
+        work.sums[:] = 0.0
+        moved.sums[:] = 0.0
+        for at in range(first, last, LANES_64):
+            if _is_near(robot, block, farthest, work):
+                x, y, z, w = _block(robot, at, last, work.block)
+                p = moved_by(T, x, y, z)
+                d, n, velocity = _nearest_moved(p, moving, count, farthest, work, moved)
+                slope, curvature = _add_block(p, d, n, w, walls, robot.size, work.sums)
+                _add_by_time(p, n, velocity, slope, curvature, moved.sums)
+            block += 1
+        total += _gather(joint, work)
+        for k in range(2):
+            moved.by_time[k] += total_of(load(moved.sums, k * LANES_64))
+        for r in range(6):
+            moved.forces[joint, r] += total_of(load(moved.sums, (2 + r) * LANES_64))
+    return total
+
+
+@uncounted
+def _near_group(robot: SampledRobot, g: int, reach: float, work: Workspace, moved: MovedBodies) -> int:
+    """Return how many moving bodies that count may be within reach of a group; the first candidates are they."""
+    x, y, z, count = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2], 0
+    for body in range(moved.candidates.shape[0]):
+        counts = not robot.ignored[g, moved.bodies.obstacles[body]]
+        if counts and bounds_near(x, y, z, body, moved.bodies, robot.balls[g, 3] + reach):
+            moved.candidates[count] = body
+            count += 1
+    return count
+
+
+@uncounted
+def _nearest_moved(
+    p: Lanes3, moving: MovingBodies, count: int, farthest: float, work: Workspace, moved: MovedBodies
+) -> tuple[Vector, Lanes3, tuple[Vector, ...]]:
+    """Distance, unit vector and spatial velocity of the nearest moving candidate of each point; one motion's at once.
+
+    Candidates of a motion stand together.
+    """
+    nothing, first = 0.0 * p[0], 0
+    d, nx, ny, nz = nothing + farthest, nothing, nothing, nothing
+    lx, ly, lz, wx, wy, wz = nothing, nothing, nothing, nothing, nothing, nothing
+    while first < count:
+        motion, past = moving.motions[moved.candidates[first]], first + 1
+        while past < count and moving.motions[moved.candidates[past]] == motion:
+            past += 1
+        other, ox, oy, oz = nearest_body_of_each(
+            p, moved.candidates[first:], past - first, moved.bodies, farthest, work.lanes
+        )
+        nearer, v = other < d, moved.velocities[motion]
+        d, nx, ny, nz = select(nearer, other, d), select(nearer, ox, nx), select(nearer, oy, ny), select(nearer, oz, nz)
+        lx, ly, lz = select(nearer, v[0], lx), select(nearer, v[1], ly), select(nearer, v[2], lz)
+        wx, wy, wz = select(nearer, v[3], wx), select(nearer, v[4], wy), select(nearer, v[5], wz)
+        first = past
+    return d, (nx, ny, nz), (lx, ly, lz, wx, wy, wz)
+
+
+@uncounted
+def _add_by_time(
+    p: Lanes3, n: Lanes3, velocity: tuple[Vector, ...], slope: Vector, curvature: Vector, sums: Floats
+) -> None:
+    """Add how points' barriers change with time, and their forces, of what moves with a spatial velocity."""
+    mx, my, mz = p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0]
+    lx, ly, lz, wx, wy, wz = velocity
+    rate = -(n[0] * lx + n[1] * ly + n[2] * lz + mx * wx + my * wy + mz * wz)
+    across = curvature * rate
+    store(sums, 0, load(sums, 0) + slope * rate)
+    store(sums, LANES_64, load(sums, LANES_64) + across * rate)
+    _add_row(sums, 2 * LANES_64, across, (n[0], n[1], n[2], mx, my, mz))
+
+
+@uncounted
+def _add_block(
+    p: Lanes3, d: Vector, n: Lanes3, w: Vector, walls: Vector3, size: float, sums: Floats
+) -> tuple[Vector, Vector]:
+    """Add the barriers of points at distances d, pushed along n, to a group's sums; their weighted derivatives by d."""
+    reach, clearance, floor = walls
+    value, slope, curvature = barrier(d - clearance, reach, size)
+    more, more_slope, more_curvature = deficit(d, floor)
+    store(sums, 0, load(sums, 0) + w * (value + more))
+    slope, curvature = w * (slope + more_slope), w * (curvature + more_curvature)
+    _sum_up(p, n, slope, curvature, sums)
+    return slope, curvature
+
+
+@uncounted
 def _some_block_near(
-    robot: SampledRobot, g: int, tables: DistanceTables, count: int, farthest: float, work: Workspace
+    robot: SampledRobot,
+    g: int,
+    tables: DistanceTables,
+    candidates: Integers,
+    count: int,
+    farthest: float,
+    work: Workspace,
 ) -> bool:
     """Tell if any block of a group may be within range of the candidates; finds how far the boxes about them are."""
     T, first = work.joints.poses[robot.groups[g, JOINT]], robot.first_blocks[g]
     last = first + (robot.groups[g, PAST] - robot.groups[g, FIRST] + LANES_64 - 1) // LANES_64
     work.block_gaps[first:last] = math.inf
     for k in range(count):
-        lower_gaps(T, robot.blocks, first, last, tables, work.candidates[k], work.block_gaps)
+        lower_gaps(T, robot.blocks, first, last, tables, candidates[k], work.block_gaps)
     some = False
     for block in range(first, last):
         some |= _is_near(robot, block, farthest, work)
@@ -234,7 +359,7 @@ def _gather(joint: int, work: Workspace) -> float:
 
 @compiled(SCALAR(ROBOT, TABLES, VECTOR, SCALAR))
 def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cutoff: float) -> float:
-    """Smallest distance from the robot's points to obstacles at one configuration [m].
+    """Smallest distance from the robot's points to obstacles that rest, at one configuration [m].
 
     Args:
         robot: The robot.
@@ -247,8 +372,32 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
     best = cutoff
     for g in range(robot.groups.shape[0]):
         count = bodies_that_count(robot, tables, g, max(best, 0.0), work)
+        best = _nearest_of_group(robot, g, tables, work.candidates, count, best, work)
+    return best
+
+
+@compiled(SCALAR(ROBOT, MOVING, VECTOR, SCALAR, SCALAR))
+def moving_distance(robot: SampledRobot, moving: MovingBodies, z: Floats, time: float, cutoff: float) -> float:
+    """The same to obstacles that move, at chart coordinates (nv,) and a time [s]."""
+    work = workspace(robot, moving.bodies)
+    moved = moved_bodies(moving, robot.joints.table.parents.shape[0], robot.joints.offsets.shape[0])
+    place(robot, z, work)
+    place_moved(moving, time, moved)
+    best = cutoff
+    for g in range(robot.groups.shape[0]):
+        count = _near_group(robot, g, max(best, 0.0), work, moved)
+        best = _nearest_of_group(robot, g, moved.bodies, moved.candidates, count, best, work)
+    return best
+
+
+@uncounted
+def _nearest_of_group(
+    robot: SampledRobot, g: int, tables: DistanceTables, candidates: Integers, count: int, best: float, work: Workspace
+) -> float:
+    """Return the smallest distance of a group's points from candidates, `best` at most [m]."""
+    if count > 0:
         T = work.joints.poses[robot.groups[g, JOINT]]
         for i in range(robot.groups[g, FIRST], robot.groups[g, PAST]):
-            x, y, z_ = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            best = min(best, nearest_body(x, y, z_, work.candidates, count, tables, best)[0])
+            x, y, z = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
+            best = min(best, nearest_body(x, y, z, candidates, count, tables, best)[0])
     return best

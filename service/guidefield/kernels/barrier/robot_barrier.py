@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from guidefield.kernels.barrier.moving_barrier import MovedBodies, MovingBodies, moving_barrier
+from guidefield.kernels.barrier.moving_bodies import MovedBodies, MovingBodies
 from guidefield.kernels.barrier.obstacle_barrier import NearBodies, obstacle_barrier
 from guidefield.kernels.barrier.sampled_robot import SampledRobot, Workspace, place
 from guidefield.kernels.barrier.self_barrier import self_barrier
@@ -54,9 +54,7 @@ def robot_barrier(
     place(robot, z, work)
     work.forces[:, :] = 0.0
     work.inertias[:, :, :] = 0.0
-    total = obstacle_barrier(robot, tables, s, walls, near, work)
-    if moving.motions.shape[0] > 0:
-        total += moving_barrier(robot, moving, time, walls, work, moved)
+    total = obstacle_barrier(robot, tables, moving, s, time, walls, near, work, moved)
     if total > 0.0:
         _carry(joints.table, work)
     else:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.barrier.moving_barrier import MOVING, MovingBodies, moved_bodies
+from guidefield.kernels.barrier.moving_bodies import MOVING, MovingBodies, moved_bodies
 from guidefield.kernels.barrier.obstacle_barrier import NEAR_BODIES, NearBodies
 from guidefield.kernels.barrier.robot_barrier import robot_barrier
 from guidefield.kernels.barrier.sampled_robot import ROBOT, SampledRobot, workspace

@@ -9,8 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.kernels.barrier.moving_barrier import moving_distance
-from guidefield.kernels.barrier.obstacle_barrier import nothing_remembered, obstacle_distance
+from guidefield.kernels.barrier.obstacle_barrier import moving_distance, nothing_remembered, obstacle_distance
 from guidefield.kernels.barrier.sampled_robot import SampledRobot
 from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples

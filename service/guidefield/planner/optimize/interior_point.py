@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.barrier.moving_barrier import MovingBodies
+from guidefield.kernels.barrier.moving_bodies import MovingBodies
 from guidefield.kernels.barrier.obstacle_barrier import NearBodies, nothing_remembered
 from guidefield.kernels.barrier.sampled_robot import SampledRobot
 from guidefield.kernels.distance.distance import DistanceTables
