@@ -190,29 +190,62 @@ def size_of(answer: object) -> int:
 
 
 def _add_sizes(value: Any, sizes: dict[int, int]) -> None:
-    if type(value) in _SMALL or id(value) in sizes:
+    kind: Any = type(value)
+    if kind in _SMALL or id(value) in sizes:
         return
-    if isinstance(value, np.ndarray):
-        owner = id(value if value.base is None else value.base)  # of which there may be several views
-        sizes[owner] = max(value.nbytes, sizes.get(owner, 0))
-    elif isinstance(value, bytes):
-        sizes[id(value)] = len(value)
-    elif isinstance(value, SharedAnswer) and sizes:
+    add = _choose_measure(kind)
+    if add is not None:
+        add(value, sizes)
+
+
+@functools.cache
+def _choose_measure(kind: type) -> Callable[[Any, dict[int, int]], None] | None:
+    """Return how the size of values of a type is added; None if they have none."""
+    add: Callable[[Any, dict[int, int]], None] | None = None
+    if issubclass(kind, np.ndarray):
+        add = _add_array
+    elif issubclass(kind, bytes):
+        add = lambda value, sizes: sizes.update({id(value): len(value)})  # noqa: E731
+    elif issubclass(kind, _CONTAINERS):
+        add = _add_container
+    elif hasattr(kind, "to_record_batch"):  # a chunk of a recording
+        add = lambda value, sizes: sizes.update({id(value): value.to_record_batch().nbytes})  # noqa: E731
+    elif hasattr(kind, "num_tris"):
+        add = lambda value, sizes: sizes.update({id(value): BYTES_PER_TRIANGLE * int(value.num_tris)})  # noqa: E731
+    elif dataclasses.is_dataclass(kind):
+        add = _add_shared if issubclass(kind, SharedAnswer) else _add_fields
+    return add
+
+
+def _add_array(value: Any, sizes: dict[int, int]) -> None:
+    owner = id(value if value.base is None else value.base)  # of which there may be several views
+    sizes[owner] = max(value.nbytes, sizes.get(owner, 0))
+
+
+def _add_container(value: Any, sizes: dict[int, int]) -> None:
+    sizes[id(value)] = 8 * len(value)
+    if len(value) > MAX_FULLY_MEASURED and not isinstance(value, dict):
+        some = value[:: len(value) // SAMPLE_SIZE]
+        sizes[id(value)] += len(value) * sum(map(size_of, some)) // len(some)
         return
-    elif isinstance(value, _CONTAINERS):
-        sizes[id(value)] = 8 * len(value)
-        if len(value) > MAX_FULLY_MEASURED and not isinstance(value, dict):
-            some = value[:: len(value) // SAMPLE_SIZE]
-            sizes[id(value)] += len(value) * sum(map(size_of, some)) // len(some)
-            return
-        for one in value.values() if isinstance(value, dict) else value:
-            if type(one) not in _SMALL:
-                _add_sizes(one, sizes)
-    elif hasattr(value, "to_record_batch"):  # a chunk of a recording
-        sizes[id(value)] = value.to_record_batch().nbytes
-    elif hasattr(value, "num_tris"):
-        sizes[id(value)] = BYTES_PER_TRIANGLE * int(value.num_tris)
-    elif dataclasses.is_dataclass(value) and not (hasattr(value, "__dict__") and _PLACE in vars(value)):
-        sizes[id(value)] = 0
-        for one in vars(value).values() if hasattr(value, "__dict__") else ():
+    for one in value.values() if isinstance(value, dict) else value:
+        if type(one) not in _SMALL:
             _add_sizes(one, sizes)
+
+
+def _add_shared(value: Any, sizes: dict[int, int]) -> None:
+    if not sizes:
+        _add_fields(value, sizes)
+
+
+def _add_fields(value: Any, sizes: dict[int, int]) -> None:
+    fields = getattr(value, "__dict__", _NO_FIELDS)
+    if _PLACE in fields:
+        return
+    sizes[id(value)] = 0
+    for one in fields.values():
+        if type(one) not in _SMALL:
+            _add_sizes(one, sizes)
+
+
+_NO_FIELDS: dict[str, Any] = {}  # of a value with slots

@@ -20,7 +20,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import efforts_along, speeds_along
 from guidefield.planner.plan import Plan
 from guidefield.planner.quality import Clearance, SmallestDistance, measure_figures
-from guidefield.planner.task.effort import Efforts
+from guidefield.planner.task.effort import Efforts, measure_efforts
 from guidefield.planner.task.motion_limits import CartesianLimit, CartesianUse
 from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
 from guidefield.robot.group.group import LONGEST_TURN, PlanningGroup
@@ -242,7 +242,9 @@ def effort_figures(conditions: Conditions, motion: Trajectory | GivenMotion) -> 
     """The torques along a motion; None of what has no accelerations."""
     if isinstance(motion, GivenMotion) and motion.velocities is None:
         return None
-    return wire_efforts(efforts_along(motion, conditions.group, conditions.effort_limit))
+    group, limit = conditions.group, conditions.effort_limit
+    known = measure_efforts(group, None, motion.polynomials) if limit is None else efforts_along(motion, group, limit)
+    return wire_efforts(known)
 
 
 def wire_efforts(efforts: Efforts) -> replies.EffortFigures:

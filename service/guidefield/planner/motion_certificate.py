@@ -256,7 +256,7 @@ def speeds_along(motion: Trajectory | GivenMotion, limits: tuple[CartesianLimit,
 
 
 @memoized
-def efforts_along(motion: Trajectory | GivenMotion, group: PlanningGroup, limit: EffortLimit | None) -> Efforts:
+def efforts_along(motion: Trajectory | GivenMotion, group: PlanningGroup, limit: EffortLimit) -> Efforts:
     """The torques along a motion, by the limits that bind it."""
     return measure_efforts(group, limit, motion.polynomials)
 

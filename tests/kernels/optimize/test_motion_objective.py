@@ -19,7 +19,7 @@ from guidefield.kernels.optimize.load_penalty import LoadModel
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
-from guidefield.planner.optimize.loads import LoadSamples
+from guidefield.planner.optimize.loads import no_loads
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import ConstrainedFrames
@@ -134,7 +134,7 @@ def of(
     blocks = np.full((n, nv, (COUPLED + 1) * nv), np.nan)
     border, corner, gradient = (np.full(shape, np.nan) for shape in ((more, free), (more, more), free + more))
     value = motion_objective(
-        model or look(name, spline.points), loads or LoadSamples.of((), PIECES, nv).none, ends_of(spline), limits,
+        model or look(name, spline.points), loads or no_loads(nv), ends_of(spline), limits,
         times, unconstrained(name), np.array([0, nv]), spline.points, spline.step, spline.begin, 0.3, 0.02, blocks,
         border, corner, gradient,
     )  # fmt: skip

@@ -13,7 +13,7 @@ from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, 
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent, room_for_descent
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
-from guidefield.planner.optimize.loads import LoadSamples
+from guidefield.planner.optimize.loads import no_loads
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, plane
@@ -46,7 +46,7 @@ def descended(
     """With the weight of limits, and unless told otherwise with the unit of time, that `of` has."""
     points = spline.points.copy()
     asked = RULES._replace(**rules)
-    ends, none = ends_of(spline), LoadSamples.of((), spline.pieces, points.shape[1]).none
+    ends, none = ends_of(spline), no_loads(points.shape[1])
     kept = unconstrained("panda") if kept is None else kept
     step, begin, taken = newton_descent(
         model, none, ends, limits, times, kept, asked, unit, longest_step, 0.02, spline.step, spline.begin, points,

@@ -572,8 +572,13 @@ PASSING = {
         {"scene": {"name": "post", "obstacles": [POST]}},
         {"scene": {"name": "post", "obstacles": [POST]}, "path_constraints": [UPRIGHT]},
         {"scene": {"name": "passing", "obstacles": [PASSING]}},
+        {
+            "scene": {"name": "post", "obstacles": [POST]},
+            "cartesian_limits": [{"frame": "panda_hand_tcp", "speed": 0.5}],
+            "limits": {"panda_joint1": {"effort": 20.0}},
+        },
     ],
-    ids=["still", "constrained", "moving"],
+    ids=["still", "constrained", "moving", "limited"],
 )
 def test_a_kernel_that_checks_its_arguments_once_gets_them_of_the_same_types_each_time(
     more: dict[str, Any], monkeypatch: pytest.MonkeyPatch

@@ -26,11 +26,33 @@ from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRoom, DescentRules, newton_descent, room_for_descent
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, clearance_samples, constraint_samples
-from guidefield.planner.optimize.loads import LoadSamples
+from guidefield.planner.optimize.loads import LoadSamples, no_loads
 from guidefield.planner.optimize.passages import Passage, add_passage, nearest
 from guidefield.planner.optimize.settings import PASSAGE, OptimizationSettings
 from guidefield.planner.task.motion_limits import MotionLimit
 from guidefield.read_only import ReadOnly, read_only
+
+
+@functools.cache
+def _machine_code(kernel: Any) -> Any:
+    """What calls a kernel that was called before without a look at the types of arguments."""
+    return next(iter(kernel.overloads.values())).entry_point if len(kernel.overloads) == 1 else kernel
+
+
+class _CheckedOnce:
+    """A kernel whose arguments are of the same types in each call: numba looks at them in the first call alone.
+
+    At the seventy arrays of a look's arguments it looks for 17 us, of the 60 that an easy look takes.
+    """
+
+    def __init__(self, kernel: Any) -> None:
+        self._kernel, self._call = kernel, kernel
+
+    def __call__(self, *arguments: Any) -> Any:
+        found = self._call(*arguments)
+        if self._call is self._kernel:
+            self._call = _machine_code(self._kernel)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +72,16 @@ class Question(ReadOnly):
     longest_step: float = math.inf  # pieces are no longer than this [s]
     passages: tuple[Passage, ...] = ()
     beside: tuple[MotionLimit, ...] = ()  # limits of what it does as a whole
+
+    @cached_property
+    def clearance_along(self) -> _CheckedOnce:
+        """The kernel that looks at clearances."""
+        return _CheckedOnce(clearance_along)
+
+    @cached_property
+    def newton_descent(self) -> _CheckedOnce:
+        """The kernel of Newton's method."""
+        return _CheckedOnce(newton_descent)
 
     @cached_property
     def rules(self) -> DescentRules:
@@ -93,28 +125,6 @@ class _Memory(NamedTuple):
         return cls(hessians, seen)
 
 
-@functools.cache
-def _machine_code(kernel: Any) -> Any:
-    """What calls a kernel that was called before without a look at the types of arguments."""
-    return next(iter(kernel.overloads.values())).entry_point if len(kernel.overloads) == 1 else kernel
-
-
-class _CheckedOnce:
-    """A kernel whose arguments are of the same types in each call: numba looks at them in the first call alone.
-
-    At the seventy arrays of a look's arguments it looks for 17 us, of the 60 that an easy look takes.
-    """
-
-    def __init__(self, kernel: Any) -> None:
-        self._kernel, self._call = kernel, kernel
-
-    def __call__(self, *arguments: Any) -> Any:
-        found = self._call(*arguments)
-        if self._call is self._kernel:
-            self._call = _machine_code(self._kernel)
-        return found
-
-
 @dataclass(frozen=True, eq=False)
 class Descent(ReadOnly):
     """The objective on the samples of the motion with which it began."""
@@ -123,15 +133,13 @@ class Descent(ReadOnly):
     samples: MotionSamples
     near: NearBodies  # which obstacles were near there; kept up to date by looking at them
     count: int
-    loads: LoadSamples
+    loads: LoadSamples | None  # None where nothing limits any
     constrained: KeptSamples
     ends: MotionEnds
     unit: float  # length of the first motion's pieces, if it had as many [s]
     room: DescentRoom
     # memory for the Hessians of two looks, by turns: new one would cost as much as a third of a look
     hessians: tuple[_Memory, _Memory]
-    clearance_along: _CheckedOnce
-    newton_descent: _CheckedOnce
 
     @classmethod
     def of(cls, question: Question, spline: BSpline, samples: int) -> Descent:
@@ -159,9 +167,8 @@ class Descent(ReadOnly):
         room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
         places = len(placed.pieces) + len(question.passages)
         hessians = _Memory.of(places, nv), _Memory.of(places, nv)
-        calls = _CheckedOnce(clearance_along), _CheckedOnce(newton_descent)
-        loads = LoadSamples.of(question.beside, spline.pieces, nv)
-        return cls(question, placed, near, samples, loads, constrained, ends, unit, room, hessians, *calls)
+        loads = LoadSamples.of(question.beside, spline.pieces, nv) if question.beside else None
+        return cls(question, placed, near, samples, loads, constrained, ends, unit, room, hessians)
 
     def look(
         self,
@@ -188,9 +195,9 @@ class Descent(ReadOnly):
         gradient, pieces, basis = np.empty((n, nv)), np.empty(len(hessians), np.int64), np.empty((len(hessians), 4))
         border, by_times, corner = np.empty((2, n, nv)), np.empty(2), np.empty((2, 2))
         weight = question.settings.load_weight
-        if loads.limits_any:
+        if loads is not None:
             most -= 0.5 * loads.weight(weight) * loads.measure(spline)
-        value, count = self.clearance_along(
+        value, count = question.clearance_along(
             question.robot,
             question.tables,
             question.moving,
@@ -229,7 +236,7 @@ class Descent(ReadOnly):
         kept = self.constrained
         if here and question.sections.frames.constraints:  # which hold where depends on what was passed by then
             kept = constraint_samples(question.sections, spline.pieces, here, self.count, question.settings)
-        expanded = loads.expand(spline, turn, weight) if math.isfinite(value) else loads.none
+        expanded = no_loads(nv) if loads is None or value == math.inf else loads.expand(spline, turn, weight)
         return Look(spline, model, expanded, kept, tuple(here), stiffness)
 
     def cost(self, look: Look, limit_weight: float) -> float:
@@ -260,7 +267,7 @@ class Descent(ReadOnly):
         """
         spline, rules = look.spline, self.question.rules
         points = spline.points.copy()
-        step, begin, taken = self.newton_descent(
+        step, begin, taken = self.question.newton_descent(
             look.model,
             look.loads,
             self.ends,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from guidefield.kernels.optimize.load_penalty import LoadModel
 from guidefield.kernels.optimize.speed_loads import expand_speed_loads, largest_speed_loads
 from guidefield.kernels.optimize.torque_loads import expand_torque_loads, largest_torque_loads
+from guidefield.memo import memoized_by_value
 from guidefield.planner.motion.bspline import BSpline, basis, basis_bends, basis_slopes
 from guidefield.planner.optimize.settings import LOAD
 from guidefield.planner.task.effort import EffortLimit
@@ -27,6 +27,14 @@ class _Memory(NamedTuple):
     samples: np.ndarray
     values: np.ndarray
     slopes: np.ndarray
+
+
+@memoized_by_value(16)
+def no_loads(nv: int) -> LoadModel:
+    """No loads of a motion of so many coordinates."""
+    none = np.empty((0, 3, 4)), np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty((0, 3, nv))
+    read_only(*none)
+    return LoadModel(0, 0, 0.0, LOAD.share, *none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +67,6 @@ class LoadSamples(ReadOnly):
         read_only(bases, *seen[0], *seen[1])
         return cls(efforts, speeds, bases, (memory[0], memory[1]), (seen[0], seen[1]))
 
-    @property
-    def limits_any(self) -> bool:
-        """Whether there are limits of loads."""
-        return len(self.memory[0].largest) > 0
-
     def mean(self, spline: BSpline) -> float:
         """The mean load of a motion, by the limit by which it is largest."""
         self.measure(spline)
@@ -83,15 +86,8 @@ class LoadSamples(ReadOnly):
             total += largest_speed_loads(one.body, one.speed, *where, next(rows))
         return total
 
-    @cached_property
-    def none(self) -> LoadModel:
-        """No loads."""
-        return LoadModel(0, 0, 0.0, LOAD.share, self.bases, *self.seen[0][1:])
-
     def expand(self, spline: BSpline, turn: int, weight: float) -> LoadModel:
         """Expand the loads that were measured last, into one of the two memories, with a weight of their mean."""
-        if not self.limits_any:
-            return self.none
         count, (largest, *memory) = 0, self.memory[turn]
         rows = iter(largest)
         where = spline.points, spline.step, self.bases

@@ -76,6 +76,8 @@ def first_motion(motion: Trajectory, limits: MotionLimits, settings: Optimizatio
 
 def slowed(spline: BSpline, problem: Problem) -> BSpline:
     """The same from rest to rest, as slow as it is at least along its way by limits of speed in space."""
+    if not problem.cartesian_limits:
+        return spline
     samples = LoadSamples.of(problem.cartesian_limits, spline.pieces, problem.group.nv)
     stretch = max(1.0, samples.mean(spline))
     return BSpline.between(spline.start, spline.end, spline.inner, stretch * spline.step)

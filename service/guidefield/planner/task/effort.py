@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -205,8 +205,7 @@ class EffortFault:
         return message, {"stage": end, "joint": self.joint, "effort": self.effort, "limit": self.limit}
 
 
-@dataclass(frozen=True)
-class EffortUse:
+class EffortUse(NamedTuple):
     """The largest torque of a coordinate along a motion."""
 
     name: str

@@ -311,6 +311,8 @@ def parts_of(motion: MotionPolynomials, deadline: Deadline) -> Iterator[MotionPo
 
 def join_reached(parts: Sequence[Reached]) -> Reached:
     """What is reached along all parts of a motion."""
+    if len(parts) == 1:
+        return parts[0]
     largest = max(parts, key=lambda one: one.found)
     return largest._replace(bound=max(one.bound for one in parts))
 
