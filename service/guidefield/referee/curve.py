@@ -43,9 +43,10 @@ def pieces(case: Case, *, commanded: bool = False) -> Iterator[Piece]:
 
 def expand_about(powers: np.ndarray, s: np.ndarray | float) -> np.ndarray:
     """Return the powers of pieces, shape (…, d + 1, n), about a time after their starts, shape (…, 1) or (…, n) [s]."""
-    rows = range(powers.shape[-2])
-    told = [sum(math.comb(j, k) * powers[..., j, :] * s ** (j - k) for j in rows[k:]) for k in rows]
-    found: np.ndarray = np.stack(told, axis=-2)
+    found, degree = powers.copy(), powers.shape[-2] - 1
+    for k in range(degree):
+        for j in reversed(range(k, degree)):
+            found[..., j, :] += s * found[..., j + 1, :]
     return found
 
 

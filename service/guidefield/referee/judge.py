@@ -105,14 +105,15 @@ class Along:
             start, middle, r = piece.start, 0.5 * (low + high), 0.5 * (high - low)
             if time.monotonic() > self.until:
                 return Finding(Answer.UNDECIDED, ("time was up",), start + low)
-            terms = np.abs(expand_about(piece.powers, middle))  # Taylor's
-            self._stand(expand_about(piece.powers, middle)[0], start + middle)
-            most = piece.beside + sum(terms[k] * r**k for k in range(1, len(terms)))
-            reached, always = ((*self._reach(half), half) for half in (most, piece.beside))
+            z, *terms = expand_about(piece.powers, middle)  # Taylor's
+            self._stand(z, start + middle)
+            most = piece.beside + sum(np.abs(term) * r**k for k, term in enumerate(terms, 1))
+            reached = (*self._reach(most), most)
+            always = (*self._reach(piece.beside), piece.beside) if piece.beside.any() else None
             reached[0][:, 0] = [r * self._fastest(k, start + low, start + high) for k in range(len(self.carried))]
             left = []
             for k in asked:
-                loss, least = (self._loss(k, *some) for some in (reached, always))
+                loss, least = (0.0 if some is None else self._loss(k, *some) for some in (reached, always))
                 broken, room, apart = self._pair(k, loss) if k < n else self._constraint(k - n)
                 if broken:
                     return Finding(broken, self.names[k], start + middle, apart)
