@@ -689,7 +689,7 @@ def answer(
         GuidefieldError: if the request is ill-posed. Each kind of fault has its own exception, the one that the service
             would send as ``reply_err``: `MalformedRequest`, `RobotInvalid`, `SceneInvalid`, `InvalidGoal` and so on.
 
-    Example:
+    Examples:
         >>> import guidefield
         >>> goal = {"type": "joints", "positions": {"elbow_joint": 1.2}}
         >>> request = {"robot": "ur5", "scene": "table", "goal": goal, "guide_planes": []}

@@ -294,8 +294,8 @@ STYLE = """
 .md-grid { max-width: 76rem; }
 .md-typeset table:not([class]) { font-size: 0.66rem; }
 .md-typeset table:not([class]) th, .md-typeset table:not([class]) td { min-width: 0; padding: 0.5em 0.7em; }
-.md-typeset table:not([class]) code { word-break: normal; overflow-wrap: anywhere; }
-.md-typeset table:not([class]) td:first-child code { overflow-wrap: normal; }
+.md-typeset table:not([class]) code { word-break: normal; overflow-wrap: normal; }
+#messages ~ * td:nth-child(3) code { overflow-wrap: anywhere; }
 .md-typeset img { border-radius: 0.3rem; }
 [data-md-color-scheme="slate"] .md-typeset img { filter: brightness(0.92); }
 .doc-contents { padding-left: 1rem; }

@@ -61,7 +61,7 @@ class Client:
         exchange: What carries the questions; the client closes it.
         viewer: Address of a running Rerun viewer that shows each run; None: none.
 
-    Example:
+    Examples:
         >>> from guidefield import Client
         >>> goal = {"type": "joints", "positions": {"elbow_joint": 1.2}}
         >>> with Client.connect("tcp/127.0.0.1:7447") as client:
@@ -397,7 +397,7 @@ class Client:
             MalformedRequest: if a dict is no obstacle or placement.
             SceneInvalid: if nothing is stored under that name, the change does not fit, or another version was meant.
 
-        Example:
+        Examples:
             >>> with guidefield.Client() as client:  # doctest: +SKIP
             ...     client.change_scene("cell", move={"pallet": {"position": [0.8, 0.1, 0.0]}})
             7

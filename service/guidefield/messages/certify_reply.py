@@ -133,7 +133,7 @@ class CertifyReply(Reply):
         cartesian: The largest speed of each frame and link that the request limits.
         effort: Torques along the motion; null of what has no accelerations.
 
-    Example:
+    Examples:
         >>> import guidefield
         >>> names = ["shoulder_pan_joint", "elbow_joint"]
         >>> request = {"type": "certify", "robot": "ur5", "scene": "table", "position_names": names}

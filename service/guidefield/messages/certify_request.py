@@ -120,7 +120,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         planned: The motion that the trajectory was to follow, in the same columns, with `times`: the reply says how far
             it was left, and a recording shows both.
 
-    Example:
+    Examples:
         >>> from guidefield import CertifyRequest
         >>> names = ["shoulder_pan_joint", "elbow_joint"]
         >>> request = CertifyRequest("ur5", "table", path=[[0.0, 1.0], [0.4, 1.2]], position_names=names)

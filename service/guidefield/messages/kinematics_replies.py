@@ -14,7 +14,7 @@ class PackedNumbers(Reply):
         shape: The size along each axis.
         float64: Little-endian float64: bytes in MessagePack and in Python, base64 text in JSON.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from guidefield.messages.kinematics_replies import PackedNumbers
         >>> packed = PackedNumbers(shape=[2, 1], float64=np.array([[0.5], [1.5]]).tobytes())

@@ -307,7 +307,7 @@ class PlanReply(Reply):
         cartesian: The largest speed of each frame and link that the request limits; in `steps` for a sequence.
         effort: Torques along the trajectory; in `steps` for a sequence, as they are those of what is held.
 
-    Example:
+    Examples:
         >>> import guidefield
         >>> goal = {"type": "joints", "positions": {"elbow_joint": 1.2}}
         >>> reply = guidefield.answer({"robot": "ur5", "scene": "table", "goal": goal, "guide_planes": []})

@@ -265,7 +265,7 @@ class PlanRequest(Message):
         proof: Whether to keep a proof with the run that the motion is free; anybody can check it (`referee.md`).
         execution: The curve that a controller draws of the motion, which is certified instead of it (`execution.md`).
 
-    Example:
+    Examples:
         >>> from guidefield import Box, JointsGoal, PlanRequest, Scene
         >>> crate = Box(name="crate", size=(0.2, 0.2, 0.2), position=(0.6, 0.6, 0.3))
         >>> goal = JointsGoal({"elbow_joint": 1.2})

@@ -251,7 +251,7 @@ class Scene(Message, weakref=True, dict=True):  # its dict is for `frozen_scenes
         Raises:
             SceneInvalid: if the file can't be read, or a part of it can't be judged; names the file and the part.
 
-        Example:
+        Examples:
             >>> import numpy as np
             >>> np.savez("/tmp/scan.npz", points=np.zeros((1, 3)))
             >>> Scene.read("/tmp/scan.npz", radius=0.01).obstacles[0].name

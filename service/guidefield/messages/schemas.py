@@ -130,7 +130,7 @@ def _find_structs(kinds: Sequence[msgspec.inspect.Type]) -> set[type[msgspec.Str
 
 def _summarize(message: type) -> str:
     """What the docstring of a message says before it comes to its fields."""
-    text = re.split(r"\n(?:Attributes|Example):\n", inspect.cleandoc(message.__doc__ or ""))[0]
+    text = re.split(r"\n(?:Attributes|Examples):\n", inspect.cleandoc(message.__doc__ or ""))[0]
     return re.sub(r"\s*\n\s*", " ", text).replace("``", "`").strip()
 
 
@@ -139,7 +139,7 @@ def _read_meanings(message: type) -> dict[str, str]:
     found: dict[str, str] = {}
     for kind in reversed(message.__mro__):
         if kind.__doc__ and kind.__module__.startswith("guidefield"):
-            section = inspect.cleandoc(kind.__doc__).partition("Attributes:\n")[2].partition("\nExample:")[0]
+            section = inspect.cleandoc(kind.__doc__).partition("Attributes:\n")[2].partition("\nExamples:")[0]
             names: list[str] = []
             for line in section.splitlines():
                 if match := _MEANING.match(line):

@@ -133,7 +133,7 @@ class StreamOpen(Message):
         recording: Whether a service stores updates and answers, so that the stream can be replayed.
         stream_id: A new name of the stream; null: the service makes one.
 
-    Example:
+    Examples:
         >>> from guidefield import Box, JointsGoal, StreamObstacle, StreamOpen
         >>> crate = StreamObstacle(Box(name="crate", size=(0.1, 0.1, 0.1)), largest_speed=0.3)
         >>> opened = StreamOpen("ur5", "table", JointsGoal({"elbow_joint": 1.2}), obstacles=[crate])

@@ -33,7 +33,7 @@ class Stream(CertifiedStream):
     Raises:
         GuidefieldError: if the request is ill-posed.
 
-    Example:
+    Examples:
         >>> import guidefield
         >>> goal = {"type": "joints", "positions": {"elbow_joint": 1.2}}
         >>> kite = {"obstacle": {"type": "sphere", "name": "kite", "radius": 0.1}, "largest_speed": 0.5}
