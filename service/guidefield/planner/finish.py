@@ -17,6 +17,7 @@ import numpy as np
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.planner.connect.settings import TREE
+from guidefield.planner.in_motion import STOPS, MovingEnds
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import remove_repetitions
 from guidefield.planner.motion_certificate import CertifiedMotion, certify_as_far_as_found, certify_motion
@@ -52,42 +53,64 @@ STOPPING = "no motion round the corners of the path was certified: this one stop
 """Warning about a motion that is slower therefore."""
 
 
-def finish(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion:
+def finish(problem: Problem, found: PathSoFar, stages: Stages, ends: MovingEnds | None = None) -> CertifiedMotion:
     """Make a certified trajectory of a path whose straight pieces are free; judge one that failed as far as it goes.
 
-    Only one that is proven itself is worth a try where the optimised one is refused.
+    Only one that is proven itself is worth a try where the optimised one is refused. With `ends` the path is between
+    them, and the trajectory has them before and after it.
     """
-    if found.failure is not None or problem.optimization_iterations == 0 or len(remove_repetitions(found.path)) == 1:
-        return certify_found_path(problem, found, stages)
-    finished = _optimize_path(problem, found, stages)
+    goes = ends is not None or len(remove_repetitions(found.path)) > 1
+    if found.failure is not None or problem.optimization_iterations == 0 or not goes:
+        return certify_found_path(problem, found, stages, ends)
+    finished = _optimize_path(problem, found, stages, ends)
     if finished is not None and (finished.verdict.free or not found.proven):
         return finished
-    as_found = _follow_path(problem, found, stages)
+    as_found = certify_found_path(problem, found, stages, ends)
     if finished is None:
-        return _add_warning(as_found, f"{LOST}; this is the motion as it was found")
+        return as_found if ends is not None else _add_warning(as_found, f"{LOST}; this is the motion as it was found")
     why = finished.verdict.reason
     if not as_found.verdict.free:
         return as_found if why is Reason.CONTACT else finished
+    if ends is not None:
+        return as_found
     message = f"the optimised motion was not certified ({why.value}); this is the motion as it was found"
     return _blend(problem, finished, as_found, stages) or _add_warning(as_found, message)
 
 
-def certify_found_path(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion:
+def certify_found_path(
+    problem: Problem, found: PathSoFar, stages: Stages, ends: MovingEnds | None = None
+) -> CertifiedMotion:
     """The motion along a path as found, as fast as its limits or its schedule allow, judged as far as it goes."""
     if found.failure is not None:
         return certify_as_far_as_found(problem, found, stages)
-    return _follow_path(problem, found, stages)
+    if ends is None:
+        return _follow_path(problem, found, stages)
+    middle = _follow_path(ends.between(problem), found, stages)
+    if middle.trajectory is None:
+        return middle
+    trajectory = ends.around(middle.trajectory)
+    whole = certify_motion(problem, trajectory, {}, stages, message="with how it stops, and gets up to speed")
+    stops = (STOPS,) if problem.optimization_iterations != 0 else ()
+    return replace(whole, warnings=(*middle.warnings, *stops))
 
 
-def _optimize_path(problem: Problem, found: PathSoFar, stages: Stages) -> CertifiedMotion | None:
+def _optimize_path(
+    problem: Problem, found: PathSoFar, stages: Stages, ends: MovingEnds | None
+) -> CertifiedMotion | None:
     """The optimised trajectory from the time-optimal one along the path; where it is refused, optimised again.
 
     None where it can't be brought onto a guide plane.
     """
+    resting = problem if ends is None else ends.between(problem)
+
+    def time(path: ChartPoints) -> Trajectory:
+        middle = time_through_planes(resting, found, path)
+        return middle if ends is None else ends.around(middle)
+
     with stages.entered("parameterize", "as fast as the limits allow along the path") as stage:
-        motion = time_through_planes(problem, found, found.path)
+        motion = time(found.path)
         stage.outcome = f"{motion.duration:.3f} s"
-    others = (time_through_planes(problem, found, path) for path in found.others)
+    others = map(time, found.others)
     return optimize_motion(problem, motion, others, stages, CrossedPlanes.of(problem, found.path, found.crossings))
 
 

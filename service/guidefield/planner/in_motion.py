@@ -7,21 +7,16 @@ is refused. Among obstacles that move the stop is judged in time, and the run to
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 
 from guidefield.errors import Status
-from guidefield.planner.finish import certify_found_path
-from guidefield.planner.held_paths import connections
 from guidefield.planner.motion.limit_load import TOLERANCE
 from guidefield.planner.motion.profiles import choose_jerks, reverse_motion, separate_jerks, stop_motion
 from guidefield.planner.motion.trajectory import Trajectory, concatenate, unwrap_towards
-from guidefield.planner.motion_certificate import CertifiedMotion, certify_motion, judge_itself
-from guidefield.planner.optimized_motion import optimize_motion
-from guidefield.planner.path_so_far import PathSoFar, time_path_ignoring_jerk
+from guidefield.planner.motion_certificate import judge_itself
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.verdict import Reason
@@ -44,6 +39,10 @@ class MovingEnds(ReadOnly):
     def inner_goals(self) -> ChartPoints:
         """Where the robot is at rest before each goal, shape (m, nv)."""
         return np.array([run.positions[0] for run in self.runs])
+
+    def between(self, problem: Problem) -> Problem:
+        """The problem from when and where the robot has come to rest."""
+        return problem.since(self.stop.duration, problem.group.from_chart(self.stop.positions[-1]))
 
     def around(self, middle: Trajectory) -> Trajectory:
         """A motion from rest to rest between the two, with them before and after it."""
@@ -78,41 +77,6 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
             raise failures[0]
         stage.outcome = f"at rest after {stop.duration:.3f} s"
     return MovingEnds(stop, np.array([goal for goal, _ in reached]), tuple(run for _, run in reached))
-
-
-def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> CertifiedMotion:
-    """Connect what the ends leave over, optimise and certify the whole."""
-    resting = problem.since(ends.stop.duration, problem.group.from_chart(ends.stop.positions[-1]))
-    finished, words = None, "from where it can stop to where it gets up to speed"
-    for found in connections(resting, PathSoFar.at_start(resting), ends.inner_goals, stages, words):
-        if found.failure is not None:
-            return certify_found_path(problem, found, stages)
-        finished = _finish_between(problem, resting, ends, found, stages)
-        if finished.verdict.free:
-            break
-    assert finished is not None, "the first connection is tried, whatever the time"
-    return finished
-
-
-def _finish_between(
-    problem: Problem, resting: Problem, ends: MovingEnds, found: PathSoFar, stages: Stages
-) -> CertifiedMotion:
-    if problem.optimization_iterations != 0:
-        first, *others = (_soonest(resting, ends, path) for path in (found.path, *found.others))
-        optimized = optimize_motion(problem, first, others, stages)
-        if optimized is not None and (optimized.verdict.free or problem.deadline.expired()):
-            return optimized
-    middle = certify_found_path(resting, found, stages)
-    if middle.trajectory is None:
-        return middle
-    trajectory = ends.around(middle.trajectory)
-    whole = certify_motion(problem, trajectory, {}, stages, message="with how it stops, and gets up to speed")
-    stops = problem.optimization_iterations != 0
-    return dataclasses.replace(whole, warnings=(*middle.warnings, STOPS) if stops else middle.warnings)
-
-
-def _soonest(resting: Problem, ends: MovingEnds, path: ChartPoints) -> Trajectory:
-    return ends.around(time_path_ignoring_jerk(resting, path))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from guidefield.planner.goal_among_movers import reach_among_movers
 from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.held_paths import Through, connections
-from guidefield.planner.in_motion import STOPS, finish_in_motion, moving_ends
+from guidefield.planner.in_motion import STOPS, MovingEnds, moving_ends
 from guidefield.planner.judgement import judge_leaving
 from guidefield.planner.leaving import continue_after, join_way_out, leave_contacts
 from guidefield.planner.motion.drawn_motion import DrawnMotion
@@ -163,11 +163,9 @@ def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Cer
         ends = moving_ends(problem, goals, stages)
     except StageFailed as failed:
         return _refuse_start(problem, failed.ending, stages)
+    stop, then = ends.stop, ends.between(problem)
     if not problem.scene.moves:
-        return finish_in_motion(problem, ends, stages)
-
-    stop = ends.stop
-    then = problem.since(stop.duration, problem.group.from_chart(stop.positions[-1]))
+        return _reach_goal(problem, PathSoFar.at_start(then), ends.inner_goals, stages, ends)
     through = _cross_planes(then, ends.inner_goals, Planner.TREE, (), stages)
     rest = reach_among_movers(then, ends.inner_goals, through, stages)
     whole = stop if rest.trajectory is None else ends.around(rest.trajectory)
@@ -199,11 +197,15 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
     return goals
 
 
-def _reach_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages) -> CertifiedMotion:
+def _reach_goal(
+    problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages, ends: MovingEnds | None = None
+) -> CertifiedMotion:
     """Connect and finish: what is free at samples is optimised at once; where that fails, it is proven before."""
-    finished = None
-    for connected in connections(problem, found, goals, stages, "to the goal"):
-        finished = finish(problem, connected, stages)
+    finished, among, words = None, problem, "to the goal"
+    if ends is not None:
+        among, words = ends.between(problem), "from where it can stop to where it gets up to speed"
+    for connected in connections(among, found, goals, stages, words):
+        finished = finish(problem, connected, stages, ends)
         if finished.verdict.free:
             break
     assert finished is not None, "the first connection is tried, whatever the time"
