@@ -228,6 +228,17 @@ def test_a_service_that_cannot_start_says_why_in_one_line(tmp_path: Path) -> Non
         assert ".rs:" not in done.stderr
 
 
+def test_the_command_line_starts_without_what_few_commands_need() -> None:
+    told = subprocess.run(
+        [sys.executable, "-c", "import sys, guidefield.cli; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    heavy = {"numpy", "asyncio", "guidefield.client", "guidefield.engine", "guidefield.endpoint.service"}
+    assert heavy.isdisjoint(told.stdout.split())
+
+
 @pytest.mark.parametrize(("status", "code"), [(Status.SUCCESS, 0), (Status.STUCK_IN_MINIMUM, 1), (Status.TIMED_OUT, 1)])
 def test_the_exit_code_is_the_outcome(
     status: Status, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -20,6 +20,7 @@ from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.store_requests import ReadRuns
 from guidefield.stores import run_writer
 from guidefield.stores.robots import RobotStore
+from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase
 from guidefield.stores.scenes import SceneStore
 from tests.kept_runs import begin, keep, new_run
@@ -104,6 +105,30 @@ def test_a_disk_that_is_full_from_the_start_is_told_and_used_once_it_has_room(
     assert {run.run_id: run.status for run in listed} == {"abandoned": "CRASH", "r2": "SUCCESS", "running": "RUNNING"}
     database.of(PLAIN).discard(running).result()
     database.close()
+
+
+def test_a_database_that_stays_damaged_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(run_writer, "UPKEEP_INTERVAL_S", 0.01)
+    (tmp_path / FILE).write_bytes(b"no database" * 1_000)
+    database = RunDatabase(tmp_path)
+    with pytest.raises(DiskRefused, match="damaged"):
+        database.sweep(make_error_reply(WorkerCrashed("left behind")))
+    tried = 0
+
+    def sweep(*_: object) -> None:
+        nonlocal tried
+        tried += 1
+        raise DiskRefused("it is damaged")
+
+    monkeypatch.setattr(database, "sweep", sweep)
+    until = time.monotonic() + 30.0
+    while tried < 5 and time.monotonic() < until:
+        time.sleep(0.01)
+    database.close()
+    assert tried >= 5
+    assert sum("it is damaged" in record.message for record in caplog.records) == 1
 
 
 def test_a_store_on_a_full_disk_says_so_without_a_path(small_disk: Path) -> None:
