@@ -100,7 +100,7 @@ READ_AT_ONCE = 1 << 20  # buffer for the file that is read [bytes]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one request: JSON of its reply, or else of its error."""
+    """The outcome of one request: JSON of its reply, or else of its error."""
 
     item: Item
     is_reply: bool

@@ -163,4 +163,4 @@ DELIVERY = (
         " SERVER_BUSY before the service is ready and once it ends.",
     ),
 )
-"""How queries are answered."""
+"""The rules by which queries are answered."""

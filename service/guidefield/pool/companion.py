@@ -100,7 +100,7 @@ class Companion:
             return True
 
     def join(self, timeout: float) -> bool:
-        """Whether it is over within a time [s]."""
+        """Return whether it is over within a time [s]."""
         self._thread.join(max(0.0, timeout))
         return not self._thread.is_alive()
 

@@ -261,7 +261,7 @@ class Pool:
             _do(partial(self._look_after, now))
 
     def _pause(self) -> float | None:
-        """How long to wait [s]; None: until something comes."""
+        """Return the time to wait [s]; None: until something comes."""
         with self._lock:
             now, slots = time.monotonic(), self._all_slots()
             is_active, due_at = now < self._active_until or len(self.waiting) > 0, self.waiting.due_at

@@ -65,7 +65,7 @@ def still(path: str, *archetypes: Any) -> Chunk:
 
 
 def begun(path: str, time: float, *archetypes: Any) -> Chunk:
-    """The same from a time of `PATH_TIME` on [s]."""
+    """A chunk of an entity that holds from a time of `PATH_TIME` on [s]."""
     return Chunk.from_columns(path, [path_times(np.array([time]))], _single_row(archetypes))
 
 

@@ -39,17 +39,17 @@ class Surface:
     colors: np.ndarray | None = None  # RGBA per vertex, shape (v, 4), uint8; None where the whole body has one colour
 
     def moved(self, placement: Any) -> Surface:
-        """The same in another frame, given its placement there (pinocchio.SE3)."""
+        """The surface in another frame, given its placement there (pinocchio.SE3)."""
         rotation = placement.rotation.T.astype(np.float32)
         vertices = self.vertices @ rotation + placement.translation.astype(np.float32)
         return Surface(vertices, self.triangles, self.normals @ rotation, self.colors)
 
     def grown(self, by: float) -> Surface:
-        """The same with each vertex so far out along its normal [m]."""
+        """The surface with its vertices moved out along their normals [m]."""
         return Surface(self.vertices + np.float32(by) * self.normals, self.triangles, self.normals, self.colors)
 
     def colored(self, color: Sequence[int]) -> Surface:
-        """The same in one colour (RGBA)."""
+        """The surface in one colour (RGBA)."""
         colors = np.full((len(self.vertices), 4), color, np.uint8)
         return Surface(self.vertices, self.triangles, self.normals, colors)
 

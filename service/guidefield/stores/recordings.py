@@ -28,7 +28,7 @@ SCENE, ROBOT, OBSTACLES = ".scene", ".robot", (".obstacle1", ".obstacle2", ".obs
 NEEDED = (SCENE, ROBOT, *OBSTACLES)  # endings of all links from a log to what it shares with others
 OWED, LOST_BEFORE = ".owed", "the process that wrote it ended"
 """The ending of the mark of earlier versions for a recording that is being written, and what became of it."""
-SHARED_UNUSED_S = 600.0  # time after its last use for which a shared scene or robot is kept though no log needs it [s]
+SHARED_UNUSED_S = 600.0  # time after its last use for which a shared file is kept that no log needs [s]
 Kind = Literal["none", "owed", "rendered", "lost"]
 """The state of a recording: none; its log alone; rendered; lost, with the reason."""
 
@@ -112,7 +112,7 @@ class Recordings:
         return [name for _, name in sorted(found, reverse=True)]
 
     def kept(self, run_id: str) -> Kept:
-        """Return what there is of a run's recording; its size has its proof, and files that it shares."""
+        """Return the state of a run's recording; its size includes the proof and shared files."""
         own = str(self.file(run_id, ""))
         proof, log = _size(own + PROOF) or 0, _size(own + LOG)
         if log is not None:
@@ -124,7 +124,7 @@ class Recordings:
         return Kept("none", proof) if lost is None else Kept("lost", proof + lost)
 
     def owe(self, run_id: str, log: bytes, shared: Iterable[SharedFile]) -> None:
-        """Keep a run's log, and hold on to the scene and robot that it needs.
+        """Keep a run's log, and links to the scene and robot that it needs.
 
         Raises OSError if the disk refuses, or knows no hard links; nothing of it is left then.
         """
@@ -161,7 +161,7 @@ class Recordings:
             self.settle(run_id, self.file(run_id, LOG).stat(), fault)
 
     def drop(self, run_id: str) -> None:
-        """Delete a recording, or its log and all that this alone needs, and the proof.
+        """Delete a recording, or its log with files that no other log needs, and the proof.
 
         Raises OSError if the disk refuses.
         """
@@ -169,7 +169,7 @@ class Recordings:
             self.file(run_id, ending).unlink(missing_ok=True)
 
     def sweep(self) -> None:
-        """Delete what killed processes left half-written; only for who holds the data folder alone."""
+        """Delete drafts of killed processes; only the process that holds the data folder may."""
         for draft in self.folder.glob(".*"):
             draft.unlink(missing_ok=True)
         for mark in self.folder.glob(f"*{OWED}"):

@@ -35,7 +35,7 @@ _CONTENT = re.compile(r"[0-9a-f]{64}")
 
 
 class NoRobots:
-    """Where there is no data folder: only the catalog's robots."""
+    """The catalog's robots alone, without a data folder."""
 
     def names(self) -> list[str]:
         """None."""
@@ -59,7 +59,7 @@ class NoRobots:
 
 
 class _Description(msgspec.Struct, frozen=True):
-    """What a folder holds besides mesh files."""
+    """A robot as its folder holds it, beside mesh files."""
 
     urdf: str
     srdf: str | None

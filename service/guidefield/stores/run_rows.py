@@ -128,7 +128,7 @@ def execute(statement: str, values: tuple[Any, ...], db: sqlite3.Connection) -> 
 
 
 def earlier_folders(runs: Path) -> list[Path]:
-    """Return the folders of runs in a folder, the oldest first; delete what a killed process left behind."""
+    """Return the folders of runs in a folder, the oldest first; delete drafts of killed processes."""
     folders = []
     for found in runs.iterdir() if runs.is_dir() else ():
         if found.name.startswith("."):
@@ -139,7 +139,7 @@ def earlier_folders(runs: Path) -> list[Path]:
 
 
 def add_folders(owner: str, folders: list[Path], shared: Path, db: sqlite3.Connection) -> None:
-    """Add the rows of runs to the database, but of those that are there."""
+    """Add the rows of runs that the database lacks."""
     for folder in folders:
         if db.execute("SELECT 1 FROM runs WHERE (owner, run_id) = (?, ?)", (owner, folder.name)).fetchone():
             continue
@@ -155,7 +155,7 @@ def add_folders(owner: str, folders: list[Path], shared: Path, db: sqlite3.Conne
 
 
 def move_recordings(folders: list[Path], recordings: Recordings, shared: Path) -> None:
-    """Move recordings to where they are looked for now, and delete what the database has."""
+    """Move recordings to their present place, and delete the folders of runs that the database has."""
     recordings.folder.mkdir(exist_ok=True)
     for folder in folders:
         for name, ending in (("recording.rrd", RECORDING), ("recording.owed", OWED), ("recording.lost", LOST)):

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple, TypeVar
 from guidefield.errors import DiskRefused
 from guidefield.stores.run_file import checkpoint, connect_writer, telling_faults
 
-LINGER_S = 0.05  # longest wait of a change that nobody waits for: for others to share its commit [s]
+LINGER_S = 0.05  # longest time that a change without a waiting caller waits for others to share its commit [s]
 UPKEEP_INTERVAL_S = 1.0  # time between two checkpoints, and so what a power cut may cost [s]
 RETRY_INTERVAL_S = 1.0  # shortest time between two attempts to open a file that could not be opened [s]
-MAX_WAITING_BYTES = 256 * 2**20  # while more waits to be written, whoever adds to it waits too [bytes]
+MAX_WAITING_BYTES = 256 * 2**20  # size of changes that wait beyond which callers wait, too [bytes]
 
 _log = logging.getLogger(__name__)
 

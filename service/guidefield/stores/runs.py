@@ -138,7 +138,7 @@ class RunDatabase:
         self.writer.close()
 
     def note_recording(self, owner: str, run_id: str) -> None:
-        """Note what there is of a run's recording now; of a run that was deleted meanwhile it is deleted, too."""
+        """Note the state of a run's recording; if the run was deleted, delete the recording, too."""
 
         def note(db: sqlite3.Connection) -> None:
             recordings = self.recordings(owner)
@@ -168,7 +168,7 @@ class RunDatabase:
         run_rows.drop_runs(self.recordings(owner), dropped, db)
 
     def _keep_up(self) -> None:
-        """Delete runs without an end, what is too old, and what no log needs any more."""
+        """Delete runs without an end, runs that are too old, and files that no log needs."""
         if self._abandoned is not None:
             self.sweep(self._abandoned, self._since)
         for name in tuple(self.unended):
@@ -186,7 +186,7 @@ class RunDatabase:
 
 
 class UserRuns:
-    """The runs of one user, and what this one may see of others' in a list."""
+    """The runs of one user, and in a list those of others that this user may see."""
 
     def __init__(self, database: RunDatabase, owner: str) -> None:
         self._database, self._owner = database, owner
@@ -194,7 +194,7 @@ class UserRuns:
         self.recordings = database.recordings(owner)
 
     def begin(self, run: run_rows.NewRun) -> None:
-        """Keep that a run begins; nobody waits for it."""
+        """Keep that a run begins, without waiting for it."""
         if run.begun is None:
             run.began = time.time()
             run.begun = self._writer.submit(partial(run_rows.insert, run), urgent=False, size=len(run.request))
@@ -216,7 +216,7 @@ class UserRuns:
         return self._writer.submit(partial(run_rows.execute, FORGET, (run.owner, run.run_id)))
 
     def drop_recording(self, run_id: str) -> None:
-        """Delete the recording of a run, or its log; nobody waits for it."""
+        """Delete the recording of a run, or its log, without waiting for it."""
         self._writer.submit(lambda _: self.recordings.drop(run_id), urgent=False)
 
     def has(self, run_id: str) -> bool:

@@ -1,8 +1,8 @@
-"""One stored scene and its last versions on disk: a whole one, and behind it what changed since.
+"""A stored scene and its last versions on disk: a whole one, and the changes since.
 
-`<name>.json` holds a version of the scene, `<name>.changes` a line for each version that came later: what changed, or
-the scene stored anew. A change costs a line, however large the scene is; now and then both files are written again.
-Whoever changes holds a lock; whoever reads needs none, for every line and file says which version it is.
+`<name>.json` holds a version of the scene, `<name>.changes` a line for each later version: its change, or the scene
+stored anew. A change costs a line, however large the scene is; now and then both files are written again. Changes are
+made under a lock; reading needs none, because every line and file has the number of its version.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from guidefield.stores.files import decoded
 from guidefield.whole_file import write_whole
 
 MOST_LINES = 4 * MAX_VERSIONS
-"""So many changes stand behind a whole scene before the files are written again, if they are longer than it is."""
+"""Changes behind a whole scene after which the files are written again, if they are longer than it is."""
 MOST_SHORT_LINES = 64 * MAX_VERSIONS
-"""So many if they are shorter: to write and read 10,000 boxes takes every process as long as a hundred changes."""
-READ_AGAIN = 5  # how often the files are read again that somebody else writes meanwhile
+"""The same if they are shorter: to write and read 10,000 boxes takes every process as long as a hundred changes."""
+READ_AGAIN = 5  # number of readings of files that another process writes
 
 
 class _Whole(msgspec.Struct):
-    """What the file of a scene holds."""
+    """The file of a scene."""
 
     scene: Scene
     version: int = 1
 
 
 class _Line(msgspec.Struct):
-    """What a line of the file of changes holds: one of both."""
+    """A line of the file of changes: a change or a scene."""
 
     version: int
     diff: SceneDiff | None = None
@@ -46,13 +46,13 @@ class _Line(msgspec.Struct):
 
 @dataclass
 class _Known:
-    """What was read of a scene."""
+    """The files of a scene as they were read."""
 
-    file: tuple[int, int]  # which file it was, and when it was written
+    file: tuple[int, int]  # inode of its file, and time of writing [ns]
     size: int  # length of that file [bytes]
     first: int  # the version in that file
-    changes: int  # which file of changes; 0: there was none
-    end: int  # how far that was read [bytes]
+    changes: int  # inode of the file of changes; 0: there was none
+    end: int  # length of it that was read [bytes]
     versions: dict[int, Scene]  # the last ones, the newest at the end; nobody changes them
 
     @property
@@ -67,7 +67,7 @@ class _Known:
 
 
 class SceneVersions:
-    """A stored scene by its files in a folder; what was read is kept, and only what came since is read again."""
+    """A stored scene by its files in a folder; once these are read, only later lines are read again."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self._name = name
@@ -141,8 +141,8 @@ class SceneVersions:
     def _append(self, known: _Known, before: Scene, line: _Line) -> Scene:
         """Write the line of a version behind those that there are, and return the scene after it.
 
-        The line counts as everybody reads it: whoever gave it may change what is in it. Raises MalformedRequest if
-        nobody could read it.
+        The line counts as it is read back, because the caller may change its own later. Raises MalformedRequest if it
+        can't be read.
         """
         data = codec.encode(line)
         read = decoded(data, _Line)
@@ -150,20 +150,20 @@ class SceneVersions:
             raise MalformedRequest("what is to be stored holds what no message can", path="$")
         after = _after(before, read)
         with self._changes.open("ab") as file:
-            file.truncate(known.end)  # what was cut short was never answered
+            file.truncate(known.end)  # a line that was cut short was never answered
             try:
                 file.write(data + b"\n")
                 file.flush()
                 os.fsync(file.fileno())
             except OSError:
-                os.truncate(self._changes, known.end)  # what is refused is no version for anybody
+                os.truncate(self._changes, known.end)  # a refused line is no version for anybody
                 raise
             known.changes, known.end = os.fstat(file.fileno()).st_ino, file.tell()
         known.add(line.version, after)
         return after
 
     def _write_again(self, known: _Known) -> None:
-        """Write the oldest version that is kept as the file of the scene, and behind it what changed since."""
+        """Write the oldest version that is kept as the file of the scene, and the changes since behind it."""
         oldest = next(iter(known.versions))
         with contextlib.suppress(OSError):  # the change is made; the next one tries again
             lines = [line for line in _lines(self._changes.read_bytes())[0] or [] if line.version > oldest]
@@ -189,7 +189,7 @@ class SceneVersions:
         return (known.file, (known.changes, known.end)) == (_written(self._file), _extent(self._changes))
 
     def _read_on(self) -> bool:
-        """Read what came since, or all; return whether the files fit together: not while they are written."""
+        """Read later lines, or all; return whether the files fit together: not while they are written."""
         file, (changes, _) = _written(self._file), _extent(self._changes)
         known, self._known = self._known, None
         if known is None or (known.file, known.changes) != (file, changes):
@@ -212,7 +212,7 @@ class SceneVersions:
         return True
 
     def _read_whole(self, file: tuple[int, int], changes: int) -> _Known | None:
-        """Read the file of the scene, without what changed since; None if it is damaged."""
+        """Read the file of the scene, without its changes; None if it is damaged."""
         data = self._file.read_bytes()
         whole = decoded(data, _Whole)
         if whole is None:
@@ -244,13 +244,13 @@ def _lines(text: bytes) -> tuple[list[_Line] | None, int]:
 
 
 def _written(file: Path) -> tuple[int, int]:
-    """Return which file it is, and when it was written [ns]."""
+    """Return the inode of a file, and its time of writing [ns]."""
     stat = file.stat()
     return stat.st_ino, stat.st_mtime_ns
 
 
 def _extent(file: Path) -> tuple[int, int]:
-    """Return which file it is, and its length [bytes]; both 0 if it isn't there."""
+    """Return the inode of a file, and its length [bytes]; both 0 if it isn't there."""
     try:
         stat = file.stat()
     except FileNotFoundError:
