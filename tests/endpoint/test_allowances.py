@@ -132,7 +132,7 @@ def test_a_query_that_is_refused_costs_no_payload(monkeypatch: pytest.MonkeyPatc
     with pytest.raises(QuotaExceeded, match="1 queries a second"):
         allowances.ask("alice", 100)
     allowances.ask("bob", rooms.AT_ONCE)
-    assert allowances._payloads.left("alice", 1.0, rooms.AT_ONCE, 1_000.0) == 1.0
+    assert allowances._payloads.rest("alice", 1.0, rooms.AT_ONCE, 1_000.0) == 1.0
 
 
 def test_who_is_idle_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,9 +38,9 @@ class Allowances:
         with self._lock:
             if rate is not None:
                 most = max(1.0, rate)
-                left = self._queries.left(user, rate, most, now)
+                left = self._queries.rest(user, rate, most, now)
             if flow is not None:
-                room = self._payloads.left(user, flow, AT_ONCE, now)
+                room = self._payloads.rest(user, flow, AT_ONCE, now)
             if left >= 1.0 and room > 0.0:
                 if rate is not None:
                     self._queries.keep(user, left - (min(LIST_COUNTS, most) if lists else 1.0), rate, most, now)
@@ -74,7 +74,7 @@ class _Refilled:
     def __len__(self) -> int:
         return len(self._kept)
 
-    def left(self, user: str, rate: float, most: float, now: float) -> float:
+    def rest(self, user: str, rate: float, most: float, now: float) -> float:
         if user not in self._kept:
             return most
         left, at, _ = self._kept[user]

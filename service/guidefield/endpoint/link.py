@@ -53,11 +53,11 @@ def close_links_at_once(session: zenoh.Session) -> zenoh.LinkEventsListener[None
     then. Without that option closing returns at once, and the system sends the rest by itself.
     """
 
-    def opened(event: zenoh.LinkEvent) -> None:
+    def hear(event: zenoh.LinkEvent) -> None:
         if event.kind == zenoh.SampleKind.PUT:
             close_sockets_at_once()
 
-    return session.info.declare_link_events_listener(opened, history=True)
+    return session.info.declare_link_events_listener(hear, history=True)
 
 
 def close_sockets_at_once() -> None:

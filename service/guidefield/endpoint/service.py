@@ -151,7 +151,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         ending = Health(state="ending", doing=f"what is being worked on is finished, within {settings.grace:g} s")
         opened.callback(setattr, condition, "now", ending)
         announce(f"starting (workers: {settings.workers})")
-        if not _started(settings, pool, condition, announce, stop):
+        if not _await_start(settings, pool, condition, announce, stop):
             return
         if _has_access_control(config):  # there are users
             pool.stand_by()
@@ -246,7 +246,7 @@ def _tell_metrics(settings: ServiceSettings, brief: Callable[[], InfoReply], ope
         raise CannotStart(f"metrics can't be told at port {settings.metrics}: {error.strerror}") from None
 
 
-def _started(
+def _await_start(
     settings: ServiceSettings,
     pool: Pool,
     condition: monitoring.Condition,
@@ -258,12 +258,12 @@ def _started(
     The kernels are compiled before the workers load them: each would compile them all.
     """
 
-    def told(sentence: str) -> None:
+    def tell(sentence: str) -> None:
         condition.now = Health(state="starting", doing=sentence)
         announce(sentence)
 
     try:
-        compile_kernels(told, stop.is_set)
+        compile_kernels(tell, stop.is_set)
         robots = f", and prepares {', '.join(settings.prepare)}" if settings.prepare else ""
         doing = f"the first of {settings.workers} workers loads the planner{robots}"
         condition.now = Health(state="starting", doing=doing)

@@ -200,7 +200,7 @@ PRIMITIVES: dict[str, Callable[[Any], Any]] = {
 COLOR = (125, 175, 240, 255)  # colour of the balls (RGBA)
 
 
-def known(robot: RobotModel) -> str:
+def list_sphere_counts(robot: RobotModel) -> str:
     """The numbers of bounding spheres of the shapes that have some."""
     return " ".join("-" if one is None else f"{len(one.cover.spheres)}" for one in known_coverage(robot))
 
@@ -280,7 +280,7 @@ def _make_room(folder: Path) -> None:
 def _fingerprint(robot: RobotModel) -> str:
     """A hash of all that a robot's pictures are made from: its text, its mesh files, its cover, who reads them."""
     source = robot.source.urdf_text.encode()
-    digest = hashlib.sha256(f"{rr.__version__} {version('trimesh')} {known(robot)} ".encode() + source)
+    digest = hashlib.sha256(f"{rr.__version__} {version('trimesh')} {list_sphere_counts(robot)} ".encode() + source)
     for module in (__file__, mesh_files.__file__, surface.__file__):
         digest.update(Path(module).read_bytes())
     for element in etree.fromstring(source).iter("mesh"):

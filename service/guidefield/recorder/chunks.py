@@ -64,7 +64,7 @@ def still(path: str, *archetypes: Any) -> Chunk:
     return Chunk.from_columns(path, [], _single_row(archetypes))
 
 
-def begun(path: str, time: float, *archetypes: Any) -> Chunk:
+def from_time(path: str, time: float, *archetypes: Any) -> Chunk:
     """A chunk of an entity that holds from a time of `PATH_TIME` on [s]."""
     return Chunk.from_columns(path, [path_times(np.array([time]))], _single_row(archetypes))
 

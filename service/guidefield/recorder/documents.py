@@ -99,7 +99,7 @@ class RecordedRun(Generic[_Request_co, _Reply_co]):
     # from which group, scene and measures are seen, and all is drawn; None: the world's origin
     anchor: Anchor | None = None
 
-    def seen(self) -> tuple[_Request_co, _Reply_co]:
+    def as_drawn(self) -> tuple[_Request_co, _Reply_co]:
         """Return request and reply as seen from the anchor."""
         if self.anchor is None:
             return self.request, self.reply

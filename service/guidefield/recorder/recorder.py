@@ -160,7 +160,7 @@ def record_plan(place: Place, run: PlanRun, log: EventLog) -> None:
     With `recording: "summary"` it holds the motion among the obstacles and how it went, and its log only steps, the
     last of which is where a failure ended; "full" adds the field and the planner's life.
     """
-    group, (request, reply) = run.group, run.seen()
+    group, (request, reply) = run.group, run.as_drawn()
     full, steps, pair = request.recording == "full", log.steps(), reply.status.details.get("pair")
     colliding = frozenset(map(str, pair)) if isinstance(pair, list | tuple) else frozenset()
     refused = refused_goal(group, request, reply)

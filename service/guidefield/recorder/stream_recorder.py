@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from guidefield.recorder import bodies, robot_entities, scene_entities, surface
-from guidefield.recorder.chunks import PATH_TIME, begun, make_columns, path_times, timed
+from guidefield.recorder.chunks import PATH_TIME, from_time, make_columns, path_times, timed
 from guidefield.recorder.motion import configurations_of, poses
 from guidefield.recorder.rrd_file import encode_recording
 from guidefield.recorder.view import SWITCHED_OFF, Eye, blueprint, choose_eye, scene_view
@@ -100,7 +100,7 @@ def _moving(number: int, one: MovingBody) -> Iterator[Chunk]:
     else:
         drawn = bodies.mesh(surface.shaded(one.obstacle.vertices, one.obstacle.triangles), color)
     for time in one.appears.tolist():
-        yield begun(path, time, drawn)
+        yield from_time(path, time, drawn)
     if len(one.gone):
         yield timed(path, [path_times(one.gone)], make_columns(rr.Clear, is_recursive=[False] * len(one.gone)))
     if len(one.times):

@@ -130,7 +130,7 @@ class RunWriter:
 
     def _transaction(self, changes: list[_Change]) -> list[tuple[Exception | None, Any]]:
         """Make some changes; return their own refusals, which are no reason to undo others, and their results."""
-        db, outcomes = self._opened(), list[tuple[Exception | None, Any]]()
+        db, outcomes = self._open(), list[tuple[Exception | None, Any]]()
         with telling_faults(self._file):
             db.execute("BEGIN IMMEDIATE")
             try:
@@ -147,7 +147,7 @@ class RunWriter:
                     db.execute("ROLLBACK")
         return outcomes
 
-    def _opened(self) -> sqlite3.Connection:
+    def _open(self) -> sqlite3.Connection:
         """Return the connection; raise DiskRefused if the file can't be opened, or couldn't just now."""
         if self._db is None:
             if self._fault is not None and time.monotonic() - self._fault[0] < RETRY_INTERVAL_S:

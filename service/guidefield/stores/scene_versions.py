@@ -186,11 +186,11 @@ class SceneVersions:
         known = self._known
         if known is None:
             return False
-        return (known.file, (known.changes, known.end)) == (_written(self._file), _extent(self._changes))
+        return (known.file, (known.changes, known.end)) == (_identify(self._file), _extent(self._changes))
 
     def _read_on(self) -> bool:
         """Read later lines, or all; return whether the files fit together: not while they are written."""
-        file, (changes, _) = _written(self._file), _extent(self._changes)
+        file, (changes, _) = _identify(self._file), _extent(self._changes)
         known, self._known = self._known, None
         if known is None or (known.file, known.changes) != (file, changes):
             known = self._read_whole(file, changes)
@@ -243,7 +243,7 @@ def _lines(text: bytes) -> tuple[list[_Line] | None, int]:
     return (whole if len(whole) == len(lines) else None), end
 
 
-def _written(file: Path) -> tuple[int, int]:
+def _identify(file: Path) -> tuple[int, int]:
     """Return the inode of a file, and its time of writing [ns]."""
     stat = file.stat()
     return stat.st_ino, stat.st_mtime_ns
