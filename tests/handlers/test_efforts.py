@@ -1,5 +1,7 @@
 """Torques as a client meets them: told of plans and motions, with what is held; bound; refused where nothing helps."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -147,6 +149,16 @@ def test_straight_pieces_have_no_torques_to_limit() -> None:
     assert drawn.status.name == "SUCCESS"
     assert drawn.effort is not None
     assert drawn.effort.joints[0].effort <= 9.0
+
+
+@pytest.mark.parametrize("most", [1e-6, 1e-9])
+def test_a_limit_that_nothing_keeps_ends_in_time(most) -> None:
+    asked = {"robot": "panda", "scene": "table", **THERE, "limits": {"panda_joint1": {"effort": most}}}
+    answer({**asked, "allowed_planning_time": 60.0, "optimization_iterations": 1})
+    begun = time.process_time()
+    reply = answer({**asked, "allowed_planning_time": 0.3})
+    assert time.process_time() - begun < 0.5
+    assert reply.status.name == "INVALID_MOTION_PLAN"
 
 
 def test_a_held_object_without_a_mass_is_warned_of() -> None:

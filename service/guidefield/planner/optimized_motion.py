@@ -223,7 +223,7 @@ def bring_onto_planes(
         return None
     knots, passed = with_knots(*exact)
     limits = limits_of(problem)
-    trajectory = stretch_to_limits(*knots, *limits[:3], limits.beside)
+    trajectory = stretch_to_limits(*knots, *limits[:3], limits.beside, limits.deadline)
     return trajectory, crossed.knots(trajectory, passed)
 
 
@@ -236,7 +236,7 @@ def _time_within_limits(
     """
     begin, rates = float(motion.times[0]), limits_of(problem)
     knots = (motion.times - begin, motion.positions, motion.velocities)
-    fast = stretch_to_limits(*knots, *rates[:3], rates.beside)
+    fast = stretch_to_limits(*knots, *rates[:3], rates.beside, rates.deadline)
     anew = _retime(problem, fast, crossed) if rates.beside else None
     for one, on_planes in filter(None, (anew, (fast, passed))):
         if begin + one.duration >= arrive_from:

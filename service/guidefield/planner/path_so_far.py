@@ -39,7 +39,7 @@ def limits_of(problem: Problem) -> Limits:
     jerk = problem.jerk_limits
     unlimited = cast(ChartRate, np.full(group.nv, np.inf))
     own = unlimited if jerk is None else jerk
-    return Limits(group.velocity_limits, group.acceleration_limits, own, problem.beside)
+    return Limits(group.velocity_limits, group.acceleration_limits, own, problem.beside, problem.deadline)
 
 
 def round_path(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> BSpline:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.timing import hermite
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, QuinticMotion
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
@@ -47,10 +48,11 @@ def stretch_to_limits(
     acceleration_limits: ChartRate,
     jerk_limits: ChartRate,
     beside: Sequence[MotionLimit] = (),
+    deadline: Deadline = UNLIMITED,
 ) -> Trajectory:
     """A motion, given as for `measure_limit_load`, with time scaled so that it reaches a limit and exceeds none.
 
-    A limit beside those of rates that no time is long enough for is left exceeded.
+    A limit beside those of rates that no time is long enough for is left exceeded, and so may any be when time is up.
     """
     stretch, margin = 1.0, 1e-12
     for _ in range(MOST_ROUNDS):
@@ -65,7 +67,7 @@ def stretch_to_limits(
     for _ in range(MOST_ROUNDS if beside else 0):
         motion = Trajectory(times * stretch, positions, velocities / stretch)
         load = max(limit.stretch(motion.polynomials) for limit in beside)
-        if load <= 1.0 or not math.isfinite(load):
+        if load <= 1.0 or not math.isfinite(load) or deadline.expired():
             break
         stretch *= load * (1.0 + margin)
         margin *= 4.0

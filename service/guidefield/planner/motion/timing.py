@@ -17,6 +17,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.timing import path_parameterization
 from guidefield.memo import memoized_by_value
 from guidefield.planner.motion.bspline import ENDS, BSpline, End, basis, basis_bends, basis_slopes
@@ -88,6 +89,7 @@ class Limits(NamedTuple):
     acceleration: ChartRate
     jerk: ChartRate
     beside: tuple[MotionLimit, ...] = ()
+    deadline: Deadline = UNLIMITED  # when a motion is slowed down no further for those beside
 
 
 class CurveProgress(NamedTuple):
@@ -134,7 +136,7 @@ def parameterize(curve: PathCurve, limits: Limits, finer: int = 1) -> BSpline:
 
 def stretch_spline_to_limits(spline: BSpline, limits: Limits) -> Trajectory:
     """A motion with its time scaled so that it reaches a limit and exceeds none."""
-    return stretch_to_limits(*spline.knots(), *limits[:3], limits.beside)
+    return stretch_to_limits(*spline.knots(), *limits[:3], limits.beside, limits.deadline)
 
 
 def find_fastest_progress(curve: PathCurve, limits: Limits) -> CurveProgress:

@@ -249,7 +249,8 @@ def optimize(
         times, positions, velocities = knots
         trajectory = Trajectory(spline.begin + times, positions, velocities)
     else:
-        trajectory = stretch_to_limits(*knots, limits.velocity, limits.acceleration, limits.jerk, problem.beside)
+        rates = limits.velocity, limits.acceleration, limits.jerk
+        trajectory = stretch_to_limits(*knots, *rates, problem.beside, problem.deadline)
     steps, outcome = descending.steps, descending.outcome or Outcome.OPTIMISED
     problem.tell(Note(f"optimised in {steps} steps: {motion.duration:.3f} s became {trajectory.duration:.3f} s"))
     return Optimized(trajectory, steps, motion.duration, outcome, passed)
