@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 
 from guidefield.case_file import Motion, write
+from guidefield.collision.blocking_pairs import Contact
 from guidefield.collision.pairs import PairNames
 from guidefield.collision.world import World
 from guidefield.geometry import cache
@@ -91,6 +92,14 @@ def declare(
         touching=touching,
         untold=conditions.untold if untold is None else untold,
     )
+
+
+def declare_parts(
+    request: MotionRequest, parts: Sequence[tuple[Conditions, GivenMotion]], contacts: Sequence[Contact]
+) -> list[Motion]:
+    """Make the referee's motions of one that leaves contacts, from `Leaving.parts`."""
+    touching = [one.pair for one in contacts]
+    return [declare(request, *part, touching=() if k else touching) for k, part in enumerate(parts)]
 
 
 def _make_motion(request: MotionRequest, world: World, curve: Curve, min_clearance: float) -> Motion:

@@ -15,7 +15,7 @@ from guidefield.collision.enclosure import closed_bodies
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
-from guidefield.handlers.agreement import Certified, declare, keep_contradictions, require_agreement
+from guidefield.handlers.agreement import Certified, declare, declare_parts, keep_contradictions, require_agreement
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.certify_problem import certify_problem, planning_group
 from guidefield.handlers.certify_reply import reply_to
@@ -169,6 +169,4 @@ def _declare_parts(request: CertifyRequest, problem: GivenProblem, leaving: Leav
     """The motion of a problem for the referee, in two parts where it leaves a contact at the start."""
     if leaving is None or not leaving.parts:
         return [declare(request, problem, problem.motion)]
-    touching = [one.pair for one in leaving.contacts]
-    (others, out), *rest = leaving.parts
-    return [declare(request, others, out, touching=touching), *(declare(request, *one) for one in rest)]
+    return declare_parts(request, leaving.parts, leaving.contacts)

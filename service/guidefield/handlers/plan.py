@@ -15,7 +15,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError, Status
 from guidefield.geometry.placements import se3
-from guidefield.handlers.agreement import Certified, declare, keep_contradictions, require_agreement
+from guidefield.handlers.agreement import Certified, declare, declare_parts, keep_contradictions, require_agreement
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.plan_problem import Derivation, problem_of, with_derived_planes
@@ -26,6 +26,7 @@ from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.planner.guide.guide import ATTEMPTS, PROJECTED
+from guidefield.planner.judgement import split_where_left
 from guidefield.planner.motion.drawn_motion import draw_plan
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import Trajectory
@@ -148,15 +149,9 @@ def _motions(request: PlanRequest, problem: Problem, made: Plan) -> list[Motion]
     motion = GivenMotion.of(made.trajectory) if made.drawn is None else made.drawn.motion
     if not made.judged_from:
         return [declare(request, problem, motion)]
-    touching = [
-        one.pair for one in contacts_at(problem.world_at(0.0), problem.group.expand_from_chart(problem.z_start))
-    ]
-    allowed = [*problem.allowed_collisions, *touching]
-    others = World.build(problem.group, problem.scene, allowed)
-    left, end = motion.place_at(made.judged_from), (len(motion.pieces) - 1, 1.0)
-    out = dataclasses.replace(problem, world=others, min_clearance=0.0)
-    parts = [declare(request, out, motion.between((0, 0.0), left), touching=touching)]
-    return parts if left == end else [*parts, declare(request, problem, motion.between(left, end))]
+    contacts = contacts_at(problem.world_at(0.0), problem.group.expand_from_chart(problem.z_start))
+    parts = split_where_left(problem, motion, contacts, motion.place_at(made.judged_from))
+    return declare_parts(request, parts, contacts)
 
 
 def prepare_ahead(

@@ -64,16 +64,19 @@ def judge_leaving(conditions: Conditions, motion: GivenMotion) -> Leaving | None
         reason = Reason.STOPPED if conditions.deadline.expired() else Reason.CONTACT
         verdict = Verdict(reason, 1, piece, share, (0, 0.0), names, z)
         return Leaving(verdict, contacts, piece, share, leaves=False)
-    others = World.build(
-        conditions.group, conditions.scene, (*conditions.allowed_collisions, *(one.pair for one in contacts))
-    )
+    parts = split_where_left(conditions, motion, contacts, (piece, share))
+    return Leaving(_judge_parts(parts, piece, share), contacts, piece, share, leaves=True, parts=parts)
+
+
+def split_where_left(
+    conditions: Conditions, motion: GivenMotion, contacts: Sequence[Contact], left: tuple[int, float]
+) -> tuple[tuple[Conditions, GivenMotion], ...]:
+    """Split a motion at the place by which it leaves contacts; the parts are those of `Leaving`."""
+    allowed = (*conditions.allowed_collisions, *(one.pair for one in contacts))
+    others = World.build(conditions.group, conditions.scene, allowed)
     end = len(motion.pieces) - 1, 1.0
-    parts: list[tuple[Conditions, GivenMotion]] = [
-        (replace(conditions, world=others, min_clearance=0.0), motion.between((0, 0.0), (piece, share)))
-    ]
-    if (piece, share) != end:
-        parts.append((conditions, motion.between((piece, share), end)))
-    return Leaving(_judge_parts(parts, piece, share), contacts, piece, share, leaves=True, parts=tuple(parts))
+    out = replace(conditions, world=others, min_clearance=0.0), motion.between((0, 0.0), left)
+    return (out,) if left == end else (out, (conditions, motion.between(left, end)))
 
 
 def _place(motion: GivenMotion, piece: int, share: float) -> ChartPoint:

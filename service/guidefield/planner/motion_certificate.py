@@ -107,7 +107,7 @@ class SettledExecution(ReadOnly):
 _SETTLED = Answers[tuple[SettledExecution, "weakref.ref[World]"]](1)
 """What was settled about a trajectory, and in which world."""
 
-JudgeDrawn = Callable[[GivenMotion], tuple[Verdict, float]]  # tells the verdict, and `Settled.stretch`
+JudgeDrawn = Callable[[GivenMotion], tuple[Verdict, float]]  # tells the verdict, and `SettledExecution.stretch`
 
 
 def settle_execution(problem: Problem, trajectory: Trajectory) -> SettledExecution:
@@ -149,19 +149,19 @@ def settle_rows(
 
 
 def judge_drawn(conditions: Conditions, motion: GivenMotion, deadline: Deadline) -> tuple[Verdict, float]:
-    """Judge what a controller draws: free, keeping path constraints and the limits of rates; and `Settled.stretch`."""
-    verdict = certify_given(conditions, motion, deadline)
-    if verdict.free and conditions.path_constraints:
-        turns = conditions.world.bodies.turns
-        kept = certify_constraints(conditions.constrained_frames, turns, motion.pieces, deadline, motion.tube)
-        verdict = replace(kept, evaluations=verdict.evaluations + kept.evaluations)
-    return (verdict, 1.0) if not verdict.free else judge_rates(conditions, motion, verdict)
+    """Judge what a controller draws: free, and as `judge_rates`."""
+    return judge_rates(conditions, motion, certify_given(conditions, motion, deadline), deadline)
 
 
-def judge_rates(conditions: Conditions, motion: GivenMotion, verdict: Verdict) -> tuple[Verdict, float]:
-    """Judge the limits of rates of a motion whose verdict is free; and `Settled.stretch`."""
+def judge_rates(
+    conditions: Conditions, motion: GivenMotion, verdict: Verdict, deadline: Deadline
+) -> tuple[Verdict, float]:
+    """Judge whether a motion keeps path constraints and limits of rates, too; and `SettledExecution.stretch`."""
+    verdict = _with_constraints(conditions, verdict, motion.pieces, deadline, motion.tube)
+    if not verdict.free:
+        return verdict, 1.0
     group, uses = conditions.group, measure_limit_shares(motion, conditions.group, conditions.jerk_limits)
-    stretch = 1.0
+    stretch, refused = 1.0, list[Verdict]()
     if find_excess(conditions, motion) is not None:
         beside: list[MotionLimit] = [*conditions.cartesian_limits]
         beside += [] if conditions.effort_limit is None else [conditions.effort_limit]
@@ -175,13 +175,11 @@ def judge_rates(conditions: Conditions, motion: GivenMotion, verdict: Verdict) -
         if use.is_within or use.coordinate is None or limits is None:
             continue
         stretch = max(stretch, np.inf if use.share is None else use.share ** (1.0 / order))
-        if not verdict.free:
-            continue
         joint, limit = group.joints[use.coordinate].name, float(limits[use.coordinate])
         fault = LimitFault(joint, np.inf if use.share is None else use.share * limit, -limit, limit)
         z = point_on(motion.pieces[use.piece], use.at)
-        verdict = Verdict(reason, verdict.evaluations, use.piece, use.at, (0, 0.0), None, z, fault)
-    return verdict, stretch
+        refused.append(Verdict(reason, verdict.evaluations, use.piece, use.at, (0, 0.0), None, z, fault))
+    return refused[0] if refused else verdict, stretch
 
 
 def certify_given(conditions: Conditions, motion: GivenMotion, deadline: Deadline, count: int | None = None) -> Verdict:
@@ -286,10 +284,12 @@ def certify_from_start(conditions: Conditions, motion: Trajectory, deadline: Dea
     return _with_constraints(conditions, verdict, pieces, deadline)
 
 
-def _with_constraints(conditions: Conditions, verdict: Verdict, pieces: ChartCurves, deadline: Deadline) -> Verdict:
+def _with_constraints(
+    conditions: Conditions, verdict: Verdict, pieces: ChartCurves, deadline: Deadline, tube: np.ndarray | None = None
+) -> Verdict:
     if not (verdict.free and conditions.path_constraints):
         return verdict
-    kept = certify_constraints(conditions.constrained_frames, conditions.world.bodies.turns, pieces, deadline)
+    kept = certify_constraints(conditions.constrained_frames, conditions.world.bodies.turns, pieces, deadline, tube)
     return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 

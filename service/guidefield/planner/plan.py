@@ -39,7 +39,6 @@ from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import ControllerModel, Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed, Stages, make_ending_at_rest, make_refusal
 from guidefield.planner.task.trace import StageLeft
-from guidefield.prove.certificate import certify_constraints
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
@@ -99,10 +98,7 @@ def _settle_leaving(
         leaving = judge_leaving(problem, motion)
         verdict = certify_given(problem, motion, deadline) if leaving is None else leaving.verdict
         left_at = 0.0 if leaving is None else cast(float, motion.along(leaving.piece, leaving.share)[1])
-        if verdict.free and problem.path_constraints:
-            frames, turns = problem.constrained_frames, problem.world.bodies.turns
-            verdict = certify_constraints(frames, turns, motion.pieces, deadline, motion.tube)
-        return judge_rates(problem, motion, verdict) if verdict.free else (verdict, 1.0)
+        return judge_rates(problem, motion, verdict, deadline)
 
     for attempt in range(MOST_SLOWED):
         settled = settle_rows(trajectory, execution, deadline, judge_motion)

@@ -243,7 +243,7 @@ class _SequencePlanning(Generic[S]):
         with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
             trajectory, stretches, permissions = self._parts()
             deadline = self._deadline.at_least(LAST_JUDGEMENT)
-            judged: Iterable[Verdict] = (certify_stretch(stretch, deadline) for stretch in stretches)
+            judged: Iterable[Verdict] = (certify_stretch(stretch, deadline)[0] for stretch in stretches)
             if (execution := self._legs[0].conditions.execution) is not None:
                 drawn, stretches, judged = settle_stretches(trajectory, execution, stretches, deadline)
             for stretch, verdict in zip(stretches, judged, strict=False):
@@ -309,9 +309,8 @@ class _SequencePlanning(Generic[S]):
 
     def _make_refusal(self, refused: StepRefusal, step: int, at: S) -> SequencePlan[S]:
         base = self._z
-        verdict = certify_stretch(
-            _make_standing_stretch(self._course.conditions(step, at), step, base, self._composition.end)
-        )
+        stands = _make_standing_stretch(self._course.conditions(step, at), step, base, self._composition.end)
+        verdict, _ = certify_stretch(stands)
         ending = refused.ending
         if refused.index > step:
             message = f"{ending.message}, from any end of `steps[{step}]` that was tried"

@@ -217,7 +217,7 @@ def settle_stretches(
         parts, verdicts = [one.drawn_of(motion, is_last=k == last) for k, one in enumerate(stretches)], []
         stretched = 1.0
         for one in parts:
-            verdict, most = judge_stretch(one, deadline)
+            verdict, most = certify_stretch(one, deadline)
             verdicts.append(verdict)
             stretched = max(stretched, most)
             if not verdict.free:
@@ -230,13 +230,8 @@ def settle_stretches(
     return settled.drawn, parts, verdicts
 
 
-def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> Verdict:
-    """Judge a stretch: free, and keeping what the step has to keep."""
-    return judge_stretch(stretch, deadline)[0]
-
-
-def judge_stretch(stretch: Stretch, deadline: Deadline) -> tuple[Verdict, float]:
-    """Judge a stretch as `certify_stretch`; and by how much its time has to be stretched (`Settled.stretch`)."""
+def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> tuple[Verdict, float]:
+    """Judge a stretch: free, and keeping what the step has to keep; and `SettledExecution.stretch`."""
     drawn, stretched = stretch.drawn, 1.0
     if drawn is None:
         verdict, pieces = certify_from_start(stretch, stretch.motion, deadline), stretch.motion.bezier()
