@@ -27,14 +27,24 @@ def filled(page: str) -> str:
 
 
 def keys() -> str:
-    """Every key: what it is for, its parameters, what it takes and gives, and whether it waits for a worker."""
+    """Every key: its purpose, parameters, what it takes and gives, and whether it waits for a worker.
+
+    A parameter is explained at the first key that has it.
+    """
+    explained = set[tuple[str, str]]()
+
+    def explain(name: str, what: str) -> str:
+        known = (name, what) in explained
+        explained.add((name, what))
+        return f"`{name}`" if known else f"`{name}`: {what}"
+
     return make_table(
         ("key", "what", "parameters", "takes", "gives", "needs a worker"),
         (
             (
                 f"`guidefield/<i>/{key.key}`",
                 key.what,
-                "; ".join(f"`{name}`: {what}" for name, what in key.parameters.items()),
+                "; ".join(explain(name, what) for name, what in key.parameters.items()),
                 _named(key.takes),
                 _gives(key),
                 key.worker if key.how == "query" else "",
