@@ -13,7 +13,6 @@ from collections.abc import Callable
 
 LOOPBACK = "127.0.0.1"
 PORT = 9876  # where a viewer listens that is started by anybody
-WEB_PORT = 9090  # where a viewer's page is served if there is no display
 START_TIME_S = 30.0  # time that a viewer has to listen [s]
 PROBE_TIME_S = 0.5  # time to connect to a viewer [s]
 ADDRESS = "rerun+http://{host}:{port}/proxy"
@@ -55,11 +54,15 @@ def find_viewer(say: Callable[[str], None], port: int = PORT) -> str:
     if is_listening(address):
         return address
     window = has_display()
-    options = ["--expect-data-soon"] if window else ["--serve-web", "--web-viewer-port", str(WEB_PORT)]
+    with socket.socket() as held:
+        held.bind((LOOPBACK, 0))
+        page_port = held.getsockname()[1]
+    options = ["--expect-data-soon"] if window else ["--serve-web", "--web-viewer-port", str(page_port)]
     started = subprocess.Popen(  # noqa: S603 - our interpreter
         [*viewer_command(), "--port", str(port), *options],
         env=quiet_environment(),
         stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,  # it outlives whoever reads ours
         start_new_session=True,
     )
     deadline = time.monotonic() + START_TIME_S
@@ -68,7 +71,7 @@ def find_viewer(say: Callable[[str], None], port: int = PORT) -> str:
             raise CannotShow(f"Rerun's viewer doesn't listen at {address}; `python -m rerun` says why")
         time.sleep(0.1)
     if not window:
-        page = f"http://{LOOPBACK}:{WEB_PORT}/?url={address.replace('+', '%2B')}"
+        page = f"http://{LOOPBACK}:{page_port}/?url={address.replace('+', '%2B')}"
         say(f"the viewer is at {page}; `kill {started.pid}` ends it")
     return address
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import re
+import signal
 import subprocess
 import sys
 import time
@@ -11,6 +14,7 @@ from typing import Any
 import pytest
 from rerun.chunk import RrdReader
 
+from guidefield.cli.serving import free_port
 from guidefield.engine import Engine
 from guidefield.messages.scene import Box
 from guidefield.messages.streams import Observation, StreamObstacle, StreamOpen, StreamUpdate
@@ -99,6 +103,23 @@ def test_nobody_waits_for_a_viewer_that_is_not_there() -> None:
     began = time.monotonic()
     _finish_sending()
     assert time.monotonic() - began < 5.0
+
+
+def test_a_viewer_is_started_where_none_listens_and_outlives_who_started_it() -> None:
+    environment = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
+    with free_port() as port:
+        code = f"from guidefield.viewer import find_viewer; print(find_viewer(print, {port}))"
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True, timeout=TIME_S
+        )  # what it started holds none of its outputs
+    said, address = done.stdout.splitlines()
+    started = int(re.findall(r"`kill (\d+)`", said)[0])
+    try:
+        assert is_listening(address)
+        assert address == f"rerun+http://127.0.0.1:{port}/proxy"
+    finally:
+        os.killpg(started, signal.SIGTERM)
 
 
 def test_an_address_that_is_none_is_refused() -> None:
