@@ -54,15 +54,15 @@ def address(site: Path) -> Iterator[str]:
 
 def test_every_page_is_in_the_navigation_once(pages: ModuleType) -> None:
     listed = [name for names in pages.CHAPTERS.values() for name in names]
-    assert sorted(listed) == sorted(set(pages.all_pages()) - {"index"})
+    assert sorted(listed) == sorted(set(pages.make_pages()) - {"index"})
 
 
 def test_links_of_a_page_lead_to_the_same_things_on_the_site(pages: ModuleType) -> None:
     text = "[a](../../tools/pictures/made/door.webp) [b](service/docs/wire.md#codes) [c](https://x.org/a) [d](#e)"
-    assert pages.adapt(text) == "[a](pictures/door.webp) [b](wire.md#codes) [c](https://x.org/a) [d](#e)"
+    assert pages.adapt_page(text) == "[a](pictures/door.webp) [b](wire.md#codes) [c](https://x.org/a) [d](#e)"
     assert pages.site_target("../../README.md").startswith("index.")
-    assert pages.adapt("```json PlanRequest request.json\n") == '```json title="request.json"\n'
-    assert pages.adapt("```json PlanRequest guidefield/local/plan\n") == "```json\n"
+    assert pages.adapt_page("```json PlanRequest request.json\n") == '```json title="request.json"\n'
+    assert pages.adapt_page("```json PlanRequest guidefield/local/plan\n") == "```json\n"
 
 
 def test_a_picture_without_a_caption_is_refused(pages: ModuleType) -> None:

@@ -83,32 +83,32 @@ def build_site(target: Path, source: Path) -> None:
     shutil.rmtree(source, ignore_errors=True)
     pages = source / "pages"
     shutil.copytree(PICTURES, pages / "pictures")
-    for name, text in all_pages().items():
+    for name, text in make_pages().items():
         (pages / f"{name}.md").write_text(text)
-    for file in linked_files():
+    for file in find_linked_files():
         (pages / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(ROOT / file, pages / file)
     shutil.copyfile(DOCS / "wire.schema.json", pages / "wire.schema.json")
     (pages / "site.css").write_text(STYLE)
     settings = source / "mkdocs.yml"
-    settings.write_text(json.dumps(mkdocs_settings(pages, target), indent=1))  # JSON is YAML
+    settings.write_text(json.dumps(make_settings(pages, target), indent=1))  # JSON is YAML
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "-f", str(settings)]
     subprocess.run(command, check=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"})  # advertisement of a successor
 
 
-def all_pages() -> dict[str, str]:
-    """Every page in Markdown, by its name in the site."""
+def make_pages() -> dict[str, str]:
+    """Make every page in Markdown, by its name in the site."""
     pages = {path.stem: path.read_text() for path in DOCS.glob("*.md")}
     pages |= {name: (ROOT / file).read_text() for name, file in PROJECT_PAGES.items()}
-    pages = {name: adapt(text) for name, text in pages.items()}
+    pages = {name: adapt_page(text) for name, text in pages.items()}
     pages["wire"] = link_messages(pages["wire"])
-    return pages | {"messages": messages_page(), "api": api_page(), "gallery": gallery_page()}
+    return pages | {"messages": make_messages_page(), "api": make_api_page(), "gallery": make_gallery_page()}
 
 
-def adapt(text: str) -> str:
-    """A page with links, code blocks and diagrams as the site needs them."""
+def adapt_page(text: str) -> str:
+    """Adapt links, code blocks and diagrams of a page to the site."""
     text = FENCE.sub(lambda fence: f"```{fence[1]}{file_title(fence[2])}", text)
-    text = DIAGRAM.sub(lambda diagram: layers_table(diagram[1]), text)
+    text = DIAGRAM.sub(lambda diagram: make_layers_table(diagram[1]), text)
     return LINK.sub(lambda link: f"{link[1]}{site_target(link[2])}", text)
 
 
@@ -131,15 +131,15 @@ def site_target(target: str) -> str:
     return target.removeprefix("../../")
 
 
-def linked_files() -> list[Path]:
-    """Files of the source that pages link to, other than pages and pictures, from the root."""
+def find_linked_files() -> list[Path]:
+    """Find the files of the source that pages link to, other than pages and pictures; paths from the root."""
     texts = [path.read_text() for path in (*DOCS.glob("*.md"), *(ROOT / file for file in PROJECT_PAGES.values()))]
     targets = {site_target(link[2]) for text in texts for link in LINK.finditer(text)}
     return sorted(Path(target) for target in targets if "/" in target and not target.startswith("pictures/"))
 
 
-def layers_table(diagram: str) -> str:
-    """The diagram of layers as a table, from the top down."""
+def make_layers_table(diagram: str) -> str:
+    """Make a table of the diagram of layers, from the top down."""
     layers = dict(LAYER.findall(diagram))
     order = re.findall(r"^    (\w+ -->.*)$", diagram, re.MULTILINE)
     names = order[0].split(" --> ") if order else list(layers)
@@ -151,20 +151,20 @@ def layers_table(diagram: str) -> str:
 
 
 def link_messages(text: str) -> str:
-    """A page whose code-quoted messages lead to their descriptions."""
+    """Link the messages that a page names in code to their descriptions."""
     names = "|".join(sorted(make_schemas()["$defs"], key=len, reverse=True))
     return re.sub(rf"(?<!\[)`({names})`", lambda name: f"[`{name[1]}`](messages{PAGE}#{name[1].lower()})", text)
 
 
-def messages_page() -> str:
-    """Every message with its fields, in alphabetical order."""
+def make_messages_page() -> str:
+    """Describe every message with its fields, in alphabetical order."""
     names = sorted(make_schemas()["$defs"])
     known = re.compile(rf"\b({'|'.join(sorted(names, key=len, reverse=True))})\b")
     sections = []
     for name in names:
         _, _, text = describe_message(name).partition("\n")
         rows = [
-            re.sub(r"^(\| `\w+` \| )([^|]*)", lambda row: row[1] + known.sub(message_link, row[2]), line)
+            re.sub(r"^(\| `\w+` \| )([^|]*)", lambda row: row[1] + known.sub(link_message, row[2]), line)
             for line in text.splitlines()
         ]
         sections.append(f"## {name}\n" + "\n".join(rows))
@@ -174,13 +174,13 @@ def messages_page() -> str:
     )
 
 
-def message_link(name: re.Match[str]) -> str:
-    """A link to a message on the same page."""
+def link_message(name: re.Match[str]) -> str:
+    """Link a message on the same page."""
     return f"[{name[1]}](#{name[1].lower()})"
 
 
-def api_page() -> str:
-    """The public names of the package, from their docstrings."""
+def make_api_page() -> str:
+    """Describe the public names of the package, by their docstrings."""
     rooms = guidefield._ROOMS
     titles = {**{room: room for room in rooms}, **ROOM_TITLES}
     order = [*ROOM_TITLES, *(room for room in rooms if room not in ROOM_TITLES)]
@@ -195,8 +195,8 @@ def api_page() -> str:
     )
 
 
-def gallery_page() -> str:
-    """Every picture of the gallery."""
+def make_gallery_page() -> str:
+    """Show every picture of the gallery."""
     pictures = [
         f'![{caption(path.stem)}](pictures/{path.name}){{ width="560" loading=lazy }}'
         f"\n\n*{caption(path.stem)}* (`{path.stem}`)"
@@ -218,8 +218,8 @@ def caption(stem: str) -> str:
     return CAPTIONS[subject(Path(stem))]
 
 
-def mkdocs_settings(pages: Path, target: Path) -> dict[str, object]:
-    """The settings of MkDocs."""
+def make_settings(pages: Path, target: Path) -> dict[str, object]:
+    """Make the settings of MkDocs."""
     toggles = [("default", "light", "dark", "weather-night"), ("slate", "dark", "light", "weather-sunny")]
     return {
         "site_name": "guidefield",
