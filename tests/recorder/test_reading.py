@@ -11,7 +11,7 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.recorder.chunks import still
-from guidefield.recorder.documents import packed, unpacked
+from guidefield.recorder.documents import pack, unpack
 from guidefield.recorder.reading import read_recording
 from guidefield.recorder.rrd_file import write_recording
 from tests.recorder.runs import made_up
@@ -19,12 +19,12 @@ from tests.recorder.runs import made_up
 
 def test_what_is_packed_is_unpacked_or_refused() -> None:
     run = made_up("xarm7")
-    content = bytes(packed(run.request))
-    assert unpacked(content, PlanRequest) == run.request
-    assert unpacked(bytes(packed(run.reply)), PlanReply) == run.reply
-    for broken in (content[:-20], b"", b"hello", bytes(packed(run.reply))):
+    content = bytes(pack(run.request))
+    assert unpack(content, PlanRequest) == run.request
+    assert unpack(bytes(pack(run.reply)), PlanReply) == run.reply
+    for broken in (content[:-20], b"", b"hello", bytes(pack(run.reply))):
         with pytest.raises(ValueError, match="PlanRequest"):
-            unpacked(broken, PlanRequest)
+            unpack(broken, PlanRequest)
 
 
 def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:

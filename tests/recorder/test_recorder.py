@@ -17,7 +17,7 @@ from guidefield.messages import replies
 from guidefield.messages.requests import PlanRequest, PoseGoal
 from guidefield.planner.task import trace
 from guidefield.planner.task.trace import Step
-from guidefield.recorder.documents import unpacked
+from guidefield.recorder.documents import unpack
 from guidefield.recorder.motion import SHOWN_STEP
 from tests.journeys.service import await_that
 from tests.recorder.runs import MIN_CLEARANCE, PLACEMENT, MadeUp, Recording, made_up
@@ -301,8 +301,8 @@ def test_draws_guide_planes_with_their_names(run, recording):
 
 
 def test_keeps_request_and_reply_to_the_last_digit(run, recording):
-    assert unpacked(bytes(recording.one("/documents/request", "message")), PlanRequest) == run.request
-    assert unpacked(bytes(recording.one("/documents/reply", "message")), replies.PlanReply) == run.reply
+    assert unpack(bytes(recording.one("/documents/request", "message")), PlanRequest) == run.request
+    assert unpack(bytes(recording.one("/documents/reply", "message")), replies.PlanReply) == run.reply
     (summary,) = recording.one("/documents/summary", "TextDocument:text")
     assert run.reply.status.message in summary
     assert "31.0 mm" in summary
@@ -334,7 +334,7 @@ def test_a_summary_leaves_out_the_field_and_the_planners_life(run, recording, tm
     assert not any(path.startswith(("/field", "/planner")) for path in summary.entities)
     assert {"/robot/model/frames", "/robot/visual/panda_hand_0", "/ghosts", "/obstacles/boxes"} <= summary.entities
     assert {"/path/tip", "/plots/position", "/plots/velocity", "/documents/summary"} <= summary.entities
-    assert unpacked(bytes(summary.one("/documents/request", "message")), PlanRequest) == request
+    assert unpack(bytes(summary.one("/documents/request", "message")), PlanRequest) == request
 
 
 def test_records_a_failure_with_its_partial_motion(run, tmp_path):

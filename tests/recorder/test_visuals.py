@@ -116,6 +116,6 @@ def test_balls_that_are_drawn_contain_each_link():
         assert batch.column("CoordinateFrame:frame").to_pylist() == [[f"link {link}"]]
         centers, radii = (np.array(batch.column(f"Points3D:{name}").to_pylist()[0]) for name in ("positions", "radii"))
         in_link = model.model.frames[model.frame_id(link)].placement.inverse() * shape.placement
-        vertices = surface.of_shape(shape.geometry).moved(in_link).vertices
+        vertices = surface.of_shape(shape.geometry).move(in_link).vertices
         inside = np.linalg.norm(vertices[:, None] - centers[None], axis=2) <= radii + 1e-5
         assert inside.any(axis=1).all(), link

@@ -71,7 +71,7 @@ def highlighted(robot: RobotModel, links: Collection[str]) -> Iterator[Chunk]:
     """The collision geometry of some links once more, in red, as `/robot/at_fault/<body>`; just outside of the link."""
     for body in collision_bodies(robot, links):
         assert isinstance(body.surface, Surface), "what is judged is a surface"
-        yield _chunk("at_fault", replace(body, surface=body.surface.grown(OUTSIDE)), FAULT_COLOR)
+        yield _chunk("at_fault", replace(body, surface=body.surface.grow(OUTSIDE)), FAULT_COLOR)
 
 
 def collision_bodies(robot: RobotModel, links: Collection[str] | None = None) -> tuple[Body, ...]:
@@ -82,7 +82,7 @@ def collision_bodies(robot: RobotModel, links: Collection[str] | None = None) ->
         if links is not None and link not in links:
             continue
         in_link = robot.model.frames[robot.frame_id(link)].placement.inverse() * shape.placement
-        bodies.append(Body(shape.name, link, surface.of_shape(shape.geometry).moved(in_link), pin.SE3.Identity()))
+        bodies.append(Body(shape.name, link, surface.of_shape(shape.geometry).move(in_link), pin.SE3.Identity()))
     return tuple(bodies)
 
 
@@ -94,7 +94,7 @@ def _sketch(judged: tuple[Body, ...]) -> tuple[tuple[str, Surface], ...]:
             by_link.setdefault(body.link, []).append(body.surface)
     sketched = []
     for link, surfaces in by_link.items():
-        whole = surfaces if len(surfaces) <= SKETCHED_APART else [surface.joined(surfaces)]
+        whole = surfaces if len(surfaces) <= SKETCHED_APART else [surface.join(surfaces)]
         sketched += [(link, surface.sketch(one)) for one in whole]
     return tuple(sketched)
 
@@ -161,7 +161,7 @@ def _body(name: str, link: str, element: Any, materials: dict[str, Any]) -> Body
     else:
         raise ValueError(f"<{shape.tag}> is no geometry")
     if isinstance(drawn, Surface):
-        drawn, placement = drawn.moved(placement), pin.SE3.Identity()
+        drawn, placement = drawn.move(placement), pin.SE3.Identity()
     return Body(name, link, drawn, placement, color or GREY)
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 MESSAGE_COMPONENT = "message"  # the component of a document's entity that holds the message itself
 LEVEL = 1  # of compression: harder ones take three times as long and save nothing on numbers
-LARGEST_MESSAGE = 1 << 28  # bytes of a message, unpacked, that are read from a recording at most
+LARGEST_MESSAGE = 1 << 28  # maximum size of an unpacked message that is read from a recording [bytes]
 
 _M = TypeVar("_M", bound=msgspec.Struct)
 
@@ -44,23 +44,23 @@ LARGE_BYTES = 32 * 1024
 """From this size on [bytes of MessagePack] a scene has an entity, and in stores a file, of its own."""
 
 
-def encoded(message: msgspec.Struct) -> bytes:
+def encode(message: msgspec.Struct) -> bytes:
     """Return a message as MessagePack."""
     return codec.encode(message, codec.Encoding.MSGPACK)
 
 
-def packed(message: msgspec.Struct) -> np.ndarray:
+def pack(message: msgspec.Struct) -> np.ndarray:
     """A message as bytes, shape (n,), uint8."""
-    return np.frombuffer(zlib.compress(encoded(message), LEVEL), np.uint8)
+    return np.frombuffer(zlib.compress(encode(message), LEVEL), np.uint8)
 
 
 def large_scene(request: MotionRequest) -> SceneMessage | None:
     """Return the scene that a request holds, if it is large."""
     scene = request.scene
-    return scene if isinstance(scene, SceneMessage) and len(encoded(scene)) >= LARGE_BYTES else None
+    return scene if isinstance(scene, SceneMessage) and len(encode(scene)) >= LARGE_BYTES else None
 
 
-def unpacked(content: bytes, kind: type[_M]) -> _M:
+def unpack(content: bytes, kind: type[_M]) -> _M:
     """Unpack a message; raises ValueError if it is none of that kind."""
     inflate = zlib.decompressobj()
     try:
@@ -163,7 +163,7 @@ def distances(reply: MotionReply) -> list[tuple[str, str]]:
 def _message_document(path: str, kept: msgspec.Struct, shown: msgspec.Struct, **flags: list[bool]) -> Chunk:
     """A message to read, and beside it, in the component `message`, to the last bit for programs."""
     text = f"{SHORTENED}\n\n```json\n{readable(shown)}\n```"
-    values = rr.AnyValues(**{MESSAGE_COMPONENT: packed(kept)}, **flags)
+    values = rr.AnyValues(**{MESSAGE_COMPONENT: pack(kept)}, **flags)
     return still(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), values)
 
 

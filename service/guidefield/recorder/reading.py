@@ -26,7 +26,7 @@ from guidefield.recorder.documents import (
     REPLY,
     REQUEST,
     SCENE,
-    unpacked,
+    unpack,
     with_warning,
 )
 from guidefield.recorder.rrd_file import UNREADABLE, encode_recording, read_chunks, read_meshes
@@ -106,14 +106,14 @@ def read_recording(path: Path) -> Recorded:
             found = {chunk.entity_path: chunk for chunk in chunks}
         (packages,) = _values(found[PROPERTIES], MADE_WITH)
         request, reply = (bytes(_values(found[path], MESSAGE_COMPONENT)) for path in (REQUEST, REPLY))
-        judged = unpacked(request, RequestTag).type == CERTIFY
-        asked: MotionRequest = unpacked(request, CertifyRequest) if judged else unpacked(request, PlanRequest)
+        judged = unpack(request, RequestTag).type == CERTIFY
+        asked: MotionRequest = unpack(request, CertifyRequest) if judged else unpack(request, PlanRequest)
         if "scene_apart" in found[REQUEST].to_record_batch().schema.names:
             if SCENE not in found:  # it is in the file that a recording in a store is linked to
                 (found[SCENE],) = RrdReader(str(path.with_suffix(LINK))).stream().filter(content=[SCENE])
-            scene = unpacked(bytes(_values(found[SCENE], MESSAGE_COMPONENT)), Scene)
+            scene = unpack(bytes(_values(found[SCENE], MESSAGE_COMPONENT)), Scene)
             asked = msgspec.structs.replace(asked, scene=scene)
-        answered: MotionReply = unpacked(reply, CertifyReply) if judged else unpacked(reply, PlanReply)
+        answered: MotionReply = unpack(reply, CertifyReply) if judged else unpack(reply, PlanReply)
         return Recorded(asked, answered, parse_versions(packages))
     except (RuntimeError, ValueError, LookupError) as error:
         why = f"it has no {error}" if isinstance(error, KeyError) else f"{error}"

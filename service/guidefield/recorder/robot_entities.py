@@ -204,7 +204,7 @@ def ghosts(group: PlanningGroup, drawn: Drawn, motion: Motion) -> Chunk | None:
             colors[:, 3] = 255
             normals = sketch.normals @ there[number, :, :3].T
             parts.append(Surface(vertices[number], sketch.triangles, normals, colors))
-    return still(GHOST_ENTITY, bodies.mesh(surface.joined(parts))) if parts else None
+    return still(GHOST_ENTITY, bodies.mesh(surface.join(parts))) if parts else None
 
 
 def extent(group: PlanningGroup, drawn: Drawn, configurations: Configurations) -> np.ndarray:

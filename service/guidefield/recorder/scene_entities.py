@@ -76,7 +76,7 @@ def _walls(members: Sequence[tuple[Obstacle, Color]]) -> Chunk:
         normals = np.repeat(spanned / np.linalg.norm(spanned, axis=1, keepdims=True), 3, axis=0).astype(np.float32)
         parts.append(Surface(corners, np.arange(len(corners), dtype=np.uint32).reshape(-1, 3), normals).colored(color))
     return still(
-        "/obstacles/walls", bodies.mesh(surface.joined(parts)), rr.AnyValues(names=[one.name for one, _ in members])
+        "/obstacles/walls", bodies.mesh(surface.join(parts)), rr.AnyValues(names=[one.name for one, _ in members])
     )
 
 

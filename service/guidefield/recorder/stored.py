@@ -28,9 +28,9 @@ from guidefield.recorder.documents import (
     LARGE_BYTES,
     MESSAGE_COMPONENT,
     SCENE,
-    encoded,
+    encode,
     large_scene,
-    packed,
+    pack,
 )
 from guidefield.recorder.reading import LINK, left_out
 from guidefield.recorder.rrd_file import encode_recording, write_recording
@@ -78,13 +78,13 @@ def shared_scene(
     message = large_scene(request)
     names = f"{sorted(seen)} {sorted(hit)}".encode()
     digest = hashlib.sha256(_readers())
-    for part in (content, b"" if message is None else encoded(message), names):
+    for part in (content, b"" if message is None else encode(message), names):
         digest.update(hashlib.sha256(part).digest())
 
     def draw_large() -> list[Chunk]:
         drawn = list(scene_entities.obstacles(scene.obstacles, seen, hit))
         if message is not None:
-            drawn.append(still(SCENE, rr.AnyValues(**{MESSAGE_COMPONENT: packed(message)})))
+            drawn.append(still(SCENE, rr.AnyValues(**{MESSAGE_COMPONENT: pack(message)})))
         return drawn
 
     is_large = message is not None or size >= LARGE_BYTES
@@ -104,7 +104,7 @@ def _content(scene: Scene) -> tuple[int, bytes]:
     declared = list(scene.message.obstacles)
     for index in moving:
         declared[index] = msgspec.structs.replace(declared[index], trajectory=None)
-    content = encoded(declared_with(scene.message, declared))
+    content = encode(declared_with(scene.message, declared))
     return len(content), hashlib.sha256(content + f"{moving}".encode()).digest()
 
 

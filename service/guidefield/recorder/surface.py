@@ -38,13 +38,13 @@ class Surface:
     normals: np.ndarray
     colors: np.ndarray | None = None  # RGBA per vertex, shape (v, 4), uint8; None where the whole body has one colour
 
-    def moved(self, placement: Any) -> Surface:
+    def move(self, placement: Any) -> Surface:
         """The surface in another frame, given its placement there (pinocchio.SE3)."""
         rotation = placement.rotation.T.astype(np.float32)
         vertices = self.vertices @ rotation + placement.translation.astype(np.float32)
         return Surface(vertices, self.triangles, self.normals @ rotation, self.colors)
 
-    def grown(self, by: float) -> Surface:
+    def grow(self, by: float) -> Surface:
         """The surface with its vertices moved out along their normals [m]."""
         return Surface(self.vertices + np.float32(by) * self.normals, self.triangles, self.normals, self.colors)
 
@@ -69,7 +69,7 @@ def shaded(vertices: np.ndarray, triangles: np.ndarray, crease: float = CREASE) 
     return Surface(positions, shared.reshape(-1, 3).astype(np.uint32), normals.astype(np.float32))
 
 
-def joined(surfaces: list[Surface]) -> Surface:
+def join(surfaces: list[Surface]) -> Surface:
     """Several surfaces as one; they are all coloured, or none is."""
     counts = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
     colors = [surface.colors for surface in surfaces if surface.colors is not None]
@@ -115,7 +115,7 @@ def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> 
         return shaded(plain.vertices, plain.triangles).colored(GREY if override is None else override)
     if override is None and any(_texture(mesh) is not None for mesh in meshes):
         return _as_glb(meshes)
-    return joined([_colored(mesh, override) for mesh in meshes])
+    return join([_colored(mesh, override) for mesh in meshes])
 
 
 def _file_meshes(path: Path) -> list[trimesh.Trimesh]:
