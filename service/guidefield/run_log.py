@@ -30,7 +30,7 @@ from guidefield.planner.task.trace import EventLog, PackedEvents
 from guidefield.robot.catalog.library import SentRobot
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.obstacle import Obstacle
-from guidefield.scene.scene import Scene, declared_with
+from guidefield.scene.scene import Scene, declare_with
 from guidefield.stores.recordings import OBSTACLES, ROBOT, SCENE, SharedFile
 from guidefield.versions import describe_versions
 
@@ -244,7 +244,7 @@ def _without(scene: Scene, apart: Sequence[tuple[int, str]]) -> SceneMessage:
     obstacles = [one.message for one in scene.obstacles]
     for index, _ in apart:
         obstacles[index] = Sphere(name=obstacles[index].name, radius=1.0)
-    return declared_with(scene.message, obstacles)
+    return declare_with(scene.message, obstacles)
 
 
 def _scene(log: _Log, needed: Callable[[str], Path]) -> SceneMessage:
@@ -252,7 +252,7 @@ def _scene(log: _Log, needed: Callable[[str], Path]) -> SceneMessage:
     obstacles = list(declared.obstacles)
     for index, ending in zip(log.apart, OBSTACLES, strict=False):
         obstacles[index] = msgspec.msgpack.decode(needed(ending).read_bytes(), type=ObstacleMessage)
-    return declared_with(declared, obstacles)
+    return declare_with(declared, obstacles)
 
 
 def _hash(packed: bytes) -> str:

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from guidefield.collision.blocking_pairs import MOST_LOOKED_AT, blocking_pairs, contacts_among, contacts_at, met_each
+from guidefield.collision.blocking_pairs import (
+    MOST_LOOKED_AT,
+    blocking_pairs,
+    contacts_among,
+    contacts_at,
+    find_touching_each,
+)
 from guidefield.collision.clearance import clearance_at
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, grouped
@@ -64,11 +70,11 @@ def test_many_configurations_are_told_as_each_alone(world):
 
 def test_what_is_known_to_touch_is_not_asked_again(world, monkeypatch: pytest.MonkeyPatch) -> None:
     qs = [*np.random.default_rng(4).uniform(-2.0, 2.0, (MOST_LOOKED_AT + 5, 2)), np.array([np.pi / 2, 0.0])]
-    met, touch = met_each(world, qs)
+    met, touch = find_touching_each(world, qs)
     assert touch == [world.in_collision(q) for q in qs]
     assert len(met) == MOST_LOOKED_AT
     assert any(touch[MOST_LOOKED_AT:])
     alone = blocking_pairs(world, qs, 0.3)
     monkeypatch.setattr(type(world), "touches", None)
     assert blocking_pairs(world, qs, 0.3, met) == alone
-    assert met_each(world, []) == ([], [])
+    assert find_touching_each(world, []) == ([], [])

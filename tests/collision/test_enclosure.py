@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from guidefield.collision.enclosure import enclosed, enclosed_each
+from guidefield.collision.enclosure import enclosed, find_enclosed_each
 from guidefield.geometry import cache
 from guidefield.geometry.convex import bvh
 from guidefield.kernels.jit.cache import cache_folder
@@ -99,6 +99,6 @@ def test_many_configurations_are_told_as_one_by_one():
     rng = np.random.default_rng(7)
     qs = [arm.expand_from_chart(rng.uniform(arm.lower, arm.upper)) for _ in range(60)]
     one_by_one = [enclosed(world, q) for q in qs]
-    assert enclosed_each(world, qs) == one_by_one
+    assert find_enclosed_each(world, qs) == one_by_one
     assert {one is None for one in one_by_one} == {True, False}
-    assert enclosed_each(world, []) == []
+    assert find_enclosed_each(world, []) == []

@@ -258,7 +258,7 @@ def test_what_a_source_names_is_what_python_reads_of_it() -> None:
                 read.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
             elif isinstance(node, ast.Import):
                 read.update(alias.name for alias in node.names)
-        assert {name for name in read if name.startswith(cache._COMPUTING)} == cache._named(source), path
+        assert {name for name in read if name.startswith(cache._COMPUTING)} == cache._find_named(source), path
 
 
 def test_imports_are_found_however_they_are_written() -> None:
@@ -272,7 +272,7 @@ if True:
 from guidefield.scene import seven as eight, nine  # ten
 from guidefield.robot.model import never
 """
-    assert cache._named(source) == {
+    assert cache._find_named(source) == {
         *("guidefield.kernels.one", "guidefield.kernels.two", "guidefield.geometry.three"),
         *("guidefield.geometry.three.four", "guidefield.geometry.three.six"),
         *("guidefield.scene.seven", "guidefield.scene.nine"),

@@ -8,7 +8,7 @@ import scipy.spatial
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.decomposition import clipped, corners_of_cell
+from guidefield.geometry.decomposition import clip_at, corners_of_cell
 from guidefield.geometry.elements import Pieces
 from guidefield.geometry.solid import solid
 from tests.geometry import solids
@@ -21,7 +21,7 @@ def test_both_sides_make_the_whole(seed: int) -> None:
     pieces = Pieces(rng.normal(size=(30, 3, 3)), np.arange(30))
     normal = rng.normal(size=3)
     plane = np.append(normal / np.linalg.norm(normal), rng.normal(scale=0.5))
-    below, above = clipped(pieces, plane), clipped(pieces, -plane)
+    below, above = clip_at(pieces, plane), clip_at(pieces, -plane)
     assert below.area + above.area == pytest.approx(pieces.area)
     assert (below.corners @ plane[:3] <= plane[3] + 1e-12).all()
     assert (above.corners @ plane[:3] >= plane[3] - 1e-12).all()
@@ -42,7 +42,7 @@ def test_neighbours_are_cut_at_the_same_points(seed: int) -> None:
     for _ in range(3):
         normal = rng.normal(size=3)
         plane = np.append(normal / np.linalg.norm(normal), 0.3 * rng.normal())
-        whole = clipped(whole, plane)
+        whole = clip_at(whole, plane)
     points = np.unique(whole.corners.reshape(-1, 3), axis=0)
     distances = scipy.spatial.cKDTree(points).query(points, k=2)[0][:, 1]
     assert distances.min() > 1e-9  # nothing is doubled but for rounding

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.closed import closing_lids, compact, connected_pieces, volume
+from guidefield.geometry.closed import closing_lids, compact, find_connected, volume
 from guidefield.geometry.surfaces import Surface
 from tests.geometry import solids
 from tests.geometry.measures import is_closed
@@ -73,7 +73,7 @@ def test_a_crack_between_halves_of_an_edge_is_closed() -> None:
 
 def test_pieces_are_told_apart() -> None:
     vertices, triangles = solids.together(solids.torus(), solids.box((1, 1, 1)), solids.channel())
-    labels = connected_pieces(len(vertices), triangles)
+    labels = find_connected(len(vertices), triangles)
     counts = [len(solids.torus()[0]), 8, len(solids.channel()[0])]
     assert labels.tolist() == [
         first for first, n in zip(np.cumsum([0, *counts]), counts, strict=False) for _ in range(n)

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import crossings as module
 from guidefield.geometry.crossings import crossings
-from guidefield.geometry.mesh_surface import crossing_warnings, joined_mesh
+from guidefield.geometry.mesh_surface import crossing_warnings, join_mesh
 from guidefield.scene.obstacle import build
 from tests.kernels.evaluation import rigid_motions
 from tests.scene.solids import box_mesh, klein_bottle, l_prism, mesh_message, moebius, room
@@ -60,13 +60,13 @@ def test_a_cube_through_a_cube():
 
 @pytest.mark.parametrize("shift", [[1, 0, 0], [1, 0.3, 0.2], [1, 1, 0], [1, 1, 1], [1.5, 0, 0]])
 def test_cubes_that_touch_do_not_cross(shift):
-    assert crossing_warnings(joined_mesh(*two_cubes(shift))) == ()
+    assert crossing_warnings(join_mesh(*two_cubes(shift))) == ()
 
 
 def test_a_sheet_through_itself_names_its_faces_as_they_were_sent():
     vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.3, -1], [0.4, 0.5, 1]], float)
     triangles = np.array([[0, 0, 1], [0, 1, 2], [1, 1, 2], [0, 3, 4]])
-    faults = crossing_warnings(joined_mesh(vertices, triangles))
+    faults = crossing_warnings(join_mesh(vertices, triangles))
     assert faults == ("it intersects itself: 1 pair of its triangles cross, such as 1 and 3",)
     assert any(faults[0] in warning for warning in build(mesh_message(vertices, triangles), 0).warnings)
 
@@ -87,8 +87,8 @@ def test_a_sheet_through_itself_names_its_faces_as_they_were_sent():
 def test_clean_meshes_do_not_cross(mesh):
     vertices, triangles = mesh
     rotation = trimesh.transformations.random_rotation_matrix(np.array([0.2, 0.5, 0.7]))[:3, :3]
-    assert crossing_warnings(joined_mesh(vertices, triangles)) == ()
-    assert crossing_warnings(joined_mesh(1e-3 * vertices @ rotation.T + [5.0, -3.0, 1.0], triangles)) == ()
+    assert crossing_warnings(join_mesh(vertices, triangles)) == ()
+    assert crossing_warnings(join_mesh(1e-3 * vertices @ rotation.T + [5.0, -3.0, 1.0], triangles)) == ()
 
 
 def test_a_klein_bottle_goes_through_itself():
@@ -100,4 +100,4 @@ def test_what_is_too_large_is_told(monkeypatch, limit):
     monkeypatch.setattr(module, limit, 20)
     found = crossings(*two_cubes([0.3, 0.4, 0.45]))
     assert not found.complete
-    assert "too large" in crossing_warnings(joined_mesh(*two_cubes([0.3, 0.4, 0.45])))[-1]
+    assert "too large" in crossing_warnings(join_mesh(*two_cubes([0.3, 0.4, 0.45])))[-1]

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.geometry.elements import Pieces, bisected, blocks, gathered, united
+from guidefield.geometry.elements import Pieces, bisect_pieces, blocks, gather_elements, unite_elements
 from tests.geometry import solids
 
 
@@ -11,7 +11,7 @@ def pieces(mesh: solids.Mesh) -> Pieces:
 
 
 def test_blocks_contain_sixty_four_each() -> None:
-    elements = gathered(bisected(pieces(solids.torus()), 0.004), 0.004)
+    elements = gather_elements(bisect_pieces(pieces(solids.torus()), 0.004), 0.004)
     around = blocks(elements)
     assert len(around) == -(-len(elements.bounds) // 64)
     for k, (x, y, z, radius) in enumerate(around):
@@ -24,9 +24,9 @@ def test_blocks_contain_sixty_four_each() -> None:
 
 
 def test_parts_make_up_the_whole_again() -> None:
-    elements = gathered(bisected(pieces(solids.torus()), 0.01), 0.01)
+    elements = gather_elements(bisect_pieces(pieces(solids.torus()), 0.01), 0.01)
     mask = np.random.default_rng(0).random(len(elements.bounds)) < 0.3
-    again = united([elements.some(mask), elements.some(~mask)])
+    again = unite_elements([elements.some(mask), elements.some(~mask)])
     assert again.first[-1] == elements.first[-1]
     assert sorted(map(tuple, again.bounds)) == sorted(map(tuple, elements.bounds))
     assert sorted(again.pieces.sources) == sorted(elements.pieces.sources)

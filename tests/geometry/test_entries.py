@@ -101,8 +101,8 @@ def test_what_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(RuntimeError, match="no"):
-        cache.made_in_place("large", {}, fail)
+        cache.make_in_place("large", {}, fail)
     assert not list(cache.folder().iterdir())
-    made = cache.made_in_place("large", {}, lambda room: filled(room(LAYOUT)))
+    made = cache.make_in_place("large", {}, lambda room: filled(room(LAYOUT)))
     check(made, filled(in_memory(LAYOUT)))
-    check(cache.made_in_place("large", {}, lambda room: filled(room(LAYOUT))), made)
+    check(cache.make_in_place("large", {}, lambda room: filled(room(LAYOUT))), made)

@@ -9,8 +9,8 @@ from guidefield.geometry.mesh_tree import (
     BOXED,
     CLUSTERS,
     Cluster,
-    boxed_count,
     cluster_counts,
+    count_boxed,
     tree_written,
     triangle_tree,
 )
@@ -28,7 +28,7 @@ def test_nodes_that_may_get_a_box_are_told_with_all_that_is_below(count: int) ->
     triangles, told = np.random.default_rng(count).normal(size=(count, 3, 3)), list[Cluster]()
     balls, links = np.empty((2 * count - 1, 4)), np.empty((2 * count - 1, 3), np.int64)
     tree_written(triangles, balls, links, told.append)
-    assert boxed_count(count) == sum(len(nodes) for nodes, _ in told)
+    assert count_boxed(count) == sum(len(nodes) for nodes, _ in told)
     for nodes, members in told:
         for node, row in zip(nodes.tolist(), members, strict=True):
             waiting, below = [node], set[int]()

@@ -138,13 +138,13 @@ def test_where_one_that_is_wanted_is_inside_of_something_others_are(monkeypatch:
     made = problem("panda", "table", pose(), planes=())
     first, *_ = find_goal_points(made)
     closed = made.group.expand_from_chart(first)
-    seen = ends.enclosed_each
+    seen = ends.find_enclosed_each
 
     def but_the_first(world, qs):
         around = seen(world, qs)
         return [("shell", "hand") if np.array_equal(q, closed) else one for q, one in zip(qs, around, strict=True)]
 
-    monkeypatch.setattr(ends, "enclosed_each", but_the_first)
+    monkeypatch.setattr(ends, "find_enclosed_each", but_the_first)
     goals = find_goal_points(made)
     assert first.tolist() not in goals.tolist()
     each = find_tip_points(made, made.goal.target, _sample_about_start(made), CANDIDATES)

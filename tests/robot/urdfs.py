@@ -2,7 +2,7 @@
 
 import pinocchio as pin
 
-from guidefield.robot.model.neutral_names import captured_stderr
+from guidefield.robot.model.neutral_names import capture_stderr
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -135,7 +135,7 @@ def faulty(name: str) -> str:
 
 
 def pinocchio_models(text: str) -> tuple:
-    with captured_stderr():
+    with capture_stderr():
         model = pin.buildModelFromXML(text)
         geometry = pin.GeometryModel()
         pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])

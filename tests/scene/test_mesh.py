@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
 
-from guidefield.geometry.closed import connected_pieces, volume
+from guidefield.geometry.closed import find_connected, volume
 from guidefield.geometry.mesh_surface import _SOME, _is_dented, mesh_surface
 from tests.scene.solids import box_mesh, klein_bottle, l_prism, moebius, room
 
@@ -169,7 +169,7 @@ def test_pieces_are_those_of_a_graph_search(seed):
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 40))
     triangles = rng.integers(0, count, (int(rng.integers(1, 25)), 3))
-    labels = connected_pieces(count, triangles)
+    labels = find_connected(count, triangles)
     neighbours = {v: set() for v in range(count)}
     for triangle in triangles.tolist():
         for v in triangle:

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.scene.motion import ObstacleMotion, posed
+from guidefield.scene.motion import ObstacleMotion, put_at
 from guidefield.scene.scene import build
 
 HALF = float(np.sqrt(0.5))
@@ -70,7 +70,7 @@ def test_no_plane_comes_closer_to_a_point_at_rest_than_it_is_said_to_pass_it(
     offset, normal = rng.normal(size=(2, 3))
     point = centre + radius * offset / np.linalg.norm(offset)
     plane = messages.HalfSpace(name="o", normal=tuple((normal / np.linalg.norm(normal)).tolist()), offset=0.4)
-    posed_then, posed_later = (posed(plane, motion.at(time)) for time in (start, start + span))
+    posed_then, posed_later = (put_at(plane, motion.at(time)) for time in (start, start + span))
     lost = (point @ posed_then.normal - posed_then.offset) - (point @ posed_later.normal - posed_later.offset)
     during = slice(np.searchsorted(motion.times, start, side="right"), np.searchsorted(motion.times, start + span) + 1)
     assert abs(lost) <= motion.passing(centre, radius)[during].max() * span + 1e-9

@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.scene.movers import EVERYWHERE, gaps_from_boxes, moving_ball, swept
+from guidefield.scene.movers import EVERYWHERE, gaps_from_boxes, moving_ball, sweep_obstacles
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import build
 from tests.scene.test_motion import KINDS
@@ -30,7 +30,7 @@ def moving(kind: messages.Obstacle, seed: int) -> Obstacle:
 
 
 def boxes_of(one: Obstacle) -> np.ndarray:
-    return swept([one], [moving_ball(one)]).boxes
+    return sweep_obstacles([one], [moving_ball(one)]).boxes
 
 
 @pytest.mark.parametrize("kind", BOUNDED, ids=lambda one: type(one).__name__)
@@ -72,15 +72,15 @@ def test_several_at_once_are_each_alone() -> None:
     once = messages.ObstacleTrajectory([1.0], [Placement((1.0, 2.0, 3.0))])
     stays = build(messages.Scene("s", obstacles=[messages.Sphere(name="o", radius=0.1, trajectory=once)])).obstacles[0]
     several = [*(moving(kind, seed) for seed, kind in enumerate(KINDS)), stays, moving(KINDS[0], 9)]
-    together = swept(several, list(map(moving_ball, several)))
+    together = sweep_obstacles(several, list(map(moving_ball, several)))
     for one, begin, end in zip(several, together.first, [*together.first[1:], None], strict=True):
-        alone, ball = swept([one], [moving_ball(one)]), moving_ball(one)
+        alone, ball = sweep_obstacles([one], [moving_ball(one)]), moving_ball(one)
         assert (together.boxes[begin:end] == alone.boxes).all()
         assert (together.speeds[begin:end] == alone.speeds).all()
         assert len(alone.boxes) == len(one.motion.times) + 1
         if ball is not None:
             np.testing.assert_allclose(alone.speeds, one.motion.rates(*ball)[0], rtol=1e-12)
-    nobody = swept([], [])
+    nobody = sweep_obstacles([], [])
     assert not len(nobody.boxes)
     assert not len(nobody.first)
 

@@ -24,7 +24,7 @@ class Allowed(NamedTuple):
     obstacles: dict[str, list[int]]
 
 
-def allowed_among(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[PairNames]) -> Allowed | None:
+def find_allowed(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[PairNames]) -> Allowed | None:
     """What may touch, by pairs of names of links or obstacles; None where nothing may.
 
     Raises UnknownObject if a name is neither a link nor an obstacle; lists those there are.

@@ -90,15 +90,15 @@ class Met(NamedTuple):
     pairs: list[int]
 
 
-def met_each(world: World, qs: Sequence[ModelConfiguration]) -> tuple[list[Met], list[bool]]:
+def find_touching_each(world: World, qs: Sequence[ModelConfiguration]) -> tuple[list[Met], list[bool]]:
     """What touches at the configurations that `blocking_pairs` looks at, and at which of all something does."""
     near, looked_at = world.near_each(qs), len(qs[:MOST_LOOKED_AT])
-    met = _met(world, qs[:looked_at], near)
+    met = _find_touching(world, qs[:looked_at], near)
     touches = [bool(one.pairs or world.held_contacts) for one in met]
     return met, touches + world.in_collision_each(qs[looked_at:], near[looked_at:])
 
 
-def _met(world: World, qs: Sequence[ModelConfiguration], near: Sequence[list[int]]) -> list[Met]:
+def _find_touching(world: World, qs: Sequence[ModelConfiguration], near: Sequence[list[int]]) -> list[Met]:
     found = []
     for q, pairs in zip(qs, near, strict=False):
         world.place(q)
@@ -112,14 +112,16 @@ def blocking_pairs(
     """The pairs that touch, or of which one is wholly inside the other, at configurations of the group's model.
 
     Where nothing touches, the nearest pair counts that doesn't keep a clearance from obstacles [m]. What touches at the
-    first of them may be known from `met_each`.
+    first of them may be known from `find_touching_each`.
     """
     clearest: float | None = None
     counts: Counter[PairNames] = Counter()
     names: dict[int, PairNames] = {}
     touching: defaultdict[PairNames, list[tuple[np.ndarray, int]]] = defaultdict(list)
     looked_at = qs[:MOST_LOOKED_AT]
-    for q, (there, pairs) in zip(looked_at, met or _met(world, looked_at, world.near_each(looked_at)), strict=True):
+    for q, (there, pairs) in zip(
+        looked_at, met or _find_touching(world, looked_at, world.near_each(looked_at)), strict=True
+    ):
         names |= {pair: world.pair_names(pair) for pair in pairs if pair not in names}
         counts.update({names[pair] for pair in pairs} | {one.pair for one in world.held_contacts})
         for pair in pairs:

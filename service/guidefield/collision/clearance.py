@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.enclosure import enclosed_pairs
+from guidefield.collision.enclosure import find_enclosed_pairs
 from guidefield.collision.penetration_depth import ClosestPoints
 from guidefield.collision.world import World
 from guidefield.read_only import ReadOnly
@@ -62,7 +62,7 @@ def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
     Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer. The bound is
     that of balls and boxes about them first; where a mesh is in a pair, then the distance of hulls, sooner had.
     """
-    inside = enclosed_pairs(world, q)
+    inside = find_enclosed_pairs(world, q)
     world.place(q)
     centres = world.bodies.centres_in_world(world.joint_placements)
     own, obstacle = _closest(world, centres, np.arange(world.pairs.n_self)), _closest_obstacle(world, centres)

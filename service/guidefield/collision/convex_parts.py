@@ -76,7 +76,7 @@ class PartsTable:
         numbers[:12] = np.c_[placement.rotation, placement.translation].ravel()
         centre = placement.translation
         if isinstance(shape, coal.BVHModelBase):
-            return self._mesh(known_surface(shape), placement)
+            return self._mesh(recall_mesh_tree(shape), placement)
         if isinstance(shape, coal.Convex):
             return self.add_hull(transform_points(placement, np.array(shape.points())))
         if isinstance(shape, coal.Box):
@@ -329,7 +329,7 @@ _PLACED: BoundedMap[tuple[int, bytes | None], tuple[MeshTree, Arrays, np.ndarray
 _KNOWN: BoundedMap[tuple[bytes, int], MeshTree] = BoundedMap(MESH_TREES)
 
 
-def known_surface(shape: Any) -> MeshTree:
+def recall_mesh_tree(shape: Any) -> MeshTree:
     """The tree of a Coal mesh, made once for the same vertices."""
     key = (content_key(shape.vertices()), int(shape.num_tris))
     tree = _KNOWN.get(key)

@@ -22,30 +22,30 @@ def enclosed(world: World, q: ModelConfiguration) -> PairNames | None:
     answer: it is asked for once, at the start. The configuration is the model's, shape (model.nq,).
     """
     answer = _ENCLOSURES.of(world, key := q.tobytes())  # starts are asked about again and again
-    return _ENCLOSURES.keep(world, key, _enclosed_each(world, [q])[0]) if answer is MISSING else answer
+    return _ENCLOSURES.keep(world, key, _find_enclosed_each(world, [q])[0]) if answer is MISSING else answer
 
 
 _ENCLOSURES = Answers[PairNames | None]()
 
 
-def enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
+def find_enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
     """`enclosed` at each of some configurations, sooner than one after the other; the robot is left anywhere."""
-    return [enclosed(world, q) for q in qs] if len(qs) == 1 else _enclosed_each(world, qs)
+    return [enclosed(world, q) for q in qs] if len(qs) == 1 else _find_enclosed_each(world, qs)
 
 
-def enclosed_pairs(world: World, q: ModelConfiguration) -> list[int]:
+def find_enclosed_pairs(world: World, q: ModelConfiguration) -> list[int]:
     """Indices of all pairs of bodies one wholly inside the other's closed mesh, as `enclosed`, in ascending order."""
     return list(next(_enclosures(world, [q])))
 
 
-def _enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
+def _find_enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
     first = (next(pairs, None) for pairs in _enclosures(world, qs))
     return [None if pair is None else world.pair_names(pair) for pair in first]
 
 
 def _enclosures(world: World, qs: Sequence[ModelConfiguration]) -> Iterator[Iterator[int]]:
     """Of each of some configurations the pairs one of whose bodies is inside the other; to be asked in order."""
-    closed = closed_bodies(world.group)
+    closed = find_closed_bodies(world.group)
     if not len(qs) or (world.scene.convex and not closed.any()):
         yield from (iter(()) for _ in qs)
         return
@@ -64,11 +64,11 @@ def _is_around(world: World, outer: int, inner: int) -> bool:
         return False
     cloud = None if inner < world.pairs.links else world.scene.obstacles[inner - world.pairs.links].cloud
     if cloud is not None:
-        return _around_a_point(world, outer, solid, cloud.points)
+        return _is_around_a_point(world, outer, solid, cloud.points)
     return is_around(solid, _solid_of(world, inner), world.placement(outer), world.placement(inner))
 
 
-def _around_a_point(world: World, outer: int, solid: Solid, points: np.ndarray) -> bool:
+def _is_around_a_point(world: World, outer: int, solid: Solid, points: np.ndarray) -> bool:
     """Return whether a robot body where the world's data stand is around one of some points (n, 3) [m, world]."""
     there = world.placement(outer)
     low, high = solid.boxes[:, 0].min(axis=0), solid.boxes[:, 1].max(axis=0)
@@ -85,6 +85,6 @@ def _solid_of(world: World, body: int) -> Solid:
 
 
 @memoized_for_alike
-def closed_bodies(group: PlanningGroup) -> np.ndarray:
+def find_closed_bodies(group: PlanningGroup) -> np.ndarray:
     """Which of a group's bodies are closed meshes that Coal judges as surfaces, shape (r,): no other is around any."""
     return np.array([bool(solid.surfaces) for solid in solids_of_group(group)], bool)

@@ -115,7 +115,7 @@ def motion_bound(group: PlanningGroup, own_pairs: bytes) -> MotionBound:
         "together": together,
         "centred": centred,
         "turns": bodies.turns.copy(),
-        "doubled": _doubled(group, bodies.turns),
+        "doubled": _double(group, bodies.turns),
         "radii": bodies.radii[:, None] * bodies.turns,
         "moved_by": bodies.moved_by.copy(),
         "own": own.copy(),
@@ -145,7 +145,7 @@ def _moves(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray]:
     return together, centred
 
 
-def _doubled(group: PlanningGroup, turns: np.ndarray) -> np.ndarray:
+def _double(group: PlanningGroup, turns: np.ndarray) -> np.ndarray:
     factors = turns.astype(float)
     for index in range(1, group.model.njoints):
         joint = group.robot.joint(group.model.names[index])

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import coal
 
-from guidefield.collision.convex_parts import known_surface
+from guidefield.collision.convex_parts import recall_mesh_tree
 from guidefield.collision.solids import hulls_of
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.solid_cache import clear_solids
@@ -72,7 +72,7 @@ _prepared = MemoSet()
 
 def _surfaces(robot: RobotModel) -> list[ShapeTask]:
     return [
-        ShapeTask.of("laying out", robot, index, 0.0, functools.partial(known_surface, shape.geometry))
+        ShapeTask.of("laying out", robot, index, 0.0, functools.partial(recall_mesh_tree, shape.geometry))
         for index, shape in enumerate(robot.geometry.geometryObjects)
         if isinstance(shape.geometry, coal.BVHModelBase)
     ]

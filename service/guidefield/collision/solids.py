@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.geometry.closed import boxes_about, connected_pieces
+from guidefield.geometry.closed import boxes_about, find_connected
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.kernels.cover.winding import RUN, UNSURE, find_run_boxes, winding_by_angles, winding_by_crossings
@@ -112,27 +112,27 @@ def solid_of_obstacle(obstacle: Obstacle) -> Solid:
     return _of_surface(*obstacle.whole_surface, obstacle.whole_solids)
 
 
-def _around_nothing(points: np.ndarray) -> Solid:
+def _empty_solid(points: np.ndarray) -> Solid:
     return Solid(np.empty((0, 3)), (), np.empty((0, 2, 3)), points)
 
 
-_NOTHING = _around_nothing(np.empty((0, 3)))
+_NOTHING = _empty_solid(np.empty((0, 3)))
 
 
 def _solid(shape: Any) -> Solid:
     if isinstance(shape, coal.Halfspace):
         return _NOTHING
     if isinstance(shape, coal.Convex):
-        return _around_nothing(np.mean(shape.points(), axis=0, keepdims=True))
+        return _empty_solid(np.mean(shape.points(), axis=0, keepdims=True))
     if not isinstance(shape, coal.BVHModelBase):
-        return _around_nothing(np.zeros((1, 3)))
+        return _empty_solid(np.zeros((1, 3)))
     mesh = mesh_surface(*triangulation(shape))
     return _NOTHING if mesh is None else _of_surface(mesh.vertices, mesh.triangles, [mesh.triangles][: mesh.solid])
 
 
 def _of_surface(vertices: np.ndarray, triangles: np.ndarray, solids: Sequence[np.ndarray]) -> Solid:
     """Of a mesh, vertices (v, 3) [m] and triangles (t, 3), and those of its solids."""
-    first_of_each = vertices[np.unique(connected_pieces(len(vertices), triangles))]
+    first_of_each = vertices[np.unique(find_connected(len(vertices), triangles))]
     vertices, surfaces = np.ascontiguousarray(vertices, float), list[tuple[np.ndarray, np.ndarray]]()
     for some in solids:
         triangles, runs = np.ascontiguousarray(some, np.int64), np.empty((-(-len(some) // RUN), 4))

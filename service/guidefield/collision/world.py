@@ -12,7 +12,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.allowed import Allowed, HeldContact, allowed_among, held_contacts
+from guidefield.collision.allowed import Allowed, HeldContact, find_allowed, held_contacts
 from guidefield.collision.bodies import Bodies, bodies, body_placements, joint_placements
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.collision.narrow_phase import CoalTransforms, NarrowPhase
@@ -60,7 +60,7 @@ class World:
         """
         group.robot.require_collision_geometry()
         _require_other_names(group, scene)
-        allowed = allowed_among(group, scene, allowed_collisions)
+        allowed = find_allowed(group, scene, allowed_collisions)
         links = set() if allowed is None else allowed.links
         held = tuple(one for one in held_contacts(group) if one.pair not in links)
         return cls(group, scene, _pairs(group, scene, allowed), held)
@@ -289,7 +289,7 @@ class World:
 
     @cached_property
     def _robot(self) -> Any:
-        return _unpaired(self.group).createData()
+        return _remove_pairs(self.group).createData()
 
     def _obstacle(self, body: int) -> Any:
         return self.scene.obstacles[body - self.pairs.links]
@@ -330,7 +330,7 @@ def _link_names(group: PlanningGroup) -> tuple[str, ...]:
 
 
 @memoized_for_alike
-def _unpaired(group: PlanningGroup) -> Any:
+def _remove_pairs(group: PlanningGroup) -> Any:
     """The robot's bodies without pairs, for each of which Pinocchio would keep scratch: milliseconds with hundreds."""
     bodies = group.geometry.copy()
     bodies.removeAllCollisionPairs()

@@ -212,7 +212,7 @@ def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[st
     return arrays
 
 
-def made_in_place(kind: str, inputs: Arrays, make: Callable[[Room], object]) -> dict[str, np.ndarray]:
+def make_in_place(kind: str, inputs: Arrays, make: Callable[[Room], object]) -> dict[str, np.ndarray]:
     """`remembered` for results so large that `make` writes them in arrays, asked for once, of their file."""
     path = _path(kind, inputs, make)
     arrays = read_arrays(path)
@@ -296,15 +296,15 @@ def _sources(module: str) -> str:
 def _imports(module: str) -> set[str]:
     """The modules of the rooms that compute that a module of this package imports, by their full names."""
     path = _source(module)
-    return set() if path is None else {name for name in _named_in(path) if _source(name) is not None}
+    return set() if path is None else {name for name in _find_named_in(path) if _source(name) is not None}
 
 
 @functools.cache
-def _named_in(path: Path) -> set[str]:
-    return _named(path.read_bytes().decode())
+def _find_named_in(path: Path) -> set[str]:
+    return _find_named(path.read_bytes().decode())
 
 
-def _named(source: str) -> set[str]:
+def _find_named(source: str) -> set[str]:
     """Find all computing modules that a source may import; Python's own parser takes a hundred times as long."""
     named: set[str] = set()
     for room, inside, listed in _IMPORT.findall(_COMMENT.sub("", source)):

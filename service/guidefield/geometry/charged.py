@@ -201,14 +201,14 @@ def field_tables(
         ValueError: if an array has another shape, is not finite, a radius or size is not positive or a normal not a
             unit one.
     """
-    corners = _checked("triangles", triangles, (3, 3))
-    fours = _checked("quads", quads, (4, 3))
+    corners = _check("triangles", triangles, (3, 3))
+    fours = _check("quads", quads, (4, 3))
     charge = _charges("triangle", triangle_charge, len(corners))
     four_charge = _charges("quad", quad_charge, len(fours))
     owners = np.zeros(len(corners), np.int64) if triangle_owner is None else np.asarray(triangle_owner, np.int64)
-    balls, pills = _checked("spheres", spheres, (SPHERE_COLUMNS,)), _checked("capsules", capsules, (CAPSULE_COLUMNS,))
-    walls, crates = _checked("planes", planes, (PLANE_COLUMNS,)), _checked("boxes", boxes, (16,))
-    points = _checked("cloud", cloud, (POINT_COLUMNS,)).copy()
+    balls, pills = _check("spheres", spheres, (SPHERE_COLUMNS,)), _check("capsules", capsules, (CAPSULE_COLUMNS,))
+    walls, crates = _check("planes", planes, (PLANE_COLUMNS,)), _check("boxes", boxes, (16,))
+    points = _check("cloud", cloud, (POINT_COLUMNS,)).copy()
     for name, size in (
         ("spheres", balls[:, SPHERE_RADIUS]),
         ("capsules", pills[:, CAPSULE_RADIUS]),
@@ -448,13 +448,13 @@ def _squares(vectors: np.ndarray) -> np.ndarray:
 
 
 def _charges(kind: str, given: Floats | None, count: int) -> Floats:
-    charge = np.ones(count) if given is None else _checked(f"{kind}_charge", given, ())
+    charge = np.ones(count) if given is None else _check(f"{kind}_charge", given, ())
     if len(charge) != count:
         raise ValueError(f"`{kind}_charge` must be as many as `{kind}s` ({count}), got {len(charge)}")
     return charge
 
 
-def _checked(name: str, values: Floats | None, shape: tuple[int, ...]) -> Floats:
+def _check(name: str, values: Floats | None, shape: tuple[int, ...]) -> Floats:
     array = np.zeros((0, *shape)) if values is None else np.asarray(values, dtype=np.float64)
     if array.shape[1:] != shape or array.ndim != len(shape) + 1:
         raise ValueError(f"`{name}` must have shape {('n', *shape)}, got {array.shape}")

@@ -62,11 +62,11 @@ def fit_capsule(points: Floats) -> Capsule:
     few = np.unique(few, axis=0)
     centred = few - few.mean(axis=0)
     principal = np.linalg.svd(centred.T @ centred)[2]
-    best, direction = _tilted(few, min(principal, key=lambda axis: _along(few, axis).volume))
+    best, direction = _tilt(few, min(principal, key=lambda axis: _along(few, axis).volume))
     return best if len(cloud) <= len(_DIRECTIONS) else _along(cloud, direction)
 
 
-def _tilted(cloud: Floats, direction: Floats) -> tuple[Capsule, Floats]:
+def _tilt(cloud: Floats, direction: Floats) -> tuple[Capsule, Floats]:
     """The best capsule that tilting the direction, less and less, leads to, and its direction."""
     best = _along(cloud, direction)
     tilt = _FIRST_TILT

@@ -51,7 +51,7 @@ def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, In
     a, b, c = corners.T
     proper = (a != b) & (b != c) & (c != a)
     kept = np.flatnonzero(proper)
-    return *used_alone(merged, corners if len(kept) == len(corners) else corners[kept]), kept
+    return *drop_unused(merged, corners if len(kept) == len(corners) else corners[kept]), kept
 
 
 def merged_points(points: Floats) -> tuple[Integers, Integers]:
@@ -66,7 +66,7 @@ def merged_points(points: Floats) -> tuple[Integers, Integers]:
     return first[:count], place
 
 
-def used_alone(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
+def drop_unused(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
     """The vertices (v, 3) that triangles (t, 3) use, in their order, and the triangles of these."""
     used = np.zeros(len(vertices), bool)
     used[triangles] = True
@@ -86,7 +86,7 @@ def closing_lids(vertices: Floats, triangles: Integers) -> tuple[Integers, float
     if not len(edges):
         return np.empty((0, 3), np.int64), 0.0
     used, local = np.unique(edges, return_inverse=True)
-    labels = connected_pieces(len(used), local.reshape(-1, 2))
+    labels = find_connected(len(used), local.reshape(-1, 2))
     fans = np.column_stack([used[labels[local.reshape(-1, 2)[:, 0]]], edges[:, 1], edges[:, 0]])
     low, high = np.full((len(used), 3), np.inf), np.full((len(used), 3), -np.inf)
     np.minimum.at(low, labels, vertices[used])
@@ -96,7 +96,7 @@ def closing_lids(vertices: Floats, triangles: Integers) -> tuple[Integers, float
     return fans[(fans[:, 0] != fans[:, 1]) & (fans[:, 0] != fans[:, 2])], extent
 
 
-def connected_pieces(count: int, simplices: Integers) -> Integers:
+def find_connected(count: int, simplices: Integers) -> Integers:
     """For each of `count` vertices the lowest one that edges or triangles (n, k) connect it to, shape (count,)."""
     labels = np.empty(count, np.int64)
     lowest_connected(np.ascontiguousarray(simplices, np.int64), labels)
@@ -226,7 +226,7 @@ def _join_points(points: Floats, indices: Integers, width: float) -> tuple[Integ
         order = np.lexsort(cells.T)
         same = (cells[order][1:] == cells[order][:-1]).all(axis=1)
         near.append(np.column_stack([order[:-1], order[1:]])[same])
-    labels = connected_pieces(len(points), np.concatenate(near))
+    labels = find_connected(len(points), np.concatenate(near))
     low, high = np.full((len(points), 3), np.inf), np.full((len(points), 3), -np.inf)
     np.minimum.at(low, labels, points)
     np.maximum.at(high, labels, points)

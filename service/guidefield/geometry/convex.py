@@ -68,7 +68,7 @@ def convex_hull(points: Floats) -> Surface:
             neighbours than Coal can count.
     """
     cloud = _distinct(points)
-    rounded = _rounded(cloud)
+    rounded = _spread_alike(cloud)
     kept = _apart(rounded)
     cloud, rounded = cloud[kept], rounded[kept]
     hull = _hull(rounded)
@@ -114,7 +114,7 @@ def _distinct(points: Floats) -> Floats:
     return distinct
 
 
-def _rounded(cloud: Floats) -> Floats:
+def _spread_alike(cloud: Floats) -> Floats:
     """The points under a linear map that makes them spread alike in all directions.
 
     Their hull has the same triangles; but on a thin plate itself Qhull gives up, and Coal does not survive that.

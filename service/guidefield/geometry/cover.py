@@ -17,7 +17,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.geometry.elements import Elements, Pieces, bisected, blocks, gathered, join_pieces, united
+from guidefield.geometry.elements import (
+    Elements,
+    Pieces,
+    bisect_pieces,
+    blocks,
+    gather_elements,
+    join_pieces,
+    unite_elements,
+)
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.ball_cover import contained, greedy_choice, reaches
@@ -154,7 +162,7 @@ def _choose_balls(body: Solid, delta: float, margin: float) -> tuple[Floats, Ele
     covered: list[Elements] = []
     while len(pieces.sources):
         left_out = []
-        elements = gathered(bisected(pieces, size), 0.8 * size)
+        elements = gather_elements(bisect_pieces(pieces, size), 0.8 * size)
         while len(elements.bounds):
             now = np.arange(len(elements.bounds)) < CHUNK
             looked_at = elements.some(now)
@@ -170,7 +178,7 @@ def _choose_balls(body: Solid, delta: float, margin: float) -> tuple[Floats, Ele
         pieces = join_pieces(left_out)
         size *= 1.0 if offer is medial_balls else 0.5
         offer = _about_elements
-    return np.concatenate(balls), united(covered)
+    return np.concatenate(balls), unite_elements(covered)
 
 
 def _candidates(body: Solid, elements: Elements, offer: Offer, delta: float) -> Floats:
@@ -222,14 +230,14 @@ def shrunk(body: Solid, balls: Floats, elements: Elements, delta: float, margin:
     kept, owners = np.unique(owners, return_inverse=True)
     owners = owners.reshape(-1)
     small = np.column_stack([balls[kept, :3], radii[kept] + margin])
-    small = _recentred(body, small, elements, owners, delta, margin)
+    small = _recentre(body, small, elements, owners, delta, margin)
     small[:, 3] = np.maximum(small[:, 3], body.depths(small[:, :3]) + EASE * delta)
     return small
 
 
-def _recentred(body: Solid, balls: Floats, elements: Elements, owners: Integers, delta: float, margin: float) -> Floats:
+def _recentre(body: Solid, balls: Floats, elements: Elements, owners: Integers, delta: float, margin: float) -> Floats:
     """Balls moved towards the smallest about what they own, where that makes them smaller and keeps the overhang."""
-    owned, first = _owned_points(elements, owners, len(balls))
+    owned, first = _find_owned_points(elements, owners, len(balls))
     targets, radii = np.empty((len(balls), 4)), np.empty(len(balls))
     smallest_balls(owned, first, targets)
     result = balls.copy()
@@ -242,7 +250,7 @@ def _recentred(body: Solid, balls: Floats, elements: Elements, owners: Integers,
     return result
 
 
-def _owned_points(elements: Elements, owners: Integers, balls: int) -> tuple[Floats, Integers]:
+def _find_owned_points(elements: Elements, owners: Integers, balls: int) -> tuple[Floats, Integers]:
     """The points (k, 3) of what each ball owns together [m], and where those of each begin, and k."""
     of_points = np.repeat(owners, np.diff(elements.first_point))
     order, first = np.empty(len(of_points), np.int64), np.zeros(balls + 1, np.int64)
@@ -268,14 +276,14 @@ def grouped(balls: Floats) -> tuple[Integers, Floats, Integers]:
         The order of balls by group, shape (n,); a ball around each group, shape (g, 4) [m]; the first ball of each,
         and n, shape (g + 1,).
     """
-    groups = _halved(balls, np.arange(len(balls)))
+    groups = _halve(balls, np.arange(len(balls)))
     around = np.empty((len(groups), 4))
     for group, members in enumerate(groups):
         ball_around_balls(np.ascontiguousarray(balls[members]), around[group])
     return np.concatenate(groups), around, np.concatenate([[0], np.cumsum([len(members) for members in groups])])
 
 
-def _halved(balls: Floats, members: Integers) -> list[Integers]:
+def _halve(balls: Floats, members: Integers) -> list[Integers]:
     """Members split across their longest extent, in as equal halves as groups of full size allow."""
     if len(members) <= GROUP:
         return [members]
@@ -283,7 +291,7 @@ def _halved(balls: Floats, members: Integers) -> list[Integers]:
     axis = int(np.ptp(centres, axis=0).argmax())
     order = members[np.argsort(centres[:, axis], kind="stable")]
     half = GROUP * -(-len(members) // (2 * GROUP))
-    return _halved(balls, order[:half]) + _halved(balls, order[half:])
+    return _halve(balls, order[:half]) + _halve(balls, order[half:])
 
 
 _ROOM = 4096  # cells that are asked for at a time

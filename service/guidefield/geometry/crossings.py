@@ -68,8 +68,10 @@ def _overlapping(boxes: Floats, corners: Floats, planes: Floats) -> Iterator[tup
     """
     low, high = boxes[:, :3], boxes[:, 3:]
     few = slice(None, None, max(1, len(low) // _SAMPLE))
-    axis, across = np.argsort([_met(low[few, axis], high[few, axis]) for axis in range(3)], kind="stable")[:2].tolist()
-    slabs, order, ends = _swept(low[:, axis], high[:, axis], low[:, across], high[:, across])
+    axis, across = np.argsort([_count_overlaps(low[few, axis], high[few, axis]) for axis in range(3)], kind="stable")[
+        :2
+    ].tolist()
+    slabs, order, ends = _sort_for_sweep(low[:, axis], high[:, axis], low[:, across], high[:, across])
     others = [other for other in range(3) if other != axis]
     low, high = (np.ascontiguousarray(corner[order][:, others].T) for corner in (low, high))
     before = np.concatenate([[0], np.cumsum(np.maximum(ends - np.arange(len(order)) - 1, 0))])
@@ -85,12 +87,14 @@ def _overlapping(boxes: Floats, corners: Floats, planes: Floats) -> Iterator[tup
         start = stop
 
 
-def _met(low: Floats, high: Floats) -> int:
+def _count_overlaps(low: Floats, high: Floats) -> int:
     """With how many that begin at or before its end each of some intervals (n,) is in order, all together."""
     return int(np.searchsorted(np.sort(low), high, side="right").sum())
 
 
-def _swept(low: Floats, high: Floats, low_across: Floats, high_across: Floats) -> tuple[Integers, Integers, Integers]:
+def _sort_for_sweep(
+    low: Floats, high: Floats, low_across: Floats, high_across: Floats
+) -> tuple[Integers, Integers, Integers]:
     """Rows for a sweep of intervals (n,), those in each slab across it together, by their lower ends.
 
     Returns:

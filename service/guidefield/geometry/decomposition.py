@@ -18,7 +18,7 @@ import numpy as np
 
 from guidefield.geometry.convex import convex_hull, hull_planes
 from guidefield.geometry.directions import furthest, heights_along, spread_and_axes, spread_directions
-from guidefield.geometry.elements import Pieces, bisected, join_pieces
+from guidefield.geometry.elements import Pieces, bisect_pieces, join_pieces
 from guidefield.geometry.mesh_tree import polytope_about
 from guidefield.geometry.solid import Solid, stand_off
 from guidefield.geometry.surfaces import Floats, Surface
@@ -27,7 +27,7 @@ from guidefield.kernels.cover.cut_halves import beyond_any, count_cut, cut_halve
 _PARALLEL = 1e-6  # three planes whose normals span less than this meet nowhere that matters
 
 
-def clipped(pieces: Pieces, plane: Floats) -> Pieces:
+def clip_at(pieces: Pieces, plane: Floats) -> Pieces:
     """Clip triangles at a plane n.p <= d, given as n and d, shape (4,) [m]."""
     heights = heights_along(pieces.corners, plane[:3]) - plane[3]
     below = heights <= 0.0
@@ -159,7 +159,7 @@ def _cell(body: Solid, planes: Floats, pieces: Pieces, points: Floats) -> _Cell 
 def _stand_off(hull: Surface, body: Solid) -> float:
     """About how far a hull leaves a body [m]: `SHARE` more than the middles of small triangles of its surface do."""
     pieces = Pieces(hull.corners, np.zeros(len(hull.triangles), np.int64))
-    pieces = bisected(pieces, max(float(np.sqrt(4.0 * pieces.area / MIDDLES)), _LEAST))
+    pieces = bisect_pieces(pieces, max(float(np.sqrt(4.0 * pieces.area / MIDDLES)), _LEAST))
     middles = pieces.corners.mean(axis=1)
     distances = body.distances(middles)
     for some in np.split(np.argsort(-distances, kind="stable"), range(ASKED, len(middles), ASKED)):
@@ -214,7 +214,7 @@ def _halves(body: Solid, cell: _Cell) -> tuple[_Cell, _Cell] | None:
 def _half(body: Solid, cell: _Cell, beyond: Floats) -> _Cell | None:
     below = heights_along(cell.pieces.corners, beyond[:3]) <= beyond[3]
     whole, across = below.all(axis=1), below.any(axis=1) & ~below.all(axis=1)
-    cut = clipped(cell.pieces.some(across), beyond)
+    cut = clip_at(cell.pieces.some(across), beyond)
     points = cell.points[heights_along(cell.points, beyond[:3]) <= beyond[3]]
     return _cell(
         body,
@@ -249,7 +249,7 @@ class _Samples:
 
     def __init__(self, cell: _Cell) -> None:
         size = max(float(np.sqrt(4.0 * cell.pieces.area / SAMPLES)), 1e-9)
-        self._pieces = bisected(cell.pieces, size)
+        self._pieces = bisect_pieces(cell.pieces, size)
         corners = self._pieces.corners.reshape(-1, 3)
         cells = np.floor((corners - corners.min(axis=0)) / size).astype(np.int64)
         _, first = np.unique(np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1)), return_index=True)

@@ -62,7 +62,7 @@ def box_body(box: SolidBox) -> Body:
     return _about_origin(BOX, (x, y, z), (x, y, z)).place(box.rotation, box.centre)
 
 
-def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: Integers = NO_TRIANGLES) -> Body:
+def triangulated_body(vertices: Floats, triangles: Integers, kind: int, neighbours: Integers = NO_TRIANGLES) -> Body:
     """Make the body of vertices (v, 3) and triangles (t, 3), some with an area; of a seen solid without an anchor.
 
     Its kind is SOLID, CROPPED_SOLID or SHEET. Neighbours are further triangles (n, 3) of the whole surface that share a
@@ -163,7 +163,7 @@ def bodies_in(rows: BodyRows) -> list[Body]:
     ]
 
 
-def joined_rows(first: BodyRows, second: BodyRows) -> BodyRows:
+def join_rows(first: BodyRows, second: BodyRows) -> BodyRows:
     """Rows of bodies, and others behind them."""
     count = len(first.kinds)
     return BodyRows(

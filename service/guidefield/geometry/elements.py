@@ -59,21 +59,21 @@ class Elements(NamedTuple):
         )
 
 
-def bisected(pieces: Pieces, size: float) -> Pieces:
+def bisect_pieces(pieces: Pieces, size: float) -> Pieces:
     """Pieces halved at the middle of their longest edge until none has an edge longer than `size` [m]."""
     corners, sources = np.ascontiguousarray(pieces.corners), np.ascontiguousarray(pieces.sources)
     done = []
     while len(corners):
         edges = np.empty(len(corners), np.int64)
         large = longest_edges(corners, size, edges)
-        small, halves = _unwritten(len(corners) - large), _unwritten(2 * large)
+        small, halves = _allocate(len(corners) - large), _allocate(2 * large)
         halve(corners, sources, edges, *small, *halves)
         done.append(small)
         corners, sources = halves
     return join_pieces(done)
 
 
-def _unwritten(count: int) -> Pieces:
+def _allocate(count: int) -> Pieces:
     return Pieces(np.empty((count, 3, 3)), np.empty(count, np.int64))
 
 
@@ -82,7 +82,7 @@ def join_pieces(parts: list[Pieces]) -> Pieces:
     return Pieces(np.concatenate([part.corners for part in parts]), np.concatenate([part.sources for part in parts]))
 
 
-def gathered(pieces: Pieces, size: float) -> Elements:
+def gather_elements(pieces: Pieces, size: float) -> Elements:
     """Elements of pieces whose centroids lie in the same cell of a grid of width `size` [m]; neighbours together."""
     corners, count = np.ascontiguousarray(pieces.corners), len(pieces.sources)
     cells, order, first = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count + 1, np.int64)
@@ -91,7 +91,7 @@ def gathered(pieces: Pieces, size: float) -> Elements:
     middles = np.empty((count, 3))
     found = cell_middles(corners, cells, order, first, middles)
     turn = curve_order(middles[:found])
-    together, starts = _unwritten(count), np.empty(found + 1, np.int64)
+    together, starts = _allocate(count), np.empty(found + 1, np.int64)
     gather(corners, np.ascontiguousarray(pieces.sources), order, first, turn, *together, starts)
     points, first_point = np.empty((3 * count, 3)), np.empty(found + 1, np.int64)
     points = points[: distinct_points(together.corners.reshape(-1, 3), 3 * starts, points, first_point)]
@@ -110,7 +110,7 @@ def _balls(points: Floats, first: Integers) -> Floats:
     return balls
 
 
-def united(parts: list[Elements]) -> Elements:
+def unite_elements(parts: list[Elements]) -> Elements:
     """All elements of several."""
     return Elements(
         join_pieces([part.pieces for part in parts]),

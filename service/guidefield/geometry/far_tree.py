@@ -183,19 +183,19 @@ def _together(things: _Charged, begins: Integers, ends: Integers) -> _Charged:
     owner = np.repeat(np.arange(len(counts)), counts)
     index = begins[owner] + np.arange(len(owner)) - starts[owner]
 
-    def summed(values: Floats) -> Floats:
+    def sum_up(values: Floats) -> Floats:
         sums: Floats = np.add.reduceat(values[index], starts, axis=0)
         return sums
 
     weights = np.maximum(things.charges, 1e-30)
-    centres = summed(weights[:, None] * things.centres) / summed(weights)[:, None]
+    centres = sum_up(weights[:, None] * things.centres) / sum_up(weights)[:, None]
     offsets = things.centres[index] - centres[owner]
-    moments = summed(things.moments)
+    moments = sum_up(things.moments)
     moments += np.add.reduceat(
         things.charges[index, None, None] * offsets[:, :, None] * offsets[:, None], starts, axis=0
     )
     radii = np.maximum.reduceat(np.linalg.norm(offsets, axis=1) + things.radii[index], starts)
-    return _Charged(centres, summed(things.charges), moments, summed(things.areas), radii)
+    return _Charged(centres, sum_up(things.charges), moments, sum_up(things.areas), radii)
 
 
 def _rows(things: _Charged) -> Floats:

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from guidefield.geometry.cover import medial_balls
-from guidefield.geometry.elements import Pieces, bisected, gathered
+from guidefield.geometry.elements import Pieces, bisect_pieces, gather_elements
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats
 from guidefield.kernels.cover.ball_cover import count_missing, held_points
@@ -36,11 +36,11 @@ def inner_balls(body: Solid) -> Floats:
     any in a body that is flat.
     """
     if not body.closed or body.lids:
-        return _frozen(np.empty((0, 4)))
+        return _freeze(np.empty((0, 4)))
     low, high = body.surface.vertices.min(axis=0), body.surface.vertices.max(axis=0)
     corners = body.surface.corners
     size = float(np.sqrt(4.0 * body.area / CANDIDATES))
-    elements = gathered(bisected(Pieces(corners, np.arange(len(corners))), size), size)
+    elements = gather_elements(bisect_pieces(Pieces(corners, np.arange(len(corners))), size), size)
     extent = float((high - low).max())
     balls = medial_balls(body, elements, CANDIDATES, RESOLUTION * extent, SLACK * extent)
     balls[:, 3] -= SAFETY + body.reach
@@ -48,8 +48,8 @@ def inner_balls(body: Solid) -> Floats:
     samples = samples[body.depths(samples) > 0.0]
     balls = balls[balls[:, 3] >= LEAST_RADIUS]
     if not len(balls) or not len(samples):
-        return _frozen(np.empty((0, 4)))
-    return _frozen(_most_filling(body, balls, samples, RESOLUTION * extent))
+        return _freeze(np.empty((0, 4)))
+    return _freeze(_most_filling(body, balls, samples, RESOLUTION * extent))
 
 
 def _most_filling(body: Solid, balls: Floats, samples: Floats, step: float) -> Floats:
@@ -104,7 +104,7 @@ def _grid(low: Floats, high: Floats) -> Floats:
     return grid
 
 
-def _frozen(balls: Floats) -> Floats:
+def _freeze(balls: Floats) -> Floats:
     balls = np.ascontiguousarray(balls)
     balls.setflags(write=False)
     return balls

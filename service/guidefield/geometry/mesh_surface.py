@@ -12,9 +12,9 @@ import numpy as np
 from guidefield.geometry.closed import (
     are_proper,
     compact,
-    connected_pieces,
     crack_lids,
     edge_counts,
+    find_connected,
     numbered_edges,
     seams,
     volume,
@@ -59,7 +59,7 @@ class Joined(NamedTuple):
         return welded
 
 
-def joined_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Joined:
+def join_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Joined:
     """Merge the vertices (v, 3) of triangles (t, 3), and find the cracks between these."""
     distinct, corners, given = compact(vertices, triangles)
     edges = numbered_edges(corners)
@@ -72,7 +72,7 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
     Cracks between corners at most `WIDEST_CRACK` apart are closed by thin lids, as long as nothing else is open. Where
     the mesh is closed then, triangles that face inwards are turned.
     """
-    return surface_of(joined_mesh(vertices, triangles))
+    return surface_of(join_mesh(vertices, triangles))
 
 
 def surface_of(mesh: Joined) -> MeshSurface | None:
@@ -138,7 +138,7 @@ def _facing_outwards(mesh: Joined) -> tuple[np.ndarray, bool, list[str]]:
         if open_edges:
             fault = f"its surface is open ({open_edges} edges belong to one triangle): it is judged as a thin wall"
             return triangles, False, [fault]
-        consistent = _turned_alike(vertices, welded) if ((forward + backward) == 2).all() else None
+        consistent = _turn_alike(vertices, welded) if ((forward + backward) == 2).all() else None
         if consistent is None:
             return triangles, False, ["its triangles can't be turned to face outwards: it is judged as a thin wall"]
         proper = np.flatnonzero(are_proper(mesh.seams[triangles]))
@@ -157,7 +157,7 @@ def _facing_outwards(mesh: Joined) -> tuple[np.ndarray, bool, list[str]]:
     return np.ascontiguousarray(triangles), True, warnings
 
 
-def _turned_alike(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
+def _turn_alike(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
     """Turn triangles so that neighbours agree, piece by piece; None if the surface has only one side.
 
     Every edge must belong to two triangles. Every piece of the result encloses a positive volume, so that a hollow in
@@ -211,7 +211,7 @@ def own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
     forward, backward = edge_counts(triangles)
     if not ((forward == 1) & (backward == 1)).all():
         return None
-    pieces = np.unique(connected_pieces(len(vertices), triangles)[triangles])
+    pieces = np.unique(find_connected(len(vertices), triangles)[triangles])
     if len(pieces) > 1 or (len(first) < len(triangles) and _is_dented(vertices, triangles, _CONVEX * size)):
         return None
     try:

@@ -63,7 +63,7 @@ def cluster_counts(triangles: int) -> list[int]:
     return [sum(many for (size, above), many in sizes.items() if 1 < size <= most < above) for most in CLUSTERS]
 
 
-def boxed_count(triangles: int) -> int:
+def count_boxed(triangles: int) -> int:
     """How many of the nodes of a `triangle_tree` over so many triangles may get a box, see `BOXED`."""
     return sum(many for (size, _), many in _node_sizes(triangles).items() if CLUSTERS[-1] < size <= BOXED)
 

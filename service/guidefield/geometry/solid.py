@@ -12,8 +12,8 @@ from guidefield.geometry.closed import (
     WIDEST_CRACK,
     closing_lids,
     compact,
-    connected_pieces,
     crack_lids,
+    find_connected,
     seams,
     volume,
     volumes,
@@ -102,7 +102,7 @@ def _solids(vertices: Floats, triangles: Integers) -> tuple[Integers, Integers]:
     """Triangles, those of a solid counter-clockwise from outside, and for each the solid it belongs to."""
     if volume(vertices, triangles) < 0.0:
         triangles = triangles[:, ::-1]
-    _, piece = np.unique(connected_pieces(len(vertices), triangles)[triangles[:, 0]], return_inverse=True)
+    _, piece = np.unique(find_connected(len(vertices), triangles)[triangles[:, 0]], return_inverse=True)
     piece = piece.reshape(-1)
     members = np.split(np.argsort(piece, kind="stable"), np.cumsum(np.bincount(piece))[:-1])
     enclosed = volumes(vertices, [triangles[own] for own in members])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.bounded_map import BYTES_PER_SOLID_FACE, SOLIDS, BoundedMap, content_key
-from guidefield.geometry.closed import boundary, compact, connected_pieces, merged_points, volumes
+from guidefield.geometry.closed import boundary, compact, find_connected, merged_points, volumes
 from guidefield.geometry.crossings import crossings
 from guidefield.geometry.solid import Solid, solid, surface_tables
 from guidefield.geometry.surfaces import Floats, Integers
@@ -31,7 +31,7 @@ def nested(vertices: Floats, triangles: Integers) -> Nested:
     here.
     """
     distinct, corners, given = compact(vertices, triangles)
-    _, piece = np.unique(connected_pieces(len(distinct), corners)[corners[:, 0]], return_inverse=True)
+    _, piece = np.unique(find_connected(len(distinct), corners)[corners[:, 0]], return_inverse=True)
     members = np.split(np.argsort(piece, kind="stable"), np.cumsum(np.bincount(piece))[:-1]) if len(piece) else []
     within = _Within(distinct, [corners[own] for own in members])
     inner = [k for k in range(len(members)) if within(k)]
@@ -137,7 +137,7 @@ def near_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float)
     return _find((content_key(vertices, triangles), widest_gap, "near"), build)
 
 
-def filled_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float) -> Solid:
+def fill_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float) -> Solid:
     """Return the `filled` near solid of these arguments, from the cache if it is there."""
 
     def fill() -> Solid:

@@ -69,7 +69,7 @@ def box(size: ArrayLike) -> Surface:
 def cylinder(radius: float, length: float, sides: int = 24) -> Surface:
     """Prism that contains the cylinder along z about the origin: its sides touch it, its ends are the cylinder's."""
     ring = radius / np.cos(np.pi / sides)
-    return _revolved([(0.0, -0.5 * length), (ring, -0.5 * length), (ring, 0.5 * length), (0.0, 0.5 * length)], sides)
+    return _revolve([(0.0, -0.5 * length), (ring, -0.5 * length), (ring, 0.5 * length), (0.0, 0.5 * length)], sides)
 
 
 def prism_quads(radius: float, length: float, sides: int = 24) -> Floats:
@@ -88,7 +88,7 @@ def capsule(radius: float, length: float, sides: int = 24) -> Surface:
     upper = [(radius * np.cos(angle), 0.5 * length + radius * np.sin(angle)) for angle in latitudes[:-1]]
     lower = [(rho, -z) for rho, z in reversed(upper)]
     pole = 0.5 * length + radius
-    return _revolved([(0.0, -pole), *lower, *upper, (0.0, pole)], sides)
+    return _revolve([(0.0, -pole), *lower, *upper, (0.0, pole)], sides)
 
 
 def sphere(radius: float, subdivisions: int = 2) -> Surface:
@@ -99,7 +99,7 @@ def sphere(radius: float, subdivisions: int = 2) -> Surface:
     vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
     triangles = _icosahedron(vertices)
     for _ in range(subdivisions):
-        vertices, triangles = _quartered(vertices, triangles)
+        vertices, triangles = _quarter(vertices, triangles)
         vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
     return surface(radius * vertices, triangles)
 
@@ -119,7 +119,7 @@ def ears(corners: Floats, area: float) -> Integers:
     return turned
 
 
-def _revolved(profile: list[tuple[float, float]], sides: int) -> Surface:
+def _revolve(profile: list[tuple[float, float]], sides: int) -> Surface:
     """Surface of a profile (rho, z) that starts and ends on the z axis and runs upwards outside."""
     angles = 2.0 * np.pi * np.arange(sides) / sides
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -147,7 +147,7 @@ def _icosahedron(vertices: Floats) -> Integers:
     return np.where(inward[:, None], triangles[:, ::-1], triangles)
 
 
-def _quartered(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
+def _quarter(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
     edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     unique, index = np.unique(edges, axis=0, return_inverse=True)
     middles = len(vertices) + index.reshape(3, -1)

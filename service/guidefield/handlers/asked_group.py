@@ -22,7 +22,7 @@ from guidefield.robot.model.configuration import (
     LimitFault,
     clamp,
     configuration_from_wire,
-    given_faults,
+    find_given_faults,
     limit_faults,
 )
 from guidefield.robot.model.model import Mimic, RobotModel
@@ -55,7 +55,7 @@ def clamped_goals(goal: Goal | RelativeGoal | None, robot: RobotModel) -> list[s
     """Warn about each joint that a goal's configurations have beyond its limit by next to nothing."""
     worst: dict[str, LimitFault] = {}
     for positions in goal_positions(goal):
-        for fault in given_faults(robot.joints, positions):
+        for fault in find_given_faults(robot.joints, positions):
             if fault.is_slight and (fault.joint not in worst or fault.excess > worst[fault.joint].excess):
                 worst[fault.joint] = fault
     return [f"goal {name} was {fault.excess:.2g} beyond its limit and was clamped" for name, fault in worst.items()]

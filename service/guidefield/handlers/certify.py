@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from guidefield.case_file import Motion
 from guidefield.collision.convex_parts import robot_parts
-from guidefield.collision.enclosure import closed_bodies
+from guidefield.collision.enclosure import find_closed_bodies
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
@@ -137,7 +137,7 @@ def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], Robo
             robot = holding(robot, request.attached_objects, nowhere)
         group = planning_group(request, robot)
         robot_bodies(World.build(group, nowhere))
-        closed_bodies(group)
+        find_closed_bodies(group)
         robot_parts(group)
 
 

@@ -8,7 +8,7 @@ from itertools import chain
 from typing import TypeVar
 
 from guidefield.collision.convex_parts import robot_parts
-from guidefield.collision.enclosure import closed_bodies
+from guidefield.collision.enclosure import find_closed_bodies
 from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
@@ -116,7 +116,7 @@ def prepare_links(world: World, deadline: Deadline) -> None:
         return
     deadline.check(f"the links of {robot.name} were laid out")
     prepare_robot(world)
-    closed_bodies(world.group)
+    find_closed_bodies(world.group)
     robot_parts(world.group)
     _laid_out.add(robot)
 

@@ -20,8 +20,8 @@ from guidefield.messages.replies import (
     RobotsReply,
     RobotSummary,
 )
-from guidefield.robot.bodies.convex_parts import known_parts
-from guidefield.robot.bodies.sphere_cover import ShapeCoverage, known_coverage
+from guidefield.robot.bodies.convex_parts import recall_parts
+from guidefield.robot.bodies.sphere_cover import ShapeCoverage, recall_coverage
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.catalog.library import SentRobot
 from guidefield.robot.model.configuration import configuration_to_wire
@@ -97,7 +97,9 @@ def _geometry(model: RobotModel) -> list[GeometryInfo]:
             cover=None if balls is None else _cover(balls),
             parts=None if found is None else PartsInfo(count=len(found.parts), stand_off=found.stand_off),
         )
-        for choice, balls, found in zip(model.geometry_choices, known_coverage(model), known_parts(model), strict=True)
+        for choice, balls, found in zip(
+            model.geometry_choices, recall_coverage(model), recall_parts(model), strict=True
+        )
     ]
 
 

@@ -21,7 +21,7 @@ from guidefield.planner.sequence.course import AWAY, Touch
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.scene import obstacle, scene as scenes
-from guidefield.scene.motion import posed
+from guidefield.scene.motion import put_at
 from guidefield.scene.scene import Scene
 
 CARRIED = (messages.Box, messages.Sphere, messages.Cylinder, messages.Capsule, messages.Mesh)
@@ -80,7 +80,7 @@ class Standing:
             getattr(attached.obstacle, "quaternion_xyzw", IDENTITY),
         )
         in_link = se3(attached.placement.position, attached.placement.quaternion_xyzw)
-        return posed(attached.obstacle, self.frame(attached.link) * in_link * own)
+        return put_at(attached.obstacle, self.frame(attached.link) * in_link * own)
 
     def moved(self, q: RobotConfiguration, time: float, min_clearance: float) -> Standing:
         """The same with the robot at a configuration, shape (nq,), at a time [s].
@@ -154,7 +154,7 @@ class Standing:
                     f"the robot has no link {name!r}; it has {', '.join(available)}", link=name, available=available
                 )
         placement = Placement(*wire_pose(self.frame(holder).inverse()))
-        message = found.message if found.motion is None else posed(found.message, found.motion.at(found.motion.end))
+        message = found.message if found.motion is None else put_at(found.message, found.motion.at(found.motion.end))
         mass = asked.mass, asked.centre_of_mass, asked.inertia
         attached = AttachedObject(message, holder, placement, asked.touch_links, *mass)
         others = tuple(name for name in asked.touch_objects if name != asked.object)

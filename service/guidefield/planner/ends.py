@@ -14,9 +14,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import BlockingPairs, blocking_pairs, contacts_at, depth_of, met_each
+from guidefield.collision.blocking_pairs import BlockingPairs, blocking_pairs, contacts_at, depth_of, find_touching_each
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.enclosure import enclosed, enclosed_each
+from guidefield.collision.enclosure import enclosed, find_enclosed_each
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.connect.constrained import PoseKeeper
@@ -210,7 +210,7 @@ def find_tip_points(
     if result.solutions:
         return chosen(problem, np.array(result.solutions))
     rejected = [problem.group.expand_from_chart(z) for z in result.rejected]
-    touching, touch = met_each(problem.world, rejected)  # lanes refuse what all but touches
+    touching, touch = find_touching_each(problem.world, rejected)  # lanes refuse what all but touches
     if zs := [z for z, kept in zip(result.rejected, _are_apart(problem, result.rejected, touch), strict=True) if kept]:
         return chosen(problem, np.array(zs))
     if (status := problem.deadline.status()) is not None and result.cause is not Cause.OUT_OF_REACH:
@@ -332,7 +332,7 @@ def _are_apart(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints, touch: 
 def _are_in_the_open(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints) -> list[bool]:
     """At which of some chart points, each of shape (nv,), no body is wholly inside another one."""
     qs = [problem.group.expand_from_chart(z) for z in zs]
-    return [inside is None for inside in enclosed_each(problem.world, qs)]
+    return [inside is None for inside in find_enclosed_each(problem.world, qs)]
 
 
 def end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:

@@ -24,8 +24,8 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.prove.tables import IN_MOTION
-from guidefield.prove.curve import Curve, excesses, halved, point_on
-from guidefield.prove.search import RESOLUTION_FLOOR, Found, Goal, found_nothing, search
+from guidefield.prove.curve import Curve, excesses, halve_curves, point_on
+from guidefield.prove.search import RESOLUTION_FLOOR, Found, Goal, search, without_distances
 from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, LIMITS, Reason, Verdict
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.robot.model.configuration import LimitFault
@@ -66,7 +66,7 @@ def certify_constraints(
         first = control[0]
         if (frames.values(first) > frames.limits).any() or (high - low).max() <= CONSTRAINT_RESOLUTION:
             return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, first)
-        one, other = halved(control[None])
+        one, other = halve_curves(control[None])
         half = 0.5 * (start + end)
         waiting.appendleft((index, half, end, other))
         waiting.appendleft((index, start, half, one))
@@ -172,14 +172,14 @@ def certify_curve(world: World, curve: Curve, goal: Goal, deadline: Deadline = U
         raise ValueError("control points have to be finite")
     if world.held_contacts:
         begin: ChartPoint = pieces[0, 0]
-        return found_nothing(Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), world.held_contacts[0].pair, begin))
+        return without_distances(Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), world.held_contacts[0].pair, begin))
     beyond = judge_limits(world, pieces)
     if beyond is None:
         return search(world, curve, goal, deadline)
     count, verdict = beyond.piece or 0, Verdict(Reason.FREE, 0)
     if count:
         verdict = search(world, curve.up_to(count), goal._replace(spans=(), samples=np.empty(0)), deadline).verdict
-    return found_nothing(replace(beyond, evaluations=verdict.evaluations) if verdict.free else verdict)
+    return without_distances(replace(beyond, evaluations=verdict.evaluations) if verdict.free else verdict)
 
 
 def judge_limits(world: World, pieces: ChartCurves) -> Verdict | None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from guidefield.collision.clearance import ClearanceAt, clearance_at
-from guidefield.collision.enclosure import closed_bodies, enclosed_each, enclosed_pairs
+from guidefield.collision.enclosure import find_closed_bodies, find_enclosed_each, find_enclosed_pairs
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.collide.gjk import ACCURACY, SLACK
@@ -25,11 +25,11 @@ def world_at(world: World, time: float) -> World:
     return World(world.group, world.scene.at(time), world.pairs) if world.scene.moves else world
 
 
-def enclosed_pairs_at(world: World, q: ModelConfiguration, time: float) -> list[int]:
+def find_enclosed_pairs_at(world: World, q: ModelConfiguration, time: float) -> list[int]:
     """Return the pairs of which one body is wholly inside the other at q (model.nq,) and a time [s]."""
-    if world.scene.convex and not closed_bodies(world.group).any():
+    if world.scene.convex and not find_closed_bodies(world.group).any():
         return []
-    return enclosed_pairs(world_at(world, time), q)
+    return find_enclosed_pairs(world_at(world, time), q)
 
 
 def enclosures_at(world: World, curve: Curve, times: np.ndarray, deadline: Deadline = UNLIMITED) -> list[list[int]]:
@@ -43,7 +43,7 @@ def enclosures_at(world: World, curve: Curve, times: np.ndarray, deadline: Deadl
     found = []
     for time, z in zip(times.tolist(), curve.at(times), strict=True):
         deadline.check("the motion was measured")
-        found.append(enclosed_pairs_at(world, world.group.expand_from_chart(z), time))
+        found.append(find_enclosed_pairs_at(world, world.group.expand_from_chart(z), time))
     return found
 
 
@@ -82,9 +82,9 @@ class ClosestPairs:
             enclosed = [False] * int(apart.sum())
         elif in_time:
             touched = zip(configurations[apart], clock[apart].tolist(), strict=True)
-            enclosed = [bool(enclosed_pairs_at(self.world, q, time)) for q, time in touched]
+            enclosed = [bool(find_enclosed_pairs_at(self.world, q, time)) for q, time in touched]
         else:
-            enclosed = [pair is not None for pair in enclosed_each(self.world, [*configurations[apart]])]
+            enclosed = [pair is not None for pair in find_enclosed_each(self.world, [*configurations[apart]])]
         alone[np.flatnonzero(apart)[enclosed]] = True
         for q, time, alone_there, candidates in zip(
             configurations, clock.tolist(), alone.tolist(), pairs.tolist(), strict=True
@@ -114,7 +114,7 @@ class ClosestPairs:
                 pair = index_of_pair(world, int(contacts[index]))
                 free[index] = not world.touches(pair) and not world.in_collision(configurations[index])
         apart = np.flatnonzero(free)
-        free[apart] = [pair is None for pair in enclosed_each(world, [*configurations[apart]])]
+        free[apart] = [pair is None for pair in find_enclosed_each(world, [*configurations[apart]])]
         return free
 
     def _tables(self, *, in_time: bool) -> MovingRobot | None:

@@ -29,14 +29,14 @@ def point_on(controls: ChartPoints, parameter: float) -> ChartPoint:
     return point
 
 
-def halved(controls: ChartCurves) -> ChartCurves:
+def halve_curves(controls: ChartCurves) -> ChartCurves:
     """Both halves of each Bezier curve (n, k, nv), in order, by de Casteljau's scheme, shape (2 n, k, nv)."""
     halves = cast(ChartCurves, np.empty((2 * len(controls), *controls.shape[1:])))
     find_halves(np.ascontiguousarray(controls), halves)
     return halves
 
 
-def restricted(controls: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def restrict_curves(controls: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Control points of parts of Bezier curves (n, k, nv), from parameters low (n,) to high (n,), by their blossom."""
     order = controls.shape[1]
     parts = np.empty_like(controls)
@@ -75,7 +75,7 @@ def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[
     most, places = ends.max(axis=1), np.argmax(ends, axis=1).astype(float)
     parts, of, starts, width = curves[:, :, None], np.arange(len(curves)), np.zeros(len(curves)), 1.0
     for _ in range(LIMITS.most_halvings):
-        parts, of, starts, width = halved(parts), np.repeat(of, 2), np.repeat(starts, 2), 0.5 * width
+        parts, of, starts, width = halve_curves(parts), np.repeat(of, 2), np.repeat(starts, 2), 0.5 * width
         starts[1::2] += width
         begun = np.maximum(lower[of] - parts[:, 0, 0], parts[:, 0, 0] - upper[of])
         for k in np.flatnonzero(begun > most[of]):
@@ -111,7 +111,7 @@ def largest_magnitudes(curves: np.ndarray, beside: np.ndarray | None = None) -> 
     for _ in range(LIMITS.most_halvings if order > 2 else 0):
         if not len(of):
             break
-        parts, of, at, starts, width = halved(parts), of.repeat(2), at.repeat(2), starts.repeat(2), 0.5 * width
+        parts, of, at, starts, width = halve_curves(parts), of.repeat(2), at.repeat(2), starts.repeat(2), 0.5 * width
         starts[1::2] += width
         begun = np.abs(parts[:, 0, 0]) + more[of, at]
         for k in np.flatnonzero(begun > most[at]):

@@ -155,7 +155,7 @@ class Found(ReadOnly):
     distances: np.ndarray  # the smallest distance from obstacles at each sample, shape (k,) [m]; infinite without one
 
 
-def found_nothing(verdict: Verdict) -> Found:
+def without_distances(verdict: Verdict) -> Found:
     """Return a verdict without any distance."""
     return Found(verdict, [], Smallest(), np.empty(0))
 

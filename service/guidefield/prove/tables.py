@@ -192,7 +192,7 @@ read_only(*NOTHING_MOVES)
 
 def body_pairs(world: World) -> BodyPairs:
     """The pairs of a world."""
-    return BodyPairs(*world.pairs.table, *_seen_between(world.group, world.pairs.own.tobytes()))
+    return BodyPairs(*world.pairs.table, *_find_views(world.group, world.pairs.own.tobytes()))
 
 
 def index_of_pair(world: World, pair: int) -> int:
@@ -202,7 +202,7 @@ def index_of_pair(world: World, pair: int) -> int:
 
 
 @memoized_for_alike
-def _seen_between(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, np.ndarray]:
+def _find_views(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Of own pairs, an array (own, 2) of int64, what `BodyPairs` has: from which body each is seen.
 
     It is seen from the one between both from where the joints move them least at the neutral configuration; a joint's

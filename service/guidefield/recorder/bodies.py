@@ -26,7 +26,7 @@ from guidefield.recorder import surface
 from guidefield.recorder.chunks import entity, link_frame, still
 from guidefield.recorder.rrd_file import UNREADABLE, encode_recording, read_chunks, read_meshes
 from guidefield.recorder.surface import GREY, Surface
-from guidefield.robot.bodies.sphere_cover import known_coverage
+from guidefield.robot.bodies.sphere_cover import recall_coverage
 from guidefield.robot.mesh_files import reading as mesh_files
 from guidefield.robot.model.model import RobotModel, RobotSource
 from guidefield.whole_file import DRAFT, write_whole
@@ -202,13 +202,13 @@ COLOR = (125, 175, 240, 255)  # colour of the balls (RGBA)
 
 def list_sphere_counts(robot: RobotModel) -> str:
     """The numbers of bounding spheres of the shapes that have some."""
-    return " ".join("-" if one is None else f"{len(one.cover.spheres)}" for one in known_coverage(robot))
+    return " ".join("-" if one is None else f"{len(one.cover.spheres)}" for one in recall_coverage(robot))
 
 
 def cover_spheres(robot: RobotModel) -> Iterator[Chunk]:
     """`/robot/spheres/<link>`: the balls that contain the collision shapes of a link, in its frame."""
     by_link: dict[str, list[np.ndarray]] = {}
-    for index, (shape, one) in enumerate(zip(robot.geometry.geometryObjects, known_coverage(robot), strict=True)):
+    for index, (shape, one) in enumerate(zip(robot.geometry.geometryObjects, recall_coverage(robot), strict=True)):
         if one is None:
             continue
         link = robot.link_of_geometry(index)

@@ -36,7 +36,7 @@ from guidefield.recorder.reading import LINK, left_out
 from guidefield.recorder.rrd_file import encode_recording, write_recording
 from guidefield.recorder.view import Eye, layout
 from guidefield.robot.model.model import RobotModel
-from guidefield.scene.scene import Scene, declared_with
+from guidefield.scene.scene import Scene, declare_with
 from guidefield.whole_file import link_shared, remove_unshared
 
 FOLDER = "runs-scenes"  # name of the folder of these files, beside that of the robots
@@ -104,7 +104,7 @@ def _content(scene: Scene) -> tuple[int, bytes]:
     declared = list(scene.message.obstacles)
     for index in moving:
         declared[index] = msgspec.structs.replace(declared[index], trajectory=None)
-    content = encode(declared_with(scene.message, declared))
+    content = encode(declare_with(scene.message, declared))
     return len(content), hashlib.sha256(content + f"{moving}".encode()).digest()
 
 

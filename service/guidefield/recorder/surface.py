@@ -11,7 +11,7 @@ import coal
 import numpy as np
 import trimesh
 
-from guidefield.geometry.closed import connected_pieces
+from guidefield.geometry.closed import find_connected
 from guidefield.geometry.convex import FlatError, convex_hull
 from guidefield.geometry.surfaces import area_of
 from guidefield.robot.mesh_files import reading as mesh_files
@@ -209,7 +209,7 @@ def _smooth_corners(corners: np.ndarray, areas: np.ndarray, crease: float) -> np
             np.column_stack([at_end[one], np.where(along, at_end[other], other)]),
         ]
     )
-    labels = connected_pieces(len(starts), pairs)
+    labels = find_connected(len(starts), pairs)
     return np.unique(labels, return_inverse=True)[1].reshape(-1)
 
 

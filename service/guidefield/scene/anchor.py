@@ -68,19 +68,19 @@ class Anchor(msgspec.Struct, frozen=True):
 
     def inward(self, message: _Message) -> _Message:
         """Return a message of the world as seen from here; scenes that requests hold stay (`seen_from`)."""
-        return cast(_Message, _moved(message, self, -1.0))
+        return cast(_Message, _shift_message(message, self, -1.0))
 
     def outward(self, message: _Message) -> _Message:
         """Return a message as seen from here in the world."""
-        return cast(_Message, _moved(message, self, 1.0))
+        return cast(_Message, _shift_message(message, self, 1.0))
 
     def see(self, scene: Scene) -> Scene:
         """Return a scene as seen from here."""
-        return _seen_from(scene, self)
+        return _shift_scene(scene, self)
 
     def show(self, obstacle: messages.Obstacle) -> messages.Obstacle:
         """Return an obstacle as seen from here in the world."""
-        return cast(messages.Obstacle, _seen(obstacle, np.array(self.place)))
+        return cast(messages.Obstacle, _shift_obstacle(obstacle, np.array(self.place)))
 
     def put(self, placement: Placement) -> Placement:
         """Return a placement as seen from here in the world."""
@@ -106,11 +106,11 @@ class Anchor(msgspec.Struct, frozen=True):
 def _is_any_far(request: requests.PlanRequest | requests.CertifyRequest) -> bool:
     """Return whether a joint value with which a motion begins is far from its zero."""
     values = [x for value in request.start.values() if isinstance(value, list) for x in value]
-    first = _given_rows(request)[0][0] if isinstance(request, requests.CertifyRequest) else []
+    first = _find_given_rows(request)[0][0] if isinstance(request, requests.CertifyRequest) else []
     return any(abs(x) > FAR for x in (*values, *first))
 
 
-def _given_rows(request: requests.CertifyRequest) -> list[replies.Rows]:
+def _find_given_rows(request: requests.CertifyRequest) -> list[replies.Rows]:
     """The rows of a given motion, and of the one that was planned if there is one."""
     trajectories = [one.positions for one in (request.trajectory, request.planned) if one is not None]
     return [request.path, *trajectories] if request.path is not None else trajectories
@@ -119,15 +119,15 @@ def _given_rows(request: requests.CertifyRequest) -> list[replies.Rows]:
 def _place_of(request: requests.PlanRequest | requests.CertifyRequest, joint: str, count: int) -> list[float] | None:
     """Where a planar or floating joint stands at first, in its directions (count,) [m]; None where it isn't told."""
     if isinstance(request, requests.CertifyRequest):
-        (first, *_), *_ = _given_rows(request)
-        if (names := _named_columns(request, joint, count)) is not None and joint + ".x" in names:
+        (first, *_), *_ = _find_given_rows(request)
+        if (names := _name_columns(request, joint, count)) is not None and joint + ".x" in names:
             at = names.index(joint + ".x")
             return first[at : at + count] if len(first) >= at + count else None
     value = request.start.get(joint)
     return value[:count] if isinstance(value, list) and len(value) > count else None
 
 
-def _named_columns(request: requests.CertifyRequest, joint: str, count: int) -> list[str] | None:
+def _name_columns(request: requests.CertifyRequest, joint: str, count: int) -> list[str] | None:
     """Names of the columns of a given motion, as far as they are known; those of a robot's first joint stand first."""
     if request.position_names is not None:
         return request.position_names
@@ -140,8 +140,8 @@ def _columns_of(joint: str, count: int) -> list[str]:
 
 
 @memoized
-def _seen_from(scene: Scene, anchor: Anchor) -> Scene:
-    obstacles = [_seen(one, -np.array(anchor.place)) for one in scene.message.obstacles]
+def _shift_scene(scene: Scene, anchor: Anchor) -> Scene:
+    obstacles = [_shift_obstacle(one, -np.array(anchor.place)) for one in scene.message.obstacles]
     planes = [anchor.inward(plane) for plane in scene.message.guide_planes]
     return build(msgspec.structs.replace(scene.message, obstacles=obstacles, guide_planes=planes))
 
@@ -151,7 +151,7 @@ def _is_coarse(one: messages.Obstacle) -> bool:
     return isinstance(points, Float32Array) and float(np.abs(points_in(points)).max()) >= COARSE
 
 
-def _seen(one: Any, by: np.ndarray) -> Any:
+def _shift_obstacle(one: Any, by: np.ndarray) -> Any:
     """An obstacle, shifted; one whose own points are far from its frame gets a frame among them."""
     field = next((field for field in ("points", "vertices") if hasattr(one, field)), None)
     resting = one.trajectory is None
@@ -169,13 +169,13 @@ def _seen(one: Any, by: np.ndarray) -> Any:
     if resting:
         turned = getattr(one, "quaternion_xyzw", (0.0, 0.0, 0.0, 1.0))
         return msgspec.structs.replace(one, position=_place(one.position, turned, centre, by), **changed)
-    placements = [_placed(each, centre, by) for each in one.trajectory.placements]
+    placements = [_shift_placement(each, centre, by) for each in one.trajectory.placements]
     return msgspec.structs.replace(
         one, trajectory=messages.ObstacleTrajectory(one.trajectory.times, placements), **changed
     )
 
 
-def _placed(one: Placement, centre: np.ndarray, by: np.ndarray) -> Placement:
+def _shift_placement(one: Placement, centre: np.ndarray, by: np.ndarray) -> Placement:
     return Placement(_place(one.position, one.quaternion_xyzw, centre, by), one.quaternion_xyzw)
 
 
@@ -191,13 +191,13 @@ def _points(points: Points, by: np.ndarray) -> Points:
     return [*map(tuple, shifted.tolist())]
 
 
-def _moved(message: Any, anchor: Anchor, sign: float) -> Any:
+def _shift_message(message: Any, anchor: Anchor, sign: float) -> Any:
     """A message with all that is told in the world farther by the anchor's place, or nearer where the sign is -1."""
     fields = _WORLD.get(type(message), {})
     found = {field: value for field in fields if (value := getattr(message, field)) is not None}
     changed = {field: fields[field](value, anchor, sign) for field, value in found.items()}
     if anchor.joint and isinstance(message, _OF_COLUMNS):
-        changed |= _moved_columns(message, anchor, sign)
+        changed |= _shift_columns(message, anchor, sign)
     return msgspec.structs.replace(message, **changed) if changed else message
 
 
@@ -205,14 +205,14 @@ _OF_COLUMNS = requests.CertifyRequest | replies.PlanReply | replies.CertifyReply
 """Messages with rows of joint values."""
 
 
-def _moved_columns(
+def _shift_columns(
     message: requests.CertifyRequest | replies.PlanReply | replies.CertifyReply, anchor: Anchor, sign: float
 ) -> dict[str, Any]:
     """The fields of a message that hold values of the joint whose place is counted from elsewhere, changed."""
     columns = _columns_of(anchor.joint, len(anchor.values))
     by = dict(zip(columns, (sign * value for value in anchor.values), strict=True))
     names: Sequence[str] = (
-        (_named_columns(message, anchor.joint, len(columns)) or [])
+        (_name_columns(message, anchor.joint, len(columns)) or [])
         if isinstance(message, requests.CertifyRequest)
         else message.position_names
     )
@@ -250,8 +250,8 @@ def _rows(rows: replies.Rows, names: Sequence[str], by: dict[str, float]) -> rep
 
 def _inner(value: Any, anchor: Anchor, sign: float) -> Any:
     if isinstance(value, list):
-        return [_moved(one, anchor, sign) for one in value]
-    return _moved(value, anchor, sign)
+        return [_shift_message(one, anchor, sign) for one in value]
+    return _shift_message(value, anchor, sign)
 
 
 def _vector(value: Vector3, anchor: Anchor, sign: float) -> Vector3:
@@ -283,7 +283,7 @@ def _configurations(value: Any, anchor: Anchor, sign: float) -> Any:
     return {**value, anchor.joint: [*shifted, *at[count:]]}
 
 
-def _packed(value: PackedNumbers, anchor: Anchor, sign: float) -> PackedNumbers:
+def _shift_numbers(value: PackedNumbers, anchor: Anchor, sign: float) -> PackedNumbers:
     numbers = np.frombuffer(value.float64, "<f8").reshape(value.shape) + sign * np.array(anchor.place)
     return PackedNumbers(shape=value.shape, float64=numbers.tobytes())
 
@@ -311,6 +311,6 @@ _WORLD: dict[type, dict[str, Callable[[Any, Anchor, float], Any]]] = {
     messages.GuidePlane: {"vertices": _vectors},
     replies.PlanReply: {"guide_planes": _inner},
     replies.ClearanceReply: {"witness_points": _vectors, "packed": _inner},
-    PackedClearance: {"witness_points": _packed},
+    PackedClearance: {"witness_points": _shift_numbers},
 }
 """What is told in the world, of the messages that are asked and answered about a robot."""

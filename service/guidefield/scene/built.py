@@ -10,7 +10,7 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.messages import scene as messages
 from guidefield.messages.frozen_scenes import Derivation, FrozenFacts, frozen_facts
 from guidefield.scene import scene as scenes
-from guidefield.scene.content import Content, are_many, changed_content, scene_content
+from guidefield.scene.content import Content, are_many, change_content, scene_content
 from guidefield.scene.incremental import Rows
 from guidefield.scene.scene import Scene
 
@@ -56,7 +56,7 @@ class BuiltScenes:
             if mine is not None:
                 mine.content = content
         for later, known, change in reversed(changes):
-            content, parts = changed_content(content, change, later)
+            content, parts = change_content(content, change, later)
             known.content = content
         return content, parts
 

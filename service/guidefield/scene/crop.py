@@ -25,10 +25,10 @@ from guidefield.memo import memoized_by
 from guidefield.scene.cloud import Cloud, cloud_specks
 from guidefield.scene.cropped_surface import crop_surface, nearest_parts
 from guidefield.scene.incremental import MANY, Rows, incremental
-from guidefield.scene.movers import gaps_from_boxes, moving_ball, swept
+from guidefield.scene.movers import gaps_from_boxes, moving_ball, sweep_obstacles
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.recipe import Facets
-from guidefield.scene.scene import Scene, declared_with, rows_of, with_others
+from guidefield.scene.scene import Scene, declare_with, rows_of, with_others
 
 NOBODY: frozenset[str] = frozenset()
 
@@ -117,7 +117,7 @@ def _some(known: NearestObstacles, rows: Rows, scene: Scene, chosen: np.ndarray)
     new = chosen[step.fresh].tolist()
     declared = step.listed(some.message.obstacles, [scene.message.obstacles[index] for index in new])
     fresh = [scene.obstacles[index] for index in new]
-    return with_others(some, step, fresh, declared_with(scene.message, declared))
+    return with_others(some, step, fresh, declare_with(scene.message, declared))
 
 
 def _of(scene: Scene, chosen: np.ndarray) -> Scene | None:
@@ -150,7 +150,7 @@ def _gaps(obstacles: Sequence[Obstacle], ball: Ball, named: frozenset[str]) -> t
     moving = [index for index, one in enumerate(obstacles) if one.motion is not None]
     if moving:
         some = [obstacles[index] for index in moving]
-        boxes, first, _ = swept(some, list(map(moving_ball, some)))
+        boxes, first, _ = sweep_obstacles(some, list(map(moving_ball, some)))
         nearest, farthest = gaps_from_boxes(boxes, np.array(ball[:3]), ball.radius)
         least[moving], most[moving] = np.minimum.reduceat(nearest, first), np.maximum.reduceat(farthest, first)
     if named:
@@ -172,10 +172,10 @@ def _with_cropped(scene: Scene, ball: Ball) -> Scene | None:
     return dataclasses.replace(scene, obstacles=cropped)
 
 
-def _cropped(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
+def _crop(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
     centre, recipe = obstacle.placement.actInv(np.array(ball[:3])), obstacle.recipe
     if obstacle.cloud is not None:
-        return _cropped_cloud(obstacle, obstacle.cloud, centre, ball.radius)
+        return _crop_cloud(obstacle, obstacle.cloud, centre, ball.radius)
     part = crop_surface(
         lambda: recipe.surface(obstacle.message),
         lambda: [surface[1] for surface in obstacle.surfaces],
@@ -191,7 +191,7 @@ def _cropped(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
     return dataclasses.replace(made, recipe=made.recipe._replace(surface=lambda _: part.surface), cropped=part)
 
 
-def _cropped_cloud(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: float) -> Obstacle | None:
+def _crop_cloud(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: float) -> Obstacle | None:
 
     def find() -> Arrays:
         chosen = nearest_parts(cloud.points, np.arange(len(cloud.points))[:, None], centre, radius)
@@ -218,4 +218,4 @@ def _with_facets(obstacle: Obstacle, facets: Facets, content: bytes) -> Obstacle
 
 
 _crop_large = memoized_by(lambda scene: scene, _with_cropped, KEPT_BALLS)
-_crop_obstacle = memoized_by(lambda obstacle: obstacle, _cropped, KEPT_BALLS)
+_crop_obstacle = memoized_by(lambda obstacle: obstacle, _crop, KEPT_BALLS)

@@ -10,7 +10,7 @@ import numpy as np
 
 from guidefield.bounded_map import content_key
 from guidefield.geometry.cache import Arrays, is_large, remembered
-from guidefield.geometry.closed import boxes_about, used_alone
+from guidefield.geometry.closed import boxes_about, drop_unused
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.cover.crop_to_ball import crop_to_ball, distance_to_triangles
@@ -46,7 +46,7 @@ class CroppedSurface:
     @cached_property
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
         """Vertices, each used, (v, 3) [m] and triangles (t, 3)."""
-        alone = used_alone(self.parts[0][0], np.concatenate([triangles for _, triangles, _ in self.parts]))
+        alone = drop_unused(self.parts[0][0], np.concatenate([triangles for _, triangles, _ in self.parts]))
         for array in alone:
             array.setflags(write=False)
         return alone
@@ -72,10 +72,10 @@ def crop_surface(
         return _find_parts(whole(), solids(), solid, centre, radius, most)
 
     if not content:
-        return _restored(find(), whole, solids, b"")
+        return _restore(find(), whole, solids, b"")
     known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, most])}
     own = content_key(*known.values())
-    return _restored(remembered("seen", known, find), whole, solids, own)
+    return _restore(remembered("seen", known, find), whole, solids, own)
 
 
 def _find_parts(
@@ -93,7 +93,7 @@ def _find_parts(
     parts = [_part(vertices, one, centre, radius) for one in solids]
     if sum(len(kept) for kept, _ in parts) > most * len(triangles):
         return {"counts": np.empty((0, 2), np.int64)}
-    alone, numbers = used_alone(vertices, np.concatenate([one for part in parts for one in part]))
+    alone, numbers = drop_unused(vertices, np.concatenate([one for part in parts for one in part]))
     anchors = np.zeros((len(parts), ANCHOR))
     for row, one, (_, beside) in zip(anchors, solids, parts, strict=True):
         if solid and len(beside):
@@ -119,7 +119,7 @@ def _near_solids(vertices: np.ndarray, solids: list[np.ndarray], centre: np.ndar
     return [one for one, kept in zip(solids, near.tolist(), strict=True) if kept]
 
 
-def _restored(
+def _restore(
     found: Arrays, whole: Whole, solids: Callable[[], list[np.ndarray]], content: bytes
 ) -> CroppedSurface | None:
     counts = found["counts"]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.cache import Room, is_large, made_in_place
+from guidefield.geometry.cache import Room, is_large, make_in_place
 from guidefield.geometry.curve_order import Along, along_curve, changed_along
 from guidefield.geometry.distance_bodies import (
     FEW,
@@ -21,11 +21,11 @@ from guidefield.geometry.distance_bodies import (
     body_rows,
     body_tables,
     box_body,
-    joined_rows,
+    join_rows,
     of_surface,
     primitive,
     sheets,
-    triangulated,
+    triangulated_body,
 )
 from guidefield.geometry.surface_rows import box_nodes, surfaces_in, write_surfaces
 from guidefield.kernels.barrier.moving_bodies import MovingBodies
@@ -61,7 +61,7 @@ def _over(known: _Standing, rows: Rows, scene: Scene) -> _Standing | None:
     endless, left = rows.now[tables.obstacles[:first]], len(order) - int((rows.now[order] < 0).sum())
     if (endless < 0).any() or any(is_other(one) for one in fresh) or (placed[:, 0] == HALF_SPACE_PLACED).any():
         return None
-    others = _declared(placed)
+    others = _primitive_rows(placed)
     middles = 0.5 * (others.boxes[:, :3] + others.boxes[:, 3:])
     along, runs, turn = changed_along(known.along, rows.now, rows.fresh, middles, left + len(fresh))
     step = Rows([(0, first), *((at if at < 0 else first + at, count) for at, count in runs)], len(tables.kinds))
@@ -75,15 +75,15 @@ def _over(known: _Standing, rows: Rows, scene: Scene) -> _Standing | None:
         sizes=step.carry(tables.sizes, others.sizes[turn]),
         bounds=step.carry(tables.bounds, others.bounds[turn]),
         boxes=boxes,
-        spans=_carried_zeros(step, tables.spans),
+        spans=_carry_zeros(step, tables.spans),
         nodes=box_nodes(boxes[first:]),
-        clouds=_carried_zeros(step, tables.clouds),
+        clouds=_carry_zeros(step, tables.clouds),
     )
     read_only(*tables)
     return _Standing(tables, along)
 
 
-def _carried_zeros(rows: Rows, values: np.ndarray) -> np.ndarray:
+def _carry_zeros(rows: Rows, values: np.ndarray) -> np.ndarray:
     """Numbers of bodies of which the others have none: the very same where nobody has."""
     if rows.count == rows.before and not values.any():
         return values
@@ -105,7 +105,7 @@ def _standing(scene: Scene) -> _Standing:
 def _in_order(scene: Scene) -> tuple[BodyRows, np.ndarray]:
     """The bodies of all obstacles that rest, in the order of these, and which each is of, shape (n,)."""
     placed = placed_rows(scene)
-    primitives = _declared(placed)
+    primitives = _primitive_rows(placed)
     declared = np.delete(np.arange(len(placed)), scene.others)
     half_spaces, bounded = (declared[chosen] for chosen in _split(placed[declared, 0] == HALF_SPACE_PLACED))
     if len(bounded) == len(placed):
@@ -115,9 +115,9 @@ def _in_order(scene: Scene) -> tuple[BodyRows, np.ndarray]:
     thin = [index for index in others if _is_small_sheet(scene.obstacles[index])]
     thick = sorted(set(others).difference(thin))
     made = [(index, body) for index in thick for body in bodies_of(scene.obstacles[index])]
-    bodies = joined_rows(primitives.reorder(bounded), body_rows([body for _, body in made]))
+    bodies = join_rows(primitives.reorder(bounded), body_rows([body for _, body in made]))
     if thin:
-        bodies = joined_rows(bodies, _small_sheets([scene.obstacles[index] for index in thin]))
+        bodies = join_rows(bodies, _small_sheets([scene.obstacles[index] for index in thin]))
     owners = np.concatenate([bounded, np.array([*(index for index, _ in made), *thin], np.int64)])
     order = np.argsort(owners, kind="stable")
     return bodies.reorder(order), owners[order]
@@ -128,7 +128,7 @@ def _split(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.flatnonzero(chosen), np.flatnonzero(~chosen)
 
 
-def _declared(placed: np.ndarray) -> BodyRows:
+def _primitive_rows(placed: np.ndarray) -> BodyRows:
     """Boxes, cylinders and capsules that are declared by `PLACED`, shape (n, 12)."""
     count = len(placed)
     rows = BodyRows(
@@ -157,13 +157,13 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
         return [body.place(rotation, translation) for body in _large_bodies(obstacle)]
     if obstacle.solid:
         solids = [
-            box_body(box) if box is not None else triangulated(*part[:2], SOLID, part[2])
+            box_body(box) if box is not None else triangulated_body(*part[:2], SOLID, part[2])
             for part, box in zip(obstacle.surfaces, obstacle.boxes, strict=True)
         ]
         return [body.place(rotation, translation) for body in _as_cropped(obstacle, solids)]
     if _is_small_sheet(obstacle):
         return bodies_in(_small_sheets([obstacle]))
-    found = [triangulated(vertices, triangles, SHEET, beside) for vertices, triangles, beside in obstacle.surfaces]
+    found = [triangulated_body(vertices, triangles, SHEET, beside) for vertices, triangles, beside in obstacle.surfaces]
     return [body.place(rotation, translation) for body in found]
 
 
@@ -187,7 +187,7 @@ def _large_bodies(obstacle: Obstacle) -> list[Body]:
     def write(room: Room) -> None:
         write_surfaces(obstacle.surfaces, room)
 
-    made = made_in_place("bodies", {"content": np.frombuffer(obstacle.recipe.content, np.uint8)}, write)
+    made = make_in_place("bodies", {"content": np.frombuffer(obstacle.recipe.content, np.uint8)}, write)
     if not obstacle.solid:
         return [of_surface(rows, SHEET) for rows in surfaces_in(made)]
     bodies = [

@@ -100,10 +100,10 @@ def planes_along(path: np.ndarray) -> tuple[SlicePlane, SlicePlane]:
         level = np.cross([0.0, 0.0, 1.0], main)
         aside = level / np.linalg.norm(level) if np.linalg.norm(level) > STRAIGHT else np.array([0.0, 1.0, 0.0])
     normal = np.cross(main, aside)
-    return _framed(path, middle, normal / np.linalg.norm(normal)), _framed(path, middle, aside)
+    return _frame(path, middle, normal / np.linalg.norm(normal)), _frame(path, middle, aside)
 
 
-def _framed(path: np.ndarray, middle: np.ndarray, normal: np.ndarray) -> SlicePlane:
+def _frame(path: np.ndarray, middle: np.ndarray, normal: np.ndarray) -> SlicePlane:
     """The rectangle across a normal that shows a path with its margin, seen from above or from the front."""
     vertical = np.array([0.0, 0.0, 1.0])
     up = vertical - (normal @ vertical) * normal
@@ -176,11 +176,11 @@ def field_slice(
     rows, columns = plane.pixels(resolution)
     x, y, z = plane.pose.translation.tolist()
     tables = coarse_tables(scene, origin or (x, y, z))  # far finer than colours are
-    field = _interpolated(tables, plane, rows, columns, every)
+    field = _interpolate(tables, plane, rows, columns, every)
     with np.errstate(divide="ignore"):
         log_potential = np.log10(field.potential)
     solid = field.winding > 0.5
-    colors = _blended(_colors(log_potential, solid), _contours(field, plane, plane.size[0] / columns) * ~solid)
+    colors = _blend(_colors(log_potential, solid), _contours(field, plane, plane.size[0] / columns) * ~solid)
     colors[solid] = SOLID_COLOR
     log_potential[solid] = np.nan
     image = np.round(colors).astype(np.uint8).reshape(rows, columns, 3)
@@ -190,7 +190,7 @@ def field_slice(
     return FieldSlice(image, plane, values)
 
 
-def _interpolated(tables: FieldTables, plane: SlicePlane, rows: int, columns: int, every: int) -> Field:
+def _interpolate(tables: FieldTables, plane: SlicePlane, rows: int, columns: int, every: int) -> Field:
     """Return the field at the centres of pixels; far from all walls it is interpolated between fewer pixels.
 
     Potentials are interpolated by their logarithms, as they span powers of ten, and gradients relative to them.
@@ -250,7 +250,7 @@ def _contours(field: Field, plane: SlicePlane, pixel: float) -> np.ndarray:
     return inked
 
 
-def _blended(colors: np.ndarray, inked: np.ndarray) -> np.ndarray:
+def _blend(colors: np.ndarray, inked: np.ndarray) -> np.ndarray:
     bright = colors @ np.array([0.299, 0.587, 0.114]) > 140.0
     ink = np.where(bright, 20.0, 245.0)[:, None]
     blended: np.ndarray = (1.0 - inked[:, None]) * colors + inked[:, None] * ink

@@ -70,11 +70,11 @@ class GuidePlane:
     def _inset_corners(self, inset: float) -> np.ndarray:
         if inset <= 0.0:
             return self.flat.corners
-        moved = _mitred(self.flat.corners, self.inward, inset)
+        moved = _inset(self.flat.corners, self.inward, inset)
         if moved is not None:
             return moved
         # At the inradius itself rounding decides whether anything is left.
-        return _clipped(self.flat.corners, self.inward, self.offsets + inset * (1.0 - 1e-9))
+        return _clip(self.flat.corners, self.inward, self.offsets + inset * (1.0 - 1e-9))
 
 
 def build_all(declared: Sequence[messages.GuidePlane], deadline: Deadline = UNLIMITED) -> tuple[GuidePlane, ...]:
@@ -133,7 +133,7 @@ def _convexity_fault(flat: FlatPolygon) -> str | None:
     return None
 
 
-def _mitred(corners: np.ndarray, inward: np.ndarray, inset: float) -> np.ndarray | None:
+def _inset(corners: np.ndarray, inward: np.ndarray, inset: float) -> np.ndarray | None:
     """Corners after all edges moved inwards; None once an edge has vanished, whose length falls linearly until then."""
     arriving = np.roll(inward, 1, axis=0)
     mitre = (arriving + inward) / (1.0 + np.einsum("ij,ij->i", arriving, inward))[:, None]
@@ -144,7 +144,7 @@ def _mitred(corners: np.ndarray, inward: np.ndarray, inset: float) -> np.ndarray
     return None
 
 
-def _clipped(corners: np.ndarray, inward: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+def _clip(corners: np.ndarray, inward: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     """Clip a convex polygon by half-planes ``inward . x >= offset``; shape (m, 2), m may be 0."""
     for normal, offset in zip(inward, offsets, strict=True):
         heights = corners @ normal - offset

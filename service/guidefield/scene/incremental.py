@@ -59,7 +59,7 @@ class Rows:
         that are left, of `count` now, are others.
         """
         runs, place, others = list[Run](), 0, 0
-        for begin, many in _between(removed, before):
+        for begin, many in _find_between(removed, before):
             at, end = place, place + many
             while others < len(moved) and moved[others] < end:
                 runs += [(begin + at - place, moved[others] - at), (-1, 1)]
@@ -186,7 +186,7 @@ class Rows:
         return Rows(_merge_runs(runs), earlier.before)
 
 
-def _between(some: Iterable[int], count: int) -> Iterator[Run]:
+def _find_between(some: Iterable[int], count: int) -> Iterator[Run]:
     """Yield the begin and length of each run of indices below `count` that are not among some ascending ones."""
     begin = 0
     for one in some:

@@ -11,14 +11,14 @@ import numpy as np
 
 from guidefield.geometry.cache import Arrays, is_large, remembered
 from guidefield.geometry.charged import field_tables
-from guidefield.geometry.closed import connected_pieces, numbered_edges, volumes
+from guidefield.geometry.closed import find_connected, numbered_edges, volumes
 from guidefield.geometry.convex import convex_hull
 from guidefield.geometry.mesh_surface import (
     MeshSurface,
     crossing_warnings,
     has_area,
     hull_shape,
-    joined_mesh,
+    join_mesh,
     surface_of,
 )
 from guidefield.geometry.surfaces import extents
@@ -45,7 +45,7 @@ class JudgedMesh:
     content: bytes = b""
 
 
-def judged_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMesh | None:
+def judge_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMesh | None:
     """`mesh_surface` of declared points and triangles, with a warning where these cross; None if they have no area.
 
     Of a large mesh, known by its hash, it is read from disk if it was asked for before.
@@ -54,7 +54,7 @@ def judged_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMes
         surface = _judge(points_in(points), corners_in(corners))
         return None if surface is None else as_judged(surface)
     large = _LargeMesh(points, corners, content)
-    return _restored(remembered("mesh", large.known, large.find_facts), lambda: large.surface, content)
+    return _restore(remembered("mesh", large.known, large.find_facts), lambda: large.surface, content)
 
 
 class _LargeMesh:
@@ -94,7 +94,7 @@ def extent_of(points: np.ndarray) -> float:
 
 
 def _judge(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
-    mesh = joined_mesh(vertices, triangles)
+    mesh = join_mesh(vertices, triangles)
     if not is_large(len(triangles)) or not has_area(mesh.vertices, mesh.triangles):
         surface = surface_of(mesh)
         crossing = () if surface is None or surface.hull is not None else crossing_warnings(mesh)
@@ -125,7 +125,7 @@ def _arrays_of(surface: MeshSurface | None) -> Arrays:
     return {"vertices": surface.vertices, "triangles": surface.triangles.astype(np.int32)}
 
 
-def _restored(facts: Arrays, surface: Callable[[], tuple[np.ndarray, np.ndarray]], content: bytes) -> JudgedMesh | None:
+def _restore(facts: Arrays, surface: Callable[[], tuple[np.ndarray, np.ndarray]], content: bytes) -> JudgedMesh | None:
     count = int(facts["count"][0])
     if count == 0:
         return None
@@ -167,7 +167,7 @@ def _label_pieces(count: int, triangles: np.ndarray) -> np.ndarray:
     ends = np.empty((edges, 2), np.int64)  # the first and the last triangle at each edge
     ends[numbers[::-1], 0], ends[numbers, 1] = sides[::-1], sides
     of_two = np.bincount(numbers, minlength=edges) == 2
-    labels = connected_pieces(len(triangles), ends[of_two])
+    labels = find_connected(len(triangles), ends[of_two])
     ways = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0).ravel()
     is_open = np.bincount(numbers, ways)[numbers] != 0.0  # where a piece has all triangles of an edge
     several = np.flatnonzero(~of_two[numbers])
@@ -175,7 +175,7 @@ def _label_pieces(count: int, triangles: np.ndarray) -> np.ndarray:
     is_open[several] = np.bincount(edge_of_piece, ways[several])[edge_of_piece] != 0.0
     if not is_open.any():
         return labels
-    together = connected_pieces(count, triangles)[triangles[:, 0]]
+    together = find_connected(count, triangles)[triangles[:, 0]]
     broken = np.isin(together, together[sides[is_open]])
     joined: np.ndarray = np.where(broken, len(triangles) + together, labels)
     return joined

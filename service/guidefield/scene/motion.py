@@ -92,7 +92,7 @@ def ball_rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[n
     return speeds, angular * speeds
 
 
-def posed(message: messages.Obstacle, placement: Any) -> messages.Obstacle:
+def put_at(message: messages.Obstacle, placement: Any) -> messages.Obstacle:
     """Return an obstacle at rest at a placement of its trajectory, which replaces its own.
 
     It moves the declared corners of a polygon, points of a cloud and plane of a half-space.

@@ -64,7 +64,7 @@ def moving_ball(obstacle: Obstacle) -> MovingBall | None:
     return MovingBall(centre, float(np.linalg.norm(corners - middle, axis=1).max()) + obstacle.rounding)
 
 
-def swept(obstacles: Sequence[Obstacle], balls: Sequence[MovingBall | None]) -> Swept:
+def sweep_obstacles(obstacles: Sequence[Obstacle], balls: Sequence[MovingBall | None]) -> Swept:
     """Return the swept volumes of moving obstacles, given the balls about them, `moving_ball`."""
     motions = [motion_of(one) for one in obstacles]
     counts = np.array([len(motion.times) for motion in motions], int)
@@ -139,7 +139,7 @@ def movers(scene: Scene) -> Movers:
     indices = [index for index in scene.others if scene.obstacles[index].motion is not None]
     obstacles = tuple(scene.obstacles[index] for index in indices)
     balls = tuple(map(moving_ball, obstacles))
-    ways = swept(obstacles, balls)
+    ways = sweep_obstacles(obstacles, balls)
     ends = [*ways.first.tolist(), len(ways.speeds)]
     return Movers(
         np.array(indices, np.int64),

@@ -25,8 +25,8 @@ from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_sur
 from guidefield.scene.content import Content, content_of, points_in
 from guidefield.scene.cropped_surface import CroppedSurface
 from guidefield.scene.flat import Sheet, build_sheets
-from guidefield.scene.mesh import JudgedMesh, extent_of, judged_mesh, solids_of
-from guidefield.scene.motion import ObstacleMotion, posed
+from guidefield.scene.mesh import JudgedMesh, extent_of, judge_mesh, solids_of
+from guidefield.scene.motion import ObstacleMotion, put_at
 from guidefield.scene.primitives import PRIMITIVES
 from guidefield.scene.recipe import Charges, Facets, Recipe
 
@@ -207,7 +207,7 @@ def build(
         return known
     try:
         motion = None if message.trajectory is None else ObstacleMotion.of(message.trajectory)
-        still = message if motion is None else posed(message, motion.placements[0])
+        still = message if motion is None else put_at(message, motion.placements[0])
         is_moved = motion is not None and isinstance(still, messages.PointCloud)  # its points are others then
         if sheet is None:
             obstacle = BUILDERS[type(still)](still, content._replace(geometry=b"") if is_moved else content)
@@ -242,7 +242,7 @@ def _primitive(message: Any, _: Content | None = None) -> Obstacle:
 
 
 def _mesh(message: messages.Mesh, content: Content) -> Obstacle:
-    mesh = judged_mesh(message.vertices, message.triangles, content.geometry)
+    mesh = judge_mesh(message.vertices, message.triangles, content.geometry)
     if mesh is None:
         raise _UnusableError("the mesh has no triangle with an area", ".triangles")
     return _surface(message, mesh, se3(message.position, message.quaternion_xyzw))

@@ -22,7 +22,7 @@ HALF_SPACE_PATCH = 4.0  # side of the square that represents a half-space in dra
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
-def _bounded(shape: Any) -> Any:
+def _bounded_body(shape: Any) -> Any:
     shape.computeLocalAABB()
     return shape
 
@@ -34,7 +34,7 @@ def _box(message: messages.Box) -> bytes:
 
 
 _BOX = Recipe(
-    lambda m: (_bounded(coal.Box(*m.size)), se3(m.position, m.quaternion_xyzw)),
+    lambda m: (_bounded_body(coal.Box(*m.size)), se3(m.position, m.quaternion_xyzw)),
     lambda m: surfaces.box(m.size),
     lambda m, placement: Charges(boxes=np.array([[*placement.translation, *placement.rotation.T.ravel(), *m.size]])),
 )
@@ -45,15 +45,15 @@ def _cylinder(message: messages.Cylinder) -> bytes:
     return PLACED.pack(CYLINDER, *turned, *message.position, 0.0, 0.0, 0.5 * message.length, message.radius)
 
 
-def _charged_cylinder(message: messages.Cylinder, placement: Any) -> Charges:
+def _charge_cylinder(message: messages.Cylinder, placement: Any) -> Charges:
     quads = transform_points(placement, surfaces.prism_quads(message.radius, message.length).reshape(-1, 3))
     return Charges(quads=quads.reshape(-1, 4, 3))
 
 
 _CYLINDER = Recipe(
-    lambda m: (_bounded(coal.Cylinder(m.radius, m.length)), se3(m.position, m.quaternion_xyzw)),
+    lambda m: (_bounded_body(coal.Cylinder(m.radius, m.length)), se3(m.position, m.quaternion_xyzw)),
     lambda m: surfaces.cylinder(m.radius, m.length),
-    _charged_cylinder,
+    _charge_cylinder,
 )
 
 
@@ -62,7 +62,7 @@ def _sphere(message: messages.Sphere) -> bytes:
 
 
 _SPHERE = Recipe(
-    lambda m: (_bounded(coal.Sphere(m.radius)), pin.SE3(np.eye(3), np.array(m.position))),
+    lambda m: (_bounded_body(coal.Sphere(m.radius)), pin.SE3(np.eye(3), np.array(m.position))),
     lambda m: surfaces.sphere(m.radius),
     lambda m, _: Charges(spheres=np.array([[*m.position, m.radius]])),
 )
@@ -73,16 +73,16 @@ def _capsule(message: messages.Capsule) -> bytes:
     return PLACED.pack(CAPSULE, *turned, *message.position, 0.0, 0.0, 0.5 * message.length, message.radius)
 
 
-def _charged_capsule(message: messages.Capsule, placement: Any) -> Charges:
+def _charge_capsule(message: messages.Capsule, placement: Any) -> Charges:
     half_axis = placement.rotation[:, 2] * (0.5 * message.length)
     ends = [*(placement.translation - half_axis), *(placement.translation + half_axis)]
     return Charges(capsules=np.array([[*ends, message.radius]]))
 
 
 _CAPSULE = Recipe(
-    lambda m: (_bounded(coal.Capsule(m.radius, m.length)), se3(m.position, m.quaternion_xyzw)),
+    lambda m: (_bounded_body(coal.Capsule(m.radius, m.length)), se3(m.position, m.quaternion_xyzw)),
     lambda m: surfaces.capsule(m.radius, m.length),
-    _charged_capsule,
+    _charge_capsule,
 )
 
 
@@ -104,12 +104,14 @@ def _patch(message: messages.HalfSpace) -> tuple[np.ndarray, np.ndarray]:
     return corners, np.array([[0, 1, 2], [0, 2, 3]])
 
 
-def _charged_half_space(message: messages.HalfSpace, _: Any) -> Charges:
+def _charge_half_space(message: messages.HalfSpace, _: Any) -> Charges:
     normal, offset = _plane(message)
     return Charges(planes=np.array([[*normal, offset]]))
 
 
-_HALF_SPACE = Recipe(lambda m: (_bounded(coal.Halfspace(*_plane(m))), pin.SE3.Identity()), _patch, _charged_half_space)
+_HALF_SPACE = Recipe(
+    lambda m: (_bounded_body(coal.Halfspace(*_plane(m))), pin.SE3.Identity()), _patch, _charge_half_space
+)
 
 PRIMITIVES: dict[type[messages.Obstacle], tuple[Recipe, Callable[[Any], bytes]]] = {
     messages.Box: (_BOX, _box),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, Room, in_memory, made_in_place
+from guidefield.geometry.cache import Arrays, Room, in_memory, make_in_place
 from guidefield.geometry.convex import bvh
 from guidefield.geometry.curve_order import curve_order
 from guidefield.geometry.surfaces import box_about
@@ -69,7 +69,7 @@ class Patches:
             return _write_patches(*self._surface, room)
 
         known = {"content": np.frombuffer(content, np.uint8), "patch": np.array(PATCH)}
-        made = made_in_place("patches", known, write) if content else write(in_memory)
+        made = make_in_place("patches", known, write) if content else write(in_memory)
         self._triangles, (self._low, self._high) = made["triangles"], np.split(made["boxes"], 2, axis=1)
         self._shapes: dict[int, Any] = {}
 

@@ -21,7 +21,7 @@ from guidefield.scene import guide_plane, obstacle
 from guidefield.scene.content import Content
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.incremental import Rows, incremental, note_change
-from guidefield.scene.motion import ObstacleMotion, posed
+from guidefield.scene.motion import ObstacleMotion, put_at
 from guidefield.scene.obstacle import Obstacle
 
 OPENING = 0.2  # parts of large meshes count as wholes from where they are this times their distance: good to 5e-4
@@ -105,11 +105,11 @@ class Scene(SharedAnswer):
         source, declared = np.arange(len(self.obstacles)), list(self.message.obstacles)
         for index, motion in moving:
             source[index], declared[index] = -1, become(declared[index], motion)
-        return changed(self, declared_with(self.message, declared), Rows.of(source, len(self.obstacles)))
+        return changed(self, declare_with(self.message, declared), Rows.of(source, len(self.obstacles)))
 
     def of(self, chosen: Sequence[int]) -> Scene:
         """The scene with some of its obstacles alone, by their indices."""
-        message = declared_with(self.message, [self.message.obstacles[index] for index in chosen])
+        message = declare_with(self.message, [self.message.obstacles[index] for index in chosen])
         return dataclasses.replace(self, message=message, obstacles=tuple(self.obstacles[index] for index in chosen))
 
     @cached_property
@@ -148,7 +148,7 @@ def changed(before: Scene, message: messages.Scene, rows: Rows, contents: Mappin
     return with_others(before, rows, fresh, message)
 
 
-def declared_with(message: messages.Scene, obstacles: list[messages.Obstacle]) -> messages.Scene:
+def declare_with(message: messages.Scene, obstacles: list[messages.Obstacle]) -> messages.Scene:
     """Return a declared scene with other obstacles, which aren't checked again."""
     some = copy.copy(message)
     msgspec.structs.force_setattr(some, "obstacles", obstacles)
@@ -182,7 +182,7 @@ def is_other(one: Obstacle) -> bool:
 
 
 def _held_at(scene: Scene, time: float) -> Scene:
-    return scene.with_moved(lambda one, motion: posed(one, motion.at(time)))
+    return scene.with_moved(lambda one, motion: put_at(one, motion.at(time)))
 
 
 HELD = 2  # number of times at which scenes with held obstacles are kept: the first and the last are asked for often
@@ -194,7 +194,7 @@ def _since(message: messages.Obstacle, motion: ObstacleMotion, time: float) -> m
     declared = message.trajectory
     assert declared is not None, "it moves"
     if motion.end <= time:
-        return posed(message, motion.placements[-1])
+        return put_at(message, motion.placements[-1])
     later = messages.ObstacleTrajectory([at - time for at in declared.times], declared.placements)
     moving: messages.Obstacle = msgspec.structs.replace(message, trajectory=later)
     return moving
@@ -205,11 +205,11 @@ def _tables(obstacles: tuple[Obstacle, ...]) -> FieldTables:
     return field_tables(
         np.concatenate([np.empty((0, 3, 3)), *(one.charges.triangles for one in obstacles)]),
         _charge_of_each(obstacles, "triangles"),
-        *(_charged_rows(obstacles, kind, width) for kind, width in (("spheres", 4), ("capsules", 7), ("planes", 4))),
+        *(_charge_rows(obstacles, kind, width) for kind, width in (("spheres", 4), ("capsules", 7), ("planes", 4))),
         triangle_owner=np.concatenate([np.empty(0, np.int64), *owners]),
         quads=np.concatenate([np.empty((0, 4, 3)), *(one.charges.quads for one in obstacles)]),
         quad_charge=_charge_of_each(obstacles, "quads"),
-        boxes=_charged_rows(obstacles, "boxes", 15),
+        boxes=_charge_rows(obstacles, "boxes", 15),
         cloud=np.concatenate(
             [np.empty((0, 5)), *(one.charges.cloud * [1.0, 1.0, 1.0, one.charge, 1.0] for one in obstacles)]
         ),
@@ -221,7 +221,7 @@ def _charge_of_each(obstacles: tuple[Obstacle, ...], kind: str) -> np.ndarray:
     return np.concatenate([np.empty(0), *(np.full(len(getattr(one.charges, kind)), one.charge) for one in obstacles)])
 
 
-def _charged_rows(obstacles: tuple[Obstacle, ...], kind: str, width: int) -> np.ndarray:
+def _charge_rows(obstacles: tuple[Obstacle, ...], kind: str, width: int) -> np.ndarray:
     rows = [np.insert(getattr(one.charges, kind), width, one.charge, axis=1) for one in obstacles]
     return np.concatenate([np.empty((0, width + 1)), *rows])
 

@@ -20,7 +20,7 @@ from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, PointCloud, Scene, Sphere
 from guidefield.messages.triples import MAX_VERTICES
 from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.mesh_files.reading import content_of, ignored_unit, read_mesh, read_objects, up_axis
+from guidefield.robot.mesh_files.reading import content_of, find_ignored_unit, read_mesh, read_objects, up_axis
 from guidefield.robot.mesh_files.three_mf import UNITS
 from guidefield.robot.mjcf.compilation import body_names, compile_file, import_mujoco, is_mjcf, named
 from guidefield.robot.mjcf.conversion import colliding, rest_configuration
@@ -335,7 +335,7 @@ def _read_cloud(file: Path, radius: float | None, builder: SceneBuilder) -> None
 
 def _read_meshes(file: Path, builder: SceneBuilder) -> None:
     """Add the objects of a mesh file, in its unit; a single one is called as the file."""
-    builder.scale *= UNITS[ignored_unit(file) or "meter"]
+    builder.scale *= UNITS[find_ignored_unit(file) or "meter"]
     objects = read_objects(file)
     for number, (name, mesh) in enumerate(objects):
         called = file.stem if len(objects) == 1 else name or f"{file.stem}/{number}"

@@ -23,7 +23,7 @@ from guidefield.messages.requests import RobotFiles
 from guidefield.messages.values import RootJoint
 from guidefield.robot.catalog import library
 from guidefield.robot.catalog.library import SentRobot
-from guidefield.robot.catalog.sent_meshes import named_by_content
+from guidefield.robot.catalog.sent_meshes import name_by_content
 from guidefield.stores.files import alone, checked_name, decoded, read_if_any
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
 
@@ -101,7 +101,7 @@ class RobotStore:
             raise RobotInvalid(
                 f"robot {name!r} comes with the package and cannot be replaced; choose another name", robot=name
             )
-        named = named_by_content(files.meshes)
+        named = name_by_content(files.meshes)
         described = _Description(files.urdf, files.srdf, files.root_joint, dict(named.names))
         content = hashlib.sha256(msgspec.json.encode(described, order="sorted")).hexdigest()
         with self._alone():

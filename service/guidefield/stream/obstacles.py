@@ -20,7 +20,7 @@ from guidefield.messages.values import ORIGIN, Vector3
 from guidefield.prove.tables import ARITHMETIC, parts_in_world, rounding_of
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.scene import obstacle as obstacles
-from guidefield.scene.motion import posed
+from guidefield.scene.motion import put_at
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 from guidefield.stream.judge import Closed, SeenObstacles
@@ -345,7 +345,7 @@ class Obstacles:
 
 def in_its_frame(message: messages.Obstacle) -> messages.Obstacle:
     """The message of an obstacle in its own frame: at the origin, where it has a placement of its own."""
-    return posed(message, pin.SE3.Identity()) if hasattr(message, "position") else message
+    return put_at(message, pin.SE3.Identity()) if hasattr(message, "position") else message
 
 
 def _placed_at(boxes: np.ndarray, poses: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.collision.lanes.lanes import BatchCollision, without_never_colliding
+from guidefield.collision.lanes.lanes import BatchCollision, prune_pairs
 from guidefield.collision.lanes.robot_tables import lane_robot
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import LaneBodies
@@ -35,7 +35,7 @@ def left_out(planned: PlanningGroup) -> tuple[World, set[tuple[int, int]], set[t
     """The robot among nothing, its pairs, and those of them that are left out."""
     world = World.build(planned, build(messages.Scene(name="nothing")))
     robot = lane_robot(planned, world.pairs.own)
-    left = meeting(without_never_colliding(robot, planned.nv).bodies)
+    left = meeting(prune_pairs(robot, planned.nv).bodies)
     every = meeting(robot.bodies)
     assert left <= every
     return world, every, every - left

@@ -9,7 +9,7 @@ import pytest
 
 from guidefield.collision.lanes.surface_tables import large_surface
 from guidefield.geometry import cache
-from guidefield.geometry.mesh_tree import CLUSTERS, boxed_count
+from guidefield.geometry.mesh_tree import CLUSTERS, count_boxed
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, KIND, LINK, OWN, PART, POLYTOPE, SHAPE
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.kernels.simd.vector_model import LANES
@@ -58,7 +58,7 @@ def test_boxes_hold_what_is_below_their_nodes(mesh: solids.Mesh) -> None:
         held = corners[below].reshape(-1, 3)
         assert ((box @ ways.T).max(axis=0) >= (held @ ways.T).max(axis=0)).all()
         assert np.ptp(box, axis=0).max() < 3.0 * np.ptp(held, axis=0).max() + 1e-3, "it is no larger than it has to be"
-    assert boxed == boxed_count(obstacle.faces) > 0
+    assert boxed == count_boxed(obstacle.faces) > 0
 
 
 def test_what_is_open_has_none() -> None:
@@ -68,4 +68,4 @@ def test_what_is_open_has_none() -> None:
     assert (obstacle.solid, other.solid) == (False, True)
     closed = large_surface(other)
     made = large_surface(obstacle)
-    assert len(closed["shapes"]) - len(made["shapes"]) > SHAPE * boxed_count(obstacle.faces)
+    assert len(closed["shapes"]) - len(made["shapes"]) > SHAPE * count_boxed(obstacle.faces)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.elements import Elements, Pieces, bisected, blocks, gathered
+from guidefield.geometry.elements import Elements, Pieces, bisect_pieces, blocks, gather_elements
 from guidefield.kernels.cover.ball_cover import contained, reaches
 from tests.geometry import solids
 
@@ -14,7 +14,7 @@ def drawn(seed: int) -> tuple[np.ndarray, Elements]:
     """Balls about a ring, and the elements of its surface."""
     vertices, triangles = mesh = solids.lying(solids.torus(), seed)
     rng = np.random.default_rng(seed)
-    elements = gathered(bisected(Pieces(vertices[triangles], np.arange(len(triangles))), 0.008), 0.01)
+    elements = gather_elements(bisect_pieces(Pieces(vertices[triangles], np.arange(len(triangles))), 0.008), 0.01)
     centres = solids.on_surface(mesh, 60, rng)[:60] + rng.normal(size=(60, 3)) * 0.01
     return np.column_stack([centres, rng.uniform(0.001, 0.07, 60)]), elements
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.decomposition import clipped
+from guidefield.geometry.decomposition import clip_at
 from guidefield.geometry.directions import heights_along
-from guidefield.geometry.elements import Pieces, bisected
+from guidefield.geometry.elements import Pieces, bisect_pieces
 from guidefield.kernels.cover.cut_halves import count_cut, cut_halves, furthest_out
 from tests.geometry import solids
 
@@ -18,7 +18,7 @@ AXES = {"slanted": np.array([0.48, -0.6, 0.64]), "along z": np.array([0.0, 0.0, 
 @pytest.mark.parametrize("mesh", [solids.torus(), solids.channel()], ids=["ring", "channel"])
 def test_halves_are_what_clipping_leaves_and_its_furthest_points(mesh: solids.Mesh, axis: np.ndarray) -> None:
     vertices, triangles = mesh
-    pieces = bisected(Pieces(vertices[triangles], np.arange(len(triangles))), 0.02)
+    pieces = bisect_pieces(Pieces(vertices[triangles], np.arange(len(triangles))), 0.02)
     points = np.unique(pieces.corners.reshape(-1, 3), axis=0)
     along, corners = heights_along(points, axis), heights_along(pieces.corners, axis)
     low, high = float(along.min()), float(along.max())
@@ -34,7 +34,7 @@ def test_halves_are_what_clipping_leaves_and_its_furthest_points(mesh: solids.Me
     for k, place in enumerate(places):
         across = pieces.some((least <= place) & (most >= place) & (least < most))
         for half, (normal, offset) in enumerate([(axis, place), (-axis, -place)]):
-            expected = clipped(across, np.append(normal, offset)).corners.reshape(-1, 3)
+            expected = clip_at(across, np.append(normal, offset)).corners.reshape(-1, 3)
             assert (cut[first[2 * k + half] : first[2 * k + half + 1]] == expected).all()
             together = np.vstack([points[along < place if half == 0 else along > place], expected])
             if not len(together):

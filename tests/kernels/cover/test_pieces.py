@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry.curve_order import curve_order
-from guidefield.geometry.elements import Pieces, bisected, gathered, join_pieces
+from guidefield.geometry.elements import Pieces, bisect_pieces, gather_elements, join_pieces
 from tests.geometry import solids
 
 MESHES = {
@@ -42,7 +42,7 @@ def pieces(name: str) -> Pieces:
 @pytest.mark.parametrize("size", [5.0, 0.03, 0.007])
 def test_pieces_are_halved_as_numpy_halves_them(name: str, size: float) -> None:
     whole = pieces(name) if name != "flat" else Pieces(0.1 * pieces(name).corners, pieces(name).sources)
-    found, expected = bisected(whole, size), plainly_bisected(whole, size)
+    found, expected = bisect_pieces(whole, size), plainly_bisected(whole, size)
     assert (found.corners == expected.corners).all()
     assert (found.sources == expected.sources).all()
 
@@ -50,8 +50,8 @@ def test_pieces_are_halved_as_numpy_halves_them(name: str, size: float) -> None:
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("size", [10.0, 0.02, 0.004])
 def test_elements_are_gathered_as_numpy_gathers_them(name: str, size: float) -> None:
-    small = bisected(pieces(name), max(size, 0.02 if name in ("flat", "needle") else 0.0))
-    found = gathered(small, size)
+    small = bisect_pieces(pieces(name), max(size, 0.02 if name in ("flat", "needle") else 0.0))
+    found = gather_elements(small, size)
     centroids = small.corners.mean(axis=1)
     cells = np.floor((centroids - centroids.min(axis=0)) / size).astype(np.int64)
     _, owner = np.unique(cells, axis=0, return_inverse=True)

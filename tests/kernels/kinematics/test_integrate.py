@@ -9,7 +9,7 @@ import pytest
 from guidefield.kernels.kinematics.integrate import clamp, integrate, reach
 from guidefield.planner.guide.projected import evaluated, reorienting
 from guidefield.planner.guide.rounds import Aim
-from guidefield.robot.group.kinematics import Kinematics, mover_of, planned_values
+from guidefield.robot.group.kinematics import Kinematics, find_planned_values, mover_of
 from guidefield.scene.guide_plane import build
 from tests.planner.guide.test_guide import plane_at
 from tests.robots import box_arm, group, grouped, rest
@@ -34,7 +34,7 @@ def test_a_step_is_pinocchios(index: int) -> None:
         expected = planned.integrate(q, v)
         apart = pin.difference(planned.model, planned.expand(expected), reached)  # a quaternion has two signs
         np.testing.assert_allclose(apart, 0.0, atol=1e-9)
-        np.testing.assert_allclose(planned.difference(expected, reached[planned_values(planned)]), 0.0, atol=1e-9)
+        np.testing.assert_allclose(planned.difference(expected, reached[find_planned_values(planned)]), 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("index", range(7))

@@ -10,7 +10,7 @@ from guidefield.kernels.optimize.constraint_penalty import KeptSamples, add_cons
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
-from guidefield.robot.group.path_constraints import ConstrainedFrames, kept_frames
+from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
 from tests.kernels.tree.test_path_constraints import random_frames
 
 PIECES, SAMPLES = 7, 2
@@ -116,7 +116,7 @@ def test_of_alternatives_the_cheapest_counts_at_each_sample() -> None:
 
 def test_what_is_kept_costs_nothing() -> None:
     frames, spline, kept = motion("panda", 0.05)
-    wide = kept_frames(frames)._replace(limits=np.full(6, 10.0))
+    wide = keep_frames(frames)._replace(limits=np.full(6, 10.0))
     wide.limits.setflags(write=False)
     value, gradient, hessian = of(kept._replace(frames=wide), spline.points)
     assert value == 0.0

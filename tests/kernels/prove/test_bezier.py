@@ -5,7 +5,7 @@ import pytest
 
 from guidefield.kernels.prove.placement import MOST_ORDER, bound_segment, write_point
 from guidefield.kernels.prove.tables import BezierCurve
-from guidefield.prove.curve import Curve, restricted
+from guidefield.prove.curve import Curve, restrict_curves
 
 PIECES, NV = 6, 4
 
@@ -39,7 +39,7 @@ def test_how_far_a_motion_goes_is_how_far_the_control_points_of_its_parts_are(or
         share = bound_segment(curve, since, until, now, timed, middle, *scratch, straight, farthest, aside, tube)
         low, high = (np.clip((t - curve.times[:-1]) / np.diff(curve.times), 0.0, 1.0) for t in (since, until))
         met = high > low
-        controls = restricted(curve.positions[met], low[met], high[met])
+        controls = restrict_curves(curve.positions[met], low[met], high[met])
         x, D = controls.reshape(-1, NV) - middle, controls[-1, -1] - controls[0, 0]
         along = x @ D / (D @ D)
         if timed:  # in each piece the time goes on evenly

@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.kernels.tree.path_constraints import bring_back, largest_share
 from guidefield.robot.group import path_constraints
-from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, EvenTurn, kept_frames, line, plane
+from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, EvenTurn, keep_frames, line, plane
 from tests.robots import ARMS, box_arm, group, grouped
 
 ROOM, CORRECTIONS = 0.6, 15
@@ -49,7 +49,7 @@ def test_the_numbers_are_those_of_pinocchio(name: str) -> None:
     for _ in range(20):
         z = frames.group.chart(frames.group.random(rng))
         expected = (frames.values(z) / frames.limits).max()
-        assert largest_share(kept_frames(frames), z) == pytest.approx(expected, abs=1e-10)
+        assert largest_share(keep_frames(frames), z) == pytest.approx(expected, abs=1e-10)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -66,7 +66,7 @@ def test_the_first_step_back_is_that_of_pinocchio(name: str) -> None:
             step = rows[0] * excess[0] / (rows[0] @ rows[0] + 1e-12)
             expected = np.clip(z - step, frames.group.lower, frames.group.upper)
         found = z.copy()
-        bring_back(kept_frames(frames), ROOM, 1, found)
+        bring_back(keep_frames(frames), ROOM, 1, found)
         np.testing.assert_allclose(found, expected, atol=1e-6 * (1.0 + np.abs(expected).max()))
 
 
@@ -77,7 +77,7 @@ def test_it_comes_back_where_pinocchio_does() -> None:
         frames = ConstrainedFrames(whole.group, whole.constraints[:1] + whole.constraints[2:3])
         z = frames.group.chart(frames.group.random(rng))
         expected, found = brought_back(frames, z), z.copy()
-        there = bring_back(kept_frames(frames), ROOM, CORRECTIONS, found)
+        there = bring_back(keep_frames(frames), ROOM, CORRECTIONS, found)
         assert there == (expected is not None)
         if expected is not None:
             came += 1

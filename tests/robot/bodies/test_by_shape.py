@@ -18,8 +18,8 @@ from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.bodies import by_shape
-from guidefield.robot.bodies.convex_parts import convex_parts, known_parts
-from guidefield.robot.bodies.sphere_cover import coverage, known_coverage
+from guidefield.robot.bodies.convex_parts import convex_parts, recall_parts
+from guidefield.robot.bodies.sphere_cover import coverage, recall_coverage
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model import shapes
 from tests.geometry import solids
@@ -110,7 +110,7 @@ def test_a_fault_comes_through_and_what_was_found_is_kept(tmp_path: Path, monkey
     monkeypatch.setattr(by_shape, "usable_processors", lambda: 1)
     with pytest.raises(MemoryError, match="no room"):
         prepare(robot)
-    assert sum(one is not None for one in known_coverage(robot)) >= 2
+    assert sum(one is not None for one in recall_coverage(robot)) >= 2
     monkeypatch.undo()
 
 
@@ -175,7 +175,7 @@ def test_where_nothing_can_be_kept_all_is_found_all_the_same(tmp_path: Path, mon
     robot = Catalog().load(urdf)
     prepare(robot)
     assert coverage(robot).spheres == expected
-    assert all(part is not None for part in known_parts(robot)[-3:])
+    assert all(part is not None for part in recall_parts(robot)[-3:])
 
 
 def test_a_robot_without_meshes_needs_few_tasks() -> None:

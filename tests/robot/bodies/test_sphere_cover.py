@@ -12,7 +12,7 @@ from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.bodies import sphere_cover as module
 from guidefield.robot.bodies.charges import surface
-from guidefield.robot.bodies.sphere_cover import DELTA, Coverage, coverage, known_coverage
+from guidefield.robot.bodies.sphere_cover import DELTA, Coverage, coverage, recall_coverage
 from guidefield.robot.model.shapes import triangulation
 from tests.geometry import solids
 from tests.robots import ARMS, box_arm, load, robot
@@ -128,12 +128,12 @@ def test_it_is_computed_once_and_says_how_far_it_is(monkeypatch: pytest.MonkeyPa
 def test_what_is_known_is_told_without_computing_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     model, unheard_of = load(box_arm("y", 2, size=0.234567)), 0.0123456
-    assert known_coverage(model, unheard_of) == (None, None, None)
+    assert recall_coverage(model, unheard_of) == (None, None, None)
     found = coverage(model, unheard_of)
-    assert known_coverage(model, unheard_of) is found.shapes
+    assert recall_coverage(model, unheard_of) is found.shapes
     # another process, or another robot of the same shapes, finds it on disk
     twin = load(box_arm("x", 2, size=0.234567))
-    for kept, one in zip(known_coverage(twin, unheard_of), found.shapes, strict=True):
+    for kept, one in zip(recall_coverage(twin, unheard_of), found.shapes, strict=True):
         assert kept is not None
         assert (kept.cover.spheres == one.cover.spheres).all()
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.catalog.sent_meshes import MAX_MESHES, named_by_content
+from guidefield.robot.catalog.sent_meshes import MAX_MESHES, name_by_content
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"
 PNG = b"\x89PNG not really"
@@ -36,7 +36,7 @@ def glb(document: bytes) -> bytes:
 
 
 def test_an_obj_its_materials_and_their_texture_find_each_other_under_new_names(tmp_path):
-    named = named_by_content(
+    named = name_by_content(
         {
             "package://arm/meshes/a.obj": b"mtllib ../looks/a b.mtl\n" + TRIANGLE,
             "package://arm/looks/a b.mtl": b"newmtl m\nKd 1 0 0\nmap_Kd -s 1 1 1 t.png\n",
@@ -54,7 +54,7 @@ def test_an_obj_its_materials_and_their_texture_find_each_other_under_new_names(
 
 
 def test_a_gltf_and_a_dae_find_what_they_name(tmp_path):
-    named = named_by_content(
+    named = name_by_content(
         {
             "a.gltf": gltf("b%20c.bin"),
             "b c.bin": b"1234",
@@ -102,13 +102,13 @@ def test_a_gltf_and_a_dae_find_what_they_name(tmp_path):
 )
 def test_what_names_something_that_was_not_sent_or_is_odd_is_refused(uri, content, words):
     with pytest.raises(RobotInvalid, match=words) as refused:
-        named_by_content({uri: content})
+        name_by_content({uri: content})
     assert refused.value.details["uri"] == uri
 
 
 def test_files_are_bounded_in_number():
     with pytest.raises(RobotInvalid, match="1001 meshes were sent"):
-        named_by_content({f"{index}.stl": b"" for index in range(MAX_MESHES + 1)})
+        name_by_content({f"{index}.stl": b"" for index in range(MAX_MESHES + 1)})
 
 
 @settings(deadline=None)
@@ -120,7 +120,7 @@ def test_no_name_in_a_file_leads_to_any_other_than_one_that_was_sent(parts, slas
     reference = slash.join([*parts, "x.mtl"])
     sent = {"package://p/m/a.obj": f"mtllib {reference}\n".encode() + TRIANGLE, "package://p/m/x.mtl": b"newmtl m\n"}
     try:
-        named = named_by_content(sent)
+        named = name_by_content(sent)
     except RobotInvalid:
         return
     first = named.files[named.names["package://p/m/a.obj"]].split(b"\n", 1)[0].decode()

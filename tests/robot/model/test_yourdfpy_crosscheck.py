@@ -12,7 +12,7 @@ from lxml import etree
 from guidefield.messages.conditions import UrdfText
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model import yourdfpy_crosscheck
-from guidefield.robot.model.yourdfpy_crosscheck import MOST_TOLD, crosschecked
+from guidefield.robot.model.yourdfpy_crosscheck import MOST_TOLD, crosscheck
 from tests.robot.random_chains import chains
 
 ARM = """<robot name="arm">
@@ -31,7 +31,7 @@ def test_both_readers_agree_about_good_urdfs() -> None:
     catalog = Catalog()
     for name in ("panda", "ur5", "baxter", "allegro_right_hand"):
         robot = catalog.load(name)
-        assert crosschecked(robot) is robot
+        assert crosscheck(robot) is robot
 
 
 @pytest.mark.parametrize("mimic", ["", FOLLOWS])
@@ -45,7 +45,7 @@ def test_what_is_placed_otherwise_is_told() -> None:
     robot = catalog.load("panda")
     elsewhere = robot.model.copy()
     elsewhere.jointPlacements[2].translation = elsewhere.jointPlacements[2].translation + np.array([0.0, 0.0, 0.01])
-    told = crosschecked(dataclasses.replace(robot, model=elsewhere)).warnings[len(robot.warnings) :]
+    told = crosscheck(dataclasses.replace(robot, model=elsewhere)).warnings[len(robot.warnings) :]
     assert told[0].startswith("yourdfpy places link 'panda_link2' otherwise, by 0.01")
     assert len(told) == MOST_TOLD + 1
     assert told[-1].startswith("yourdfpy reads ")
@@ -54,7 +54,7 @@ def test_what_is_placed_otherwise_is_told() -> None:
 
 def test_a_joint_that_follows_one_of_another_name_is_told() -> None:
     robot = Catalog().load("alex_psyonic_hands")  # its `mimic` names a joint without the prefix of its hand
-    told = [warning for warning in crosschecked(robot).warnings if "yourdfpy" in warning]
+    told = [warning for warning in crosscheck(robot).warnings if "yourdfpy" in warning]
     assert any("'Left_index_L2'" in warning for warning in told)
 
 

@@ -10,20 +10,20 @@ from pathlib import Path
 import pinocchio as pin
 import pytest
 
-from guidefield.robot.model.neutral_names import MAX_CAUGHT_BYTES, captured_stderr
+from guidefield.robot.model.neutral_names import MAX_CAUGHT_BYTES, capture_stderr
 
 NAMELESS = "<robot><link name='a'/></robot>"
 
 
 def test_the_reason_of_a_native_library_is_told():
-    with captured_stderr() as stderr, pytest.raises(ValueError, match="valid URDF"):
+    with capture_stderr() as stderr, pytest.raises(ValueError, match="valid URDF"):
         pin.buildModelFromXML(NAMELESS)
     assert "No name given for the robot." in stderr.text()
     assert stderr.reason() == "No name given for the robot."
 
 
 def test_it_is_readable_within_and_after():
-    with captured_stderr() as stderr:
+    with capture_stderr() as stderr:
         assert stderr.text() == ""
         os.write(2, b"Error:   first\n         at line 3 in /a/b.cpp\n")
         assert stderr.reason() == "first"
@@ -32,7 +32,7 @@ def test_it_is_readable_within_and_after():
 
 
 def test_stderr_is_itself_again_also_after_an_error(capfd):
-    with suppress(KeyError), captured_stderr():
+    with suppress(KeyError), capture_stderr():
         os.write(2, b"inside")
         raise KeyError
     os.write(2, b"outside")
@@ -40,18 +40,18 @@ def test_stderr_is_itself_again_also_after_an_error(capfd):
 
 
 def test_captures_may_be_nested():
-    with captured_stderr() as outer:
+    with capture_stderr() as outer:
         os.write(2, b"a")
-        with captured_stderr() as inner:
+        with capture_stderr() as inner:
             os.write(2, b"b")
         os.write(2, b"c")
     assert (outer.text(), inner.text()) == ("ac", "b")
 
 
 def test_what_python_had_buffered_stays_outside():
-    with captured_stderr() as outer:
+    with capture_stderr() as outer:
         sys.__stderr__.write("x")
-        with captured_stderr() as inner:
+        with capture_stderr() as inner:
             pass
     assert (outer.text(), inner.text()) == ("x", "")
 
@@ -61,7 +61,7 @@ def test_captures_of_threads_wait_for_each_other():
 
     def capture(word: bytes) -> None:
         for _ in range(20):
-            with captured_stderr() as stderr:
+            with capture_stderr() as stderr:
                 os.write(2, word)
             seen.append((word.decode(), stderr.text()))
 
@@ -77,7 +77,7 @@ def test_captures_of_threads_wait_for_each_other():
 def test_only_the_beginning_is_kept_and_no_descriptor_leaks():
     before = len(list(Path("/proc/self/fd").iterdir()))
     for _ in range(5):
-        with captured_stderr() as stderr:
+        with capture_stderr() as stderr:
             os.write(2, b"x" * (MAX_CAUGHT_BYTES + 10))
     assert len(stderr.text()) == MAX_CAUGHT_BYTES
     assert len(list(Path("/proc/self/fd").iterdir())) <= before
@@ -86,12 +86,12 @@ def test_only_the_beginning_is_kept_and_no_descriptor_leaks():
 def test_a_process_without_stderr_has_none_afterwards_either():
     script = f"""
 import os, pinocchio as pin
-from guidefield.robot.model.neutral_names import captured_stderr
+from guidefield.robot.model.neutral_names import capture_stderr
 for closed in ((2,), (0, 2)):
     for descriptor in closed:
         try: os.close(descriptor)
         except OSError: pass
-    with captured_stderr() as stderr:
+    with capture_stderr() as stderr:
         try: pin.buildModelFromXML({NAMELESS!r})
         except ValueError: pass
     assert stderr.reason() == "No name given for the robot.", stderr.text()

@@ -138,5 +138,5 @@ def test_groups_that_are_left_out_are_told_with_their_reason() -> None:
 def test_links_that_are_not_tested_by_default() -> None:
     srdf = '<robot name="arm"><disable_default_collisions link="l3"/><enable_collisions link1="l1" link2="l3"/></robot>'
     described = parse(srdf)
-    pairs = described.disabled_among(["l0", "l1", "l2", "l3"])
+    pairs = described.find_disabled(["l0", "l1", "l2", "l3"])
     assert pairs.keys() == {frozenset(("l0", "l3")), frozenset(("l2", "l3"))}

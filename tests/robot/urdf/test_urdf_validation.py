@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.errors import RobotInvalid, Status
 from guidefield.messages.values import MAX_URDF_CHARACTERS
-from guidefield.robot.model.neutral_names import captured_stderr
+from guidefield.robot.model.neutral_names import capture_stderr
 from guidefield.robot.urdf.facts import JOINT_DOF
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.urdf_validation import MAX_DOF, MAX_LINKS, check_geometry_complete, check_urdf
@@ -92,7 +92,7 @@ def test_pinocchio_reads_the_checked_text_as_the_text_itself():
 
 def test_the_checked_text_has_single_spaces_where_pinocchio_wants_them():
     untidy = ARM.replace(AXIS, '<axis xyz="  0\t0\n 1 "/>').replace('lower="-1"', 'lower=" -1 "')
-    with captured_stderr() as stderr, pytest.raises(ValueError, match="valid URDF"):
+    with capture_stderr() as stderr, pytest.raises(ValueError, match="valid URDF"):
         pin.buildModelFromXML(untidy)
     assert "Unable to parse component" in stderr.reason()
     assert pinocchio_models(check_urdf(untidy, NOWHERE).text)[0] == pinocchio_models(ARM)[0]

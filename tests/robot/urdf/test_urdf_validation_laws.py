@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.model.neutral_names import captured_stderr
+from guidefield.robot.model.neutral_names import capture_stderr
 from guidefield.robot.urdf.facts import JOINT_DOF, UrdfFacts
 from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, MeshResolver, catalog_share
 from guidefield.robot.urdf.urdf_validation import check_geometry_complete, check_urdf
@@ -32,7 +32,7 @@ def test_the_catalog_passes_and_means_the_same(path):
     facts = catalog_facts(path)
     model, geometry = pinocchio_models(facts.text)
     check_geometry_complete(facts, geometry, model)
-    with captured_stderr():
+    with capture_stderr():
         written = pin.buildModelFromUrdf(str(path))
     assert model == written
     moving = {name for name, joint in facts.joints.items() if joint.kind != "fixed"}

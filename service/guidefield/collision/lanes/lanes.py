@@ -14,7 +14,7 @@ from typing import cast
 import numpy as np
 
 from guidefield.collision.lanes.memory import LaneMemory, lane_memory
-from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turned_from, turns_freely
+from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turn_from, turns_freely
 from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
 from guidefield.collision.world import World
 from guidefield.kernels.collide.batch_collision import path_free_until, touching_configurations
@@ -53,28 +53,28 @@ def prepare_robot(world: World) -> None:
 def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     """The tables of a group and the pairs (int64) that must not touch, and the words that a world begins with."""
     made = _alike_robot(group, pairs)
-    return _turned_robot(group, pairs) if turns_freely(made[0].joints) else made
+    return _turn_robot(group, pairs) if turns_freely(made[0].joints) else made
 
 
 @memoized
-def _turned_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
+def _turn_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     """The same of a group whose rotation vectors have an origin."""
     robot, _ = _alike_robot(group, pairs)
-    return _with_words(dataclasses.replace(robot, joints=turned_from(robot.joints, group)), group)
+    return _with_words(dataclasses.replace(robot, joints=turn_from(robot.joints, group)), group)
 
 
 @memoized_for_alike
 def _alike_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     pairs_of_bodies = np.frombuffer(pairs, np.int64).reshape(-1, 2)
     robot = lane_robot(group, pairs_of_bodies)
-    return _with_words(without_never_colliding(robot, group.nv), group)
+    return _with_words(prune_pairs(robot, group.nv), group)
 
 
 def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Words]:
     return robot, pack((robot.joints, robot.bodies, robot.parts, robot.surfaces, robot.fractions, group.nv))
 
 
-def without_never_colliding(robot: LaneRobot, nv: int) -> LaneRobot:
+def prune_pairs(robot: LaneRobot, nv: int) -> LaneRobot:
     """Remove pairs of links that keep apart wherever their nv coordinates are within their limits.
 
     A robot's description rarely names all pairs that can't collide.

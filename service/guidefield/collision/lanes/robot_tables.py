@@ -69,7 +69,7 @@ _SAME = 3e-8  # directions that differ less are the same in float32
 class LinkTables(SharedAnswer):
     """The collision shapes of a group as the kernels read them, whichever pairs of them must not touch."""
 
-    joints: LaneJoints  # its joints; rotation vectors start from the identity, see `turned_from`
+    joints: LaneJoints  # its joints; rotation vectors start from the identity, see `turn_from`
     parts: Parts  # hulls of the shapes and of their pieces, in the turned frames of joints
     roots: np.ndarray  # the node of each shape's hull, shape (n,)
     pieces: list[np.ndarray]  # nodes of each shape that are nearly convex, and together about all of it
@@ -324,7 +324,7 @@ def turns_freely(joints: LaneJoints) -> bool:
     return bool(joints.kinds.max(initial=TURNING) >= BALL)
 
 
-def turned_from(joints: LaneJoints, group: PlanningGroup) -> LaneJoints:
+def turn_from(joints: LaneJoints, group: PlanningGroup) -> LaneJoints:
     """The same joints, their rotation vectors from where those of the group start."""
     numbers, balls = joints.numbers.reshape(-1, JOINT).copy(), {joint.name: joint for joint in group.joints}
     for i in np.flatnonzero(joints.kinds >= BALL).tolist():

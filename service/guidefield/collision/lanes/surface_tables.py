@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.collision.convex_parts import tree_layout, write_boxes, write_clusters, write_triangles
-from guidefield.geometry.cache import Arrays, Layout, Room, in_memory, is_large, made_in_place
+from guidefield.geometry.cache import Arrays, Layout, Room, in_memory, is_large, make_in_place
 from guidefield.geometry.mesh_tree import (
     CLUSTERS,
     Cluster,
     Told,
-    boxed_count,
     cluster_counts,
+    count_boxed,
     mesh_of_nodes,
     tree_written,
 )
@@ -54,7 +54,7 @@ def large_surface(obstacle: Obstacle) -> Arrays:
 
     def write(room: Room) -> Arrays:
         corners = np.take(obstacle.vertices, obstacle.triangles, axis=0)
-        boxed = boxed_count(len(corners)) if obstacle.solid else 0
+        boxed = count_boxed(len(corners)) if obstacle.solid else 0
         return _write_boxed_tree(corners, boxed, room)
 
     return _write_or_recall("lanes", obstacle, write, {"place": np.array(obstacle.placement.homogeneous, float)})
@@ -79,7 +79,7 @@ def _write_or_recall(kind: str, obstacle: Obstacle, write: Callable[[Room], Arra
     """What is written, read-only; of a large obstacle from disk if it was asked for before."""
     content = obstacle.recipe.content
     if content and is_large(obstacle.faces):
-        return made_in_place(kind, {"content": np.frombuffer(content, np.uint8), **more}, write)
+        return make_in_place(kind, {"content": np.frombuffer(content, np.uint8), **more}, write)
     made = write(in_memory)
     read_only(*made.values())
     return made

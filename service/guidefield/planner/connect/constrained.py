@@ -15,7 +15,7 @@ from guidefield.planner.connect.settings import CONSTRAINED, TREE
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
-from guidefield.robot.group.path_constraints import ConstrainedFrames, kept_frames
+from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
 from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
@@ -38,7 +38,7 @@ class Keeper:
     @property
     def tables(self) -> KeptFrames:
         """The constraints as the kernels want them."""
-        return kept_frames(self.frames)
+        return keep_frames(self.frames)
 
 
 def connect_constrained(

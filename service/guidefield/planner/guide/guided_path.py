@@ -19,7 +19,7 @@ from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.prove.certificate import motion_free
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.group.kinematics import mover_of, planned_values
+from guidefield.robot.group.kinematics import find_planned_values, mover_of
 from guidefield.robot.model.spaces import ChartPoint, Configuration
 
 Reach = Callable[[Problem, Configuration, np.ndarray], Iterable[Configuration]]
@@ -175,5 +175,5 @@ def reach_point(problem: Problem, q: Configuration, point: np.ndarray) -> Config
     reached = np.empty_like(start)
     if not reach(mover_of(group), start, point, reached):
         return None
-    planned: Configuration = reached[planned_values(group)]
+    planned: Configuration = reached[find_planned_values(group)]
     return planned

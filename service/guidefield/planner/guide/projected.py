@@ -36,7 +36,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.kinematics import mover_of, planned_values
+from guidefield.robot.group.kinematics import find_planned_values, mover_of
 from guidefield.robot.model.spaces import Configuration
 
 
@@ -83,7 +83,7 @@ def descend(
     """
     problem, group = guided.problem, guided.problem.group
     swept, field = swept_world(problem.world), problem.robot_field
-    q, planned, longest = group.expand(guided.q), planned_values(group), 1.0
+    q, planned, longest = group.expand(guided.q), find_planned_values(group), 1.0
     path: list[Configuration] = []
     potentials: list[float] = []
     trial, counts = np.empty(TRIAL), np.zeros(COUNTS, np.int64)

@@ -33,7 +33,7 @@ from guidefield.planner.guide.projected import Blocks, Projected, settings_of
 from guidefield.planner.guide.settings import APPROACH, WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
-from guidefield.robot.group.kinematics import mover_of, planned_values
+from guidefield.robot.group.kinematics import find_planned_values, mover_of
 from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.guide_plane import SLACK, GuidePlane
 
@@ -182,7 +182,7 @@ def _in_kernel(guided: GuidedPath, aim: Aim, minimizer: Projected, step: float) 
     field.evaluations += counts[EVALUATIONS]
     problem.counters.collision_checks += counts[JUDGED]
     problem.counters.iterations += counts[STEPS]
-    planned = planned_values(group)
+    planned = find_planned_values(group)
     guided.refused_between(*(q[planned] for q in record.refused[: counts[REFUSED]]))
     made = counts[ROUNDS]
     past = record.ends[:made].tolist()

@@ -22,7 +22,7 @@ from guidefield.messages.execution import MOST_SENT_ROWS
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, StraightMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import ROUNDING, ControllerModel, Interpolation
-from guidefield.prove.curve import find_pieces, largest_magnitudes, restricted
+from guidefield.prove.curve import find_pieces, largest_magnitudes, restrict_curves
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints, ChartRates
 
@@ -185,7 +185,7 @@ def _between(pieces: np.ndarray, times: np.ndarray, knots: np.ndarray) -> np.nda
     begins, spans = times[piece], times[piece + 1] - times[piece]
     spans = np.where(spans > 0.0, spans, np.inf)
     low, high = (np.clip((some - begins) / spans, 0.0, 1.0) for some in (knots[:-1], knots[1:]))
-    return restricted(pieces[piece], low, high)
+    return restrict_curves(pieces[piece], low, high)
 
 
 def _elevated(curves: np.ndarray, order: int) -> np.ndarray:

@@ -21,7 +21,7 @@ from guidefield.planner.optimize.settings import SAMPLED_ROBOT, OptimizationSett
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.group.path_constraints import ConstrainedFrames, kept_frames
+from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 
@@ -147,7 +147,7 @@ def constraint_samples(
     asked = sections.asked[np.searchsorted(np.array(passed), bounds[:-1], side="right")]
     asked.setflags(write=False)
     return KeptSamples(
-        kept_frames(sections.frames),
+        keep_frames(sections.frames),
         of_samples,
         shares,
         sections.groups,
@@ -161,7 +161,7 @@ def constraint_samples(
 @memoized_for_alike
 def _no_samples(group: PlanningGroup) -> KeptSamples:
     nowhere, none = places(0, 1), Sections.whole(ConstrainedFrames(group, ()))
-    return KeptSamples(kept_frames(none.frames), nowhere[2], nowhere[3], none.groups, none.asked[:0], 1.0, 0.0, 0.0)
+    return KeptSamples(keep_frames(none.frames), nowhere[2], nowhere[3], none.groups, none.asked[:0], 1.0, 0.0, 0.0)
 
 
 def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: OptimizationSettings) -> bool:

@@ -25,7 +25,7 @@ from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.cloud import covering
 from guidefield.scene.content import count_of
-from guidefield.scene.motion import posed
+from guidefield.scene.motion import put_at
 from guidefield.scene.movers import MovingBall, motion_of, movers
 from guidefield.scene.obstacle import Obstacle
 
@@ -158,7 +158,7 @@ def _standing(one: Obstacle, time: float) -> Obstacle:
         few = covering(one.cloud, SCHEDULE.most_points)
         points = transform_points(one.placement_at(time), few.points).tolist()
         return obstacles.build(messages.PointCloud(name=one.name, points=points, radius=few.radius), 0)
-    return obstacles.build(posed(one.message, one.motion.at(time)), 0)
+    return obstacles.build(put_at(one.message, one.motion.at(time)), 0)
 
 
 def _box_about(one: Obstacle, time: float) -> messages.Box:

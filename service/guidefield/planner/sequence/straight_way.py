@@ -16,7 +16,7 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import Status
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending
-from guidefield.prove.curve import halved
+from guidefield.prove.curve import halve_curves
 from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
@@ -253,7 +253,7 @@ def certify_straight(
             narrow = np.ptp(control, axis=0).max() <= CONSTRAINT_RESOLUTION
             if narrow or not frame.off(control[0]).within(way):
                 return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, control[0])
-            (one, other), half = halved(control[None]), 0.5 * (start + end)
+            (one, other), half = halve_curves(control[None]), 0.5 * (start + end)
             halves += [(index, start, half, one), (index, half, end, other)]
         waiting.extendleft(reversed(halves))
     return Verdict(Reason.FREE, evaluations)

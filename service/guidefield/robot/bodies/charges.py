@@ -14,7 +14,7 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.cache import Arrays, remembered
 from guidefield.geometry.charges import Capsule, SurfacePoints, fit_capsule, surface_points
 from guidefield.geometry.closed import edge_counts
-from guidefield.geometry.distance_bodies import Body, body_rows, body_tables, primitive, triangulated
+from guidefield.geometry.distance_bodies import Body, body_rows, body_tables, primitive, triangulated_body
 from guidefield.kernels.distance.distance import SHEET, SOLID, DistanceTables
 from guidefield.memo import memoized
 from guidefield.robot.model.model import RobotModel
@@ -61,7 +61,7 @@ def robot_charges(robot: RobotModel) -> RobotCharges:
     areas = surface_areas(robot)
     spacing = SPREAD * float(np.sqrt(sum(areas) / min(POINTS, POINTS_PER_SHAPE * max(len(areas), 1))))
     least = LEAST_SPACING * robot.size
-    shapes = tuple(_charged(vertices, triangles, spacing, least) for vertices, triangles in meshes)
+    shapes = tuple(_charge(vertices, triangles, spacing, least) for vertices, triangles in meshes)
     return RobotCharges(shapes, _repelling(robot, shapes))
 
 
@@ -94,7 +94,7 @@ _SURFACES: dict[type, Callable[[Any], tuple[np.ndarray, np.ndarray]]] = {
 }
 
 
-def _charged(vertices: np.ndarray, triangles: np.ndarray, spacing: float, least: float) -> ChargedShape:
+def _charge(vertices: np.ndarray, triangles: np.ndarray, spacing: float, least: float) -> ChargedShape:
     inputs = {"vertices": vertices, "triangles": triangles, "spacing": np.array([spacing, least])}
     found = remembered("charges", inputs, lambda: _find_charges(vertices, triangles, spacing, least))
     (radius,) = found["radius"].tolist()
@@ -170,7 +170,7 @@ def _body(shape: object) -> Body:
     if body is not None:
         return body
     vertices, triangles = surface(shape)
-    return triangulated(vertices, triangles, SOLID if _closes(vertices, triangles) else SHEET)
+    return triangulated_body(vertices, triangles, SOLID if _closes(vertices, triangles) else SHEET)
 
 
 def _closes(vertices: np.ndarray, triangles: np.ndarray) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from guidefield.geometry.cache import Arrays
 from guidefield.geometry.decomposition import Decomposition, Part, decompose
-from guidefield.geometry.solid_cache import filled_solid_of_mesh
+from guidefield.geometry.solid_cache import fill_solid_of_mesh
 from guidefield.geometry.surfaces import Surface
 from guidefield.robot.bodies.by_shape import ByShape, Question, logged
 from guidefield.robot.model.model import RobotModel
@@ -28,7 +28,7 @@ def convex_parts(robot: RobotModel, most: int = MOST) -> tuple[Decomposition | N
     return PARTS.all(robot, most, logged)
 
 
-def known_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
+def recall_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
     """What `convex_parts` gives, where it is known without computing anything; None elsewhere, or without parts."""
     return PARTS.known(robot, MOST)
 
@@ -45,12 +45,12 @@ def _question(shape: Any, most: int, unit: float) -> Question | None:
         "limits": np.array([WIDEST_GAP, TIGHT]),
         "most": np.array(most),
     }
-    return "parts", inputs, lambda: _stored(_find_parts(vertices, triangles, most))
+    return "parts", inputs, lambda: _store(_find_parts(vertices, triangles, most))
 
 
 def _find_parts(vertices: np.ndarray, triangles: np.ndarray, most: int) -> tuple[Part, ...]:
     try:
-        found = decompose(filled_solid_of_mesh(vertices, triangles, WIDEST_GAP), TIGHT, most)
+        found = decompose(fill_solid_of_mesh(vertices, triangles, WIDEST_GAP), TIGHT, most)
     except ValueError:
         return ()
     return (found.hull, *found.parts)
@@ -59,7 +59,7 @@ def _find_parts(vertices: np.ndarray, triangles: np.ndarray, most: int) -> tuple
 _FIELDS = ("vertices", "faces")
 
 
-def _stored(parts: tuple[Part, ...]) -> Arrays:
+def _store(parts: tuple[Part, ...]) -> Arrays:
     rows = [(part.hull.vertices, part.hull.triangles) for part in parts]
     empty = (np.empty((0, 3)), np.empty((0, 3), np.int64))
     columns = zip(empty, *rows, strict=True)
@@ -70,7 +70,7 @@ def _stored(parts: tuple[Part, ...]) -> Arrays:
     }
 
 
-def _restored(arrays: Arrays, unit: float) -> Decomposition | None:
+def _restore(arrays: Arrays, unit: float) -> Decomposition | None:
     if not len(arrays["counts"]):
         return None
     arrays = scale(arrays, unit, "vertices", "stand_offs")
@@ -83,4 +83,4 @@ def _restored(arrays: Arrays, unit: float) -> Decomposition | None:
     return Decomposition(tuple(parts), hull)
 
 
-PARTS = ByShape("cutting", _question, _restored)  # by robot and by how many parts a mesh may have
+PARTS = ByShape("cutting", _question, _restore)  # by robot and by how many parts a mesh may have

@@ -22,7 +22,7 @@ from guidefield.geometry.primitive_covers import (
     inner_cylinder,
     inner_sphere,
 )
-from guidefield.geometry.solid_cache import filled, filled_solid_of_mesh, near_solid_of_mesh, solid_of_mesh
+from guidefield.geometry.solid_cache import fill_solid_of_mesh, filled, near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.surfaces import Floats
 from guidefield.memo import memoized
 from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged
@@ -100,10 +100,10 @@ def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logge
 
 @memoized
 def _coverage(robot: RobotModel, delta: float) -> Coverage:
-    return Coverage(cast("tuple[ShapeCoverage, ...]", known_coverage(robot, delta)), delta)
+    return Coverage(cast("tuple[ShapeCoverage, ...]", recall_coverage(robot, delta)), delta)
 
 
-def known_coverage(robot: RobotModel, delta: float = DELTA) -> tuple[ShapeCoverage | None, ...]:
+def recall_coverage(robot: RobotModel, delta: float = DELTA) -> tuple[ShapeCoverage | None, ...]:
     """What `coverage` gives, as far as it is known without computing anything, by shape; None where it isn't."""
     return COVERS.known(robot, delta)
 
@@ -120,22 +120,22 @@ def _question(shape: Any, delta: float, unit: float) -> Question:
     return (
         f"coverage-{kind.__name__.lower()}",
         {**arrays, "delta": np.array(delta)},
-        lambda: _stored(build(arrays, delta)),
+        lambda: _store(build(arrays, delta)),
     )
 
 
-def _allowed(area: float, delta: float) -> float:
+def _allowance(area: float, delta: float) -> float:
     """By how much the cover of a surface of that area [m^2] may leave it [m], so that it is found soon."""
     return max(delta, float(np.sqrt(area / LARGE)))
 
 
 def _mesh(arrays: Arrays, delta: float) -> ShapeCoverage:
     mesh = arrays["vertices"], arrays["triangles"], WIDEST_GAP
-    body, outer = near_solid_of_mesh(*mesh), filled_solid_of_mesh(*mesh)
-    if _allowed(body.area, delta) < LEAST_REACHES * body.reach:
+    body, outer = near_solid_of_mesh(*mesh), fill_solid_of_mesh(*mesh)
+    if _allowance(body.area, delta) < LEAST_REACHES * body.reach:
         body = solid_of_mesh(*mesh)
         outer = filled(body)
-    return ShapeCoverage(cover(outer, _allowed(body.area, delta)), inner_balls(body).reshape(-1, 4))
+    return ShapeCoverage(cover(outer, _allowance(body.area, delta)), inner_balls(body).reshape(-1, 4))
 
 
 def _mesh_arrays(shape: Any) -> Arrays:
@@ -145,7 +145,7 @@ def _mesh_arrays(shape: Any) -> Arrays:
 
 def _box(arrays: Arrays, delta: float) -> ShapeCoverage:
     x, y, z = arrays["size"].tolist()
-    allowed = _allowed(2.0 * (x * y + y * z + z * x), delta)
+    allowed = _allowance(2.0 * (x * y + y * z + z * x), delta)
     return ShapeCoverage(cover_box(arrays["size"], allowed), inner_box(arrays["size"]))
 
 
@@ -156,13 +156,13 @@ def _sphere(arrays: Arrays, delta: float) -> ShapeCoverage:  # noqa: ARG001 - as
 
 def _cylinder(arrays: Arrays, delta: float) -> ShapeCoverage:
     radius, length = arrays["size"].tolist()
-    allowed = _allowed(2.0 * np.pi * radius * (radius + length), delta)
+    allowed = _allowance(2.0 * np.pi * radius * (radius + length), delta)
     return ShapeCoverage(cover_cylinder(radius, length, allowed), inner_cylinder(radius, length))
 
 
 def _capsule(arrays: Arrays, delta: float) -> ShapeCoverage:
     radius, length = arrays["size"].tolist()
-    allowed = _allowed(2.0 * np.pi * radius * (2.0 * radius + length), delta)
+    allowed = _allowance(2.0 * np.pi * radius * (2.0 * radius + length), delta)
     return ShapeCoverage(cover_capsule(radius, length, allowed), inner_capsule(radius, length))
 
 
@@ -179,15 +179,15 @@ _KINDS: dict[type, tuple[Callable[[Any], Arrays], Callable[[Arrays, float], Shap
 _FIELDS = ("spheres", "overhangs", "groups", "first", "bound")
 
 
-def _stored(found: ShapeCoverage) -> Arrays:
+def _store(found: ShapeCoverage) -> Arrays:
     arrays = {name: getattr(found.cover, name) for name in _FIELDS}
     return {**arrays, "inner": found.inner}
 
 
-def _restored(arrays: Arrays, unit: float) -> ShapeCoverage:
+def _restore(arrays: Arrays, unit: float) -> ShapeCoverage:
     arrays = scale(arrays, unit, "spheres", "overhangs", "groups", "bound", "inner")
     return ShapeCoverage(Cover(**{name: arrays[name] for name in _FIELDS}), arrays["inner"].reshape(-1, 4))
 
 
-COVERS = ByShape("covering", _question, _restored)
+COVERS = ByShape("covering", _question, _restore)
 """By robot and by how much covers may leave the shapes [m], at size 1."""

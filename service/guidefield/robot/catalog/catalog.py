@@ -34,9 +34,9 @@ from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.followers import unwrapped
 from guidefield.robot.model.loading import default_tip, load
 from guidefield.robot.model.model import RobotModel, RobotSource
-from guidefield.robot.model.neutral_names import captured_stderr, neutral_names
+from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
 from guidefield.robot.model.replaced_joints import with_ball_joints
-from guidefield.robot.model.yourdfpy_crosscheck import crosschecked
+from guidefield.robot.model.yourdfpy_crosscheck import crosscheck
 from guidefield.robot.urdf import srdf
 from guidefield.robot.urdf.facts import JOINT_DOF
 from guidefield.robot.urdf.meshes import MeshResolver
@@ -79,7 +79,7 @@ def _summary(
     try:
         facts = check_urdf(urdf, resolver)
         described = srdf.parse(srdf_text) if srdf_text else srdf.Srdf()
-        with captured_stderr():
+        with capture_stderr():
             names = neutral_names(facts.text)
             model = pin.buildModelFromXML(names.text)
             names.restore(model)
@@ -117,8 +117,8 @@ def read_description(
         raise RobotInvalid(
             f"{urdf.name} takes no xacro arguments: only files that end in .xacro are expanded", path=str(urdf)
         )
-    text = _expanded(urdf, xacro_args, resolver, strict=True)
-    semantic = None if srdf is None else _expanded(srdf, xacro_args, resolver, strict=False)
+    text = _expand(urdf, xacro_args, resolver, strict=True)
+    semantic = None if srdf is None else _expand(srdf, xacro_args, resolver, strict=False)
     if semantic is None:
         return text, None
     return Expanded(text.text, (*text.files, *semantic.files), (*text.warnings, *semantic.warnings)), semantic.text
@@ -137,7 +137,7 @@ def robot_name(urdf: Path) -> str:
     return Path(urdf.stem).stem if is_xacro(urdf) else urdf.stem
 
 
-def _expanded(path: Path, args: Mapping[str, ArgumentValue], resolver: MeshResolver, *, strict: bool) -> Expanded:
+def _expand(path: Path, args: Mapping[str, ArgumentValue], resolver: MeshResolver, *, strict: bool) -> Expanded:
     if not is_xacro(path):
         return Expanded(read_xml(path), (), ())
     expanded = expand(path, args, resolver.package_folder, strict=strict)
@@ -228,13 +228,13 @@ class Catalog:
                 return load_mjcf(reference.name, compile_text(reference.urdf), reference.srdf, reference.root_joint)
             source = RobotSource(reference.urdf, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs, reference.meshes)
-            return crosschecked(load(reference.name, source, reference.srdf, cards.EMPTY, resolver))
+            return crosscheck(load(reference.name, source, reference.srdf, cards.EMPTY, resolver))
         if isinstance(reference, UrdfText):
             if is_mjcf(reference.text):
                 return load_mjcf("mjcf", compile_text(reference.text), reference.srdf, reference.root_joint)
             source = RobotSource(reference.text, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs)
-            return crosschecked(load("urdf", source, reference.srdf, cards.EMPTY, resolver))
+            return crosscheck(load("urdf", source, reference.srdf, cards.EMPTY, resolver))
         return _from_file(reference)
 
     def _from_catalog(self, name: str) -> RobotModel:
@@ -268,7 +268,7 @@ def _from_file(reference: UrdfFile) -> RobotModel:
     described, semantics = read_description(path, srdf_path, reference.xacro_args, resolver)
     source = RobotSource(described.text, path, reference.root_joint, described.files)
     try:
-        robot = crosschecked(load(robot_name(path), source, semantics, cards.EMPTY, resolver))
+        robot = crosscheck(load(robot_name(path), source, semantics, cards.EMPTY, resolver))
     except RobotInvalid as error:
         if not is_xacro(path):
             raise

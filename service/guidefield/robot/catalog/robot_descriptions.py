@@ -90,19 +90,19 @@ def _load(own: str) -> dict[str, Any]:
         try:
             said, complaint = process.communicate(timeout=MAX_DOWNLOAD_SECONDS)
         except subprocess.TimeoutExpired:
-            raise _undelivered(own, f"it took more than {MAX_DOWNLOAD_SECONDS:g} s") from None
+            raise _not_delivered(own, f"it took more than {MAX_DOWNLOAD_SECONDS:g} s") from None
         finally:
             if process.poll() is None:  # it and git
                 os.killpg(process.pid, signal.SIGKILL)
     if process.returncode:
         lines = [line.strip() for line in complaint.decode(errors="replace").splitlines() if line.strip()]
         causes = [line for line in lines if "fatal:" in line] or lines[-1:]
-        raise _undelivered(own, causes[-1] if causes else f"its loader ended with {process.returncode}")
+        raise _not_delivered(own, causes[-1] if causes else f"its loader ended with {process.returncode}")
     found: dict[str, Any] = json.loads(said.decode().splitlines()[-1])
     return found
 
 
-def _undelivered(own: str, reason: str) -> RobotInvalid:
+def _not_delivered(own: str, reason: str) -> RobotInvalid:
     return RobotInvalid(
         f"robot_descriptions could not load {own!r}: {reason}; it downloads from Git what isn't in its cache: run "
         f"`python -m robot_descriptions pull {own}` where there is a network, or copy its cache folder",

@@ -43,7 +43,7 @@ class NamedByContent:
     names: Mapping[str, str]
 
 
-def named_by_content(meshes: Mapping[str, bytes]) -> NamedByContent:
+def name_by_content(meshes: Mapping[str, bytes]) -> NamedByContent:
     """Check what a client sent beside a URDF, by URI, and name it by its content.
 
     Raises:
@@ -102,7 +102,7 @@ def _suffix(uri: str) -> str:
 _Referred = Callable[[str], str]
 
 
-def _rewritten_lines(names: re.Pattern[bytes], word: bytes, content: bytes, uri: str, referred: _Referred) -> bytes:
+def _rewrite_lines(names: re.Pattern[bytes], word: bytes, content: bytes, uri: str, referred: _Referred) -> bytes:
     """A file of lines, of which those that begin with a word name a file at their end."""
 
     def line(match: re.Match[bytes]) -> bytes:
@@ -119,7 +119,7 @@ def _rewritten_lines(names: re.Pattern[bytes], word: bytes, content: bytes, uri:
     return names.sub(line, content)
 
 
-def _rewritten_gltf(content: bytes, uri: str, referred: _Referred) -> bytes:
+def _rewrite_gltf(content: bytes, uri: str, referred: _Referred) -> bytes:
     try:
         document = json.loads(content)
         parts = [document]
@@ -134,18 +134,18 @@ def _rewritten_gltf(content: bytes, uri: str, referred: _Referred) -> bytes:
     return json.dumps(document).encode()
 
 
-def _checked_glb(content: bytes, uri: str, _referred: _Referred) -> bytes:
+def _check_glb(content: bytes, uri: str, _referred: _Referred) -> bytes:
     def refuse(reference: str) -> str:
         raise _fault(uri, f"names {reference[:200]!r}; a .glb must hold all that it needs", names=reference[:200])
 
     length = int.from_bytes(content[12:16], "little")
     if content[:4] != _GLB_MAGIC or content[16:20] != _GLB_JSON or 20 + length > len(content):
         raise _fault(uri, "is no binary glTF")
-    _rewritten_gltf(content[20 : 20 + length], uri, refuse)
+    _rewrite_gltf(content[20 : 20 + length], uri, refuse)
     return content
 
 
-def _rewritten_dae(content: bytes, uri: str, referred: _Referred) -> bytes:
+def _rewrite_dae(content: bytes, uri: str, referred: _Referred) -> bytes:
     """A Collada document with the names of its images replaced; it must not draw on other documents."""
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise _fault(uri, "must not have a <!DOCTYPE>, nor entities")
@@ -174,11 +174,11 @@ def _rename_image(element: etree._Element, referred: _Referred) -> None:
 
 
 _REWRITERS: dict[str, Callable[[bytes, str, _Referred], bytes]] = {
-    ".obj": functools.partial(_rewritten_lines, _OBJ_NAMES, b"mtllib"),
-    ".mtl": functools.partial(_rewritten_lines, _MTL_NAMES, b"map_"),
-    ".gltf": _rewritten_gltf,
-    ".glb": _checked_glb,
-    ".dae": _rewritten_dae,
+    ".obj": functools.partial(_rewrite_lines, _OBJ_NAMES, b"mtllib"),
+    ".mtl": functools.partial(_rewrite_lines, _MTL_NAMES, b"map_"),
+    ".gltf": _rewrite_gltf,
+    ".glb": _check_glb,
+    ".dae": _rewrite_dae,
 }
 
 

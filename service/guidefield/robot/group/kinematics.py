@@ -32,7 +32,7 @@ def lent_data(group: PlanningGroup, borrower: object) -> Any:
 
     For a chain of 48 ball joints new data takes as long as half a search.
     """
-    unused = _unused(group)
+    unused = _find_unused(group)
     try:
         data = unused.pop()
     except IndexError:
@@ -42,7 +42,7 @@ def lent_data(group: PlanningGroup, borrower: object) -> Any:
 
 
 @memoized_for_alike
-def _unused(group: PlanningGroup) -> list[Any]:  # noqa: ARG001 - they are its model's
+def _find_unused(group: PlanningGroup) -> list[Any]:  # noqa: ARG001 - they are its model's
     return []
 
 
@@ -190,7 +190,7 @@ def mover_of(group: PlanningGroup) -> Mover:
 
 
 @memoized_for_alike
-def planned_values(group: PlanningGroup) -> np.ndarray:
+def find_planned_values(group: PlanningGroup) -> np.ndarray:
     """Where a group's configuration stands in its model's, shape (nq,) of indices."""
     at, indices = [], joint_indices(group.model)
     for joint in group.joints:

@@ -223,7 +223,7 @@ _KINDS: Mapping[type, int] = MappingProxyType({Cone: CONE, Near: NEAR, EvenTurn:
 
 
 @memoized
-def kept_frames(frames: ConstrainedFrames) -> KeptFrames:
+def keep_frames(frames: ConstrainedFrames) -> KeptFrames:
     """The constraints, each with the chain of joints that moves its frame; there may be none."""
     assert not frames.constraints or frames.group.is_euclidean, "path constraints are for joints of one coordinate"
     chains = [chain_to(frames.group, frame) for frame in frames.indices]

@@ -44,7 +44,7 @@ def select(
     with at_path("$.tip"):
         robot.frame_id(tip)
     with at_path("$.group"):
-        planned = _planned_joints(robot, group, tip)
+        planned = _find_planned_joints(robot, group, tip)
     followers = {joint.name for joint in robot.joints if joint.mimic and joint.mimic.driver in planned}
     free = [joint for joint in robot.joints if joint.name in planned]
     # what moves has no part in how the models look, but for those that follow: `space` keeps them where they are
@@ -81,7 +81,7 @@ def _reduce(
     if followers:
         indices = [index for name, index in joint_indices(model).items() if name in followers]
         space, _ = lock_joints(model, geometry, indices, reference_of(model, robot, q_reference))
-    joints = with_bound_rates(_regrouped(robot, space), robot.joints)
+    joints = with_bound_rates(_regroup(robot, space), robot.joints)
     matrix, offset = expansion(robot.joints, model, space)
     arrays = {
         "lower": np.concatenate([j.lower for j in joints]),
@@ -104,7 +104,7 @@ def _reduce(
     }
 
 
-def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: str) -> tuple[str, ...]:
+def _find_planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: str) -> tuple[str, ...]:
     if isinstance(group, str):
         if group not in robot.groups:
             available = sorted(robot.groups)
@@ -192,7 +192,7 @@ def _place_models(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
     return model, geometry
 
 
-def _regrouped(robot: RobotModel, space: Any) -> tuple[Joint, ...]:
+def _regroup(robot: RobotModel, space: Any) -> tuple[Joint, ...]:
     regrouped = []
     for index in range(1, space.njoints):
         joint, whole = space.joints[index], robot.joint(space.names[index])

@@ -40,7 +40,7 @@ def tangents(group: PlanningGroup, zs: ChartPoints, rates: ChartRates) -> Tangen
     for joint in group.joints:
         if joint.kind is JointKind.PLANAR or joint.kind is JointKind.FLOATING:
             at = _slides(joint)
-            found[:, at] = _seen_from(group, joint, zs, rates[:, at])
+            found[:, at] = _see_from(group, joint, zs, rates[:, at])
     return found
 
 
@@ -79,20 +79,20 @@ def _slides(joint: Joint) -> slice:
     return slice(joint.idx_v, joint.idx_v + (2 if joint.kind is JointKind.PLANAR else 3))
 
 
-def _seen_from(group: PlanningGroup, joint: Joint, zs: ChartPoints, rows: np.ndarray) -> np.ndarray:
+def _see_from(group: PlanningGroup, joint: Joint, zs: ChartPoints, rows: np.ndarray) -> np.ndarray:
     """Translations (n, 2) or (n, 3) as they are seen from the frame that a planar or floating joint has moved."""
     if joint.kind is JointKind.PLANAR:
-        return _turned_back(zs[:, joint.idx_v + 2], rows)
+        return _turn_back(zs[:, joint.idx_v + 2], rows)
     reference = pin.Quaternion(np.asarray(group.q_origin[joint.idx_q + 3 : joint.idx_q + 7], float)).normalized()
-    return _rotated_back(zs[:, joint.idx_v + 3 : joint.idx_v + 6], rows @ reference.matrix())
+    return _rotate_back(zs[:, joint.idx_v + 3 : joint.idx_v + 6], rows @ reference.matrix())
 
 
-def _turned_back(angles: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def _turn_back(angles: np.ndarray, rows: np.ndarray) -> np.ndarray:
     c, s = np.cos(angles), np.sin(angles)
     return np.column_stack([c * rows[:, 0] + s * rows[:, 1], c * rows[:, 1] - s * rows[:, 0]])
 
 
-def _rotated_back(vectors: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def _rotate_back(vectors: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Rows (n, 3) seen from frames turned by rotation vectors (n, 3): Rodrigues' formula, turned back."""
     angles, once = np.linalg.norm(vectors, axis=1, keepdims=True), _cross(vectors, rows)
     back: np.ndarray = rows - np.sinc(angles / np.pi) * once + _factors(vectors)[0] * _cross(vectors, once)

@@ -144,7 +144,7 @@ def _reach(table: TipChain) -> float:
     return reach
 
 
-def unlimited(chain: ChainToTip) -> ChainToTip:
+def without_limits(chain: ChainToTip) -> ChainToTip:
     """The same chain without limits."""
     infinite = np.full(len(chain.moving), np.inf)
     lower = -infinite

@@ -16,7 +16,7 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.kinematics.inverse_kinematics import distinct, farthest_apart
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.tip_chain import ChainToTip, unlimited
+from guidefield.robot.group.tip_chain import ChainToTip, without_limits
 from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseSearch, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
@@ -46,7 +46,7 @@ class Unreached:
         return {"cause": self.cause.value, **self.values}
 
 
-def out_of_reach(chain: ChainToTip, target: PoseTarget) -> Unreached | None:
+def prove_out_of_reach(chain: ChainToTip, target: PoseTarget) -> Unreached | None:
     """Prove that a pose is farther away than the chain is long; None where it isn't."""
     begin = target.placement.actInv(chain.table.first[3::4])
     beyond = np.maximum(np.abs(begin) - target.position_tolerance, 0.0)
@@ -115,7 +115,7 @@ def _limit_in_the_way(
 ) -> tuple[str, dict[str, Any]] | None:
     """Find the limit in the way, in the solution for which limits have to give way least; a sentence, its values."""
     bounded = PoseSearch(group, target, base)
-    free = PoseSearch(group, target, base, unlimited(bounded.chain))
+    free = PoseSearch(group, target, base, without_limits(bounded.chain))
     points = bounded.near_base(free.descend(bounded.drawn(SEARCH.why_starts, rng)))
     if not len(points):
         return None
@@ -192,7 +192,7 @@ def solve(
     given = cast(ChartPoints, np.array(starts).reshape(-1, group.nv))
     base = given[0] if len(given) else group.chart(group.part_of(group.q_reference))
     search = PoseSearch(group, target, base)
-    if (short := out_of_reach(search.chain, target)) is not None:
+    if (short := prove_out_of_reach(search.chain, target)) is not None:
         return IkResult.unreached(short)
     found = _Found(search, refine, accept)
     found.add(search.descend(given))

@@ -94,8 +94,8 @@ class PoseSearch:
         tolerances = np.concatenate([target.position_tolerance, target.orientation_tolerance])
         allowed = np.where(tolerances > EXACT, tolerances, 0.5 * EXACT)  # half: others may check in another way
         self._tolerances = Tolerances(
-            _frozen(allowed),
-            _frozen(np.where(tolerances > EXACT, SEARCH.aim * tolerances, 0.0)),
+            _freeze(allowed),
+            _freeze(np.where(tolerances > EXACT, SEARCH.aim * tolerances, 0.0)),
             group.size,
             group.sizes,
         )
@@ -153,7 +153,7 @@ class PoseSearch:
         return values
 
 
-def _frozen(array: Any) -> np.ndarray:
+def _freeze(array: Any) -> np.ndarray:
     frozen = np.array(array, float)
     frozen.setflags(write=False)
     return frozen

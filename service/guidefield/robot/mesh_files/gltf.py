@@ -76,13 +76,13 @@ class _Gltf:
     def objects(self) -> Objects:
         """Return the meshes of the scene, those of each node as an object."""
         try:
-            return self._collected()
+            return self._collect()
         except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
             if isinstance(error, MeshFault):
                 raise
             raise MeshFault(f"is no proper glTF file: {type(error).__name__}: {error}") from None
 
-    def _collected(self) -> Objects:
+    def _collect(self) -> Objects:
         nodes, meshes = self._document.get("nodes", []), self._document.get("meshes", [])
         collected, read = Collected(), dict[int, list[Triangles]]()
         pending = [(index, np.eye(4), 0) for index in reversed(self._roots(nodes))]

@@ -29,7 +29,7 @@ def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) ->
     triangles = np.empty((int(np.maximum(sizes - 2, 0).sum()), 3), np.int64)
     three, four = np.flatnonzero(sizes == 3), np.flatnonzero(sizes == 4)
     triangles[places[three]] = corners[starts[three, None] + np.arange(3)]
-    halves = _halved(vertices, corners[starts[four, None] + np.arange(4)])
+    halves = _halve(vertices, corners[starts[four, None] + np.arange(4)])
     triangles[places[four]], triangles[places[four] + 1] = halves[:, 0], halves[:, 1]
     for index in np.flatnonzero(sizes > 4).tolist():
         polygon = corners[starts[index] : starts[index] + sizes[index]]
@@ -41,13 +41,13 @@ def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) ->
 def triangulate_with_holes(vertices: np.ndarray, rings: Sequence[np.ndarray]) -> np.ndarray:
     """Cut a polygon of vertices (v, 3), given by its outline and holes, into triangles (t, 3) that turn like it."""
     corners = np.concatenate(rings)
-    flat, _ = _flattened(vertices[corners], len(rings[0]))
+    flat, _ = _flatten(vertices[corners], len(rings[0]))
     ears = _ears(flat, np.cumsum([len(ring) for ring in rings]))
     found: np.ndarray = corners[ears]
     return found
 
 
-def _halved(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
+def _halve(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
     """Two triangles of each quadrilateral (q, 4), shape (q, 2, 3)."""
     points = vertices[quads]
     normal = np.cross(points[:, 2] - points[:, 0], points[:, 3] - points[:, 1])
@@ -63,8 +63,8 @@ def _cut(points: np.ndarray) -> np.ndarray:
     """Triangles of one polygon (n, 3) as indices of its corners, shape (n - 2, 3)."""
     count = len(points)
     fan = np.column_stack([np.zeros(count - 2, np.int64), np.arange(1, count - 1), np.arange(2, count)])
-    flat, area = _flattened(points, count)
-    turns = _crossed(flat - np.roll(flat, 1, axis=0), np.roll(flat, -1, axis=0) - flat)
+    flat, area = _flatten(points, count)
+    turns = _cross(flat - np.roll(flat, 1, axis=0), np.roll(flat, -1, axis=0) - flat)
     if (turns >= 0.0).all():
         return fan
     ears = _ears(flat, np.array([count]))
@@ -72,7 +72,7 @@ def _cut(points: np.ndarray) -> np.ndarray:
     return ears if len(ears) == count - 2 and abs(filled - 2.0 * area) <= 2.0 * AREA_TOLERANCE * area else fan
 
 
-def _flattened(points: np.ndarray, outline: int) -> tuple[np.ndarray, float]:
+def _flatten(points: np.ndarray, outline: int) -> tuple[np.ndarray, float]:
     """Points in the plane of their first ones, the outline counter-clockwise there, and the outline's area."""
     centred = points - points[0]
     ring = centred[:outline]
@@ -96,10 +96,10 @@ def _ears(flat: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 
 def _twice_areas(corners: np.ndarray) -> np.ndarray:
-    return _crossed(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def _crossed(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     product: np.ndarray = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     return product
 

@@ -22,7 +22,7 @@ from guidefield.robot.mesh_files.numbers import (
     triangulate,
 )
 from guidefield.robot.mesh_files.ply import read_ply
-from guidefield.robot.mesh_files.three_mf import UNITS, read_three_mf, stated_unit
+from guidefield.robot.mesh_files.three_mf import UNITS, read_stated_unit, read_three_mf
 
 FARTHEST_VERTEX = 1e4
 """No vertex may be farther than this from its link along an axis [m]: a larger link is a mistake in its units."""
@@ -74,24 +74,24 @@ def read_mesh(path: Path, scale: np.ndarray | None = None) -> FileMesh:
     Raises:
         MeshFault: if it can't be read, has no triangles, or a vertex isn't within `FARTHEST_VERTEX`.
     """
-    vertices, triangles, _ = _scaled_objects(path, scale)
-    return _merged(vertices, triangles)
+    vertices, triangles, _ = _scale_objects(path, scale)
+    return _merge(vertices, triangles)
 
 
 def read_objects(path: Path, scale: np.ndarray | None = None) -> list[tuple[str, FileMesh]]:
     """Read the objects of a mesh file as `read_mesh`: nodes, groups or solids with their names, "" if unnamed."""
-    vertices, triangles, firsts = _scaled_objects(path, scale)
+    vertices, triangles, firsts = _scale_objects(path, scale)
     names, begins = ["", *(name for name, _ in firsts)], [0, *(first for _, first in firsts)]
     ends = [*begins[1:], len(triangles)]
     objects = []
     for name, begin, end in zip(names, begins, ends, strict=True):
         if end > begin:
             used, rows = np.unique(triangles[begin:end], return_inverse=True)
-            objects.append((name, _merged(vertices[used], rows.reshape(-1, 3))))
+            objects.append((name, _merge(vertices[used], rows.reshape(-1, 3))))
     return objects
 
 
-def _scaled_objects(path: Path, scale: np.ndarray | None) -> Objects:
+def _scale_objects(path: Path, scale: np.ndarray | None) -> Objects:
     kind, content = _kind_and_content(path)
     try:
         vertices, triangles, firsts = READERS[kind](content, path.parent)
@@ -165,11 +165,11 @@ def up_axis(path: Path) -> str:
     return read_up_axis(content) if kind == ".dae" else "y" if kind in (".gltf", ".glb") else "z"
 
 
-def ignored_unit(path: Path) -> str | None:
+def find_ignored_unit(path: Path) -> str | None:
     """Return the name of a unit other than metres that a file states and that isn't applied, as 3MF files do."""
     if path.suffix.lower() != ".3mf":
         return None
-    unit = stated_unit(content_of(path))
+    unit = read_stated_unit(content_of(path))
     return unit if UNITS[unit] != 1.0 else None
 
 
@@ -185,7 +185,7 @@ def _check_places(vertices: np.ndarray, triangles: np.ndarray) -> None:
         )
 
 
-def _merged(vertices: np.ndarray, triangles: np.ndarray) -> FileMesh:
+def _merge(vertices: np.ndarray, triangles: np.ndarray) -> FileMesh:
     """Merge vertices at one place; leave out triangles without three of them, if others are left."""
     finite = np.where(np.isfinite(vertices), vertices, 0.0)  # those that no triangle uses may be anything
     merged, kept, _ = compact(finite, triangles)

@@ -56,7 +56,7 @@ def read_three_mf(content: bytes) -> Objects:
     return collected.objects()
 
 
-def stated_unit(content: bytes) -> str:
+def read_stated_unit(content: bytes) -> str:
     """Return the unit that a 3MF file states, a key of `UNITS`; MeshFault if it is malformed, or states another one."""
     package = _Package(content)
     unit = package.model(package.start).get("unit", "millimeter")

@@ -56,10 +56,10 @@ def compile_file(path: Path) -> CompiledModel:
         files = tuple(path.parent / file for file in mujoco.mju_getXMLDependencies(str(path)))
         for file in files:
             if file.is_file() and is_mjcf(text := file.read_text(errors="replace")):
-                _bounded(text, MOST_FILE_ELEMENTS)
+                _drop_buffers(text, MOST_FILE_ELEMENTS)
         return mujoco.MjModel.from_xml_path(str(path)), files
 
-    (model, files), warnings = _compiled(path.name, load)
+    (model, files), warnings = _compile(path.name, load)
     return CompiledModel(model, files, warnings)
 
 
@@ -78,12 +78,12 @@ def compile_text(text: str) -> CompiledModel:
             file=file,
         )
     mujoco = import_mujoco()
-    bounded = _bounded(text, MOST_ELEMENTS)
-    model, warnings = _compiled("MJCF", lambda: mujoco.MjModel.from_xml_string(bounded))
+    bounded = _drop_buffers(text, MOST_ELEMENTS)
+    model, warnings = _compile("MJCF", lambda: mujoco.MjModel.from_xml_string(bounded))
     return CompiledModel(model, (), warnings)
 
 
-def _bounded(text: str, most: int) -> str:
+def _drop_buffers(text: str, most: int) -> str:
     """Return an MJCF without its buffers; RobotInvalid if it stands for more than `most` elements, or larger pictures.
 
     A line of MJCF can stand for any number of bodies, which MuJoCo would make without asking.
@@ -134,7 +134,7 @@ def import_mujoco() -> Any:
     return mujoco
 
 
-def _compiled(name: str, load: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
+def _compile(name: str, load: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
     """The model and MuJoCo's warnings, which it would write to a file in the working folder."""
     mujoco = import_mujoco()
     warnings: list[str] = []

@@ -161,7 +161,7 @@ def circumscribed_ball() -> Any:
 AT_REFERENCE = "reference"  # the state in which every joint has its reference value
 
 
-def disabled_pairs(
+def find_disabled_pairs(
     model: Any, geoms: Mapping[str, Sequence[int]], rest: np.ndarray, warnings: list[str]
 ) -> dict[frozenset[str], str]:
     """Return pairs of links that aren't tested, with reasons.
@@ -324,7 +324,7 @@ def convert(compiled: CompiledModel, name: str, root_joint: str) -> MjcfRobot:
     if not in_place and model.body_geomnum[0]:
         warnings.append("the shapes of the world's body are left out: the root moves, and they don't")
     rest = rest_configuration(model)
-    disabled = disabled_pairs(model, geoms.collisions, rest, warnings)
+    disabled = find_disabled_pairs(model, geoms.collisions, rest, warnings)
     states = [SrdfState(state, "", positions(model, tree.joints, q), 0) for state, q in keyframe_states(model).items()]
     return MjcfRobot(
         urdf=etree.tostring(tree.robot, encoding="unicode", pretty_print=True),

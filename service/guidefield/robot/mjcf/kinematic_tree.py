@@ -120,14 +120,14 @@ class _Tree:
             self._joint(joint, parent, child, offset * anchor)
             parent, offset = child, anchor.inverse()
         if parent is not link:
-            self._fixed(parent, link, offset)
+            self._fix(parent, link, offset)
 
     def add_site(self, site: int, name: str) -> None:
         """A link without shape for a site; `<name>_site` where a body has the name."""
         body = self.links[self._model.site_bodyid[site]]
         taken = name != self._unique_links.make(name)
         link = self._link(self._unique_links.make(f"{name}_site") if taken else name)
-        self._fixed(body, link, placement(self._model.site_pos[site], self._model.site_quat[site]))
+        self._fix(body, link, placement(self._model.site_pos[site], self._model.site_quat[site]))
 
     def _anchor(self, joint: int) -> np.ndarray:
         turns = int(self._model.jnt_type[joint]) in (self._kinds.mjJNT_HINGE, self._kinds.mjJNT_BALL)
@@ -136,7 +136,7 @@ class _Tree:
     def _link(self, name: str) -> Element:
         return etree.SubElement(self.robot, "link", name=name)
 
-    def _fixed(self, parent: Element, child: Element, origin: Any) -> None:
+    def _fix(self, parent: Element, child: Element, origin: Any) -> None:
         self._element(self._unique_joints.make(f"{child.get('name')}_fixed"), "fixed", parent, child, origin)
 
     def _joint(self, joint: int, parent: Element, child: Element, origin: Any) -> None:
@@ -145,7 +145,7 @@ class _Tree:
         limited, (lower, upper) = bool(model.jnt_limited[joint]), model.jnt_range[joint].tolist()
         if kind == kinds.mjJNT_FREE:
             if not self._free:
-                self._fixed(parent, child, origin)
+                self._fix(parent, child, origin)
                 return
             self._element(name, "floating", parent, child, pin.SE3.Identity())
         elif kind == kinds.mjJNT_BALL:

@@ -18,7 +18,7 @@ from guidefield.geometry.convex import bvh, convex
 from guidefield.kernels.jit.compilers import load_imported
 from guidefield.parallel import run_queue
 from guidefield.robot.mesh_files.numbers import MeshFault
-from guidefield.robot.mesh_files.reading import FileMesh, ignored_unit, read_mesh, unit_of
+from guidefield.robot.mesh_files.reading import FileMesh, find_ignored_unit, read_mesh, unit_of
 from guidefield.robot.model.model import GeometryChoice
 from guidefield.robot.model.shapes import HULL_STAND_OFF, hull_in_metres, hull_question, know_triangulation
 from guidefield.robot.model.size import power_of_two
@@ -54,7 +54,7 @@ def read_meshes(facts: UrdfFacts, warnings: list[str]) -> tuple[str, Meshes]:
             try:
                 if (file, written) not in known:
                     known[file, written] = read_mesh(Path(file), scale)
-                    if unit := ignored_unit(Path(file)):
+                    if unit := find_ignored_unit(Path(file)):
                         warnings.append(
                             f"link {name!r}: mesh {uri!r} states its unit, {unit}; as other tools do, its numbers times"
                             " the `scale` of its <mesh> are taken for metres"
@@ -88,7 +88,7 @@ def settle(
     """
     choices = []
     areas = {id(mesh): mesh for *_, mesh in meshes.values() if _has_area(mesh)}
-    settled = _settled_meshes(areas, power_of_two(size))
+    settled = _settle_meshes(areas, power_of_two(size))
     for shape in geometry.geometryObjects:
         link = model.frames[shape.parentFrame].name
         path, scale, mesh = meshes.get(shape.name) or (Path(), np.ones(3), None)
@@ -122,7 +122,7 @@ class _Settled(NamedTuple):
     wall: str
 
 
-def _settled_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _Settled]:
+def _settle_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _Settled]:
     """As what each mesh is judged, by lengths in a unit [m]; new ones are found on all processors.
 
     What is known is read by this thread alone: threads must not load kernels at the same time.

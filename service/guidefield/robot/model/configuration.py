@@ -107,7 +107,7 @@ def limit_faults(joints: Sequence[Joint], q: IndexedConfiguration) -> list[Limit
     ]
 
 
-def given_faults(joints: Sequence[Joint], positions: Positions) -> list[LimitFault]:
+def find_given_faults(joints: Sequence[Joint], positions: Positions) -> list[LimitFault]:
     """Given values of joints beyond their limits, in the order given; values that don't fit their joints are passed."""
     limits = {joint.name: joint.limits for joint in joints}
     return [

@@ -25,7 +25,7 @@ from guidefield.robot.model.model import (
     RobotModel,
     RobotSource,
 )
-from guidefield.robot.model.neutral_names import captured_stderr, neutral_names
+from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
 from guidefield.robot.model.replaced_joints import with_ball_joints
 from guidefield.robot.model.size import find_size
 from guidefield.robot.urdf import srdf
@@ -126,7 +126,7 @@ def load(
     set_planar_axes(model, geometry, axes)
     model = followers.with_unwrapped(with_ball_joints(name, model, card.ball_joints), facts)
     known_joints = [*facts.joints, ROOT_JOINT, *described.virtual]
-    warnings += [*described.warnings, *srdf.unknown_names(described, facts.links, known_joints)]
+    warnings += [*described.warnings, *srdf.find_unknown_names(described, facts.links, known_joints)]
     warnings += _differing_root(described, source.root_joint)
     if not geometry.ngeoms:
         warnings.append(f"robot {name!r} {NO_GEOMETRY}: it can be asked for forward and inverse kinematics alone")
@@ -146,7 +146,7 @@ def load(
     groups = resolve_groups(model, described, joints, warnings)
     stated = rest.stated(model, joints, described, card, warnings)
     links = [choice.link for choice in choices]
-    disabled = described.disabled_among(facts.links)
+    disabled = described.find_disabled(facts.links)
     settled = pairs.settle(model, geometry, joints, links, disabled, described.said_by, stated.q, size)
     warnings += settled.warnings
     q_rest = rest.settle(model, geometry, joints, links, stated.q, size, warnings)
@@ -221,7 +221,7 @@ def _parse(name: str, source: RobotSource, facts: UrdfFacts, warnings: list[str]
     root = ROOT_JOINTS[source.root_joint]
     text, meshes = read_meshes(facts, warnings)
     names = neutral_names(text)
-    with captured_stderr() as stderr:
+    with capture_stderr() as stderr:
         try:
             model = pin.buildModelFromXML(names.text, root()) if root else pin.buildModelFromXML(names.text)
             geometry = pin.GeometryModel()

@@ -35,13 +35,13 @@ def bind_ranges(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ..
         stuck = both[1] - both[0] <= ROUNDING < driver.upper[0] - driver.lower[0]
         if stuck or both[0] > both[1]:
             warnings.append(f"{who} can't move with {follower.name!r} within its limits: they are not kept")
-            by_name[follower.name] = _limited(follower, -np.inf, np.inf)
+            by_name[follower.name] = _limit(follower, -np.inf, np.inf)
         elif both != (driver.lower[0], driver.upper[0]):
             if max(both[0] - driver.lower[0], driver.upper[0] - both[1]) > ROUNDING:
                 warnings.append(
                     f"{who} only goes from {both[0]:g} to {both[1]:g}, so that its follower keeps its limits"
                 )
-            by_name[driver.name] = _limited(driver, *both)
+            by_name[driver.name] = _limit(driver, *both)
     return tuple(by_name[joint.name] for joint in joints)
 
 
@@ -90,7 +90,7 @@ def _range(follower: Joint, law: Mimic) -> tuple[float, float]:
     return min(ends), max(ends)
 
 
-def _limited(joint: Joint, lower: float, upper: float) -> Joint:
+def _limit(joint: Joint, lower: float, upper: float) -> Joint:
     limits = np.array([lower + 0.0]), np.array([upper + 0.0])  # no -0.0: NumPy draws nothing from [0, -0]
     for array in limits:
         array.setflags(write=False)

@@ -56,7 +56,7 @@ class CapturedStderr:
 
 
 @contextmanager
-def captured_stderr() -> Iterator[CapturedStderr]:
+def capture_stderr() -> Iterator[CapturedStderr]:
     """Redirect file descriptor 2 to a temporary file while the block runs, to quote a C++ library's reason in errors.
 
     This is process-wide: whatever any thread writes to stderr then is caught too, and is not written anywhere else. So
@@ -134,8 +134,8 @@ class NeutralNames:
 def neutral_names(urdf: str) -> NeutralNames:
     """Give every link and joint of a checked URDF a neutral name; in the same order, as Pinocchio sorts joints."""
     root = etree.fromstring(urdf.encode())
-    links = _ranked("L", [link.get("name") for link in root.findall("link")])
-    joints = _ranked("J", [joint.get("name") for joint in root.findall("joint")])
+    links = _rank("L", [link.get("name") for link in root.findall("link")])
+    joints = _rank("J", [joint.get("name") for joint in root.findall("joint")])
     for link in root.findall("link"):
         link.set("name", links[link.get("name")])
     for joint in root.findall("joint"):
@@ -148,7 +148,7 @@ def neutral_names(urdf: str) -> NeutralNames:
     return NeutralNames(text, {new: old for old, new in links.items()}, {new: old for old, new in joints.items()})
 
 
-def _ranked(kind: str, names: Iterable[str]) -> dict[str, str]:
+def _rank(kind: str, names: Iterable[str]) -> dict[str, str]:
     """Neutral name by name, in the order of the names' bytes."""
     ordered = sorted(names, key=lambda name: name.encode())
     return {name: f"#{kind}{rank:05d}#" for rank, name in enumerate(ordered)}

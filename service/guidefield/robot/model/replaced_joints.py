@@ -20,7 +20,7 @@ def with_joints(model: Any, replacements: Mapping[int, Any]) -> Any:
     """
     if not replacements:
         return model
-    made, _ = _rebuilt(model, replacements, (), pin.neutral(model))
+    made, _ = _rebuild(model, replacements, (), pin.neutral(model))
     return made
 
 
@@ -32,7 +32,7 @@ def lock_joints(model: Any, geometry: Any, locked: Collection[int], q: np.ndarra
     """
     if not locked:
         return model, geometry
-    made, places = _rebuilt(model, {}, locked, q)
+    made, places = _rebuild(model, {}, locked, q)
     reduced = geometry.copy()
     for shape in reduced.geometryObjects:
         carrier, offset = places[shape.parentJoint]
@@ -40,7 +40,7 @@ def lock_joints(model: Any, geometry: Any, locked: Collection[int], q: np.ndarra
     return made, reduced
 
 
-def _rebuilt(
+def _rebuild(
     model: Any, replacements: Mapping[int, Any], locked: Collection[int], q: np.ndarray
 ) -> tuple[Any, list[tuple[int, Any]]]:
     """A new model, and for each old joint the new joint that carries its frame with the frame's placement there."""

@@ -131,7 +131,7 @@ def settle(
     """
     search = _Search(model, geometry, joints, MARGIN * size)
     if at_first := search.touching(q):
-        freed = search.freed(q)
+        freed = search.free_of_contacts(q)
         told = _describe_contacts(links, geometry, at_first)
         moved = [j.name for j in joints if not np.allclose(q[_at(j)], freed[_at(j)], rtol=0.0, atol=1e-12)]
         if moved:
@@ -157,7 +157,7 @@ class _Search:
         self._contacts.place(q)
         return self._contacts.find_contacts(margin)
 
-    def freed(self, q: RobotConfiguration) -> RobotConfiguration:
+    def free_of_contacts(self, q: RobotConfiguration) -> RobotConfiguration:
         """Return a configuration near one that touches, in which fewer pairs touch, none if that is found.
 
         One pair after the other is parted, by the joints between its links; no other may come to touch for it.
@@ -166,13 +166,13 @@ class _Search:
         tried: set[int] = set()
         while pending := [pair for pair in self.touching(q) if pair not in tried]:
             tried.add(pending[0])
-            q = self._parted(q, pending[0], rng)
+            q = self._part(q, pending[0], rng)
         return q
 
-    def _parted(self, q: RobotConfiguration, pair: int, rng: np.random.Generator) -> RobotConfiguration:
+    def _part(self, q: RobotConfiguration, pair: int, rng: np.random.Generator) -> RobotConfiguration:
         near, touching = set(self.touching(q, self._margin)), set(self.touching(q))
-        moving = self._between(pair)
-        moved = self._moved_by(moving)
+        moving = self._find_between(pair)
+        moved = self._find_moved_by(moving)
         fallback = None
         for share in SHARES if moving else ():
             for _ in range(DRAWS):
@@ -193,7 +193,7 @@ class _Search:
                 return False
         return True
 
-    def _moved_by(self, moving: Sequence[Joint]) -> set[int]:
+    def _find_moved_by(self, moving: Sequence[Joint]) -> set[int]:
         """Pairs whose shapes move relative to each other with some joints, or with those that follow these."""
         names = {joint.name for joint in moving}
         turned = {
@@ -205,7 +205,7 @@ class _Search:
         pairs = enumerate(self._geometry.collisionPairs)
         return {index for index, pair in pairs if supports[pair.first] != supports[pair.second]}
 
-    def _between(self, pair: int) -> list[Joint]:
+    def _find_between(self, pair: int) -> list[Joint]:
         """Joints that move the links of a pair relative to each other, or are followed by such."""
         bodies = self._geometry.collisionPairs[pair]
         first, second = (

@@ -80,7 +80,7 @@ def hull(mesh: Any) -> Any | None:
     key = _identify(mesh)
     known = _HULLS.get(key)
     if known is None:
-        found = _remembered_hull(mesh)
+        found = _recall_hull(mesh)
         known = (convex(found["vertices"], found["triangles"]) if len(found["triangles"]) else None,)
         known = _HULLS.put(key, known, sum(found[name].nbytes for name in ("vertices", "triangles")))
     return known[0]
@@ -88,11 +88,11 @@ def hull(mesh: Any) -> Any | None:
 
 def hull_vertices(mesh: Any) -> np.ndarray | None:
     """Return the vertices (k, 3) [m] of the convex hull of a Coal mesh, computed once; None as for `hull`."""
-    found = _remembered_hull(mesh)
+    found = _recall_hull(mesh)
     return found["vertices"] if len(found["triangles"]) else None
 
 
-def _remembered_hull(mesh: Any) -> Arrays:
+def _recall_hull(mesh: Any) -> Arrays:
     vertices, triangles = triangulation(mesh)
     known = _KNOWN.get(_identify(mesh))
     unit = 1.0 if known is None else known[1]
@@ -125,7 +125,7 @@ def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
         if near.reach > 0.0 and distance <= HULL_STAND_OFF:
             distance = _hull_stand_off(around, solid_of_mesh(vertices, triangles, 0.0))
         if distance <= HULL_STAND_OFF:
-            filled = _filled(around, distance, solid_of_mesh(vertices, triangles, WIDEST_GAP))
+            filled = _fill_volume(around, distance, solid_of_mesh(vertices, triangles, WIDEST_GAP))
     except ValueError:  # the mesh is flat, or too fine for Coal
         around, distance, filled = surface(np.empty((0, 3)), np.empty((0, 3), np.int64)), np.inf, 0.0
     return {
@@ -150,7 +150,7 @@ def _wall(vertices: np.ndarray, triangles: np.ndarray) -> str:
     return "" if judged is None or judged.solid else judged.warnings[-1]
 
 
-def _filled(around: Surface, distance: float, body: Solid) -> float:
+def _fill_volume(around: Surface, distance: float, body: Solid) -> float:
     """Return the volume that a hull fills: sealed hollows, and others beyond its stand-off [m^3]; 0 if open."""
     if not body.closed:
         return 0.0

@@ -26,7 +26,7 @@ _UNREAD = ("visual", "collision", "transmission", "gazebo")
 _SCALAR = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
 
 
-def crosschecked(robot: RobotModel) -> RobotModel:
+def crosscheck(robot: RobotModel) -> RobotModel:
     """Add a warning for whatever yourdfpy reads otherwise than Pinocchio; faults are found by the intake.
 
     Compared are capsules, which yourdfpy doesn't know, the joints that can be given, and the placement of each link
@@ -42,7 +42,7 @@ def crosschecked(robot: RobotModel) -> RobotModel:
 def _differences(robot: RobotModel) -> list[str]:
     root = etree.fromstring(robot.source.urdf_text.encode())
     capsules = _capsules(robot, root)
-    return [*capsules, *_placed_otherwise(robot, root)]
+    return [*capsules, *_find_placed_otherwise(robot, root)]
 
 
 def _capsules(robot: RobotModel, root: Any) -> list[str]:
@@ -61,8 +61,8 @@ def _capsules(robot: RobotModel, root: Any) -> list[str]:
     return [f"link {', '.join(map(repr, links))}: {what}" for links, what in told if links]
 
 
-def _placed_otherwise(robot: RobotModel, root: Any) -> list[str]:
-    if not _known_to_both(robot, root):
+def _find_placed_otherwise(robot: RobotModel, root: Any) -> list[str]:
+    if not _is_known_to_both(robot, root):
         return []
     try:
         other = _read(root)
@@ -73,7 +73,7 @@ def _placed_otherwise(robot: RobotModel, root: Any) -> list[str]:
     if alone := given.keys() ^ set(other.actuated_joint_names):
         return [f"yourdfpy has other joints to move: {', '.join(sorted(alone))} are not in both"]
     other.update_cfg(given)
-    return _misplaced(robot, q, other)
+    return _find_misplaced(robot, q, other)
 
 
 def _joints(robot: RobotModel) -> list[Joint]:
@@ -81,7 +81,7 @@ def _joints(robot: RobotModel) -> list[Joint]:
     return list(robot.joints if robot.source.root_joint == "fixed" else robot.joints[1:])
 
 
-def _known_to_both(robot: RobotModel, root: Any) -> bool:
+def _is_known_to_both(robot: RobotModel, root: Any) -> bool:
     joints = _joints(robot)
     scalar_joints = all(joint.kind in _SCALAR for joint in joints)
     followed = {mimic.get("joint") for mimic in root.findall("joint/mimic")}
@@ -103,7 +103,7 @@ def _read(root: Any) -> Any:
     return yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), load_meshes=False, filename_handler=str)
 
 
-def _misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> list[str]:
+def _find_misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> list[str]:
     """A sentence for each link that the two place differently relative to the root, at a configuration, shape (nq,)."""
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)

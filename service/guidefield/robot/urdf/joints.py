@@ -122,7 +122,7 @@ def _driver(mimic: Element, follower: JointFacts, joints: Mapping[str, JointFact
         raise fault(mimic, "a joint can't mimic itself")
     if driver not in joints:
         unknown = f"mimics {driver!r}, but there is no such joint"
-        meant = _prefixed(driver, follower.name, joints)
+        meant = _find_prefixed(driver, follower.name, joints)
         if len(meant) != 1:
             raise fault(mimic, f"{unknown}; there are {', '.join(joints)}", mimics=driver)
         driver = meant[0]
@@ -135,7 +135,7 @@ def _driver(mimic: Element, follower: JointFacts, joints: Mapping[str, JointFact
     return str(driver)
 
 
-def _prefixed(driver: str, follower: str, joints: Iterable[str]) -> list[str]:
+def _find_prefixed(driver: str, follower: str, joints: Iterable[str]) -> list[str]:
     """Other joints whose name is that of the driver after a prefix that the follower has too."""
     prefixes = {name: name[: -len(driver)] for name in joints if driver and name.endswith(driver) and name != follower}
     return [name for name, prefix in prefixes.items() if follower.startswith(prefix)]

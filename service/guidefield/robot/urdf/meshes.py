@@ -80,7 +80,7 @@ class MeshResolver:
     def __post_init__(self) -> None:
         base = [] if self.base is None else [self.base]
         allowed = [*self.packages.values(), *self.package_dirs, *base, *self.enclosing[-1:]]
-        object.__setattr__(self, "folders", tuple(dict.fromkeys(_folded(folder) for folder in allowed)))
+        object.__setattr__(self, "folders", tuple(dict.fromkeys(_fold(folder) for folder in allowed)))
 
     @classmethod
     def for_wire(cls, package_dirs: Iterable[Path] = (), given: Mapping[str, Path] | None = None) -> MeshResolver:
@@ -110,7 +110,7 @@ class MeshResolver:
         folder = urdf_path.resolve().parent
         given_dirs = tuple(package_dirs)
         enclosing = tuple(enclosing_folders(folder))
-        levels = levels_about(enclosing, [_folded(given) for given in given_dirs])
+        levels = levels_about(enclosing, [_fold(given) for given in given_dirs])
         return cls(
             packages={**_catalog_packages(), **_enclosing_package(folder)},
             package_dirs=(*given_dirs, *_package_dirs_of_environment()),
@@ -199,7 +199,7 @@ class MeshResolver:
         declared: list[Path] = []
         if separator and scheme in PACKAGE_SCHEMES:
             name, _, path_in_package = rest.lstrip("/").partition("/")
-            declared = [_folded(folder / path_in_package) for folder in self.nearby.packages(name)]
+            declared = [_fold(folder / path_in_package) for folder in self.nearby.packages(name)]
             inside = [file for file in declared if _is_within(file, self.folders) and _is_file(file)]
             if inside:
                 self._compare(uri, inside[0], inside)
@@ -244,15 +244,15 @@ class MeshResolver:
         scheme, separator, rest = uri.partition("://")
         if separator and scheme in PACKAGE_SCHEMES:
             name, _, path = rest.lstrip("/").partition("/")
-            return [_folded(folder / path.lstrip("/")) for folder in self._holders(name)]
+            return [_fold(folder / path.lstrip("/")) for folder in self._holders(name)]
         if separator and scheme != "file":
             raise RobotInvalid(
                 f"{_kind(uri)} {uri!r} cannot be fetched; files are package://, model://, file:// or paths", uri=uri
             )
         path = rest if separator else uri
         if path.startswith("/"):
-            return [_folded(Path(path))]
-        return [_folded(start / path) for start in (self.base, *self.package_dirs) if start is not None]
+            return [_fold(Path(path))]
+        return [_fold(start / path) for start in (self.base, *self.package_dirs) if start is not None]
 
     def _holders(self, name: str) -> list[Path]:
         """Return the folders that a package of a name may be, in the order in which they are looked in."""
@@ -288,7 +288,7 @@ def _package_dirs_of_environment() -> list[Path]:
     return [*(Path(root) for root in roots if root), *(Path(prefix) / "share" for prefix in prefixes if prefix)]
 
 
-def _folded(path: Path) -> Path:
+def _fold(path: Path) -> Path:
     """Return a path that is absolute and without `..`, by its letters alone: nothing is looked up on disk."""
     return Path(os.path.normpath(path.absolute()))
 
@@ -298,7 +298,7 @@ def _printable(path: Path) -> str:
 
 
 def _has_one(folder: Path, paths: Iterable[str]) -> bool:
-    return any(path.is_relative_to(folder) and exists(path) for path in (_folded(folder / path) for path in paths))
+    return any(path.is_relative_to(folder) and exists(path) for path in (_fold(folder / path) for path in paths))
 
 
 def _is_within(path: Path, folders: Iterable[Path]) -> bool:

@@ -63,7 +63,7 @@ class Srdf:
     # says nothing about pairs
     said_by: Literal["SRDF", "MJCF"] = "SRDF"
 
-    def disabled_among(self, links: Iterable[str]) -> dict[frozenset[str], str]:
+    def find_disabled(self, links: Iterable[str]) -> dict[frozenset[str], str]:
         """Every pair of a robot's links that isn't to be tested, with the reason."""
         others, pairs = list(links), dict(self.disabled)
         for link in self.untested:
@@ -135,7 +135,7 @@ def _state(element: etree._Element) -> SrdfState:
     return SrdfState(element.get("name", ""), element.get("group", ""), values, element.sourceline)
 
 
-def unknown_names(described: Srdf, links: Collection[str], joints: Collection[str]) -> list[str]:
+def find_unknown_names(described: Srdf, links: Collection[str], joints: Collection[str]) -> list[str]:
     """Return a sentence for each kind of name in an SRDF that the robot doesn't have; such entries mean nothing."""
     pairs = {name for pair in (*described.disabled, *described.enabled) for name in pair} | {*described.untested}
     grouped = {name for group in described.groups.values() for name in group.links}
@@ -155,10 +155,10 @@ def unknown_names(described: Srdf, links: Collection[str], joints: Collection[st
         ),
         ("states", "group", {state.group for state in described.states} - {*described.groups, ""}),
     )
-    return [f"the SRDF's {what} name {_named(kind, names)}" for what, kind, names in used if names]
+    return [f"the SRDF's {what} name {_name_all(kind, names)}" for what, kind, names in used if names]
 
 
-def _named(kind: str, names: Collection[str]) -> str:
+def _name_all(kind: str, names: Collection[str]) -> str:
     plural = "" if len(names) == 1 else "s"
     has = "SRDF" if kind == "group" else "robot"
     return f"{kind}{plural} {', '.join(map(repr, sorted(names)))}, which the {has} doesn't have"

@@ -59,7 +59,7 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
         joints=joints,
         collisions={key: shapes for key, shapes in collisions.items() if shapes},
         mimics=mimics,
-        warnings=tuple(_folded(warnings)),
+        warnings=tuple(_fold(warnings)),
         meshes={mesh.get("filename"): uri for mesh, uri in written},
         text=etree.tostring(root, encoding="unicode"),
     )
@@ -84,7 +84,7 @@ def check_geometry_complete(facts: UrdfFacts, geometry_model: Any, model: Any) -
             )
 
 
-def _folded(warnings: Collection[str]) -> list[str]:
+def _fold(warnings: Collection[str]) -> list[str]:
     """Keep the first of the warnings that say the same about many links, with the number of the others."""
     ends = {sentence: sentence.rpartition("; ")[2] for sentence in warnings}
     counts = Counter(ends[sentence] for sentence in warnings)

@@ -74,7 +74,7 @@ def expand(
         return str(folder)
 
     said = io.StringIO()
-    with _LOCK, _patched(substitution_args, find), contextlib.redirect_stderr(said):
+    with _LOCK, _patch(substitution_args, find), contextlib.redirect_stderr(said):
         xacro.all_includes.clear()
         xacro.init_stacks(str(path))
         try:
@@ -93,7 +93,7 @@ def expand(
 
 
 @contextlib.contextmanager
-def _patched(module: Any, find: Callable[[str], str]) -> Iterator[None]:
+def _patch(module: Any, find: Callable[[str], str]) -> Iterator[None]:
     """Let xacro find packages by our search, and not by that of an installed ROS."""
     before = module._eval_find, module._eval_dict["find"]
     module._eval_find = module._eval_dict["find"] = find
