@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry import cache
-from guidefield.geometry.cache import folder, recalled, remembered
+from guidefield.geometry.cache import folder, recall, remembered
 
 SOURCES = Path(cache.__file__).parents[1]
 INPUTS = {"points": np.arange(12.0).reshape(4, 3), "delta": np.array(0.015)}
@@ -69,10 +69,10 @@ def test_it_is_computed_once(tmp_path: Path) -> None:
 
 def test_what_is_not_there_is_not_computed_to_recall_it() -> None:
     make = Counted()
-    assert recalled("cover", INPUTS, make) is None
+    assert recall("cover", INPUTS, make) is None
     assert make.times == 0
     remembered("cover", INPUTS, make)
-    found = recalled("cover", INPUTS, make)
+    found = recall("cover", INPUTS, make)
     assert found is not None
     check(found)
     assert make.times == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.curve_order import FINEST, along_curve, changed_along, curve_order
+from guidefield.geometry.curve_order import FINEST, along_curve, change_along, curve_order
 
 
 def code(cells: list[int], bits: int) -> int:
@@ -38,7 +38,7 @@ def test_the_order_after_a_change_is_the_one_that_is_found_anew(seed: int) -> No
     after[~among] = points[stayed]
     fresh = np.flatnonzero(among).tolist()
     known, expected = along_curve(points, 16), along_curve(after, 16)
-    found = changed_along(known, now, fresh, after[fresh], len(after))
+    found = change_along(known, now, fresh, after[fresh], len(after))
     assert found.along.order.tolist() == expected.order.tolist()
     assert found.along.places.tolist() == expected.places.tolist()
     assert found.along.is_of(np.hstack([after - 0.5, after + 0.5]))

@@ -9,7 +9,7 @@ from guidefield.geometry.convex import hull_planes
 from guidefield.geometry.cover import cover
 from guidefield.geometry.decomposition import decompose
 from guidefield.geometry.solid import solid
-from guidefield.geometry.solid_cache import filled, nested
+from guidefield.geometry.solid_cache import filled, find_nested
 from tests.geometry import solids
 from tests.scene.solids import prism
 
@@ -30,7 +30,7 @@ def hollow_bracket(*, inverted: bool) -> solids.Mesh:
 
 @pytest.mark.parametrize("inverted", [True, False])
 def test_a_sealed_hollow_is_found_whichever_way_it_faces(inverted: bool) -> None:
-    found = nested(*hollow_bracket(inverted=inverted))
+    found = find_nested(*hollow_bracket(inverted=inverted))
     assert found.pieces == 1
     assert (found.outer == np.arange(20)).all()
     inner = (0.15 - 2.0 * WALL) * ((0.3 - 2.0 * WALL) ** 2 - 0.15**2)
@@ -40,14 +40,14 @@ def test_a_sealed_hollow_is_found_whichever_way_it_faces(inverted: bool) -> None
 def test_pieces_beside_each_other_or_across_are_not_within() -> None:
     large = solids.box((0.4, 0.4, 0.4))
     for centre in ((0.5, 0.0, 0.0), (0.2, 0.0, 0.0), (0.15, 0.0, 0.0)):
-        assert nested(*solids.together(large, solids.box((0.1, 0.1, 0.1), centre))).pieces == 0
+        assert find_nested(*solids.together(large, solids.box((0.1, 0.1, 0.1), centre))).pieces == 0
     # all corners inside of the channel's box, but in the open
     vertices, _ = solids.channel()
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     small = solids.box(tuple(0.1 * (high - low)), tuple(0.5 * (low + high)))
     both = solids.together(solids.channel(), small)
     inside = solids.winding(small[0], solids.channel()) > 0.5
-    assert nested(*both).pieces == int(inside.all())
+    assert find_nested(*both).pieces == int(inside.all())
 
 
 def test_what_reaches_through_a_wall_between_its_corners_is_not_within() -> None:
@@ -57,13 +57,13 @@ def test_what_reaches_through_a_wall_between_its_corners_is_not_within() -> None
     corners = np.array([[1.8, 0.8, 0.4], [0.8, 1.8, 0.4], [0.5, 0.5, 0.4], [0.6, 0.6, 0.6]])  # an edge in the open
     spike = corners, np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3], [0, 2, 1]])
     assert (solids.winding(corners, bracket) > 0.5).all()
-    assert nested(*solids.together(bracket, spike)).pieces == 0
+    assert find_nested(*solids.together(bracket, spike)).pieces == 0
 
 
 def test_an_open_surface_has_nothing_within() -> None:
     vertices, triangles = solids.hollow()
-    assert nested(vertices, triangles).pieces == 1
-    assert nested(vertices, triangles[1:]).pieces == 0
+    assert find_nested(vertices, triangles).pieces == 1
+    assert find_nested(vertices, triangles[1:]).pieces == 0
 
 
 @pytest.mark.parametrize("inverted", [True, False])

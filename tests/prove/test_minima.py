@@ -22,7 +22,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.prove import minima, search
 from guidefield.prove.curve import Curve
 from guidefield.prove.minima import smallest_along
-from guidefield.prove.search import TOLERANCE, ContradictionError, Found, Smallest
+from guidefield.prove.search import TOLERANCE, ContradictionError, SearchResult, Smallest
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from tests.collision.listed import are_signed
@@ -60,7 +60,7 @@ def curve_of(trajectory: Trajectory) -> Curve:
     return Curve(trajectory.bezier(), trajectory.piece_times())
 
 
-def found_along(place: World, trajectory: Trajectory, times: Sequence[float] | None = None) -> Found:
+def found_along(place: World, trajectory: Trajectory, times: Sequence[float] | None = None) -> SearchResult:
     ends = (0.0, trajectory.duration)
     samples = np.linspace(*ends, 12) if times is None else np.array(times)
     return smallest_along(place, curve_of(trajectory), samples, [ends, SPAN])
@@ -107,7 +107,7 @@ def sampled(place: World, trajectory: Trajectory, times: np.ndarray) -> np.ndarr
     return found
 
 
-def check(place: World, trajectory: Trajectory, found: Found, count: int) -> None:
+def check(place: World, trajectory: Trajectory, found: SearchResult, count: int) -> None:
     """No sample is smaller than what is told, and that is attained; they are `FINER` times as dense near the least."""
     times = np.linspace(0.0, trajectory.duration, count)
     even = sampled(place, trajectory, times)

@@ -229,7 +229,7 @@ def test_rows_are_what_their_runs_say() -> None:
         rows, new = Rows.of(source, before), 100 + np.arange((source < 0).sum())
         assert (rows.count, rows.source.tolist()) == (count, source.tolist())
         assert rows.fresh == np.flatnonzero(source < 0).tolist()
-        assert rows.gone == sorted({*range(before)} - {*source.tolist()})
+        assert rows.removed == sorted({*range(before)} - {*source.tolist()})
         values, others = np.arange(before), iter(new.tolist())
         expected = [next(others) if k < 0 else k for k in source.tolist()]
         assert rows.carry(values, new).tolist() == rows.listed(values.tolist(), new.tolist()) == expected

@@ -83,14 +83,14 @@ class BlockingPairs:
         return details if self.clearest is None else {**details, "clearance": self.clearest}
 
 
-class Met(NamedTuple):
+class Touching(NamedTuple):
     """Where the robot's bodies stand at a configuration (r, 3, 4) [m], and the pairs that touch."""
 
     bodies: np.ndarray
     pairs: list[int]
 
 
-def find_touching_each(world: World, qs: Sequence[ModelConfiguration]) -> tuple[list[Met], list[bool]]:
+def find_touching_each(world: World, qs: Sequence[ModelConfiguration]) -> tuple[list[Touching], list[bool]]:
     """What touches at the configurations that `blocking_pairs` looks at, and at which of all something does."""
     near, looked_at = world.near_each(qs), len(qs[:MOST_LOOKED_AT])
     met = _find_touching(world, qs[:looked_at], near)
@@ -98,16 +98,16 @@ def find_touching_each(world: World, qs: Sequence[ModelConfiguration]) -> tuple[
     return met, touches + world.in_collision_each(qs[looked_at:], near[looked_at:])
 
 
-def _find_touching(world: World, qs: Sequence[ModelConfiguration], near: Sequence[list[int]]) -> list[Met]:
+def _find_touching(world: World, qs: Sequence[ModelConfiguration], near: Sequence[list[int]]) -> list[Touching]:
     found = []
     for q, pairs in zip(qs, near, strict=False):
         world.place(q)
-        found.append(Met(world.body_placements.copy(), [pair for pair in pairs if world.touches(pair)]))
+        found.append(Touching(world.body_placements.copy(), [pair for pair in pairs if world.touches(pair)]))
     return found
 
 
 def blocking_pairs(
-    world: World, qs: Sequence[ModelConfiguration], clearance: float = 0.0, met: Sequence[Met] | None = None
+    world: World, qs: Sequence[ModelConfiguration], clearance: float = 0.0, met: Sequence[Touching] | None = None
 ) -> BlockingPairs:
     """The pairs that touch, or of which one is wholly inside the other, at configurations of the group's model.
 

@@ -63,14 +63,14 @@ class MotionBound(ReadOnly):
         own = beyond[:, self.own[:, 0], self.apart_from] + beyond[:, self.own[:, 1], self.apart_from]
         return own, beyond[..., 0]
 
-    def spread(self, half_widths: np.ndarray) -> np.ndarray:
+    def find_spread(self, half_widths: np.ndarray) -> np.ndarray:
         """Half widths, or rates, of the joints' moves, shape (s, nv of the model), of those in the chart, (s, nv)."""
         spread: np.ndarray = np.sqrt((half_widths @ self.half_widths.T) ** 2 @ self.together)
         return spread
 
     def sweep(self, half_widths: np.ndarray) -> np.ndarray:
-        """How far each joint moves a point at a distance of 1 at most, shape (s, nv of the model); see `spread`."""
-        spread = self.spread(half_widths)
+        """How far each joint moves a point at a distance of 1 at most, shape (s, nv of the model), as `find_spread`."""
+        spread = self.find_spread(half_widths)
         return np.where(self.turns, 2.0 * np.sin(0.5 * np.minimum(spread, np.pi)), spread)
 
     def reach(self, jacobians: np.ndarray, centres: np.ndarray) -> np.ndarray:

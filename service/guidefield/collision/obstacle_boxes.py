@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.curve_order import Along, along_curve, changed_along
+from guidefield.geometry.curve_order import CurveOrder, along_curve, change_along
 from guidefield.kernels.collide.near_pairs import BoxedObstacles
 from guidefield.kernels.collide.primitive import along_both, primitive_boxes
 from guidefield.kernels.distance.bvh import boxes_above, overlaps_in_tree
@@ -31,7 +31,7 @@ class BoxTree(ReadOnly):
     at most; `firsts` tells where each level begins, then the number of all.
     """
 
-    along: Along
+    along: CurveOrder
     nodes: np.ndarray
     firsts: np.ndarray
 
@@ -49,7 +49,7 @@ class BoxTree(ReadOnly):
         """The tree of boxes of which some are others (k, 6) [m]: the very one, or None if it is sooner made anew."""
         if not rows.count or not rows.before:
             return None
-        along, runs, turn = changed_along(
+        along, runs, turn = change_along(
             self.along, rows.now, rows.fresh, 0.5 * (fresh[:, :3] + fresh[:, 3:]), rows.count
         )
         nodes, firsts = _room(rows.count)

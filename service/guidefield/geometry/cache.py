@@ -203,7 +203,7 @@ def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[st
         inputs: All that the result depends on, by name; numbers as arrays of no dimension.
         make: Computes arrays of float64, int64, int32, uint8 or bool, of one dimension at least, by name.
     """
-    arrays = recalled(kind, inputs, make)
+    arrays = recall(kind, inputs, make)
     if arrays is None:
         arrays = {name: np.ascontiguousarray(array) for name, array in make().items()}
         _write(_path(kind, inputs, make), arrays)
@@ -245,7 +245,7 @@ def is_large(triangles: int) -> bool:
     return triangles >= LARGE
 
 
-def recalled(kind: str, inputs: Arrays, make: Callable[..., object]) -> dict[str, np.ndarray] | None:
+def recall(kind: str, inputs: Arrays, make: Callable[..., object]) -> dict[str, np.ndarray] | None:
     """Return what `remembered` would, without computing it; None if it isn't on disk."""
     return read_arrays(_path(kind, inputs, make))
 

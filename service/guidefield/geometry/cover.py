@@ -131,12 +131,12 @@ def cover(body: Solid, delta: float) -> Cover:
     if body.closed:
         balls = contain_interior(body, balls, delta, margin)
     bound = enclosing_ball(body.surface.vertices) + np.array([0.0, 0.0, 0.0, body.reach])
-    return assembled(balls, body.depths(balls[:, :3]) - body.reach, bound)
+    return assemble_cover(balls, body.depths(balls[:, :3]) - body.reach, bound)
 
 
-def assembled(balls: Floats, depths: Floats, bound: Floats) -> Cover:
+def assemble_cover(balls: Floats, depths: Floats, bound: Floats) -> Cover:
     """Group balls (n, 4) whose centres have depths (n,) in a body within a ball (4,) [m]."""
-    order, groups, first = grouped(balls)
+    order, groups, first = group_balls(balls)
     result = Cover(
         spheres=np.ascontiguousarray(balls[order]),
         overhangs=np.maximum(balls[:, 3] - depths, 0.0)[order],
@@ -269,7 +269,7 @@ def enclosing_ball(points: Floats) -> Floats:
     return ball
 
 
-def grouped(balls: Floats) -> tuple[Integers, Floats, Integers]:
+def group_balls(balls: Floats) -> tuple[Integers, Floats, Integers]:
     """Group neighbouring balls (n, 4), n >= 1.
 
     Returns:

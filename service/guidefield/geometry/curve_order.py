@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-class Along(NamedTuple):
+class CurveOrder(NamedTuple):
     """Points along the curve."""
 
     order: Integers  # their numbers by their places on it, ties by number, shape (n,)
@@ -35,7 +35,7 @@ class Along(NamedTuple):
 class Changed(NamedTuple):
     """What a change of the points makes of their order."""
 
-    along: Along  # the points along the same curve
+    along: CurveOrder  # the points along the same curve
     # of those that stand one behind the other in the order as before where the first of them stood there, and how many
     # they are; -1 and how many of others
     runs: list[tuple[int, int]]
@@ -47,10 +47,10 @@ def curve_order(points: Floats, bits: int = FINEST) -> Integers:
     return along_curve(points, bits).order
 
 
-def along_curve(points: Floats, bits: int = FINEST) -> Along:
+def along_curve(points: Floats, bits: int = FINEST) -> CurveOrder:
     """Points, shape (n, 3), along the curve, as `curve_order` has them."""
     if not len(points):
-        return Along(np.empty(0, np.int64), np.empty(0, np.int64), np.array([np.inf, -np.inf]).repeat(3), bits)
+        return CurveOrder(np.empty(0, np.int64), np.empty(0, np.int64), np.array([np.inf, -np.inf]).repeat(3), bits)
     along = np.ascontiguousarray(points.T)  # NumPy takes a third of the time for coordinates one behind the other
     corners = np.concatenate([along.min(axis=1), along.max(axis=1)])
     places = _places(points, corners, bits)
@@ -58,10 +58,10 @@ def along_curve(points: Floats, bits: int = FINEST) -> Along:
     in_turn = places[order]
     if (in_turn[1:] == in_turn[:-1]).any():
         order = np.argsort(places, kind="stable")
-    return Along(order, in_turn, corners, bits)
+    return CurveOrder(order, in_turn, corners, bits)
 
 
-def changed_along(known: Along, now: Integers, fresh: Sequence[int], points: Floats, count: int) -> Changed:
+def change_along(known: CurveOrder, now: Integers, fresh: Sequence[int], points: Floats, count: int) -> Changed:
     """Update the order after points were replaced; it is right if the box about all of them is what it was.
 
     Args:

@@ -86,7 +86,7 @@ WORTH = 0.995  # halving has to leave at most this share of the volume
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ConvexPart:
     """A convex part, and how far its surface leaves the body at most [m]."""
 
     hull: Surface
@@ -108,8 +108,8 @@ class _Cell:
 class Decomposition:
     """Convex parts that together contain a body, and one part that contains it all."""
 
-    parts: tuple[Part, ...]
-    hull: Part
+    parts: tuple[ConvexPart, ...]
+    hull: ConvexPart
 
     @property
     def stand_off(self) -> float:
@@ -181,11 +181,11 @@ def _small_hull(points: Floats) -> Surface | None:
         return None
 
 
-def _part(body: Solid, cell: _Cell) -> Part:
+def _part(body: Solid, cell: _Cell) -> ConvexPart:
     hull = _hull_about(cell)
     if body.reach > 0.0:
         hull = convex_hull((hull.vertices[:, None] + body.reach * _CUBE).reshape(-1, 3))
-    return Part(hull, body.reach + stand_off(hull, body, tolerance=TOLERANCE, share=SHARE))
+    return ConvexPart(hull, body.reach + stand_off(hull, body, tolerance=TOLERANCE, share=SHARE))
 
 
 def _hull_about(cell: _Cell) -> Surface:

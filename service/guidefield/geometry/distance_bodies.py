@@ -31,7 +31,7 @@ ROUNDING = 1e-9  # by how much boxes in the world are made larger, so that round
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class DistanceBody:
     """One body."""
 
     kind: int  # as in kernels/distance/distance.py
@@ -43,26 +43,28 @@ class Body:
     # of a seen solid how its sides are told, in its own frame, see `ray_winding.ANCHOR`; shape (9,)
     anchor: Floats | None = None
 
-    def place(self, rotation: Floats, translation: Floats) -> Body:
+    def place(self, rotation: Floats, translation: Floats) -> DistanceBody:
         """Return the body in a frame in which its own is placed by a rotation (3, 3) and a translation (3,) [m]."""
         turned = rotation @ self.placement
         turned[:, 3] += translation
         return replace(self, placement=turned)
 
 
-def primitive(shape: Any) -> Body | None:
+def primitive(shape: Any) -> DistanceBody | None:
     """The body of a Coal box, sphere, cylinder, capsule or half-space in its own frame; None for other shapes."""
     build = _PRIMITIVES.get(type(shape))
     return None if build is None else build(shape)
 
 
-def box_body(box: SolidBox) -> Body:
+def box_body(box: SolidBox) -> DistanceBody:
     """The body of a solid that is a box."""
     x, y, z = box.halves.tolist()
     return _about_origin(BOX, (x, y, z), (x, y, z)).place(box.rotation, box.centre)
 
 
-def triangulated_body(vertices: Floats, triangles: Integers, kind: int, neighbours: Integers = NO_TRIANGLES) -> Body:
+def triangulated_body(
+    vertices: Floats, triangles: Integers, kind: int, neighbours: Integers = NO_TRIANGLES
+) -> DistanceBody:
     """Make the body of vertices (v, 3) and triangles (t, 3), some with an area; of a seen solid without an anchor.
 
     Its kind is SOLID, CROPPED_SOLID or SHEET. Neighbours are further triangles (n, 3) of the whole surface that share a
@@ -71,9 +73,9 @@ def triangulated_body(vertices: Floats, triangles: Integers, kind: int, neighbou
     return of_surface(surface_rows((vertices, triangles, neighbours)), kind)
 
 
-def of_surface(rows: SurfaceRows, kind: int) -> Body:
+def of_surface(rows: SurfaceRows, kind: int) -> DistanceBody:
     """The body of a surface whose rows are made, SOLID, CROPPED_SOLID or SHEET; without an anchor."""
-    return Body(kind, (0.0, 0.0, 0.0), rows.bounds, _IDENTITY, rows.tables)
+    return DistanceBody(kind, (0.0, 0.0, 0.0), rows.bounds, _IDENTITY, rows.tables)
 
 
 def sheets(surfaces: Sequence[tuple[Floats, Integers]], rotations: Floats, translations: Floats) -> BodyRows:
@@ -105,15 +107,15 @@ def sheets(surfaces: Sequence[tuple[Floats, Integers]], rotations: Floats, trans
     )
 
 
-def balls_about(points: Floats, radius: float, cloud: int) -> Body:
+def balls_about(points: Floats, radius: float, cloud: int) -> DistanceBody:
     """Make the body of balls of a radius [m] about points (n, 3); at `cloud` the words of their `LaneCloud` stay."""
     low, high = box_about(points)
     bounds = np.r_[low - radius, high + radius]
-    return Body(CLOUD, (0.0, 0.0, 0.0), bounds, _IDENTITY, cloud=cloud)
+    return DistanceBody(CLOUD, (0.0, 0.0, 0.0), bounds, _IDENTITY, cloud=cloud)
 
 
 class BodyRows(NamedTuple):
-    """Columns of `Body` for n bodies; surfaces and anchors by row; boxes as of `boxes_in_world`, (n, 6) [m]."""
+    """Columns of `DistanceBody` for n bodies; surfaces and anchors by row; boxes as of `boxes_in_world`, (n, 6) [m]."""
 
     kinds: Integers
     sizes: Floats
@@ -138,7 +140,7 @@ _COLUMNS = ("kinds", "sizes", "bounds", "placements", "clouds", "boxes")
 """Fields of `BodyRows` that are arrays, row by row."""
 
 
-def body_rows(bodies: Sequence[Body]) -> BodyRows:
+def body_rows(bodies: Sequence[DistanceBody]) -> BodyRows:
     """Bodies as rows, in their order."""
     bounds = np.array([body.bounds for body in bodies], float).reshape(-1, 6)
     placements = np.array([body.placement for body in bodies], float).reshape(-1, 3, 4)
@@ -154,11 +156,11 @@ def body_rows(bodies: Sequence[Body]) -> BodyRows:
     )
 
 
-def bodies_in(rows: BodyRows) -> list[Body]:
+def bodies_in(rows: BodyRows) -> list[DistanceBody]:
     """Return the bodies of rows, as `body_rows` takes them."""
     columns = zip(rows.kinds, rows.sizes, rows.bounds, rows.placements, rows.clouds, strict=True)
     return [
-        Body(int(kind), (x, y, z), bounds, placement, rows.surfaces.get(row), int(cloud), rows.anchors.get(row))
+        DistanceBody(int(kind), (x, y, z), bounds, placement, rows.surfaces.get(row), int(cloud), rows.anchors.get(row))
         for row, (kind, (x, y, z), bounds, placement, cloud) in enumerate(columns)
     ]
 
@@ -211,14 +213,14 @@ def body_tables(bodies: BodyRows, owners: Sequence[int] | Integers, nodes: Float
     return tables
 
 
-def _half_space(shape: Any) -> Body:
+def _half_space(shape: Any) -> DistanceBody:
     normal = np.array(shape.n, float)
     bounds = np.array([-np.inf, -np.inf, -np.inf, np.inf, np.inf, 0.0])
     placement = np.column_stack([*across(normal), normal, float(shape.d) * normal])
-    return Body(HALF_SPACE, (0.0, 0.0, 0.0), bounds, placement)
+    return DistanceBody(HALF_SPACE, (0.0, 0.0, 0.0), bounds, placement)
 
 
-_PRIMITIVES: dict[type, Callable[[Any], Body]] = {
+_PRIMITIVES: dict[type, Callable[[Any], DistanceBody]] = {
     coal.Box: lambda s: _about_origin(BOX, s.halfSide, s.halfSide),
     coal.Sphere: lambda s: _about_origin(CAPSULE, (s.radius, 0.0, 0.0), [s.radius] * 3),
     coal.Cylinder: lambda s: _about_origin(CYLINDER, (s.radius, s.halfLength, 0.0), (s.radius, s.radius, s.halfLength)),
@@ -229,9 +231,9 @@ _PRIMITIVES: dict[type, Callable[[Any], Body]] = {
 }
 
 
-def _about_origin(kind: int, size: Sequence[float], half: Sequence[float]) -> Body:
+def _about_origin(kind: int, size: Sequence[float], half: Sequence[float]) -> DistanceBody:
     x, y, z = map(float, size)
-    return Body(kind, (x, y, z), np.array([*(-float(one) for one in half), *map(float, half)]), _IDENTITY)
+    return DistanceBody(kind, (x, y, z), np.array([*(-float(one) for one in half), *map(float, half)]), _IDENTITY)
 
 
 def _surface_tables(surfaces: dict[int, SurfaceTables], count: int) -> tuple[SurfaceTables, Integers]:

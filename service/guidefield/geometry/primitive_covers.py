@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.cover import MOST_BALLS, Cover, assembled, cover
+from guidefield.geometry.cover import MOST_BALLS, Cover, assemble_cover, cover
 from guidefield.geometry.inner import LEAST_RADIUS, MOST, SAFETY, inner_balls
 from guidefield.geometry.solid import solid
 from guidefield.geometry.surfaces import Floats, Integers
@@ -122,7 +122,7 @@ def _direct(centres: Floats, radius: float, depths: Floats, bound: float) -> Cov
 
 def _indirect(balls: Floats, depths: Floats, bound: float) -> Cover:
     """Balls about centres of those depths, and a ball about the origin that contains the shape."""
-    return assembled(balls, depths, np.array([0.0, 0.0, 0.0, bound * _ROUNDING]))
+    return assemble_cover(balls, depths, np.array([0.0, 0.0, 0.0, bound * _ROUNDING]))
 
 
 def _in_row(count: float) -> int:

@@ -24,7 +24,7 @@ class Nested:
     volume: float
 
 
-def nested(vertices: Floats, triangles: Integers) -> Nested:
+def find_nested(vertices: Floats, triangles: Integers) -> Nested:
     """Find the connected pieces of a surface, (v, 3) and (t, 3), within a closed piece of it, for certain.
 
     All vertices of such a piece are inside and no two triangles cross. What is open by the least crack has no inside
@@ -77,7 +77,7 @@ def filled(body: Solid) -> Solid:
     """
     if not body.closed:
         return body
-    outer = nested(body.surface.vertices, body.surface.triangles)
+    outer = find_nested(body.surface.vertices, body.surface.triangles)
     if not outer.pieces:
         return body
     left = np.unique(body.owners[outer.outer])

@@ -32,7 +32,7 @@ from guidefield.prove.certificate import certify_curve
 from guidefield.prove.closest import ClosestPairs, enclosures_at, world_at
 from guidefield.prove.curve import Curve
 from guidefield.prove.minima import confirm, smallest_along
-from guidefield.prove.search import Found, Goal
+from guidefield.prove.search import Goal, SearchResult
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
@@ -243,7 +243,7 @@ def _make_clearance_queries(trajectory: TimedMotion, problem: Conditions) -> _Cl
     return _ClearanceQueries(times, lengths, coarse, spans, Curve(trajectory.bezier(), trajectory.piece_times()))
 
 
-_SEARCHED = Answers[tuple[_ClearanceQueries, Found, "weakref.ref[World]"]](1)
+_SEARCHED = Answers[tuple[_ClearanceQueries, SearchResult, "weakref.ref[World]"]](1)
 """What a certificate's search was asked and found along a motion, and in which world."""
 
 

@@ -25,7 +25,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.prove.tables import IN_MOTION
 from guidefield.prove.curve import Curve, excesses, halve_curves, point_on
-from guidefield.prove.search import RESOLUTION_FLOOR, Found, Goal, search, without_distances
+from guidefield.prove.search import RESOLUTION_FLOOR, Goal, SearchResult, search, without_distances
 from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, LIMITS, Reason, Verdict
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.robot.model.configuration import LimitFault
@@ -159,7 +159,7 @@ def certify_moving(
     return search(world, curve, goal, deadline).verdict
 
 
-def certify_curve(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> Found:
+def certify_curve(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> SearchResult:
     """Judge a motion, and search what else a goal asks for; see `certify`.
 
     Where a joint leaves its limits, or a held object touches another body of the robot, there is a verdict alone.

@@ -13,7 +13,7 @@ from guidefield.kernels.collide.gjk import ACCURACY, SLACK
 from guidefield.kernels.prove.tables import NEARLY
 from guidefield.prove.closest import ClosestPairs, put_obstacle
 from guidefield.prove.curve import Curve
-from guidefield.prove.search import ContradictionError, Found, Goal, Smallest, search
+from guidefield.prove.search import ContradictionError, Goal, SearchResult, Smallest, search
 from guidefield.prove.tables import world_tables
 from guidefield.prove.verdict import with_coal_error
 
@@ -27,7 +27,7 @@ def smallest_along(
     spans: Sequence[tuple[float, float]],
     min_clearance: float | None = None,
     deadline: Deadline = UNLIMITED,
-) -> Found:
+) -> SearchResult:
     """Find the smallest distances along a motion among obstacles in time.
 
     They are at most `TOLERANCE` too large, and Coal confirms each where it is. Where bodies are in contact the smallest
@@ -46,8 +46,8 @@ def smallest_along(
 
 
 def confirm(
-    world: World, curve: Curve, samples: np.ndarray, spans: Sequence[tuple[float, float]], found: Found
-) -> Found:
+    world: World, curve: Curve, samples: np.ndarray, spans: Sequence[tuple[float, float]], found: SearchResult
+) -> SearchResult:
     """Have Coal confirm what a search found, and measure depths in contact; see `smallest_along`."""
     _confirm(world, curve, {(one.time, one.pair): one for one in (*found.obstacle, found.own)})
     if min((one.distance for one in (*found.obstacle, found.own)), default=np.inf) > NEARLY:
@@ -74,8 +74,8 @@ def _confirm(world: World, curve: Curve, answers: Mapping[tuple[float, int], Sma
 
 
 def _with_depths(
-    world: World, curve: Curve, samples: np.ndarray, spans: Sequence[tuple[float, float]], found: Found
-) -> Found:
+    world: World, curve: Curve, samples: np.ndarray, spans: Sequence[tuple[float, float]], found: SearchResult
+) -> SearchResult:
     """What was found, with Coal's signed distances at some of the samples in contact, and where contact was found."""
     touching = np.flatnonzero(found.distances <= NEARLY)
     some = touching[np.unique(np.linspace(0, len(touching) - 1, DEPTHS).astype(int))] if len(touching) else touching

@@ -36,7 +36,7 @@ from guidefield.kernels.collide.primitive import CYLINDER, HALF_SPACE
 from guidefield.kernels.prove.kept_distance import ROW_A, ROW_AXIS, ROW_B, ROW_PAIR, ROW_SEGMENT
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.prove.curve import Curve
-from guidefield.prove.search import Found, Goal, SearchLog, search
+from guidefield.prove.search import Goal, SearchLog, SearchResult, search
 from guidefield.prove.tables import WorldTables, world_tables
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.scene.movers import motion_of, movers
@@ -79,7 +79,7 @@ class Proof(ReadOnly):
     corners: np.ndarray  # shape (c, 3) [m]
 
 
-def prove(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> tuple[Found, Proof | None]:
+def prove(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> tuple[SearchResult, Proof | None]:
     """Search a motion and write its proof down; None where it isn't free."""
     capacity, log = ROWS, SearchLog.with_capacity(ROWS)
     found = search(world, curve, goal, deadline, log)
@@ -92,7 +92,7 @@ def prove(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED
     return found, _Writer(world, goal, log.rows).proof(_claims(found, goal), log.segments)
 
 
-def _claims(found: Found, goal: Goal) -> np.ndarray:
+def _claims(found: SearchResult, goal: Goal) -> np.ndarray:
     """The smallest distances that were found, as far as they are more than what is asked for."""
     asked = goal.min_clearance or 0.0
     rows = [(*span, 0.0, one.bound - SPARE) for one, span in zip(found.obstacle, goal.spans, strict=True)]

@@ -146,7 +146,7 @@ class SearchLog(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Found(ReadOnly):
+class SearchResult(ReadOnly):
     """What a search found."""
 
     verdict: Verdict
@@ -155,14 +155,14 @@ class Found(ReadOnly):
     distances: np.ndarray  # the smallest distance from obstacles at each sample, shape (k,) [m]; infinite without one
 
 
-def without_distances(verdict: Verdict) -> Found:
+def without_distances(verdict: Verdict) -> SearchResult:
     """Return a verdict without any distance."""
-    return Found(verdict, [], Smallest(), np.empty(0))
+    return SearchResult(verdict, [], Smallest(), np.empty(0))
 
 
 def search(
     world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED, log: SearchLog | None = None
-) -> Found:
+) -> SearchResult:
     """Search a motion.
 
     Args:
@@ -171,10 +171,10 @@ def search(
     Raises:
         ContradictionError: if Coal doesn't confirm what the search found.
     """
-    return _Search(world, curve, goal, deadline, log or SearchLog.with_capacity(0)).found()
+    return _MotionSearch(world, curve, goal, deadline, log or SearchLog.with_capacity(0)).run()
 
 
-class _Search:
+class _MotionSearch:
     """One search."""
 
     def __init__(self, world: World, curve: Curve, goal: Goal, deadline: Deadline, log: SearchLog) -> None:
@@ -199,7 +199,7 @@ class _Search:
         self._verdict[STAND_OFF] = with_coal_error(margin) - margin
         self._verdict[RESOLUTION] = -1.0 if goal.min_clearance is None else goal.resolution * world.group.size
 
-    def found(self) -> Found:
+    def run(self) -> SearchResult:
         samples = self._goal.samples
         parameters = np.array([self._parameter_at(time) for time in samples.tolist()]) if len(samples) else self._ends
         knots = self._layout.times if self._curve.tube is not None and self._curve.jumps else self._ends
@@ -226,7 +226,7 @@ class _Search:
             row[BOUND] = min(row[BOUND], row[DISTANCE] - self._tolerance)
         answers = [self._as_smallest(row) for row in self._questions]
         own = answers.pop() if answers else Smallest()
-        return Found(self._name_verdict(), answers, own, distances if len(samples) else distances[:0])
+        return SearchResult(self._name_verdict(), answers, own, distances if len(samples) else distances[:0])
 
     def _end_verdict(self, waiting: np.ndarray, count: int, *, has_begun: bool) -> None:
         """End the verdict where the first segment begins for which it isn't known.

@@ -112,7 +112,7 @@ def _some(known: NearestObstacles, rows: Rows, scene: Scene, chosen: np.ndarray)
         obstacles = tuple(map(scene.obstacles.__getitem__, chosen.tolist()))
         return some if obstacles == some.obstacles else _of(scene, chosen)
     step = rows.among(known.chosen, chosen)
-    if not step.fresh and not step.gone:
+    if not step.fresh and not step.removed:
         return some
     new = chosen[step.fresh].tolist()
     declared = step.listed(some.message.obstacles, [scene.message.obstacles[index] for index in new])

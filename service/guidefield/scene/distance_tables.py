@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.geometry.cache import Room, is_large, make_in_place
-from guidefield.geometry.curve_order import Along, along_curve, changed_along
+from guidefield.geometry.curve_order import CurveOrder, along_curve, change_along
 from guidefield.geometry.distance_bodies import (
     FEW,
     ROUNDING,
-    Body,
     BodyRows,
+    DistanceBody,
     balls_about,
     bodies_in,
     body_rows,
@@ -42,7 +42,7 @@ class _Standing(NamedTuple):
     """Bodies that rest; the middles of boxes about those in the tree, numbered as the obstacles that they are of."""
 
     tables: DistanceTables
-    along: Along
+    along: CurveOrder
 
 
 def distance_tables(scene: Scene) -> DistanceTables:
@@ -63,10 +63,10 @@ def _over(known: _Standing, rows: Rows, scene: Scene) -> _Standing | None:
         return None
     others = _primitive_rows(placed)
     middles = 0.5 * (others.boxes[:, :3] + others.boxes[:, 3:])
-    along, runs, turn = changed_along(known.along, rows.now, rows.fresh, middles, left + len(fresh))
+    along, runs, turn = change_along(known.along, rows.now, rows.fresh, middles, left + len(fresh))
     step = Rows([(0, first), *((at if at < 0 else first + at, count) for at, count in runs)], len(tables.kinds))
     boxes = step.carry(tables.boxes, others.boxes[turn])
-    if step.count == first or (tables.kinds[step.gone] >= HALF_SPACE).any() or not along.is_of(boxes[first:]):
+    if step.count == first or (tables.kinds[step.removed] >= HALF_SPACE).any() or not along.is_of(boxes[first:]):
         return None
     tables = tables._replace(
         kinds=step.carry(tables.kinds, others.kinds[turn]),
@@ -145,7 +145,7 @@ def _primitive_rows(placed: np.ndarray) -> BodyRows:
     return rows
 
 
-def bodies_of(obstacle: Obstacle) -> list[Body]:
+def bodies_of(obstacle: Obstacle) -> list[DistanceBody]:
     """The bodies of an obstacle in the world; of one that moves, where it is at first."""
     rotation, translation = obstacle.placement.rotation, obstacle.placement.translation
     body = primitive(obstacle.shape) if obstacle.facets is None else None
@@ -181,7 +181,7 @@ def _small_sheets(obstacles: list[Obstacle]) -> BodyRows:
     )
 
 
-def _large_bodies(obstacle: Obstacle) -> list[Body]:
+def _large_bodies(obstacle: Obstacle) -> list[DistanceBody]:
     """The bodies of a large mesh in its own frame; from disk if they were asked for before."""
 
     def write(room: Room) -> None:
@@ -197,7 +197,7 @@ def _large_bodies(obstacle: Obstacle) -> list[Body]:
     return _as_cropped(obstacle, bodies)
 
 
-def _as_cropped(obstacle: Obstacle, solids: list[Body]) -> list[Body]:
+def _as_cropped(obstacle: Obstacle, solids: list[DistanceBody]) -> list[DistanceBody]:
     """The solids of an obstacle, those of which only a part is seen as such."""
     if obstacle.cropped is None:
         return solids

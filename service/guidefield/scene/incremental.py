@@ -104,7 +104,7 @@ class Rows:
         return fresh
 
     @cached_property
-    def gone(self) -> list[int]:
+    def removed(self) -> list[int]:
         """Former indices of removed obstacles, ascending."""
         gone, end = list[int](), 0
         for begin, count in self.runs:
@@ -116,7 +116,7 @@ class Rows:
     @cached_property
     def in_place(self) -> bool:
         """True if those that stayed keep their indices, and the number is the same as before."""
-        return self.count == self.before and self.fresh == self.gone
+        return self.count == self.before and self.fresh == self.removed
 
     @property
     def are_few(self) -> bool:

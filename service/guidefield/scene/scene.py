@@ -166,7 +166,7 @@ def with_others(before: Scene, rows: Rows, fresh: Sequence[Obstacle], message: m
         guide_planes=before.guide_planes,
         warnings=tuple(warning for one in obstacles for warning in one.warnings) if warned else (),
     )
-    gone, come = ({one.name for one in some} for some in (map(before.obstacles.__getitem__, rows.gone), fresh))
+    gone, come = ({one.name for one in some} for some in (map(before.obstacles.__getitem__, rows.removed), fresh))
     lost, new = gone - come, come - gone
     names = before.names.difference(lost) if lost else before.names  # a set of thousands is copied where it must be
     vars(scene)["names"] = names.union(new) if new else names

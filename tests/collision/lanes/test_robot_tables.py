@@ -13,7 +13,7 @@ from guidefield.collision.lanes.robot_tables import SPREAD_POINTS, _add_hulls, _
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
 from guidefield.geometry.convex import bvh, convex_hull, hull_planes
-from guidefield.geometry.decomposition import Part, decompose
+from guidefield.geometry.decomposition import ConvexPart, decompose
 from guidefield.geometry.solid import solid
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, KIND, LINK, OWN, POLYTOPE, SHAPE, SURFACE, Parts
 from guidefield.kernels.simd.packing import BLOCK
@@ -39,7 +39,7 @@ def test_a_sliver_of_a_hull_takes_no_triangle_from_a_part() -> None:
             np.vstack([box.vertices, 0.5 * (a + b) + 1e-14 * side]),
             np.vstack([[[0, 7, 8]], [[7, 0, 8]], box.triangles]),
         )
-        found = _surface_of(box.vertices, box.triangles, Part(thin, 0.0))
+        found = _surface_of(box.vertices, box.triangles, ConvexPart(thin, 0.0))
         assert {row.tobytes() for row in found} == {row.tobytes() for row in box.vertices}
 
 

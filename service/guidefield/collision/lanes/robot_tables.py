@@ -14,7 +14,7 @@ import pinocchio as pin
 from guidefield.collision.convex_parts import BodyParts, PartsTable, robot_parts
 from guidefield.collision.lanes.cell_grids import lane_grids
 from guidefield.geometry.convex import hull_planes
-from guidefield.geometry.decomposition import Decomposition, Part
+from guidefield.geometry.decomposition import ConvexPart, Decomposition
 from guidefield.geometry.directions import furthest, spread_and_axes, spread_directions
 from guidefield.geometry.mesh_tree import polytope_about
 from guidefield.geometry.placements import transform_points
@@ -146,7 +146,7 @@ def _box_about(points: np.ndarray) -> np.ndarray:
     return found
 
 
-def _surface_of(vertices: np.ndarray, faces: np.ndarray, part: Part) -> np.ndarray:
+def _surface_of(vertices: np.ndarray, faces: np.ndarray, part: ConvexPart) -> np.ndarray:
     """Corners of a mesh's triangles in a part, those farthest along directions spread over all, shape (k, 3) [m]."""
     inside = np.empty(len(faces), np.bool_)
     not_beyond(vertices[faces].reshape(-1, 3), hull_planes(part.hull, MOST_PLANES), ROUNDING, inside)

@@ -142,13 +142,13 @@ def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
 
 def _in_memory(owners: np.ndarray, words: Words, layout: LaneMemory, memory: np.ndarray, begins: int) -> LaneScene:
 
-    def made() -> tuple[LaneObstacles, Parts]:
+    def make() -> tuple[LaneObstacles, Parts]:
         views = layout.views(memory, begins)
         obstacles = LaneObstacles(len(owners), *(views[name] for name in LaneObstacles._fields[1:]))
         return obstacles, Parts(**{name: views[name] for name in Parts._fields})
 
     read_only(owners)
-    return LaneScene(owners, owners, words, made, (memory, begins))
+    return LaneScene(owners, owners, words, make, (memory, begins))
 
 
 def _behind(obstacles: LaneObstacles, tables: list[_Tables], roots: np.ndarray) -> LaneObstacles:

@@ -9,7 +9,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, name_of, recalled, remembered
+from guidefield.geometry.cache import Arrays, name_of, recall, remembered
 from guidefield.kernels.jit.compilers import load_imported
 from guidefield.memo import MISSING, Answers
 from guidefield.parallel import run_queue
@@ -43,7 +43,7 @@ class ShapeTask(NamedTuple):
 Progress = Callable[[ShapeTask], None]  # called before each task is begun, by one thread at a time
 
 
-def logged(task: ShapeTask) -> None:
+def log_task(task: ShapeTask) -> None:
     """Say in the log what is done."""
     _log.info("%s", task.told)
 
@@ -60,12 +60,12 @@ def find_in_parallel(tasks: Sequence[ShapeTask], progress: Progress, threads: in
     if threads > 1:
         load_imported("cover.", "distance.", "linalg.")
 
-    def begun() -> Iterator[Callable[[], object]]:
+    def begin_each() -> Iterator[Callable[[], object]]:
         for task in tasks:
             progress(task)
             yield task.find
 
-    run_queue(begun(), max(threads, 1))
+    run_queue(begin_each(), max(threads, 1))
 
 
 class ByShape(Generic[Found]):
@@ -92,15 +92,15 @@ class ByShape(Generic[Found]):
         find_in_parallel(search.tasks, progress)
         return search.keep()
 
-    def known(self, robot: RobotModel, asked: Hashable) -> tuple[Found | None, ...]:
+    def recall(self, robot: RobotModel, asked: Hashable) -> tuple[Found | None, ...]:
         """The same as far as it is known without computing anything; None elsewhere."""
         return self.search(robot, asked).found()
 
-    def search(self, robot: RobotModel, asked: Hashable) -> Search[Found]:
+    def search(self, robot: RobotModel, asked: Hashable) -> ShapeSearch[Found]:
         """Return the results that are known, and tasks for the others, the largest shape first."""
         known, unit = self._known.of(robot, asked), power_of_two(robot.size)
         if known is not MISSING:
-            return Search([], lambda: known, lambda: known)
+            return ShapeSearch([], lambda: known, lambda: known)
         names: list[str | None] = []
         answers: dict[str, Found | None] = {}
         tasks: dict[str, ShapeTask] = {}
@@ -108,7 +108,7 @@ class ByShape(Generic[Found]):
         def find(name: str, question: Question) -> None:
             answers[name] = self._restored(remembered(*question), unit)
 
-        def found() -> tuple[Found | None, ...]:
+        def collect() -> tuple[Found | None, ...]:
             return tuple(None if name is None else answers.get(name) for name in names)
 
         for index, shape in enumerate(robot.geometry.geometryObjects):
@@ -117,7 +117,7 @@ class ByShape(Generic[Found]):
             name = names[-1]
             if question is None or name is None or name in answers or name in tasks:
                 continue
-            arrays, inputs = recalled(*question), question[1]
+            arrays, inputs = recall(*question), question[1]
             if arrays is not None:
                 answers[name] = self._restored(arrays, unit)
                 continue
@@ -127,10 +127,10 @@ class ByShape(Generic[Found]):
             work = functools.partial(find, name, question)
             tasks[name] = ShapeTask.of(self._doing, robot, index, extent, work)
         largest_first = sorted(tasks.values(), key=lambda task: -task.extent)
-        return Search(largest_first, found, lambda: self._known.keep(robot, asked, found()))
+        return ShapeSearch(largest_first, collect, lambda: self._known.keep(robot, asked, collect()))
 
 
-class Search(NamedTuple, Generic[Found]):
+class ShapeSearch(NamedTuple, Generic[Found]):
     """Results about a robot's shapes, in the geometry's order."""
 
     tasks: list[ShapeTask]  # work that finds those that aren't known

@@ -14,7 +14,7 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.cache import Arrays, remembered
 from guidefield.geometry.charges import Capsule, SurfacePoints, fit_capsule, surface_points
 from guidefield.geometry.closed import edge_counts
-from guidefield.geometry.distance_bodies import Body, body_rows, body_tables, primitive, triangulated_body
+from guidefield.geometry.distance_bodies import DistanceBody, body_rows, body_tables, primitive, triangulated_body
 from guidefield.kernels.distance.distance import SHEET, SOLID, DistanceTables
 from guidefield.memo import memoized
 from guidefield.robot.model.model import RobotModel
@@ -165,7 +165,7 @@ def link_bodies(robot: RobotModel) -> DistanceTables:
     return body_tables(body_rows(bodies), range(len(bodies)), np.empty((0, 6)))
 
 
-def _body(shape: object) -> Body:
+def _body(shape: object) -> DistanceBody:
     body = primitive(shape)
     if body is not None:
         return body

@@ -8,10 +8,10 @@ import coal
 import numpy as np
 
 from guidefield.geometry.cache import Arrays
-from guidefield.geometry.decomposition import Decomposition, Part, decompose
+from guidefield.geometry.decomposition import ConvexPart, Decomposition, decompose
 from guidefield.geometry.solid_cache import fill_solid_of_mesh
 from guidefield.geometry.surfaces import Surface
-from guidefield.robot.bodies.by_shape import ByShape, Question, logged
+from guidefield.robot.bodies.by_shape import ByShape, Question, log_task
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
 from guidefield.robot.model.size import scale
@@ -25,12 +25,12 @@ def convex_parts(robot: RobotModel, most: int = MOST) -> tuple[Decomposition | N
 
     A mesh has at most `most` parts. None for a primitive or hull, which is convex itself, and for a mesh that is flat.
     """
-    return PARTS.all(robot, most, logged)
+    return PARTS.all(robot, most, log_task)
 
 
 def recall_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
     """What `convex_parts` gives, where it is known without computing anything; None elsewhere, or without parts."""
-    return PARTS.known(robot, MOST)
+    return PARTS.recall(robot, MOST)
 
 
 def _question(shape: Any, most: int, unit: float) -> Question | None:
@@ -48,7 +48,7 @@ def _question(shape: Any, most: int, unit: float) -> Question | None:
     return "parts", inputs, lambda: _store(_find_parts(vertices, triangles, most))
 
 
-def _find_parts(vertices: np.ndarray, triangles: np.ndarray, most: int) -> tuple[Part, ...]:
+def _find_parts(vertices: np.ndarray, triangles: np.ndarray, most: int) -> tuple[ConvexPart, ...]:
     try:
         found = decompose(fill_solid_of_mesh(vertices, triangles, WIDEST_GAP), TIGHT, most)
     except ValueError:
@@ -59,7 +59,7 @@ def _find_parts(vertices: np.ndarray, triangles: np.ndarray, most: int) -> tuple
 _FIELDS = ("vertices", "faces")
 
 
-def _store(parts: tuple[Part, ...]) -> Arrays:
+def _store(parts: tuple[ConvexPart, ...]) -> Arrays:
     rows = [(part.hull.vertices, part.hull.triangles) for part in parts]
     empty = (np.empty((0, 3)), np.empty((0, 3), np.int64))
     columns = zip(empty, *rows, strict=True)
@@ -77,7 +77,7 @@ def _restore(arrays: Arrays, unit: float) -> Decomposition | None:
     first = np.cumsum(arrays["counts"], axis=0)[:-1]
     columns = [np.split(arrays[name], first[:, k]) for k, name in enumerate(_FIELDS)]
     hull, *parts = (
-        Part(Surface(vertices, faces), float(distance))
+        ConvexPart(Surface(vertices, faces), float(distance))
         for distance, vertices, faces in zip(arrays["stand_offs"], *columns, strict=True)
     )
     return Decomposition(tuple(parts), hull)

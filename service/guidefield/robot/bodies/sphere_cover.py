@@ -25,7 +25,7 @@ from guidefield.geometry.primitive_covers import (
 from guidefield.geometry.solid_cache import fill_solid_of_mesh, filled, near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.surfaces import Floats
 from guidefield.memo import memoized
-from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged
+from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, log_task
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
 from guidefield.robot.model.size import scale
@@ -81,7 +81,7 @@ class Coverage:
         return max(shape.cover.overhang for shape in self.shapes)
 
 
-def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logged) -> Coverage:
+def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = log_task) -> Coverage:
     """Return covers and inner balls of a robot's collision shapes; kept on disk.
 
     Args:
@@ -105,7 +105,7 @@ def _coverage(robot: RobotModel, delta: float) -> Coverage:
 
 def recall_coverage(robot: RobotModel, delta: float = DELTA) -> tuple[ShapeCoverage | None, ...]:
     """What `coverage` gives, as far as it is known without computing anything, by shape; None where it isn't."""
-    return COVERS.known(robot, delta)
+    return COVERS.recall(robot, delta)
 
 
 def _question(shape: Any, delta: float, unit: float) -> Question:

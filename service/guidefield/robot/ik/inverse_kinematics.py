@@ -74,7 +74,7 @@ def why_unreached(
     place = dataclasses.replace(target, orientation_tolerance=np.full(3, np.inf))
     descent = PoseSearch(group, place, search.base)
     values: dict[str, Any]
-    if not len(descent.descend(descent.drawn(SEARCH.why_starts, rng))):
+    if not len(descent.descend(descent.draw(SEARCH.why_starts, rng))):
         off = float(np.linalg.norm(descent.closest[:3]))
         sentence = f"the tip gets no nearer to the place than {1000.0 * off:.3g} mm, in any orientation"
         cause, values = Cause.POSITION, {"position_off": off}
@@ -103,7 +103,7 @@ def _turn_needed(group: PlanningGroup, target: PoseTarget, base: ChartPoint, rng
         middle = 0.5 * (low + high)
         allowed = dataclasses.replace(target, orientation_tolerance=target.orientation_tolerance + middle)
         descent = PoseSearch(group, allowed, base)
-        if len(descent.descend(descent.drawn(SEARCH.why_starts, rng))):
+        if len(descent.descend(descent.draw(SEARCH.why_starts, rng))):
             high = middle
         else:
             low = middle
@@ -116,7 +116,7 @@ def _limit_in_the_way(
     """Find the limit in the way, in the solution for which limits have to give way least; a sentence, its values."""
     bounded = PoseSearch(group, target, base)
     free = PoseSearch(group, target, base, without_limits(bounded.chain))
-    points = bounded.near_base(free.descend(bounded.drawn(SEARCH.why_starts, rng)))
+    points = bounded.near_base(free.descend(bounded.draw(SEARCH.why_starts, rng)))
     if not len(points):
         return None
     excess = np.maximum(np.maximum(group.lower - points, points - group.upper), 0.0)
@@ -194,7 +194,7 @@ def solve(
     search = PoseSearch(group, target, base)
     if (short := prove_out_of_reach(search.chain, target)) is not None:
         return IkResult.unreached(short)
-    found = _Found(search, refine, accept)
+    found = _Solution(search, refine, accept)
     found.add(search.descend(given))
     from_starts = len(found.accepted)
     drawn = 0
@@ -206,7 +206,7 @@ def solve(
             if drawn >= SEARCH.large_round
             else SEARCH.round
         )
-        found.add(search.near_base(search.descend(search.drawn(size, rng))))
+        found.add(search.near_base(search.descend(search.draw(size, rng))))
         drawn += size
     tried = f"{len(starts) + drawn} starts"
     rejected = tuple(found.rejected)
@@ -226,7 +226,7 @@ def solve(
     return IkResult(solutions, f"{_solutions(len(solutions))} from {tried}{others}", rejected=rejected)
 
 
-class _Found:
+class _Solution:
     """Distinct solutions, accepted (n, nv) and at most `SEARCH.most_kept` rejected ones; `fresh` were added last."""
 
     def __init__(self, search: PoseSearch, refine: Refine | None, accept: Accept | None) -> None:
@@ -256,7 +256,7 @@ class _Found:
         return distinct_ones
 
 
-def _enough(found: _Found, count: int, drawn: int, most: int) -> bool:
+def _enough(found: _Solution, count: int, drawn: int, most: int) -> bool:
     accepted, rejected = len(found.accepted), len(found.rejected)
     if not accepted and not rejected:
         return drawn >= SEARCH.most_unreached

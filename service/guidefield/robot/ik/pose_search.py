@@ -106,7 +106,7 @@ class PoseSearch:
         """See the class: shape (6,)."""
         return self._closest[1:]
 
-    def drawn(self, count: int, rng: np.random.Generator) -> ChartPoints:
+    def draw(self, count: int, rng: np.random.Generator) -> ChartPoints:
         """Draw chart points (count, nv), those nearest to the target first.
 
         What has no limits is within pi of 0, or within `WIND` of the base where it is an angle whose whole turns count.

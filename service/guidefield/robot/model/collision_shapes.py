@@ -13,7 +13,7 @@ import pinocchio as pin
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
-from guidefield.geometry.cache import Arrays, recalled, remembered
+from guidefield.geometry.cache import Arrays, recall, remembered
 from guidefield.geometry.convex import bvh, convex
 from guidefield.kernels.jit.compilers import load_imported
 from guidefield.parallel import run_queue
@@ -112,7 +112,7 @@ def settle(
     return tuple(choices)
 
 
-class _Settled(NamedTuple):
+class _SettledMesh(NamedTuple):
     """As what a mesh is judged, how far that stands off [m], what it fills beyond that [m^3], why it has no inside."""
 
     shape: Any
@@ -122,19 +122,19 @@ class _Settled(NamedTuple):
     wall: str
 
 
-def _settle_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _Settled]:
+def _settle_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _SettledMesh]:
     """As what each mesh is judged, by lengths in a unit [m]; new ones are found on all processors.
 
     What is known is read by this thread alone: threads must not load kernels at the same time.
     """
-    settled: dict[int, _Settled] = {}
+    settled: dict[int, _SettledMesh] = {}
 
     def settle_one(key: int, mesh: FileMesh) -> None:
         settled[key] = _settle_mesh(mesh, remembered(*hull_question(*mesh, unit)), unit)
 
     works = []
     for key, mesh in meshes.items():
-        known = recalled(*hull_question(*mesh, unit))
+        known = recall(*hull_question(*mesh, unit))
         if known is None:
             works.append(functools.partial(settle_one, key, mesh))
         else:
@@ -145,14 +145,14 @@ def _settle_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _Se
     return settled
 
 
-def _settle_mesh(mesh: FileMesh, found: Arrays, unit: float) -> _Settled:
+def _settle_mesh(mesh: FileMesh, found: Arrays, unit: float) -> _SettledMesh:
     found = hull_in_metres(found, unit)
     (distance,), (filled,) = found["stand_off"].tolist(), found["filled"].tolist()
     if distance <= HULL_STAND_OFF * unit:
-        return _Settled(convex(found["vertices"], found["triangles"]), "convex hull", distance, filled, "")
+        return _SettledMesh(convex(found["vertices"], found["triangles"]), "convex hull", distance, filled, "")
     tree = bvh(*mesh)
     know_triangulation(tree, mesh.triangles, unit)
-    return _Settled(tree, "triangle mesh", 0.0, 0.0, found["wall"].tobytes().decode())
+    return _SettledMesh(tree, "triangle mesh", 0.0, 0.0, found["wall"].tobytes().decode())
 
 
 def _unit_hint(path: Path) -> str:

@@ -129,7 +129,7 @@ def settle(
     Zero means nothing in many a URDF, and some SRDFs' states were never looked at. Where links touch each other, the
     joints between them are moved, as little as seeded random trials find, with a warning.
     """
-    search = _Search(model, geometry, joints, MARGIN * size)
+    search = _RestSearch(model, geometry, joints, MARGIN * size)
     if at_first := search.touching(q):
         freed = search.free_of_contacts(q)
         told = _describe_contacts(links, geometry, at_first)
@@ -145,7 +145,7 @@ def settle(
     return q
 
 
-class _Search:
+class _RestSearch:
     def __init__(self, model: Any, geometry: Any, joints: Sequence[Joint], margin: float) -> None:
         self._model, self._joints, self._margin = model, joints, margin
         self._contacts = SelfContacts(model, geometry)

@@ -14,7 +14,7 @@ from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.geometry.solid import Solid, stand_off
-from guidefield.geometry.solid_cache import near_solid_of_mesh, nested, solid_of_mesh
+from guidefield.geometry.solid_cache import find_nested, near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.surfaces import Surface, surface
 from guidefield.robot.model.size import scale
 
@@ -156,5 +156,5 @@ def _fill_volume(around: Surface, distance: float, body: Solid) -> float:
         return 0.0
     vertices, triangles = body.surface.vertices, body.surface.triangles
     more = volume(around.vertices, around.triangles) - volume(vertices, triangles) - distance * around.area
-    sealed = nested(vertices, triangles).volume
+    sealed = find_nested(vertices, triangles).volume
     return max(sealed, more if more > LEAST_FILLED * volume(around.vertices, around.triangles) else 0.0)
