@@ -101,6 +101,7 @@ def test_aligned_motions_are_not_contradicted(tmp_path: Path) -> None:
 def test_fixed_units_are_not_contradicted(tmp_path: Path, seed: int) -> None:
     from doubting.unit import Work
 
+    ENGINE.warm_up()  # a plan has one second, which loading kernels takes on a busy machine
     unit = Work(seed, tmp_path, ENGINE).done(plans=2, changed=6)
     assert unit.found == []
     assert "disagreements" not in unit.counts
