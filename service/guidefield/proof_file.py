@@ -6,20 +6,19 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from guidefield.case_file import Motion, count_items, make_cases
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
+from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.prove.curve import Curve
 from guidefield.prove.proof import Proof, prove
 from guidefield.prove.search import Goal
 from guidefield.prove.verdict import Reason
 from guidefield.referee.proof import FORMATS, digest
-from guidefield.robot.model.spaces import ChartPoints, ChartRates
 from guidefield.whole_file import write_whole
 
 MOMENT = 1e-9  # time that a motion of one position takes [s]: the referee judges it for as long
@@ -92,11 +91,8 @@ def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 def curve_of(motion: Motion) -> Curve:
     """The curve through a motion's knots, with what a robot may be beside it."""
-    kind = CurveKind.HERMITE if motion.accelerations is None else CurveKind.QUINTIC
-    if motion.velocities is None:
-        kind = CurveKind.STEPS if motion.steps else CurveKind.LINEAR
-    count, positions = len(motion.positions), cast(ChartPoints, motion.positions)
+    count = len(motion.positions)
     times = np.arange(float(count)) if motion.times is None else np.asarray(motion.times, float)
-    velocities, accelerations = (cast("ChartRates | None", one) for one in (motion.velocities, motion.accelerations))
-    drawn = GivenMotion(kind, positions, np.arange(count), times, velocities, accelerations, motion.tolerance)
+    rates = motion.velocities, motion.accelerations
+    drawn = GivenMotion.through(times, motion.positions, *rates, motion.tolerance, steps=motion.steps)
     return Curve(drawn.pieces, np.append(times, times[0] + MOMENT) if count == 1 else times, drawn.tube)

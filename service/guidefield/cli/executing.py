@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -89,19 +89,13 @@ def _curve(rows: ExecutionFigures) -> tuple[np.ndarray, np.ndarray]:
     """Close places along what is drawn, shape (n, k) [rad or m], and their times (n,) [s]."""
     import numpy as np  # it and the planner are loaded only here
 
-    from guidefield.planner.motion.given_motion import QuinticMotion, StraightMotion
-    from guidefield.planner.motion.trajectory import Trajectory
-    from guidefield.robot.model.spaces import ChartPoints, ChartRates
+    from guidefield.planner.motion.given_motion import GivenMotion
 
-    times, positions = np.array(rows.times), cast(ChartPoints, np.array(rows.positions))
+    times, positions = np.array(rows.times), np.array(rows.positions)
     if len(times) == 1:
         return np.repeat(times, 2), np.repeat(positions, 2, axis=0)
-    velocities, accelerations = (cast(ChartRates, np.array(one)) for one in (rows.velocities, rows.accelerations))
-    drawn: Trajectory | StraightMotion | QuinticMotion = StraightMotion(times, positions)
-    if rows.interpolation == "cubic":
-        drawn = Trajectory(times, positions, velocities)
-    elif rows.interpolation == "quintic":
-        drawn = QuinticMotion(times, positions, velocities, accelerations)
+    rates = (None if one is None else np.array(one) for one in (rows.velocities, rows.accelerations))
+    drawn = GivenMotion.through(times, positions, *rates).scheduled
     pieces = drawn.bezier()
     degree = pieces.shape[1] - 1
     bends = np.abs(np.diff(pieces, 2, axis=1)).max(axis=(1, 2), initial=0.0) * degree * (degree - 1) / 8.0

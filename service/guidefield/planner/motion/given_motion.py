@@ -144,10 +144,30 @@ class GivenMotion(ReadOnly):
     tolerance: np.ndarray | None = None  # how far a robot may be from it, shape (nv,) [rad or m]; None: nothing
 
     @classmethod
+    def through(
+        cls,
+        times: np.ndarray | None,
+        positions: np.ndarray,
+        velocities: np.ndarray | None = None,
+        accelerations: np.ndarray | None = None,
+        tolerance: np.ndarray | None = None,
+        *,
+        steps: bool = False,
+    ) -> GivenMotion:
+        """The curve through rows, by what they have: straight, cubic by velocities, of degree 5 by accelerations, too.
+
+        Times (n,) [s], all others of shape (n, nv), but for the tolerance (nv,), as `GivenMotion` has them.
+        """
+        kind = CurveKind.HERMITE if accelerations is None else CurveKind.QUINTIC
+        if velocities is None:
+            kind = CurveKind.STEPS if steps else CurveKind.LINEAR
+        rate, rise = (cast("ChartRates | None", one) for one in (velocities, accelerations))
+        return cls(kind, cast(ChartPoints, positions), np.arange(len(positions)), times, rate, rise, tolerance)
+
+    @classmethod
     def of(cls, motion: Trajectory, tolerance: np.ndarray | None = None) -> GivenMotion:
         """A trajectory as it is, with a tolerance (nv,) about it."""
-        knots = np.arange(len(motion.times))
-        return cls(CurveKind.HERMITE, motion.positions, knots, motion.times, motion.velocities, tolerance=tolerance)
+        return cls.through(motion.times, motion.positions, motion.velocities, tolerance=tolerance)
 
     @property
     def is_point(self) -> bool:
