@@ -353,3 +353,22 @@ def require_no_corner_passed(way: Way, points: ChartPoints) -> list[float | None
         if a is not None and b is not None:
             assert not ((way.begins > min(a, b) + 1e-9) & (way.begins < max(a, b) - 1e-9)).any()
     return places
+
+
+def test_a_way_may_end_whole_turns_from_its_goal_where_a_joint_turns_without_end() -> None:
+    """The first joint of the robot does, the second one doesn't; the way that ends there is followed to its end."""
+    goal = JointsGoal({"j2s6s200_joint_1": 0.5})
+    with CertifiedStream(StreamOpen("kinova", "empty", goal=goal), robot("kinova"), build(Scene("empty"))) as stream:
+        pursuit = stream._state.pursuit
+        assert pursuit is not None
+        end, slower = pursuit.goals[0] + 2.0 * np.pi * np.eye(6)[0], pursuit.goals[0] + 2.0 * np.pi * np.eye(6)[1]
+        assert stream._is_same(end, pursuit.goals[0])
+        assert not stream._is_same(slower, pursuit.goals[0])
+        pursuit.follow(Way(np.array([stream.executing.ends, end]), stream._speeds))
+        time, answer = 0.0, stream.update(time=0.0)
+        while isinstance(answer, Piece) and time < 20.0:
+            time += 0.02
+            answer = stream.update(time=time)
+        assert isinstance(answer, StreamState)
+        assert answer.reason == "at_goal"
+        assert stream.executing.ends == pytest.approx(end)
