@@ -154,6 +154,11 @@ def test_a_turn_beyond_half_a_circle_is_half_a_circle():
     assert half == pytest.approx(2 * (centre + radius))
 
 
+def test_a_slide_counts_as_it_is():
+    place = world_of(grouped(box_arm("slide", 1)), [box("crate", (0.1, 0.1, 0.1), (2, 0, 0))])
+    assert bounds_at(place, np.zeros(1), np.array([0.25])) == pytest.approx(0.25)
+
+
 def test_a_follower_counts_with_its_multiplier():
     place = world_of(grouped(box_arm("y mimic", 0)), [box("crate", (0.1, 0.1, 0.1), (2, 0, 0))])
     assert place.group.nv == 1

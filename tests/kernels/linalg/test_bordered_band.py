@@ -111,3 +111,12 @@ def test_groups_that_are_not_coupled_are_solved_apart(places: tuple[int, ...], l
         solve_factorized(factor, blocks, one, solution)
         expected = np.linalg.solve(matrix + 0.1 * np.diag(np.diag(matrix)), one)
         np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
+
+
+def test_inputs_are_left_alone() -> None:
+    of_blocks, right, matrix = system(6, 2, 2, 3)
+    for array in (of_blocks, right, matrix):
+        array.setflags(write=False)
+    factor = factorized(of_blocks, matrix, 0.0)
+    assert factor is not None
+    solve_factorized(factor, len(of_blocks), right, np.empty(len(right)))

@@ -125,6 +125,12 @@ def test_it_is_computed_once_and_says_how_far_it_is(monkeypatch: pytest.MonkeyPa
     assert isinstance(first, Coverage)
 
 
+@pytest.mark.parametrize("delta", [0.0, -1.0, np.nan])
+def test_delta_must_be_positive(delta: float) -> None:
+    with pytest.raises(ValueError, match="delta"):
+        coverage(robot("panda"), delta)
+
+
 def test_what_is_known_is_told_without_computing_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     model, unheard_of = load(box_arm("y", 2, size=0.234567)), 0.0123456
