@@ -7,9 +7,10 @@ import pytest
 
 from guidefield.engine import answer
 from guidefield.errors import MalformedRequest
+from guidefield.messages.kinematics_replies import ForwardKinematicsReply
 from guidefield.messages.replies import DynamicsReply, PlanReply
 from tests.handlers.test_certify import certify, motion_of
-from tests.handlers.test_plan import MOVING, PATIENT, READY, ask, joints
+from tests.handlers.test_plan import PATIENT, READY, ask, joints
 
 THERE = {"start": READY, "goal": joints(panda_joint1=1.2, panda_joint4=-1.6), "guide_planes": [], "recording": "off"}
 NAMES = list(READY)
@@ -115,7 +116,6 @@ def test_what_a_step_picks_up_with_an_inertia_of_no_body_is_refused_before_anyth
     [
         ({"limits": {"panda_joint1": {"effort": 0.0}}}, "effort"),
         ({"limits": {"panda_joint1": {"effort": 1e-12}}}, "`effort` must be at least 1e-09"),
-        ({"limits": {"panda_joint1": {"effort": 9.0}}, **MOVING}, "`limits` is not served"),
         ({"attached_objects": [{**load(None), "inertia": [1, 0, 0, 1, 0, 1]}]}, "`inertia` needs a `mass`"),
         ({"attached_objects": [{**load(1.0), "inertia": [1, 0, 0, 0.1, 0, 0.1]}]}, "attached_objects.0..inertia"),
     ],
@@ -123,6 +123,49 @@ def test_what_a_step_picks_up_with_an_inertia_of_no_body_is_refused_before_anyth
 def test_what_has_no_answer_is_refused_by_name(fields, words) -> None:
     with pytest.raises(MalformedRequest, match=words):
         ask(**{**THERE, **fields})
+
+
+LIMITED = {
+    "limits": {"panda_joint1": {"effort": 6.0}},
+    "cartesian_limits": [{"frame": "panda_hand", "speed": 0.3}],
+}
+
+
+def test_a_motion_that_begins_and_ends_at_speed_keeps_limits_of_the_whole() -> None:
+    """Oracles: inverse dynamics of dense samples, and differences of the hand's places."""
+    asked = {**THERE, "start_velocities": {"panda_joint4": 0.2}, "end_velocities": {"panda_joint1": 0.1}}
+    free, made = ask(**asked), ask(**asked, **LIMITED, sample_rate=500)
+    assert made.status.name == "SUCCESS", made.status
+    assert not made.warnings
+    sent = made.trajectory
+    assert sent is not None
+    assert sent.velocities[0] == pytest.approx([0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
+    assert sent.velocities[-1] == pytest.approx([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert 4.0 < strongest(made, [])[0] <= 6.0 * (1.0 + 1e-6)
+    configurations = [dict(zip(NAMES, row, strict=True)) for row in sent.positions]
+    request = {"type": "forward_kinematics", "robot": "panda", "configurations": configurations}
+    found = answer({**request, "frames": ["panda_hand"]})
+    assert isinstance(found, ForwardKinematicsReply)
+    places = np.array([row[0].position for row in found.placements])
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(sent.times)
+    assert 0.2 < speeds.max() <= 0.3 * (1.0 + 1e-6)
+    assert free.metrics is not None
+    assert made.metrics is not None
+    assert free.metrics.duration < made.metrics.duration < 4.0 * free.metrics.duration
+
+
+@pytest.mark.parametrize(
+    ("fields", "status", "words"),
+    [
+        ({"start_velocities": {"panda_joint1": 1.0}}, "START_STATE_INVALID", "move frame 'panda_hand' at"),
+        ({"end_velocities": {"panda_joint1": 2.0}}, "GOAL_STATE_INVALID", "its limit is 0.3 m/s"),
+        ({"start_accelerations": {"panda_joint1": 14.0}}, "START_STATE_INVALID", "joint panda_joint1 takes"),
+    ],
+)
+def test_an_end_that_exceeds_limits_of_the_whole_is_refused(fields, status, words) -> None:
+    reply = ask(**THERE, **LIMITED, **fields)
+    assert reply.status.name == status
+    assert words in reply.status.message
 
 
 def test_a_proof_says_that_it_is_not_about_speeds_and_torques(tmp_path) -> None:

@@ -14,7 +14,6 @@ from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, at_path
 from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import (
-    bounds_efforts,
     cartesian_limits_of,
     clamp_slight,
     clamped_goals,
@@ -184,8 +183,6 @@ def _require_served_in_motion(request: PlanRequest, group: PlanningGroup, planes
     unserved = {
         "path_constraints": (bool(request.path_constraints), "leave them out"),
         "leave_start_contact": (request.leave_start_contact, "leave it out"),
-        "cartesian_limits": (bool(request.cartesian_limits), "leave them out"),
-        "limits": (bounds_efforts(request), "leave `effort` out of them"),
         "guide_planes": (bool(planes) or asks_for_planes, "give them as []"),
     }
     for what, (asked, instead) in unserved.items():

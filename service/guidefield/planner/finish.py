@@ -104,8 +104,9 @@ def _optimize_path(
     resting = problem if ends is None else ends.between(problem)
 
     def time(path: ChartPoints) -> Trajectory:
-        middle = time_through_planes(resting, found, path)
-        return middle if ends is None else ends.around(middle)
+        if ends is None:
+            return time_through_planes(problem, found, path)
+        return ends.around(time_path_ignoring_jerk(resting, path, resting.beside))  # its time isn't scaled in the end
 
     with stages.entered("parameterize", "as fast as the limits allow along the path") as stage:
         motion = time(found.path)

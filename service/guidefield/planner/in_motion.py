@@ -7,6 +7,7 @@ is refused. Among obstacles that move the stop is judged in time, and the run to
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -17,11 +18,13 @@ from guidefield.planner.motion.limit_load import TOLERANCE
 from guidefield.planner.motion.profiles import choose_jerks, reverse_motion, separate_jerks, stop_motion
 from guidefield.planner.motion.trajectory import Trajectory, concatenate, unwrap_towards
 from guidefield.planner.motion_certificate import judge_itself
+from guidefield.planner.task.effort import torques_of
+from guidefield.planner.task.motion_limits import KEPT
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.verdict import Reason
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
 
 STOPS = "no motion within limits was found that doesn't stop: this one comes to rest after its start, or before its end"
 """Warning about a motion that begins or ends in motion, and is at rest on the way."""
@@ -63,12 +66,14 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
     with stages.entered("ends", "out of the start's velocities, into the goal's") as stage:
         _require_within(problem, _START, problem.start_rates, problem.start_acceleration)
         _require_within(problem, _GOAL, problem.end_rates, None)
+        _require_within_whole(problem, _START, problem.z_start, problem.start_rates, problem.start_acceleration)
         stop = _stop_within_limits(problem, _START, problem.z_start, problem.start_rates, problem.start_acceleration)
         reached: list[tuple[ChartPoint, Trajectory]] = []
         failures: list[StageFailed] = []
         once_at_rest = problem.at(problem.scene.end)
         for goal in goals:
             try:
+                _require_within_whole(problem, _GOAL, goal, problem.end_rates, None)
                 run = reverse_motion(_stop_within_limits(once_at_rest, _GOAL, goal, -problem.end_rates, None))
                 reached.append((goal, run))
             except StageFailed as failed:
@@ -117,6 +122,30 @@ def _require_within(problem: Problem, end: _EndWords, velocity: ChartRate, accel
                 f" reaches {reached:.6g} at least"
             )
             raise _make_refusal(end, name, told, limit=top, reached=reached)
+
+
+def _require_within_whole(
+    problem: Problem, end: _EndWords, z: ChartPoint, velocity: ChartRate, acceleration: ChartRate | None
+) -> None:
+    """Refuse an end that exceeds a limit of what the motion does as a whole."""
+    still = np.zeros_like(velocity)
+    rows = [cast(ChartRates, row[None]) for row in (velocity, still if acceleration is None else acceleration)]
+    point = cast(ChartPoints, z[None])
+    for limit in problem.cartesian_limits:
+        speed = limit.speed / math.sqrt(float(limit.along(point, rows[0], cast(ChartRates, still[None])).caps[0]))
+        if speed > limit.speed * KEPT:
+            kind = "link" if limit.is_link else "frame"
+            told = f"`{end.field}` move {kind} {limit.name!r} at {speed:.6g} m/s, its limit is {limit.speed:g} m/s"
+            raise StageFailed(end.status, told, stage=end.stage, speed=speed, limit=limit.speed, **{kind: limit.name})
+    effort = problem.effort_limit
+    if effort is None:
+        return
+    torques = torques_of(effort.tree, point, *rows)[0]
+    worst = int(np.argmax(np.abs(torques) / effort.limits))
+    most, name = float(effort.limits[worst]), effort.names[worst]
+    if abs(torques[worst]) > most * KEPT:
+        told = f"with `{end.field}` joint {name} takes {torques[worst]:.6g} N m, its limit is {most:g} N m"
+        raise _make_refusal(end, name, told, effort=float(torques[worst]), limit=most)
 
 
 def _stop_within_limits(

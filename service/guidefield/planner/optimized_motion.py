@@ -126,7 +126,7 @@ def optimize_motion(
             if settings.load_weight >= heaviest:
                 break
             weight = presets.LOAD.heavier * settings.load_weight
-            message = "again, minding torques, because they exceed their limits"
+            message = "again, minding torques and speeds, because they exceed their limits"
             settings, others = replace(settings, load_weight=weight), ()
             continue
         if attempt == 0:
@@ -142,9 +142,12 @@ def optimize_motion(
 
 
 def _is_overloaded(problem: Problem, finished: CertifiedMotion | None) -> bool:
-    """Whether a motion's torques exceed limits that bind it: where gravity alone does, no time is long enough."""
+    """Whether a motion exceeds limits of what it does as a whole, which no scaling of its time helps.
+
+    It can't be scaled where it begins or ends in motion; and where gravity alone takes more, no time is long enough.
+    """
     return (
-        problem.effort_limit is not None
+        (problem.effort_limit is not None or problem.in_motion)
         and finished is not None
         and find_excess(problem, finished.trajectory) is not None
     )
@@ -165,7 +168,7 @@ def _choose_usual_settings(problem: Problem, passes: bool) -> presets.Optimizati
         return presets.of_many(settings)
     settings = presets.free(settings)
     if problem.in_motion or problem.scene.moves:
-        return settings
+        return presets.unscaled(settings) if problem.beside and not problem.scene.moves else settings
     settings = presets.in_few_pieces(settings)
     return presets.in_space(settings) if problem.cartesian_limits else settings
 

@@ -15,6 +15,7 @@ from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory, concatenate
 from guidefield.planner.motion.waypoints import CURVE, lengths_of, polyline, remove_repetitions, subdivide
+from guidefield.planner.task.motion_limits import MotionLimit
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending
 from guidefield.read_only import ReadOnly
@@ -61,10 +62,10 @@ def time_path(problem: Problem, path: ChartPoints, finer: int = 1) -> Trajectory
     return _time_within(problem, path, limits_of(problem), finer)
 
 
-def time_path_ignoring_jerk(problem: Problem, path: ChartPoints) -> Trajectory:
-    """The same along a path (n, nv), whatever its jerk, and what it does as a whole."""
+def time_path_ignoring_jerk(problem: Problem, path: ChartPoints, beside: tuple[MotionLimit, ...] = ()) -> Trajectory:
+    """The same along a path (n, nv), whatever its jerk; of what it does as a whole within the limits given."""
     unlimited = cast(ChartRate, np.full(problem.group.nv, np.inf))
-    return _time_within(problem, path, limits_of(problem)._replace(jerk=unlimited, beside=()))
+    return _time_within(problem, path, limits_of(problem)._replace(jerk=unlimited, beside=beside))
 
 
 def _time_within(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> Trajectory:

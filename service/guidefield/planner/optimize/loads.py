@@ -52,7 +52,8 @@ class LoadSamples(ReadOnly):
         """Of a motion of so many pieces and coordinates."""
         efforts = tuple(one for one in limits if isinstance(one, EffortLimit))
         speeds = tuple(one.sketched for one in limits if isinstance(one, CartesianLimit))
-        count = max(1, round((LOAD.torque_samples if efforts else LOAD.speed_samples) / pieces))
+        # accelerations are largest at the ends of pieces: one sample in the middle would miss torques there
+        count = max(2, round(LOAD.torque_samples / pieces)) if efforts else max(1, round(LOAD.speed_samples / pieces))
         at = (np.arange(count) + 0.5) / count
         bases = np.ascontiguousarray(np.stack([basis(at), basis_slopes(at), basis_bends(at)], axis=1))
         largest = np.empty((len(efforts) + len(speeds), pieces * count))

@@ -148,8 +148,9 @@ class LoadSettings:
     """
 
     heavier: float = 20.0  # times as much is the weight where torques exceed their limits after all; twice at most
-    torque_samples: int = 128  # about so many on a motion, one on each piece at least
-    speed_samples: int = 64  # the same where no torques are limited. With 128 motions take as long
+    torque_samples: int = 128  # about so many on a motion, two on each piece at least
+    # the same where no torques are limited, one on each piece at least. With 128 motions take as long
+    speed_samples: int = 64
     share: float = 0.95  # up to which a load costs nothing. With 0.9 and 0.97 motions are 0.5 and 1 % slower
     # from which on a load is expanded. With 0.4 there are 4 % fewer looks, with 0.75 and 0.9 11 and 36 % more; as long
     # as only what is beyond `share` was expanded there were three times as many
@@ -239,6 +240,11 @@ def in_space(settings: OptimizationSettings) -> OptimizationSettings:
     take as long, 3.0 a tenth fewer for motions that take 0.4 % longer, and without this 57 for 23, for 2 % less.
     """
     return dataclasses.replace(settings, worth=2.0)
+
+
+def unscaled(settings: OptimizationSettings) -> OptimizationSettings:
+    """For a motion with limits of the whole whose time isn't scaled in the end: it has to keep them by itself."""
+    return dataclasses.replace(settings, load_weight=LOAD.heavier * settings.load_weight)
 
 
 LONG = 2.0  # a motion that would take more than this times as many pieces as there may be is optimised `lengthened`
