@@ -6,8 +6,9 @@ import coal
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from scipy.optimize import nnls
 
-from guidefield.referee.containment import Declared, Shapes, radius_about, standing_out
+from guidefield.referee.containment import Declared, Shapes, _by_planes, radius_about, standing_out
 from guidefield.referee.shapes import hull
 
 WHOLE = np.array([[-1, -1]]), np.array([[-1, 0]])
@@ -67,3 +68,20 @@ def test_a_cylinder_is_in_one_that_is_as_large(less: float) -> None:
     shapes = Shapes(np.array([0, 2]), np.zeros(1), np.array([0.1 - less]), z[None], ends)
     assert standing_out(body, shapes, *WHOLE) == pytest.approx(less, abs=1e-15)
     assert radius_about(body, np.zeros(3)) == pytest.approx(np.hypot(0.1, 0.2))
+
+
+@pytest.mark.parametrize("thin", [1.0, 1e-2, 1e-4])
+def test_points_are_no_farther_from_a_flat_hull_than_is_said(thin: float) -> None:
+    """A point that is a micrometre out of a hull, however flat, is said to be little farther."""
+    rng = np.random.default_rng(7)
+    corners = rng.normal(size=(60, 3)) * (1.0, 1.0, thin)
+    shares = rng.dirichlet(np.full(4, 0.3), 200)
+    inside = np.einsum("nk,nkc->nc", shares, corners[rng.integers(60, size=(200, 4))])
+    points = inside + 1e-6 * rng.normal(size=inside.shape)
+    told = _by_planes(points, corners)
+    near = [
+        nnls(np.vstack([1e3 * (corners - one).T, np.ones(60)]), np.array([0.0, 0.0, 0.0, 1.0]))[0] for one in points
+    ]
+    apart = [np.linalg.norm(corners.T @ (x / x.sum()) - one) for x, one in zip(near, points, strict=True)]
+    assert (told >= np.array(apart) - 1e-9).all()
+    assert told.max() < 2e-5

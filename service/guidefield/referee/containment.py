@@ -19,6 +19,7 @@ from guidefield.referee.solid import distinct
 
 NEAR = 1e-5  # beyond this a point isn't looked for among the corners of a shape [m]
 CLOSE = 1e-7  # a point that is as near to a corner isn't looked for between planes [m]: that is single precision
+ONTO_PLANES = 8  # number of times that a point goes onto the plane that it is farthest beyond
 MANY = 200_000  # above so many distances from points to corners the planes about the corners are asked first
 
 
@@ -155,7 +156,7 @@ def _by_planes(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """The same by the planes of the hull's faces.
 
     With a point inside that is r from all of them, one that is v beyond them comes into the hull where it goes towards
-    that point by v / (r + v) of the way.
+    that point by v / (r + v) of the way. In a flat hull r is small: points go to the planes first, one by one.
     """
     spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False) if len(corners) > 3 else np.zeros(3)
     if spread[-1] <= 1e-9:
@@ -169,7 +170,16 @@ def _by_planes(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     normals, a = normals[lengths > 0.0] / lengths[lengths > 0.0, None], a[lengths > 0.0]
     normals *= np.where(((a - inside) * normals).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
     offsets = (a * normals).sum(axis=1)
-    beyond = np.maximum((points @ normals.T - offsets).max(axis=1), 0.0)
-    depth = float((offsets - normals @ inside).min())
-    share = beyond / (depth + beyond)
-    return np.where(beyond <= NEAR, share * np.linalg.norm(points - inside, axis=1), np.inf)
+    depth, found = float((offsets - normals @ inside).min()), np.full(len(points), np.inf)
+    left, there = np.arange(len(points)), points
+    for _ in range(1 + ONTO_PLANES):
+        out = there @ normals.T - offsets
+        worst, beyond = out.argmax(axis=1), np.maximum(out.max(axis=1), 0.0)
+        to_hull = beyond / (depth + beyond) * np.linalg.norm(there - inside, axis=1)
+        near, known = beyond <= NEAR, np.linalg.norm(there - points[left], axis=1) + to_hull
+        found[left[near]] = np.minimum(found[left[near]], known[near])
+        again = near & (beyond > 0.0)
+        if not again.any():
+            break
+        left, there = left[again], there[again] - beyond[again, None] * normals[worst[again]]
+    return found
