@@ -111,11 +111,6 @@ def test_past_goals_a_motion_is_timed_for_limits_along_its_way(monkeypatch) -> N
         ({"cartesian_limits": [{"speed": 1e-300, "frame": "panda_hand"}]}, MalformedRequest, "at least 1e-09"),
         ({"cartesian_limits": [{"speed": 0.2, "frame": "nose"}]}, UnknownFrame, "no frame 'nose'"),
         ({"cartesian_limits": [{"speed": 0.2, "link": "nose"}]}, UnknownFrame, "no link 'nose'"),
-        (
-            {"cartesian_limits": [TIP], "start_velocities": {"panda_joint1": 0.1}},
-            MalformedRequest,
-            "`cartesian_limits`",
-        ),
     ],
 )
 def test_what_is_not_served_is_refused_by_name(fields, error, words) -> None:
