@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import html
+import io
 import shutil
+import socket
 import threading
+import urllib.request
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import viser
+from rich.console import Console
 from typer.testing import CliRunner
 
-from guidefield.cli import app
+from guidefield.cli import app, trying
 from guidefield.cli.serving import free_port
 from guidefield.cli.trying import TryPage
+from guidefield.messages.scene import Box
 from guidefield.messages.values import Placement
 from guidefield.viewer import LOOPBACK
 
@@ -35,35 +42,35 @@ def page() -> Iterator[tuple[TryPage, str]]:
 
 
 def test_a_goal_that_is_dragged_is_planned_for(page: tuple[TryPage, str]) -> None:
-    trying, _ = page
-    trying._handle.position = trying._handle.position + np.array([0.0, 0.15, 0.1])
-    trying._aim()
-    trying._plan()
-    assert "SUCCESS" in trying._report.content
-    assert "free: the trajectory" in trying._report.content
-    assert len(trying._frames) > 10
-    np.testing.assert_allclose(trying._frames[-1][-1, :3], trying._handle.position, atol=1e-3)
+    tried, _ = page
+    tried._handle.position = tried._handle.position + np.array([0.0, 0.15, 0.1])
+    tried._aim()
+    tried._plan()
+    assert "SUCCESS" in tried._report.content
+    assert "free: the trajectory" in tried._report.content
+    assert len(tried._frames) > 10
+    np.testing.assert_allclose(tried._frames[-1][-1, :3], tried._handle.position, atol=1e-3)
 
 
 def test_a_goal_out_of_reach_is_told(page: tuple[TryPage, str]) -> None:
-    trying, _ = page
-    before = trying._handle.position.copy()
-    trying._handle.position = np.array([9.0, 0.0, 0.5])
-    trying._aim()
-    trying._plan()
-    assert "NO_IK_SOLUTION" in trying._report.content
-    trying._handle.position = before
-    trying._aim()
+    tried, _ = page
+    before = tried._handle.position.copy()
+    tried._handle.position = np.array([9.0, 0.0, 0.5])
+    tried._aim()
+    tried._plan()
+    assert "NO_IK_SOLUTION" in tried._report.content
+    tried._handle.position = before
+    tried._aim()
 
 
 def test_an_obstacle_that_is_moved_counts(page: tuple[TryPage, str]) -> None:
-    trying, _ = page
-    trying._add_box()
-    assert trying._chosen.value == "box 1"
-    trying._move("box 1", Placement(tuple(trying._handle.position.tolist())))
-    trying._plan()
-    assert "GOAL_IN_COLLISION" in trying._report.content
-    assert "box 1" in trying._report.content
+    tried, _ = page
+    tried._add_box()
+    assert tried._chosen.value == "box 1"
+    tried._move("box 1", Placement(tuple(tried._handle.position.tolist())))
+    tried._plan()
+    assert "GOAL_IN_COLLISION" in tried._report.content
+    assert "box 1" in tried._report.content
 
 
 def test_a_browser_shows_the_page_and_plans(page: tuple[TryPage, str]) -> None:
@@ -71,9 +78,9 @@ def test_a_browser_shows_the_page_and_plans(page: tuple[TryPage, str]) -> None:
     if browser_path is None:
         pytest.skip("there is no Chromium (Debian: apt install chromium)")
     driving = pytest.importorskip("playwright.sync_api", reason="there is no playwright: it is in the extra gallery")
-    trying, address = page
-    threading.Thread(target=trying.run, daemon=True).start()
-    trying._tell("")
+    tried, address = page
+    threading.Thread(target=tried.run, daemon=True).start()
+    tried._tell("")
     faults: list[str] = []
     with driving.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=browser_path, args=ARGUMENTS)
@@ -86,6 +93,33 @@ def test_a_browser_shows_the_page_and_plans(page: tuple[TryPage, str]) -> None:
         assert shown.locator("canvas").count() >= 1
         browser.close()
     assert faults == []
+
+
+def test_names_are_shown_as_they_are(page: tuple[TryPage, str]) -> None:
+    tried, _ = page
+    name = "<img src=x>|`a`"
+    tried._wish.added.append(Box(name=name, size=(0.2, 0.2, 0.2), position=tuple(tried._handle.position.tolist())))
+    tried._plan()
+    tried._wish.added.pop()
+    assert "GOAL_IN_COLLISION" in tried._report.content
+    assert name not in tried._report.content
+    assert name in html.unescape(tried._report.content)
+
+
+def test_the_page_tells_where_it_is_if_its_port_is_occupied(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_arguments: object) -> None:
+        urllib.request.urlopen(find_address(out.getvalue())).close()
+        raise KeyboardInterrupt
+
+    def find_address(told: str) -> str:
+        return next(word for word in told.split() if word.startswith("http://"))
+
+    out = io.StringIO()
+    monkeypatch.setattr(trying, "TryPage", lambda *_: SimpleNamespace(run=interrupt))
+    with socket.create_server((LOOPBACK, 0)) as other:
+        port = other.getsockname()[1]
+        trying.serve_page("ur5", "table", port, Console(file=out))
+    assert not find_address(out.getvalue()).endswith(f":{port}")
 
 
 def test_a_run_or_the_page_has_to_be_named() -> None:

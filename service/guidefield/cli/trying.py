@@ -33,6 +33,7 @@ PAUSE_S = 0.7  # pause before the motion is shown again [s]
 PLANNING_TIME_S = 10.0  # time that a plan may take [s]
 BOX_SIDE = 0.12  # side of an added box [m]
 FREE = (120, 220, 160)  # colour of the tip's way
+MARKUP = frozenset("&<>|*`[]{}~#!\\\n")  # characters that Markdown may take for more than text
 TRANSLUCENT = 0.35  # opacity of obstacles before the robot
 
 
@@ -133,7 +134,8 @@ class TryPage:
         gui.set_panel_label("guidefield")
         gui.configure_theme(dark_mode=True, control_width="large", show_logo=False, show_share_button=False)
         gui.add_markdown(
-            f"**{self._robot}** in **{self._scene}**. Drag the handle at the tip: at each change the robot plans anew."
+            f"**{_as_text(self._robot)}** in **{_as_text(self._scene)}**. "
+            "Drag the handle at the tip: at each change the robot plans anew."
         )
         self._report = gui.add_markdown("")
         self._clearance = gui.add_slider("keep away [mm]", min=0, max=100, step=5, initial_value=0)
@@ -212,21 +214,21 @@ class TryPage:
             with self._lock:
                 reply: Any = self._engine.answer(request)
         except GuidefieldError as error:
-            self._tell(f"**{error.code.name}**: {error.message}")
+            self._tell(f"**{error.code.name}**: {_as_text(error.message)}")
             return
         seconds = time.perf_counter() - began
         if reply.status.code != Status.SUCCESS:
             self._frames, self._reached = [], None
-            self._tell(f"**{reply.status.name}**: {reply.status.message}, in {1e3 * seconds:.0f} ms")
+            self._tell(f"**{reply.status.name}**: {_as_text(reply.status.message)}, in {1e3 * seconds:.0f} ms")
             return
         self._show_plan(reply)
         closest = reply.clearance
-        between = f" between {closest.pair[0]} and {closest.pair[1]}" if closest.pair else ""
+        between = f" between {' and '.join(map(_as_text, closest.pair))}" if closest.pair else ""
         away = "no obstacle" if closest.minimum is None else f"{1e3 * closest.minimum:.0f} mm{between}"
         self._tell(
             f"| | |\n|---|---|\n| status | **{reply.status.name}** |\n| planned in | {1e3 * seconds:.0f} ms |\n"
             f"| motion | {reply.metrics.duration:.2f} s |\n| clearance | {away} |\n"
-            f"| certificate | {describe_certificate(reply)} |"
+            f"| certificate | {_as_text(describe_certificate(reply))} |"
         )
 
     def _tell(self, text: str) -> None:
@@ -266,12 +268,18 @@ def _wxyz(at: np.ndarray) -> np.ndarray:
     return np.roll(at[3:7], 1)
 
 
+def _as_text(text: str) -> str:
+    """Return Markdown that shows a text as it is: names of links and obstacles may hold markup."""
+    return "".join(f"&#{ord(one)};" if one in MARKUP else one for one in text)
+
+
 def serve_page(robot: str, scene: str, port: int, out: Console) -> None:
     """Serve the page to browsers of this machine until Ctrl-C."""
     server = viser.ViserServer(host=LOOPBACK, port=port, label="guidefield", verbose=False)
     try:
         page = TryPage(server, robot, scene)
-        out.print(f"the page is at http://{LOOPBACK}:{port}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
+        taken = server.get_port()  # another one where the port is occupied
+        out.print(f"the page is at http://{LOOPBACK}:{taken}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
         page.run()
     except KeyboardInterrupt:
         return
