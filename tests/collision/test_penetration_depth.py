@@ -181,3 +181,27 @@ def test_capsules_are_as_far_apart_as_their_axes_also_where_these_are_nearly_par
         assert referee.distance(first, here, second, there) == pytest.approx(expected, abs=2e-9)
         apart = NarrowPhase((first, second).__getitem__, (here, there).__getitem__).penetration(0, 1)
         assert (apart is not None) == (told.distance <= 0.0)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "turned"),
+    [
+        (coal.Sphere(0.02), coal.Cylinder(0.05, 0.4), (0.0, 0.0, 0.0)),
+        (coal.Cylinder(0.05, 0.4), coal.Sphere(0.02), (0.0, 0.3, 0.0)),
+        (coal.Capsule(0.02, 0.3), coal.Capsule(0.04, 0.2), (0.0, np.pi / 2, 0.0)),
+        (coal.Capsule(0.02, 0.3), coal.Capsule(0.04, 0.2), (np.pi / 2, 0.0, 0.0)),
+        (coal.Capsule(0.02, 0.3), coal.Capsule(0.04, 0.2), (0.0, 0.2, 0.0)),
+        (coal.Capsule(0.02, 0.3), coal.Capsule(0.04, 0.2), (0.0, 0.0, 0.0)),
+        (coal.Box(0.1, 0.2, 0.3), coal.Box(0.1, 0.2, 0.3), (0.0, 0.0, 0.0)),
+    ],
+)
+def test_bodies_about_one_middle_part_along_their_deepest_points(
+    first: Any, second: Any, turned: tuple[float, float, float]
+) -> None:
+    here, there = at(0.3, -0.2, 0.5), at(0.3, -0.2, 0.5, turned)
+    depth, on_first, on_second = measured(first, here, second, there)
+    between = on_first - on_second
+    assert np.linalg.norm(between) == pytest.approx(-depth, rel=1e-3, abs=ACCURACY)
+    along = between / np.linalg.norm(between)
+    assert overlaps(first, here, second, there, along[None])[0] == pytest.approx(-depth, rel=2e-3)
+    assert -depth <= least_overlap(first, here, second, there) + ACCURACY

@@ -32,7 +32,10 @@ from guidefield.read_only import read_only
 ACCURACY = 2e-6  # what Coal's depth may be off, and a share of it [m]
 MARGIN = 1e-3  # by how much the second body is moved beyond the first, so that GJK tells a direction [m]
 
+SLANTED = 1e-3  # what Coal's deepest points may be off the line along which shapes part, as a share of the depth
 STARTS, STEPS = 4, 40  # from how many directions h is descended, and in how many steps
+
+SAME = 1e-9  # points of two axes nearer to each other, as a share of their size, tell no direction; nor do such angles
 
 FACES = 64  # the normals of a hull's faces are tried where there are no more than this
 MOST_OTHERS = 17  # directions that are tried beside them: axes, their cross products, and two lines
@@ -87,7 +90,8 @@ def closest_points(first: Outline, here: Any, second: Outline, there: Any, measu
     directions, overlaps = np.empty((most, 3)), np.empty(most)
     count = try_directions(placed, told.first - told.second, directions, overlaps)
     least = float(overlaps[:count].min())
-    if abs(least + told.distance) <= ACCURACY * (1.0 + max(least, 0.0)):
+    accuracy = ACCURACY * (1.0 + max(least, 0.0))
+    if abs(least + told.distance) <= accuracy and _part(placed, told, least, accuracy):
         return told._replace(distance=max(told.distance, -least))
     found = [
         _descend(placed, first.shape, here, second.shape, there, directions[k])
@@ -112,10 +116,28 @@ def measure_capsules(first: Any, here: Any, second: Any, there: Any) -> ClosestP
         one, other = middles[0] + min(max(t * ab - aw, -p), p) * a, middles[1] + t * b
         nearest = min(nearest, (float(np.linalg.norm(other - one)), one, other), key=lambda found: found[0])
     apart, one, other = nearest
-    normal = (other - one) / apart if apart > 0.0 else here.getRotation()[:, 0]
+    if apart > SAME * (p + q + first.radius + second.radius):
+        normal = (other - one) / apart
+    else:  # axes that meet part across both
+        normal = np.cross(a, b)
+        length = float(np.linalg.norm(normal))
+        normal = normal / length if length > SAME else here.getRotation()[:, 0]
     return ClosestPoints(
         apart - first.radius - second.radius, one + first.radius * normal, other - second.radius * normal
     )
+
+
+def _part(placed: Placed, told: ClosestPoints, depth: float, accuracy: float) -> bool:
+    """Return whether two shapes part once one is moved from one deepest point to the other.
+
+    Coal's (3.0.3) of a sphere and a cylinder about one middle are one point.
+    """
+    between = told.first - told.second
+    length = float(np.linalg.norm(between))
+    if depth <= accuracy:
+        return True
+    far = accuracy + SLANTED * depth
+    return abs(length - depth) <= far and overlap_along(placed, between / length) <= depth + far
 
 
 def _descend(placed: Placed, first: Any, here: Any, second: Any, there: Any, direction: np.ndarray) -> ClosestPoints:
