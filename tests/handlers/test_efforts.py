@@ -74,6 +74,23 @@ def test_a_limit_binds_and_is_proved() -> None:
     assert "joint panda_joint1 takes up to" in refused.status.message
 
 
+def test_what_no_optimised_motion_keeps_is_kept_along_the_path_that_was_found() -> None:
+    """Gravity alone takes more where the optimised motion leads; along the straight path all can be held."""
+    most = {"panda_joint1": 0.01, "panda_joint2": 4.1, "panda_joint4": 22.3}
+    asked = {
+        **THERE,
+        "robot": "panda",
+        "scene": {"name": "air", "obstacles": []},
+        "goal": joints(panda_joint1=0.7, panda_joint2=-0.7, panda_joint4=-1.8),
+        "limits": {joint: {"effort": effort} for joint, effort in most.items()},
+        "sample_rate": 500,
+        **PATIENT,
+    }
+    reply = answer(asked)
+    assert reply.status.name == "SUCCESS", reply.status
+    assert (strongest(reply, [])[[0, 1, 3]] <= np.array(list(most.values())) * (1.0 + 1e-6)).all()
+
+
 def test_what_cannot_be_held_is_refused_with_joint_torque_and_limit() -> None:
     heavy = {**THERE, "attached_objects": [load(9.0)], "limits": {"panda_joint4": {"effort": 30.0}}}
     reply = ask(**heavy)

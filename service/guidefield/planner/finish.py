@@ -21,7 +21,7 @@ from guidefield.planner.in_motion import STOPS, MovingEnds
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import remove_repetitions
 from guidefield.planner.motion_certificate import CertifiedMotion, certify_as_far_as_found, certify_motion
-from guidefield.planner.optimized_motion import CrossedPlanes, bring_onto_planes, optimize_motion
+from guidefield.planner.optimized_motion import CrossedPlanes, bring_onto_planes, is_overloaded, optimize_motion
 from guidefield.planner.path_so_far import (
     PathSoFar,
     limits_of,
@@ -49,6 +49,9 @@ between them is made. Choices."""
 LOST = "the optimised motion did not cross every guide plane within its polygon"
 """Warning about a motion that is the one that was found therefore."""
 
+OVERLOADED = "the optimised motion exceeded limits of torques or speeds; this is the motion as it was found"
+"""Warning about a motion that is slower therefore."""
+
 STOPPING = "no motion round the corners of the path was certified: this one stops at each of them"
 """Warning about a motion that is slower therefore."""
 
@@ -63,18 +66,31 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages, ends: MovingEnds 
     if found.failure is not None or problem.optimization_iterations == 0 or not goes:
         return certify_found_path(problem, found, stages, ends)
     finished = _optimize_path(problem, found, stages, ends)
-    if finished is not None and (finished.verdict.free or not found.proven):
+    if finished is not None and finished.verdict.free:
+        return _keep_limits(problem, finished, found, stages, ends)
+    if finished is not None and not found.proven:
         return finished
     as_found = certify_found_path(problem, found, stages, ends)
     if finished is None:
         return as_found if ends is not None else _add_warning(as_found, f"{LOST}; this is the motion as it was found")
     why = finished.verdict.reason
-    if not as_found.verdict.free:
-        return as_found if why is Reason.CONTACT else finished
-    if ends is not None:
-        return as_found
+    if not as_found.verdict.free or ends is not None:
+        return as_found if as_found.verdict.free or why is Reason.CONTACT else finished
     message = f"the optimised motion was not certified ({why.value}); this is the motion as it was found"
     return _blend(problem, finished, as_found, stages) or _add_warning(as_found, message)
+
+
+def _keep_limits(
+    problem: Problem, finished: CertifiedMotion, found: PathSoFar, stages: Stages, ends: MovingEnds | None
+) -> CertifiedMotion:
+    """The optimised motion; where it exceeds limits of the whole, and the path as found doesn't, one nearer to that."""
+    if problem.deadline.expired() or not is_overloaded(problem, finished):
+        return finished
+    as_found = certify_found_path(problem, found, stages, ends)
+    if not as_found.verdict.free or is_overloaded(problem, as_found):
+        return finished
+    nearer = _blend(problem, finished, as_found, stages) if ends is None else None
+    return nearer or _add_warning(as_found, OVERLOADED)
 
 
 def certify_found_path(
@@ -161,7 +177,7 @@ def _blend(
         if certified.trajectory is None or motion.duration >= certified.trajectory.duration:
             continue
         made = certify_motion(problem, motion, {}, stages)
-        if made.verdict.free:
+        if made.verdict.free and not is_overloaded(problem, made):
             return made
     return None
 

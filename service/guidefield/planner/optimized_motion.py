@@ -120,7 +120,7 @@ def optimize_motion(
             if made is not None and (made.verdict.free or finished is None):
                 finished = made
         settled = finished is not None and finished.verdict.free
-        if moves or problem.deadline.expired() or (settled and not _is_overloaded(problem, finished)):
+        if moves or problem.deadline.expired() or (settled and not is_overloaded(problem, finished)):
             break
         if settled and made is finished:
             if settings.load_weight >= heaviest:
@@ -141,7 +141,7 @@ def optimize_motion(
     return finished
 
 
-def _is_overloaded(problem: Problem, finished: CertifiedMotion | None) -> bool:
+def is_overloaded(problem: Problem, finished: CertifiedMotion | None) -> bool:
     """Whether a motion exceeds limits of what it does as a whole, which no scaling of its time helps.
 
     It can't be scaled where it begins or ends in motion; and where gravity alone takes more, no time is long enough.
