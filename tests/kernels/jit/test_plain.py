@@ -28,7 +28,7 @@ HOUSE = Path(__file__).parents[3]
 CHANGES = {"guidefield.kernels.jit.patched_compiler"}
 """The files that change numba."""
 
-MAKERS = {"compiled", "exact_kernel", "lane_kernel", "lane_step", "kernel"}
+MAKERS = {"compiled", "exact_kernel", "lane_kernel", "lane_step", "kernel", "inner_kernel"}
 """Decorators of kernels."""
 
 OFFERED = {
@@ -131,21 +131,31 @@ def test_the_changes_are_left_out_by_themselves_with_another_version() -> None:
     assert not loaded & CHANGES
 
 
-def test_kernels_stand_below_what_they_call() -> None:
-    """Plain numba compiles a kernel where it stands, and knows no function of the file that stands below it."""
-    assert [name for source in KERNELS.rglob("*.py") for name in _calling_below(source)] == []
+def test_kernels_stand_below_what_they_use() -> None:
+    """Plain numba compiles a kernel where it stands, and knows nothing of the file that stands below it."""
+    assert [name for source in KERNELS.rglob("*.py") for name in _using_below(source)] == []
 
 
-def _calling_below(source: Path) -> Iterator[str]:
-    functions = {node.name: node for node in ast.parse(source.read_text()).body if isinstance(node, ast.FunctionDef)}
+def _using_below(source: Path) -> Iterator[str]:
+    body = ast.parse(source.read_text()).body
+    functions = {node.name: node for node in body if isinstance(node, ast.FunctionDef)}
+    constants = {
+        one.id: node
+        for node in body
+        if isinstance(node, ast.Assign | ast.AnnAssign)
+        for one in ast.walk(node)
+        if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)
+    }
+    lines = {name: node.lineno for name, node in (functions | constants).items()}
     for name, function in functions.items():
-        if not any(isinstance(one, ast.Call) and ast.unparse(one.func) in MAKERS for one in function.decorator_list):
+        if not any(ast.unparse(one).partition("(")[0] in MAKERS for one in function.decorator_list):
             continue
         found, waiting = set[str](), [name]
         while waiting:
-            nodes = ast.walk(functions[waiting.pop()])
-            called = {node.func.id for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
-            waiting += sorted((called & set(functions)) - found)
-            found |= called & set(functions)
-        if any(functions[one].lineno > function.lineno for one in found):
-            yield f"{source.name}: {name}"
+            part = functions[waiting.pop()]
+            names = [one for node in part.body for one in ast.walk(node) if isinstance(one, ast.Name)]
+            own = {one.arg for one in part.args.args} | {one.id for one in names if isinstance(one.ctx, ast.Store)}
+            used = {one.id for one in names} - own
+            waiting += sorted((used & set(functions)) - found)
+            found |= used & set(lines)
+        yield from (f"{source.name}: {name} uses {one}" for one in sorted(found) if lines[one] > function.lineno)

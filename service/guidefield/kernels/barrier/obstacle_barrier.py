@@ -357,6 +357,19 @@ def _gather(joint: int, work: Workspace) -> float:
     return barrier_of_all
 
 
+@uncounted
+def _nearest_of_group(
+    robot: SampledRobot, g: int, tables: DistanceTables, candidates: Integers, count: int, best: float, work: Workspace
+) -> float:
+    """Return the smallest distance of a group's points from candidates, `best` at most [m]."""
+    if count > 0:
+        T = work.joints.poses[robot.groups[g, JOINT]]
+        for i in range(robot.groups[g, FIRST], robot.groups[g, PAST]):
+            x, y, z = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
+            best = min(best, nearest_body(x, y, z, candidates, count, tables, best)[0])
+    return best
+
+
 @compiled(SCALAR(ROBOT, TABLES, VECTOR, SCALAR))
 def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cutoff: float) -> float:
     """Smallest distance from the robot's points to obstacles that rest, at one configuration [m].
@@ -387,17 +400,4 @@ def moving_distance(robot: SampledRobot, moving: MovingBodies, z: Floats, time: 
     for g in range(robot.groups.shape[0]):
         count = _near_group(robot, g, max(best, 0.0), work, moved)
         best = _nearest_of_group(robot, g, moved.bodies, moved.candidates, count, best, work)
-    return best
-
-
-@uncounted
-def _nearest_of_group(
-    robot: SampledRobot, g: int, tables: DistanceTables, candidates: Integers, count: int, best: float, work: Workspace
-) -> float:
-    """Return the smallest distance of a group's points from candidates, `best` at most [m]."""
-    if count > 0:
-        T = work.joints.poses[robot.groups[g, JOINT]]
-        for i in range(robot.groups[g, FIRST], robot.groups[g, PAST]):
-            x, y, z = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            best = min(best, nearest_body(x, y, z, candidates, count, tables, best)[0])
     return best

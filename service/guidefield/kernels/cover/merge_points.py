@@ -31,6 +31,9 @@ def _may_straddle(corners: Floats, plane: Floats) -> bool:
     return bool(least < -plane[4] and most > plane[4])
 
 
+_BLUR = 8.0 * float(np.finfo(float).eps)
+
+
 @kernel
 def write_planes(
     vertices: Rows, triangles: IndexRows, tolerance: float, corners_out: RowsOut, planes_out: RowsOut
@@ -58,9 +61,6 @@ def write_planes(
         planes_out[i, 0], planes_out[i, 1], planes_out[i, 2] = nx, ny, nz
         planes_out[i, 3] = nx * row[0] + ny * row[1] + nz * row[2]
         planes_out[i, 4] = 0.5 * (tolerance + _BLUR * longest * longest * longest * share)
-
-
-_BLUR = 8.0 * float(np.finfo(float).eps)
 
 
 @kernel
