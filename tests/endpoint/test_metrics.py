@@ -121,7 +121,7 @@ def test_a_service_tells_its_health_before_it_is_ready(tmp_path: Path, monkeypat
 
     from guidefield.endpoint import service
 
-    opened = service._open_session
+    opened = service.zenoh.open
 
     def opened_late(config: Any) -> Any:
         opening.set()
@@ -129,7 +129,7 @@ def test_a_service_tells_its_health_before_it_is_ready(tmp_path: Path, monkeypat
         return opened(config)
 
     monkeypatch.setattr(service, "compile_kernels", compiled)
-    monkeypatch.setattr(service, "_open_session", opened_late)
+    monkeypatch.setattr(service.zenoh, "open", opened_late)
     with free_port() as port, free_port() as metrics, ThreadPoolExecutor(1) as thread:
         settings = ServiceSettings(tmp_path, listen=(f"tcp/127.0.0.1:{port}",), metrics=metrics)
         served = thread.submit(serve, settings, stop)
