@@ -100,7 +100,12 @@ def test_the_container_copies_what_the_package_is_made_of() -> None:
 
     project = tomllib.loads((HOUSE / "pyproject.toml").read_text())
     folders = {folder.split("/")[0] for folder in project["tool"]["setuptools"]["package-dir"].values()}
-    assert copied == folders | {"pyproject.toml", project["project"]["readme"], *project["project"]["license-files"]}
+    assert copied == folders | {
+        "pyproject.toml",
+        "setup.py",
+        project["project"]["readme"],
+        *project["project"]["license-files"],
+    }
     assert all((HOUSE / name).exists() for name in copied)
 
 
