@@ -14,7 +14,9 @@ from collections.abc import Callable
 LOOPBACK = "127.0.0.1"
 PORT = 9876  # where a viewer listens that is started by anybody
 START_TIME_S = 30.0  # time that a viewer has to listen [s]
-PROBE_TIME_S = 0.5  # time to connect to a viewer [s]
+PROBE_TIME_S = 0.5  # time to connect to a viewer, and time that it has to answer [s]
+GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])  # HTTP/2's, with no settings
+SETTINGS = 4  # the kind of the frame that answers it, in its fourth byte
 ADDRESS = "rerun+http://{host}:{port}/proxy"
 
 
@@ -90,12 +92,18 @@ def send_recording(recording: bytes, address: str) -> None:
 
 
 def is_listening(address: str) -> bool:
-    """Return whether anybody listens at the address of a viewer; raises CannotShow if it is none."""
+    """Return whether a viewer answers at an address; raises CannotShow if it is none of a viewer.
+
+    Sending to a program that takes connections and never answers, as a viewer that was stopped, would never end.
+    """
     try:
-        socket.create_connection(_split(address), PROBE_TIME_S).close()
+        with socket.create_connection(_split(address), PROBE_TIME_S) as probe:
+            if not address.startswith("rerun+http://"):
+                return True  # TLS: connected is all that is known
+            probe.sendall(GREETING)
+            return probe.recv(4)[3:] == bytes([SETTINGS])
     except (OSError, OverflowError):
         return False
-    return True
 
 
 def _split(address: str) -> tuple[str, int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -97,12 +98,21 @@ def test_a_service_and_a_client_show_runs(tmp_path: Path) -> None:
     assert "/documents/summary" in found["of-the-service"] & found["of-both"]
 
 
-def test_nobody_waits_for_a_viewer_that_is_not_there() -> None:
-    reply: Any = Engine(viewer="rerun+http://127.0.0.1:9/proxy").answer(JOINTS)
+def _nobody_waits(port: int) -> None:
+    reply: Any = Engine(viewer=f"rerun+http://127.0.0.1:{port}/proxy").answer(JOINTS)
     assert reply.status.name == "SUCCESS"
     began = time.monotonic()
     _finish_sending()
     assert time.monotonic() - began < 5.0
+
+
+def test_nobody_waits_for_a_viewer_that_is_not_there() -> None:
+    _nobody_waits(9)
+
+
+def test_nobody_waits_for_who_takes_connections_and_never_answers() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        _nobody_waits(silent.getsockname()[1])
 
 
 def test_a_viewer_is_started_where_none_listens_and_outlives_who_started_it() -> None:
