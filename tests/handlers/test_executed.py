@@ -87,6 +87,8 @@ CONTINUOUS = """<robot name="wheel"><link name="base"/>
             MalformedRequest,
             "no joint 'panda_joint1'",
         ),
+        (states()._replace(joints=[NAMES[1], *NAMES[1:]]), 0.0, MalformedRequest, "no joint 'panda_joint1'"),
+        (JointStates([*NAMES, NAMES[0]], [0.0], [[0.0] * 8]), 0.0, MalformedRequest, "'panda_joint1' more than once"),
         (states()._replace(times=states().times[::-1]), 0.0, MalformedRequest, "in the wrong order: state 1"),
         (states(), 99.0, MalformedRequest, "no joint state is of 99 s or later: the last one is of"),
         (JointStates(NAMES, [], []), 0.0, MalformedRequest, "there are none"),

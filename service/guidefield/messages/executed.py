@@ -59,8 +59,9 @@ def judgement_of(
 
     Raises:
         UnknownObject: if the plan has no motion.
-        MalformedRequest: if a joint of the plan has no state, a state isn't one finite value for each joint, two states
-            are in the wrong order, there are none since the motion began, or the plan picks up or puts down.
+        MalformedRequest: if a joint of the plan has no state or two columns, a state isn't one finite value for each
+            joint, two states are in the wrong order, there are none since the motion began, or the plan picks up or
+            puts down.
     """
     planned = reply.trajectory
     if planned is None:
@@ -74,6 +75,8 @@ def judgement_of(
                 joint=joint,
                 available=[*states.joints],
             )
+        if states.joints.count(joint) > 1:
+            raise MalformedRequest(f"the joint states have joint {joint!r} more than once", joint=joint)
     columns = [states.joints.index(joint) for joint in reply.position_names]
     if len(states.times) != len(states.positions):
         raise MalformedRequest(f"the joint states have {len(states.times)} times and {len(states.positions)} rows")
