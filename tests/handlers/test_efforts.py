@@ -91,6 +91,30 @@ def test_what_no_optimised_motion_keeps_is_kept_along_the_path_that_was_found() 
     assert (strongest(reply, [])[[0, 1, 3]] <= np.array(list(most.values())) * (1.0 + 1e-6)).all()
 
 
+def test_a_group_is_told_the_limits_of_its_own_joints() -> None:
+    """A planar joint before the one that moves, and the wrist of an arm."""
+    reply = ask(**{**THERE, "goal": joints(panda_joint7=0.5)}, group=["panda_joint7"])
+    assert reply.effort is not None
+    assert [(use.joint, use.limit) for use in reply.effort.joints] == [("panda_joint7", 12.0)]
+    links = "".join(
+        f'<link name="{name}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+        '</inertial><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+        for name in ("ground", "base", "arm")
+    )
+    limit = '<limit lower="-2" upper="2" velocity="1" effort="{}"/>'
+    text = (
+        f'<robot name="rover">{links}<joint name="drive" type="planar"><parent link="ground"/><child link="base"/>'
+        f'<origin xyz="0 0 1"/>{limit.format(3)}</joint>'
+        f'<joint name="lift" type="revolute"><parent link="base"/><child link="arm"/>'
+        f'<origin xyz="0 0 1"/><axis xyz="0 1 0"/>{limit.format(7)}</joint></robot>'
+    )
+    robot = {"type": "urdf", "text": text}
+    asked = {"robot": robot, "scene": {"name": "air", "obstacles": []}, "goal": joints(lift=0.5), "group": ["lift"]}
+    rover = answer({**asked, "execution": {"interpolation": "cubic"}, "recording": "off", **PATIENT})
+    assert rover.status.name == "SUCCESS", rover.status
+    assert [(use.joint, use.limit) for use in rover.effort.joints] == [("lift", 7.0)]
+
+
 def test_what_cannot_be_held_is_refused_with_joint_torque_and_limit() -> None:
     heavy = {**THERE, "attached_objects": [load(9.0)], "limits": {"panda_joint4": {"effort": 30.0}}}
     reply = ask(**heavy)

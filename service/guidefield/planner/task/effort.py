@@ -104,7 +104,7 @@ def stated_efforts(group: PlanningGroup) -> np.ndarray:
     """The largest effort of each coordinate that the robot states, shape (nv,) [N m or N]; infinite where none is."""
     limits = np.full(group.nv, np.inf)
     for joint in group.joints:
-        index = group.robot.model.joints[joint.index]
+        index = group.robot.model.joints[group.robot.model.getJointId(joint.name)]
         stated = np.array(group.robot.model.upperEffortLimit[index.idx_v : index.idx_v + index.nv])
         usable = np.isfinite(stated) & (stated > 0.0) & (stated < 1e300)  # 0 says that there is none
         limits[joint.idx_v : joint.idx_v + joint.nv] = np.where(usable, stated, np.inf)
