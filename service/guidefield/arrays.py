@@ -75,7 +75,8 @@ def write_motion(motion: RunArrays, path: Path) -> None:
     """
     kinds = {".csv": _csv, ".json": _json, ".npz": _npz}
     if path.suffix not in kinds:
-        raise MalformedRequest(f"{path.name!r} must end with one of {', '.join(kinds)}", path=str(path))
+        controllers = "or, for a controller, .ros.json, .yaml or .script"
+        raise MalformedRequest(f"{path.name!r} must end with one of {', '.join(kinds)}, {controllers}", path=str(path))
     write_whole(path, kinds[path.suffix](motion))
 
 
