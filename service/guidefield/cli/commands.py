@@ -330,7 +330,7 @@ def serve(
         list[str] | None, typer.Option(help=f"Zenoh endpoint, may be repeated; else {DEFAULT_LISTEN}.")
     ] = None,
     name: Annotated[str, typer.Option(help="Name of this service; part of its keys.")] = "local",
-    workers: Annotated[int, typer.Option(min=1, help="Worker processes.")] = os.cpu_count() or 1,
+    workers: Annotated[int, typer.Option(min=1, max=1024, help="Worker processes.")] = os.cpu_count() or 1,
     streams: Annotated[
         int, typer.Option(min=0, help="How many streams may be open at once, each in a process of its own.")
     ] = DEFAULT_STREAMS,
@@ -441,7 +441,8 @@ def secure(
 def batch(
     requests: Annotated[Path, typer.Argument(help="File with one JSON request on each line.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of results and recordings.")] = Path("batch"),
-    workers: Annotated[int, typer.Option(min=1, help="Worker processes on this machine.")] = os.cpu_count() or 1,
+    workers: Annotated[int, typer.Option(min=1, max=1024, help="Worker processes on this machine.")] = os.cpu_count()
+    or 1,
     ray: Annotated[str | None, typer.Option(help="Address of a Ray cluster that works instead.")] = None,
     recordings: Annotated[bool, typer.Option(help="Record the plans.")] = True,
     render: Annotated[
