@@ -28,19 +28,16 @@ from lxml import etree
 
 from benchmarks.one.dense import write_dense_copy
 from benchmarks.whole import public_requests
+from doubting.sized import scale_lengths
 from guidefield import Box, Cylinder, JointsGoal, Mesh, PlanReply, PlanRequest, Scene, Sphere, UrdfFile, answer
 from guidefield.geometry import surfaces
 from guidefield.messages.values import Placement
-from guidefield.robot.model.loading import DEFAULT_TRANSLATION_SPEED
 
 Change = Callable[[PlanRequest], PlanRequest]
 
 SIZES = (0.01, 0.02, 0.1, 0.2, 0.35, 0.5, 3.0, 5.0, 10.0, 30.0, 100.0)
 FAR = {"1 km": (1e3, 0.0, 0.0), "100 km": (6e4, 8e4, 0.0), "4,000 km": (5e5, 4e6, 0.0)}
 """Distances from the origin [m]; the last is that of coordinates of a map (UTM)."""
-
-LENGTHS = ("xyz", "size", "radius", "length")
-"""Attributes of a URDF that are lengths."""
 
 ON_DEMAND = ("dense",)
 """Rows that are made only where they are named."""
@@ -136,22 +133,6 @@ def scaled(request: PlanRequest, size: float, folder: Path) -> PlanRequest:
         start=values(request.start),
         goal=JointsGoal(values(goal.positions)),
     )
-
-
-def scale_lengths(root: Any, size: float) -> None:
-    """Scale all lengths of a URDF in place."""
-    for element in root.iter():
-        for name in LENGTHS:
-            if element.tag != "axis" and element.get(name):
-                element.set(name, " ".join(repr(float(one) * size) for one in element.get(name).split()))
-    for mesh in root.iter("mesh"):
-        scale = [float(one) * size for one in mesh.get("scale", "1 1 1").split()]
-        mesh.set("scale", " ".join(map(repr, scale)))
-    for joint in root.iterfind("joint[@type='prismatic']"):
-        limit = joint.find("limit")
-        limit.set("velocity", limit.get("velocity", str(DEFAULT_TRANSLATION_SPEED)))
-        for name in ("lower", "upper", "velocity"):
-            limit.set(name, repr(float(limit.get(name, 0.0)) * size))
 
 
 def _scaled(one: Any, size: float) -> Any:

@@ -61,6 +61,24 @@ class Updated(msgspec.Struct, frozen=True, tag="updated"):
     state: StreamState | None = None
     refused: ErrorReply | None = None
 
+    @classmethod
+    def of(
+        cls,
+        update: StreamUpdate,
+        answer: Piece | StreamState | None,
+        refused: GuidefieldError | None,
+        *,
+        noted: bool,
+        took: bool,
+        wall: float,
+        seconds: float,
+    ) -> Updated:
+        """What a watcher is told of an update, with when it came and how long it was worked on [s]."""
+        piece = answer if isinstance(answer, Piece) else None
+        state = answer if isinstance(answer, StreamState) else None
+        error = None if refused is None else make_error_reply(refused)
+        return cls(update, noted, took, wall, seconds, piece, state, error)
+
 
 class SoughtGoal(msgspec.Struct, frozen=True, tag="sought"):
     """Configurations of a goal are looked for."""
@@ -132,18 +150,8 @@ class Journal(Watching):
     ) -> None:
         """An update was worked on."""
         now = time.monotonic()
-        self._hand_over(
-            Updated(
-                update,
-                noted,
-                took,
-                self._updated_at - self._began,
-                now - self._updated_at,
-                answer if isinstance(answer, Piece) else None,
-                answer if isinstance(answer, StreamState) else None,
-                None if refused is None else make_error_reply(refused),
-            )
-        )
+        wall, seconds = self._updated_at - self._began, now - self._updated_at
+        self._hand_over(Updated.of(update, answer, refused, noted=noted, took=took, wall=wall, seconds=seconds))
 
     def sought(self, goal: StreamGoal) -> None:
         """Configurations of a goal are looked for."""

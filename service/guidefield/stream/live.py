@@ -48,9 +48,9 @@ class LiveStream(Watching):
         """An update was worked on; a few times a second all of them are sent."""
         now = time.monotonic()
         if refused is None:
-            piece = answer if isinstance(answer, Piece) else None
-            state = answer if isinstance(answer, StreamState) else None
-            self._waiting.append(Updated(update, noted, took, 0.0, now - self._began, piece, state))
+            worked = now - self._began
+            entry = Updated.of(update, answer, refused, noted=noted, took=took, wall=0.0, seconds=worked)
+            self._waiting.append(entry)
         if now - self._sent >= SHOWN_INTERVAL_S and not self._channel.is_busy:
             entries, self._waiting, self._sent = self._waiting, [], now
             self._channel.send(lambda: self._draw(entries))
