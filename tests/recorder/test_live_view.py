@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from guidefield.messages.streams import Observation, StreamObstacle, StreamOpen,
 from guidefield.messages.values import Placement
 from guidefield.recorder import live_view
 from guidefield.stream.journal import Journal
+from guidefield.stream.live import LiveStream
 from guidefield.viewer import CannotShow, is_listening
 from tests.journeys.service import running_service
 from tests.recorder.receiver import TIME_S, Receiver, receiver
@@ -138,3 +140,40 @@ def test_an_address_that_is_none_is_refused() -> None:
     command = [sys.executable, "-m", "guidefield", "plan", "-", "--viewer", "rerun+http://127.0.0.1:9/proxy"]
     done = subprocess.run(command, input="{}", capture_output=True, text=True, check=False)
     assert done.returncode == 2
+
+
+def test_what_a_viewer_that_takes_nothing_is_sent_is_bounded(caplog: pytest.LogCaptureFixture) -> None:
+    taken = threading.Event()
+    live_view._sender().submit(taken.wait, 60.0)  # a viewer that stopped after its greeting
+    made: list[int] = []
+
+    def make(number: int) -> live_view.Part:
+        made.append(number)
+        return (), None
+
+    channels = [live_view.Channel("rerun+http://127.0.0.1:1/proxy", f"run{number}") for number in range(3)]
+    sent = live_view.MAX_BACKLOG + 3
+    for number in range(sent):
+        channels[number % 3].send(lambda number=number: make(number), last=True)
+    assert len([one for one in caplog.records if "takes nothing" in one.message]) == 3
+    taken.set()
+    _finish_sending()
+    assert not any(channel.is_busy for channel in channels)
+    assert live_view._backlog._value == live_view.MAX_BACKLOG  # all of it is free again
+    assert made == []  # nobody listens there
+
+
+def test_a_stream_keeps_no_more_than_some_updates_for_a_viewer_that_takes_nothing(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("guidefield.stream.live.MAX_WAITING", 20)
+    monkeypatch.setattr(live_view.Channel, "is_busy", True)
+    request = StreamOpen("ur5", "table", goal=JOINTS["goal"], stream_id="s2")  # type: ignore[arg-type]
+    with Engine().stream(request) as stream:
+        shown = LiveStream("rerun+http://127.0.0.1:1/proxy", stream)
+        for cycle in range(50):
+            shown.begun()
+            shown.updated(StreamUpdate(0.02 * cycle, []), None, None, noted=True, took=False)
+            assert len(shown._waiting) < 20
+    assert [one.message for one in caplog.records if "isn't shown any more" in one.message] != []
+    assert shown._waiting == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -30,6 +31,9 @@ from guidefield.viewer import is_listening
 
 STEP_INTERVAL_S = 0.05  # shortest time between two of the planner's steps that are sent [s]
 MAX_PENDING = 8  # steps are left out while so many parts wait to be sent
+MAX_BACKLOG = 64  # parts of all recordings that wait to be sent; further ones aren't shown
+
+_backlog = threading.BoundedSemaphore(MAX_BACKLOG)
 
 _log = logging.getLogger(__name__)
 
@@ -50,7 +54,13 @@ class Channel:
         return self._pending >= MAX_PENDING
 
     def send(self, make: Callable[[], Part], *, last: bool = False) -> None:
-        """Have a part made and sent, and the recording ended if it is the last one; returns at once."""
+        """Have a part made and sent, and the recording ended if it is the last one; returns at once.
+
+        If the viewer takes nothing, parts that exceed `MAX_BACKLOG` aren't shown.
+        """
+        if not _backlog.acquire(blocking=False):
+            _log.warning("the viewer at %s takes nothing: a part of %s isn't shown", self._address, self._recording_id)
+            return
         self._pending += 1
         _sender().submit(self._send, make, last)
 
@@ -75,6 +85,7 @@ class Channel:
             _log.exception("a part of a recording can't be shown")
         finally:
             self._pending -= 1
+            _backlog.release()
 
 
 @functools.cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 
 from guidefield.errors import GuidefieldError
@@ -14,6 +15,9 @@ from guidefield.stream.state import Watching
 from guidefield.stream.stream import CertifiedStream
 
 SHOWN_INTERVAL_S = 0.1  # time between two parts of the recording that are sent [s]
+MAX_WAITING = 2_000  # updates that wait for a viewer that takes nothing; then the stream isn't shown any more
+
+_log = logging.getLogger(__name__)
 
 
 class LiveStream(Watching):
@@ -30,7 +34,7 @@ class LiveStream(Watching):
         self._seen = SeenBodies(stream.request.obstacles)
         self._waiting: list[Updated] = []
         self._began = self._sent = time.monotonic()
-        self._is_shown = False
+        self._is_shown = self._has_given_up = False
 
     def begun(self) -> None:
         """An update came."""
@@ -47,6 +51,8 @@ class LiveStream(Watching):
     ) -> None:
         """An update was worked on; a few times a second all of them are sent."""
         now = time.monotonic()
+        if self._has_given_up:
+            return
         if refused is None:
             worked = now - self._began
             entry = Updated.of(update, answer, refused, noted=noted, took=took, wall=0.0, seconds=worked)
@@ -54,6 +60,9 @@ class LiveStream(Watching):
         if now - self._sent >= SHOWN_INTERVAL_S and not self._channel.is_busy:
             entries, self._waiting, self._sent = self._waiting, [], now
             self._channel.send(lambda: self._draw(entries))
+        elif len(self._waiting) >= MAX_WAITING:
+            _log.warning("the viewer takes nothing: the stream isn't shown any more")
+            self._waiting, self._has_given_up = [], True
 
     def _draw(self, entries: list[Updated]) -> Part:
         self._seen.take_entries(entries)
