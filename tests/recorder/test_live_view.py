@@ -100,6 +100,21 @@ def test_a_service_and_a_client_show_runs(tmp_path: Path) -> None:
     assert "/documents/summary" in found["of-the-service"] & found["of-both"]
 
 
+@pytest.mark.parametrize("forgotten", [False, True])
+def test_a_viewer_that_has_gone_costs_no_recording(tmp_path: Path, *, forgotten: bool) -> None:
+    with receiver(tmp_path) as viewer:
+        channels = [live_view.Channel(viewer.address, "cut-off")]  # never ended, as of a run whose worker dies
+        channels[0].send(lambda: ([], None))
+        _finish_sending()
+    if forgotten:
+        channels.clear()
+    for number in range(2):
+        file = tmp_path / f"{number}.rrd"
+        reply: Any = Engine().answer(JOINTS, record_to=file)
+        assert reply.status.name == "SUCCESS"
+        assert file.exists()
+
+
 def _nobody_waits(port: int) -> None:
     reply: Any = Engine(viewer=f"rerun+http://127.0.0.1:{port}/proxy").answer(JOINTS)
     assert reply.status.name == "SUCCESS"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,8 @@ from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 from guidefield.whole_file import write_whole
 
 APPLICATION_ID = "guidefield"
+
+_log = logging.getLogger(__name__)
 
 
 def write_recording(path: Path, recording_id: str, chunks: Iterable[Chunk], layout: Any) -> None:
@@ -89,7 +92,10 @@ def _disconnected_after(stream: rr.RecordingStream) -> Iterator[Any]:
     finally:
         stream.disconnect()
         del stream
-        bindings.flush_and_cleanup_orphaned_recordings()
+        try:
+            bindings.flush_and_cleanup_orphaned_recordings()
+        except RuntimeError as error:  # of another stream, whose viewer has gone: a pipe has no connection
+            _log.debug("another recording can't be finished: %s", error)
 
 
 UNREADABLE = (OSError, ValueError, KeyError, RuntimeError)  # exceptions of reading a file that is missing or damaged
