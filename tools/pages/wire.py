@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
 from guidefield.messages.schemas import make_table
-from guidefield.messages.served import CODES, KEYS, KeyInfo
+from guidefield.messages.served import CODES, KEYS, CodeInfo, KeyInfo
 from guidefield.messages.streams import DEFAULT_STREAMS
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION
@@ -27,7 +27,7 @@ def filled(page: str) -> str:
 
 
 def keys() -> str:
-    """Every key: its purpose, parameters, what it takes and gives, and whether it waits for a worker.
+    """Every key: its purpose and parameters, what it takes and gives, and whether it waits for a worker.
 
     A parameter is explained at the first key that has it.
     """
@@ -36,17 +36,15 @@ def keys() -> str:
     def explain(name: str, what: str) -> str:
         known = (name, what) in explained
         explained.add((name, what))
-        return f"`{name}`" if known else f"`{name}`: {what}"
+        return f"`?{name}`" if known else f"`?{name}`: {what}"
 
     return make_table(
-        ("key", "what", "parameters", "takes", "gives", "needs a worker"),
+        ("key", "purpose and parameters", "takes → gives", "worker"),
         (
             (
                 f"`guidefield/<i>/{key.key}`",
-                key.what,
-                "; ".join(explain(name, what) for name, what in key.parameters.items()),
-                _named(key.takes),
-                _gives(key),
+                "; ".join([key.what, *(explain(name, what) for name, what in key.parameters.items())]),
+                " → ".join(filter(None, (_named(key.takes), _gives(key)))),
                 key.worker if key.how == "query" else "",
             )
             for key in KEYS
@@ -58,7 +56,7 @@ def _gives(key: KeyInfo) -> str:
     if key.how == "token":
         return "liveliness token"
     if key.how == "put":
-        return "is put by clients"
+        return "put by clients"
     given = _named(key.gives) or "bytes"
     return f"publishes {given}" if key.how == "published" else given
 
@@ -70,19 +68,21 @@ def _named(names: Iterable[str]) -> str:
 def codes() -> str:
     """Every code."""
     return make_table(
-        ("code", "name", "travels as", "exception", "meaning"),
-        (
-            (str(one.code), f"`{one.name}`", one.travels, f"`{one.exception}`" if one.exception else "", one.meaning)
-            for one in CODES
-        ),
+        ("code", "name", "travels as", "meaning"),
+        ((str(one.code), f"`{one.name}`", _travels(one), one.meaning) for one in CODES),
     )
+
+
+def _travels(code: CodeInfo) -> str:
+    return f"{code.travels}: `{code.exception}`" if code.exception else code.travels
 
 
 def limits() -> str:
     """Every limit of a service that was started without options."""
     told = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE, DEFAULT_STREAMS)
     return make_table(
-        ("limit", "value", "what"), ((f"`{one.name}`", f"{_figure(one.value)} {one.unit}", one.what) for one in told)
+        ("limit", "value", "of or for"),
+        ((f"`{one.name}`", f"{_figure(one.value)} {one.unit}", one.what) for one in told),
     )
 
 

@@ -34,15 +34,15 @@ def limits_told(
 ) -> tuple[LimitInfo, ...]:
     """Every limit of a service, with its value."""
     own = (
-        _limit("queue", waiting.tasks, "requests", "that wait for a worker; more are SERVER_BUSY"),
-        _limit("queue_of_client", waiting.tasks_of_client, "requests", "of one client that wait; more are SERVER_BUSY"),
-        _limit("queue_size", waiting.bytes, "bytes", "that waiting requests take; more are SERVER_BUSY"),
-        _limit("queue_size_of_client", waiting.bytes_of_client, "bytes", "of one client's; more are SERVER_BUSY"),
-        _limit("memory", memory, "bytes", "that a worker takes; one that takes more is ended, its request CRASH"),
-        _limit("kept_runs", retention.runs, "runs", "that are kept; the oldest are dropped first"),
-        _limit("kept_size", retention.bytes, "bytes", "that kept runs take; the oldest are dropped first"),
-        _limit("streams", streams, "streams", "that are open at once; more are SERVER_BUSY"),
-        _limit("ending", grace, "s", "that work under way has at the end; plans then end with the best by then"),
+        _limit("queue", waiting.tasks, "requests", "waiting requests; more: SERVER_BUSY"),
+        _limit("queue_of_client", waiting.tasks_of_client, "requests", "of one client; more: SERVER_BUSY"),
+        _limit("queue_size", waiting.bytes, "bytes", "waiting requests together; more: SERVER_BUSY"),
+        _limit("queue_size_of_client", waiting.bytes_of_client, "bytes", "those of one client; more: SERVER_BUSY"),
+        _limit("memory", memory, "bytes", "one worker; beyond it the worker ends and its request is CRASH"),
+        _limit("kept_runs", retention.runs, "runs", "kept; the oldest go first"),
+        _limit("kept_size", retention.bytes, "bytes", "kept runs together; the oldest go first"),
+        _limit("streams", streams, "streams", "open at once; more: SERVER_BUSY"),
+        _limit("ending", grace, "s", "for work under way at the end; plans then end with the best by then"),
     )
     return (*_OF_PAYLOADS, *_OF_TIME, *own, *_OF_STREAMS, *_OF_ANSWERS, *_OF_STORES)
 
@@ -52,115 +52,111 @@ def _limit(name: str, value: float, unit: str, what: str) -> LimitInfo:
 
 
 _OF_PAYLOADS = (
-    _limit("payload", codec.MAX_REQUEST_BYTES, "bytes", "of a query; a larger one is REQUEST_TOO_LARGE"),
-    _limit("message", LONGEST_MESSAGE, "bytes", "that Zenoh takes; a larger one it drops, without an answer"),
-    _limit("quantity", LARGEST, "SI units", "of any number, either way; more, NaN and infinities are refused"),
-    _limit("urdf", MAX_URDF_CHARACTERS, "characters", "of a URDF or SRDF"),
-    _limit("mesh_files", MAX_MESHES, "files", "that come with a robot"),
-    _limit("mesh_file", MAX_MESH_BYTES, "bytes", "of one of them"),
-    _limit("obstacle", MAX_VERTICES, "elements", "vertices, triangles or points, of one obstacle"),
-    _limit("motion", MOST_ROWS, "rows", "of a motion to judge"),
+    _limit("payload", codec.MAX_REQUEST_BYTES, "bytes", "one query; more: REQUEST_TOO_LARGE"),
+    _limit("message", LONGEST_MESSAGE, "bytes", "one message; Zenoh drops a larger one without an answer"),
+    _limit("quantity", LARGEST, "SI units", "any number in either direction; more, NaN and infinities are refused"),
+    _limit("urdf", MAX_URDF_CHARACTERS, "characters", "a URDF or SRDF"),
+    _limit("mesh_files", MAX_MESHES, "files", "sent with a robot"),
+    _limit("mesh_file", MAX_MESH_BYTES, "bytes", "one of them"),
+    _limit("obstacle", MAX_VERTICES, "elements", "vertices, triangles or points of one obstacle"),
+    _limit("motion", MOST_ROWS, "rows", "a motion to judge"),
     _limit("client_name", LONGEST_CLIENT, "bytes", "of a query's attachment that count"),
 )
 _OF_TIME = (
-    _limit("kinematics_default", DEFAULT_TIME, "s", "that a kinematics request has without `allowed_time`"),
+    _limit("kinematics_default", DEFAULT_TIME, "s", "for a kinematics request without `allowed_time`"),
     _limit("longest_time", LONGEST_TIME, "s", "that a request may allow itself"),
     _limit("storing", STORE_TIME_LIMIT, "s", "for storing or describing a robot or scene, and for the list of robots"),
-    _limit("late", LATE, "s", "after its time an answer comes, at most, where a robot is still loaded for it"),
-    _limit("late_share", LATE_SHARE, "of the time allowed", "that may be added to that"),
-    _limit("backstop", BACKSTOP, "s", "after its time a worker that still works is ended, and its request CRASH"),
-    _limit("cancel_remembered", REMEMBERED, "s", "that a cancel is remembered which comes before its run or request"),
-    _limit("cancels_remembered", MOST_REMEMBERED, "cancels", "that are remembered; the oldest are forgotten"),
-    _limit("client_gone", GRACE, "s", "that a client's token may be gone before what it asked for ends"),
-    _limit("link_cut", LEASE, "s", "that a link which was cut without a word may go unnoticed"),
+    _limit("late", LATE, "s", "between a request's time and its answer, at most, where a robot is still being loaded"),
+    _limit("late_share", LATE_SHARE, "of the time allowed", "in addition"),
+    _limit("backstop", BACKSTOP, "s", "between a request's time and the end of a worker that is still at it (CRASH)"),
+    _limit("cancel_remembered", REMEMBERED, "s", "that a cancel is remembered if it precedes its request"),
+    _limit("cancels_remembered", MOST_REMEMBERED, "cancels", "remembered; the oldest go first"),
+    _limit("client_gone", GRACE, "s", "without a client's token before its requests end"),
+    _limit("link_cut", LEASE, "s", "before a cut link is noticed"),
 )
 _OF_STREAMS = (
-    _limit("stream_silence", SILENCE, "s", "without an update, after which a stream ends and says so"),
-    _limit("stream_opening", OPENED_WITHIN, "s", "that opening a stream may take"),
-    _limit("stream_stuck", STUCK, "s", "that a stream's process may take for what it was sent; then it is ended"),
-    _limit("stream_update", MOST_UPDATE_BYTES, "bytes", "of an update; a larger one is refused on `state`"),
-    _limit("stream_waiting", MOST_WAITING, "updates", "that wait for a stream; more are refused on `state`"),
-    _limit("stream_obstacles", MOST_OBSTACLES, "obstacles", "that a stream knows; those that are gone make room"),
-    _limit("stream_goals", MOST_SOUGHT, "goals", "that are looked for at once; more are SERVER_BUSY"),
+    _limit("stream_silence", SILENCE, "s", "without an update before a stream ends"),
+    _limit("stream_opening", OPENED_WITHIN, "s", "for opening a stream"),
+    _limit("stream_stuck", STUCK, "s", "for a stream's process to take what was sent; then it is ended"),
+    _limit("stream_update", MOST_UPDATE_BYTES, "bytes", "one update; a larger one is refused on `state`"),
+    _limit("stream_waiting", MOST_WAITING, "updates", "waiting for one stream; more are refused on `state`"),
+    _limit("stream_obstacles", MOST_OBSTACLES, "obstacles", "known to one stream, without those that are gone"),
+    _limit("stream_goals", MOST_SOUGHT, "goals", "searched at once; more: SERVER_BUSY"),
 )
 _OF_ANSWERS = (
-    _limit("read_within", READ_WITHIN, "s", "for reading an answer; then Zenoh ends the link"),
-    _limit("unread_of_client", MOST_BYTES_OF_CLIENT, "bytes", "of answers that wait for a client; more: SERVER_BUSY"),
-    _limit("unread", MOST_BYTES, "bytes", "of answers that wait for all clients; more are SERVER_BUSY"),
-    _limit("unread_answers", MOST_LETTERS, "answers", "that wait for all clients; more are SERVER_BUSY"),
-    _limit("unread_of_user", OF_USER, "of these", "that one user may have"),
-    _limit("list_counts", LIST_COUNTS, "queries", "as which a list, or all of `info`, counts beside `per_second`"),
-    _limit("list_of_runs", LARGEST_PAGE, "runs", "on one page; `after` goes on"),
-    _limit("reads", MOST_READS, "queries", "for files that wait for the disk; more are SERVER_BUSY"),
+    _limit("read_within", READ_WITHIN, "s", "to read an answer; then Zenoh ends the link"),
+    _limit("unread_of_client", MOST_BYTES_OF_CLIENT, "bytes", "unread answers of one client; more: SERVER_BUSY"),
+    _limit("unread", MOST_BYTES, "bytes", "unread answers together; more: SERVER_BUSY"),
+    _limit("unread_answers", MOST_LETTERS, "answers", "unread together; more: SERVER_BUSY"),
+    _limit("unread_of_user", OF_USER, "of these", "for one user"),
+    _limit("list_counts", LIST_COUNTS, "queries", "for which a list or a full `info` counts in `per_second`"),
+    _limit("list_of_runs", LARGEST_PAGE, "runs", "on one page; `after` continues"),
+    _limit("reads", MOST_READS, "queries", "for files, waiting for the disk; more: SERVER_BUSY"),
 )
 _OF_STORES = (
-    _limit("robots", MAX_ROBOTS, "robots", "that are stored; more are refused"),
-    _limit("robots_size", MAX_BYTES, "bytes", "that stored robots take; more are refused"),
-    _limit("recording", LARGEST_RECORDING, "bytes", "of a recording; a larger one is dropped"),
+    _limit("robots", MAX_ROBOTS, "robots", "stored; more are refused"),
+    _limit("robots_size", MAX_BYTES, "bytes", "stored robots together; more is refused"),
+    _limit("recording", LARGEST_RECORDING, "bytes", "one recording; a larger one is dropped"),
 )
 
 DELIVERY = (
     DeliveryRule(
         name="one answer",
-        rule="A query is answered exactly once: by a reply, or by an error as Zenoh's `reply_err`. A plan that was"
-        " tried and not found is a reply with its status.",
+        rule="Each query gets exactly one answer: a reply, or an error as Zenoh's `reply_err`. A plan that isn't found"
+        " is a reply with its status.",
     ),
     DeliveryRule(
         name="no answer",
-        rule="No answer means that the instance or the link is gone, that the query's own time-out was too short, or"
-        " that the message was larger than `message`. Ask again; another instance may answer.",
+        rule="If there is no answer, the instance or the link is gone, the query's own time-out was too short, or the"
+        " message was larger than `message`. Ask again; another instance may answer.",
     ),
     DeliveryRule(
         name="order",
-        rule="Answers come when they are ready, and in no order. A free worker takes a request of the user who has"
-        " the fewest workers, of equal ones of whom the least was worked for since it came; of one user's clients one"
-        " comes after the other, and of one client in order. Where the queue is full the last request of who has the"
-        f" most is SERVER_BUSY. One more worker stands by for users who have none and wait for {HELD_UP:g} s; what it"
-        f" works on for {TRIAL:g} s gives way to another such user, and begins anew; whoever gave way takes another"
-        " one's place after twice as long each time.",
+        rule="Answers come in no order. A free worker goes to the user with the fewest workers, of equal users to the"
+        " one with the least recent processor time. The clients of a user take turns; the requests of a client are"
+        " started in order. If the queue is full, the last request of the user with the most is SERVER_BUSY. One more"
+        f" worker serves users that have waited {HELD_UP:g} s without one. After {TRIAL:g} s its request gives way to"
+        " another such user's and starts anew; each time, the wait until it displaces another one doubles.",
     ),
     DeliveryRule(
         name="time",
-        rule="The time that a request allows counts from its arrival, queue and loading included. Give the query a"
-        f" time-out that is at least {BACKSTOP:g} s longer, so that the service has the last word.",
+        rule="A request's time counts from its arrival, with queue and loading. Give the query a time-out at least"
+        f" {BACKSTOP:g} s longer.",
     ),
     DeliveryRule(
         name="asked again",
-        rule="A plan, judgement or kinematics request that comes again under the same id and in the same words is"
-        " answered by the work under way; a run that has ended, by its kept reply. Reading is harmless to repeat; a"
-        " repeated `?delete` finds nothing to delete.",
+        rule="A plan, judgement or kinematics request that is repeated with the same id and content is answered by the"
+        " work under way, or by the kept reply of its run. A repeated `?delete` finds nothing to delete.",
     ),
     DeliveryRule(
         name="cancel",
-        rule="A cancel is answered at once. What it ends is answered as PREEMPTED, once: a plan by a reply with the"
-        f" best by then, kinematics by an error. A cancel that comes first is remembered for {REMEMBERED:g} s.",
+        rule="A cancel is answered at once. The cancelled request is PREEMPTED: a plan by a reply with the best by"
+        f" then, kinematics by an error. A cancel that precedes its request is remembered for {REMEMBERED:g} s.",
     ),
     DeliveryRule(
         name="gone client",
-        rule="A client that declares `clients/<client>`, by the name in its queries' attachment, is missed: when the"
-        f" token has been gone for {GRACE:g} s, whatever it asked for ends. Without a token work goes on.",
+        rule="A client may declare the token `clients/<client>`, by the name in its queries' attachment. When the token"
+        f" has been gone for {GRACE:g} s, the client's requests end. Without a token they go on.",
     ),
     DeliveryRule(
         name="progress",
-        rule="Progress is published as it is made, without a history; a busy link may drop some. The answer doesn't"
-        " depend on it.",
+        rule="Progress is published without a history; a busy link may drop some. The answer doesn't depend on it.",
     ),
     DeliveryRule(
         name="streams",
-        rule="An update is put, and answered on `pieces` or `state`, once: of updates that wait for their"
-        " turn all but the newest are taken note of, and not answered. What is published for a stream waits for nobody:"
-        " a client that doesn't read loses it, and its robot stops where its last piece does. A stream is told nothing"
-        " about an update on the key of a stream that isn't open.",
+        rule="An update is put, and answered once, on `pieces` or `state`. Of several waiting updates all observations"
+        " count and only the newest is answered. A client that doesn't read loses what is published. An update for a"
+        " stream that isn't open has no effect.",
     ),
     DeliveryRule(
         name="slow reader",
-        rule=f"A client has {READ_WITHIN:g} s to read an answer, beside what the system keeps for it; then Zenoh ends"
-        " its link. Nobody else waits for it.",
+        rule=f"A client has {READ_WITHIN:g} s to read an answer, beside what the system buffers; then Zenoh ends its"
+        " link. Nobody else waits.",
     ),
     DeliveryRule(
         name="start and end",
-        rule="From the first second of a start to the end, `info`, lists and files are answered. What needs a worker is"
-        " SERVER_BUSY before the service is ready and once it ends.",
+        rule="While the service starts and ends, `info`, lists and files are answered; requests for a worker are"
+        " SERVER_BUSY.",
     ),
 )
 """The rules by which queries are answered."""

@@ -27,9 +27,9 @@ class CodeInfo(Reply):
 
 
 MEANINGS = {
-    Status.SUCCESS: "a certified motion, or a motion that is judged to be free and within limits",
+    Status.SUCCESS: "the motion is certified, or judged free and within limits",
     Status.PLANNING_FAILED: "no connection was found",
-    Status.INVALID_MOTION_PLAN: "the certificate refused every motion, or the one that was given",
+    Status.INVALID_MOTION_PLAN: "the certificate refused every motion, or the given one",
     Status.TIMED_OUT: "time was up; a plan's reply has the best by then",
     Status.PREEMPTED: "it was cancelled; a plan's reply has the best by then",
     Status.START_STATE_IN_COLLISION: "the start touches something",
@@ -52,11 +52,11 @@ MEANINGS = {
     Status.CLEARANCE_BELOW_MINIMUM: "no motion keeps `min_clearance`",
     Status.SCENE_INVALID: "the scene is unknown or can't be used",
     Status.ROBOT_INVALID: "the robot is unknown or can't be used",
-    Status.SERVER_BUSY: "too much waits already, or the service starts or ends; ask again later",
+    Status.SERVER_BUSY: "the queue is full, or the service starts or ends; ask again later",
     Status.MALFORMED_REQUEST: "syntax, an unknown field, a wrong type",
     Status.REQUEST_TOO_LARGE: "the payload, or a part of it, is too large",
-    Status.QUOTA_EXCEEDED: "more than this user may have; `retry_after` says when to ask again [s]",
-    Status.NOT_ALLOWED: "it is another user's, who doesn't share it, or alone may change it",
+    Status.QUOTA_EXCEEDED: "more than this user may have; ask again after `retry_after` [s]",
+    Status.NOT_ALLOWED: "it is another user's",
     Status.STREAM_UNKNOWN: "no such stream is open, or not any more",
     Status.DISK_REFUSED: "the service's disk is full, or can't be written or read",
     Status.FAILURE: "a bug, logged with its trace",
@@ -91,9 +91,9 @@ CODES = tuple(_code_info(status) for status in Status)
 
 SHARING = {
     "share": "lets every user read it, as `<user>:<name>`",
-    "unshare": "lets nobody else read it any more, but operators",
+    "unshare": "ends that, but for operators",
 }
-DELETE = {"delete": "forgets it; without a payload"}
+DELETE = {"delete": "forgets it"}
 
 
 class KeyInfo(Reply):
@@ -121,12 +121,10 @@ class KeyInfo(Reply):
 
 KEYS = (
     KeyInfo("plan", "plans a motion", worker="always", takes=["PlanRequest"], gives=["PlanReply"]),
-    KeyInfo(
-        "certify", "judges a motion that is given", worker="always", takes=["CertifyRequest"], gives=["CertifyReply"]
-    ),
+    KeyInfo("certify", "judges a given motion", worker="always", takes=["CertifyRequest"], gives=["CertifyReply"]),
     KeyInfo(
         "kinematics",
-        "answers at configurations, poses or points, one or many",
+        "kinematics, dynamics, distances, potentials",
         worker="always",
         takes=["ForwardKinematics", "InverseKinematics", "Clearance", "Potential", "Jacobian", "Dynamics"],
         gives=[
@@ -135,65 +133,65 @@ KEYS = (
             *("PointPotentialReply", "RobotPotentialReply"),
         ],
     ),
-    KeyInfo("requests/<id>/cancel", "ends one kinematics request early, by its request_id", gives=["Done"]),
-    KeyInfo("robots", "lists the robots that can be named", worker="always", gives=["RobotsReply"]),
+    KeyInfo("requests/<id>/cancel", "cancels a kinematics request", gives=["Done"]),
+    KeyInfo("robots", "lists robots", worker="always", gives=["RobotsReply"]),
     KeyInfo(
         "robots/<name>",
-        "describes one robot; with a payload stores it",
+        "describes a robot; with a payload stores it",
         worker="always",
         parameters=DELETE | SHARING,
         takes=["RobotFiles"],
         gives=["RobotReply", "Done"],
     ),
-    KeyInfo("scenes", "lists the scenes that can be named", gives=["ScenesReply"]),
+    KeyInfo("scenes", "lists scenes", gives=["ScenesReply"]),
     KeyInfo(
         "scenes/<name>",
-        "reads one scene; with a payload stores or changes it",
+        "reads a scene; with a payload stores or changes it",
         worker="with a payload",
-        parameters={**DELETE, **SHARING, "version": "reads this one of the last 16 versions"},
+        parameters={**DELETE, **SHARING, "version": "one of the last 16"},
         takes=["Scene", "SceneDiff"],
         gives=["SceneReply", "Done"],
     ),
-    KeyInfo("scenes/<name>/changes", "what changes about a stored scene", how="published", gives=["SceneChanged"]),
+    KeyInfo("scenes/<name>/changes", "changes of a stored scene", how="published", gives=["SceneChanged"]),
     KeyInfo(
         "runs",
-        "lists the kept runs, newest first",
+        "lists kept runs, newest first",
         parameters={
-            "status": "only those that ended so: the name of a status, RUNNING or UNREADABLE",
-            "robot": "only those of a robot",
-            "since": "only those begun since then [s since 1970]",
-            "text": "only those with this text in the message of their status",
-            "limit": "at most so many, up to 1000",
-            "after": "goes on where a list ended, by its `next`",
+            "status": "name of a status, RUNNING or UNREADABLE",
+            "robot": "its name",
+            "since": "begin [s since 1970]",
+            "text": "part of the status's message",
+            "limit": "up to 1000",
+            "after": "`next` of the page before",
         },
         gives=["RunsReply"],
     ),
     KeyInfo(
         "runs/<id>",
-        "request and reply of one run, also while it runs",
-        parameters={"delete": "forgets it, with its recording and proof", **SHARING},
+        "request and reply of a run, also while it runs",
+        parameters={"delete": "forgets it, its recording and proof", **SHARING},
         gives=["RunReply", "CertifyRunReply", "Done"],
     ),
-    KeyInfo("runs/<id>/recording", "the recording of one run, an .rrd file", worker="while it is owed"),
-    KeyInfo("runs/<id>/proof", "the proof of one run that asked for it, an .npz file"),
-    KeyInfo("runs/<id>/cancel", "ends one run early", gives=["Done"]),
-    KeyInfo("runs/<id>/progress", "how far one run is, while it runs", how="published", gives=["Progress"]),
+    KeyInfo("runs/<id>/recording", "a run's recording, .rrd", worker="while it is owed"),
+    KeyInfo("runs/<id>/proof", "a run's proof, .npz"),
+    KeyInfo("runs/<id>/cancel", "cancels a run", gives=["Done"]),
+    KeyInfo("runs/<id>/progress", "progress of a run", how="published", gives=["Progress"]),
     KeyInfo(
         "shared/runs/<user>:<id>/progress",
-        "the same of a run that its user shares, below `guidefield/<i>` for everybody",
+        "progress of a shared run, for every user",
         how="published",
         gives=["Progress"],
     ),
     KeyInfo(
         "streams",
-        "lists the streams that are open; with a payload opens one",
+        "lists open streams; with a payload opens one",
         worker="with a payload",
         takes=["StreamOpen"],
         gives=["StreamsReply", "StreamReply"],
     ),
     KeyInfo(
         "streams/<id>",
-        "how one stream is",
+        "state of a stream",
         parameters={"delete": "ends it"},
         gives=["StreamReply", "Done"],
     ),
@@ -206,29 +204,29 @@ KEYS = (
     ),
     KeyInfo(
         "streams/<id>/judge",
-        "whether its last piece is still proven by what was seen last; plans nothing",
+        "judges its last piece by the last observations",
         worker="with a payload",
         takes=["StreamJudge"],
         gives=["StreamJudged"],
     ),
-    KeyInfo("streams/<id>/stop", "has its robot stop", gives=["Done"]),
+    KeyInfo("streams/<id>/stop", "stops its robot", gives=["Done"]),
     KeyInfo(
         "streams/<id>/recording",
-        "what is kept of one stream, open or over, as an .rrd file that is made when it is asked for",
+        "a kept stream, .rrd, made on demand",
         worker="always",
     ),
-    KeyInfo("streams/<id>/update", "what its client sees, put by it", how="put", takes=["StreamUpdate"]),
+    KeyInfo("streams/<id>/update", "what its client sees", how="put", takes=["StreamUpdate"]),
     KeyInfo("streams/<id>/pieces", "pieces of motion, each with its stop", how="published", gives=["Piece"]),
     KeyInfo("streams/<id>/state", "why an update got no piece", how="published", gives=["StreamState"]),
     KeyInfo(
         "info",
-        "what the service is and does; also while it starts and ends",
-        parameters={"brief": "the figures only: without versions, keys, codes, limits, rules and schemas"},
+        "state, figures, rules and schemas of the service",
+        parameters={"brief": "state and figures only"},
         gives=["InfoReply"],
     ),
-    KeyInfo("alive", "is there as long as requests are taken", how="token"),
-    KeyInfo("clients/<client>", "declared by a client; when it is gone, what it asked for ends", how="token"),
-    KeyInfo("starting", "is there while it starts", how="token"),
+    KeyInfo("alive", "exists while requests are taken", how="token"),
+    KeyInfo("clients/<client>", "declared by a client; when it is gone, its requests end", how="token"),
+    KeyInfo("starting", "exists while the service starts", how="token"),
 )
 """Every key."""
 

@@ -1,6 +1,6 @@
 """The seed's algorithm: bring the tip onto a guide plane, in the middle of the free space.
 
-service/docs/algorithm.md, "Crossing a guide plane", with the additions of "What the thesis leaves open": the robot
+service/docs/algorithm.md, "Crossing a guide plane", with five additions to the thesis: the robot
 repels itself, a slide may not undo an advance (guard), the tip heads for the polygon inset by its radius, the last
 advance stops at the plane, and every accepted step belongs to the path.
 """
