@@ -124,12 +124,10 @@ def _make_case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
 
 
 def _to_plain(messages: Any) -> Any:
-    """Convert messages to plain JSON data."""
     return msgspec.json.decode(msgspec.json.encode(messages, enc_hook=np.generic.tolist))
 
 
 def _describe_robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
-    """Describe a robot: the URDF without visuals, and the files of its collision meshes."""
     root, files = xml.parse(robot.source.urdf_text), {}
     for visual in list(root.iter("visual")):
         visual.getparent().remove(visual)
@@ -219,7 +217,6 @@ def _describe_links(robot: RobotModel) -> dict[str, Any]:
 
 
 def _describe_objects(motion: Motion) -> dict[str, Any]:
-    """Describe obstacles and held objects as `_describe_links`."""
     held = [obstacle.build(one.obstacle, index) for index, one in enumerate(motion.held)]
     parts: dict[str, Any] = {}
     for one in (*held, *motion.world.scene.obstacles):

@@ -91,8 +91,6 @@ class LocalFiles(enum.Enum):
 
 @dataclass(frozen=True)
 class _RequestContext:
-    """The circumstances of a request, as in `Engine.answer`."""
-
     asked: requests.Request
     """As it came; what is answered is seen from the anchor, if there is one."""
     received: float
@@ -367,14 +365,6 @@ class Engine:
         asking: _RequestContext,
         answer_run: Callable[[Run, float], _R],
     ) -> _R:
-        """Make a run, and return its reply with its recording.
-
-        Args:
-            request: The request.
-            record_to: As in `answer`.
-            asking: Its circumstances.
-            answer_run: Answers it, given the run and the begin of its work, by `time.monotonic()` [s].
-        """
         run_id = request.run_id or uuid.uuid4().hex
         to: Destination | None = None
         proof_to = asking.proof_to
@@ -535,11 +525,6 @@ class Engine:
         return found
 
     def _find_holder(self, kind: Kind, name: str) -> tuple[Engine, str]:
-        """Find the engine with a named thing, and its name there.
-
-        Raises:
-            NotAllowed: if it is another user's, who doesn't share it.
-        """
         user, colon, own = name.partition(":")
         return (self, name) if not colon or self._lend is None else (self._lend(kind, user, own), own)
 
@@ -548,7 +533,6 @@ class Engine:
             return self._loaded.catalog.load(self._find_origin(reference))
 
     def _find_origin(self, reference: requests.RobotReference) -> requests.RobotReference | SentRobot:
-        """Find the source of a request's robot: the files of a stored one, or local files."""
         local = not isinstance(reference, str) or reference.startswith(requests.ROBOT_DESCRIPTIONS)
         if local and not isinstance(reference, requests.UrdfText) and self._local_files is LocalFiles.REFUSED:
             named = "a robot of robot_descriptions" if isinstance(reference, str) else "a robot in a local file"
@@ -563,16 +547,10 @@ class Engine:
         return holder._robots.find(name) or name
 
     def _build_scene(self, reference: requests.SceneReference, deadline: Deadline = UNLIMITED) -> Scene:
-        """Build the scene of a request.
-
-        Raises:
-            DeadlineExpired: if the deadline passed before it was built.
-        """
         with at_path("$.scene"), _at_scene_fault(reference):
             return self._loaded.scenes.of(self._find_scene_message(reference), deadline)
 
     def _find_scene_message(self, reference: requests.SceneReference) -> SceneMessage:
-        """Return the scene of a request, before it is built."""
         if isinstance(reference, str):
             return self._read_stored_scene(reference, None)
         if not isinstance(reference, RequestScene) or reference.base is None:
@@ -596,7 +574,6 @@ def _seen(request: _Asked, load: Callable[[requests.RobotReference], RobotModel]
 
 
 def _with_proof(request: requests.Request) -> requests.Request:
-    """A request that asks for its proof; raises MalformedRequest if there is none of its kind."""
     if not isinstance(request, requests.MotionRequest):
         raise MalformedRequest(f"only a plan or a judgement can be proved, not {type(request).__name__}")
     return request if request.proof else msgspec.structs.replace(request, proof=True)
@@ -604,7 +581,6 @@ def _with_proof(request: requests.Request) -> requests.Request:
 
 @contextlib.contextmanager
 def _at_scene_fault(reference: requests.SceneReference) -> Iterator[None]:
-    """Correct the path of a fault in a request's scene; a fault of a stored scene has no path in the request."""
     if isinstance(reference, RequestScene) and reference.base is not None:
         with _at_added_fault(reference.add):
             yield
@@ -620,7 +596,6 @@ def _at_scene_fault(reference: requests.SceneReference) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _at_added_fault(coming: Sequence[Obstacle]) -> Iterator[None]:
-    """Correct the path of a fault in an obstacle that is added to a scene."""
     try:
         yield
     except SceneInvalid as error:
@@ -646,7 +621,6 @@ class _RobotLoader:
         self._known: tuple[requests.RobotReference, requests.RobotReference | SentRobot, RobotModel] | None = None
 
     def __call__(self, reference: requests.RobotReference) -> RobotModel:
-        """Return the robot; raises RobotInvalid."""
         if self._known is None or self._known[0] is not reference:
             with at_path("$.robot"):
                 found = self._find(reference)
@@ -654,7 +628,6 @@ class _RobotLoader:
         return self._known[2]
 
     def origin(self) -> RobotOrigin:
-        """Return the source of the robot."""
         from guidefield.run_log import RobotOrigin
 
         assert self._known is not None, "it was loaded"

@@ -134,7 +134,6 @@ class Engines:
         )
 
     def _lend(self, asking: str, kind: Kind, owner: str, name: str) -> Engine:
-        """Return the engine with another user's thing; raise NotAllowed if that isn't shared."""
         self.stores.require_right(asking, owner, kind, name, read_only=True)
         return self.of(owner)
 
@@ -148,7 +147,6 @@ class Engines:
         return reply
 
     def _list_shared_names(self, asking: str, owner: str, kind: Kind) -> list[str]:
-        """List the names of other users' things that the caller may read."""
         found = []
         for other in self._list_other_users(owner):
             stores = self.stores.of(other)

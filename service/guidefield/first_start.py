@@ -100,7 +100,6 @@ def compiled_marker() -> Path:
 
 
 def _read_lines(child: subprocess.Popen[bytes], is_cancelled: Callable[[], bool]) -> Iterator[str]:
-    """Yield the lines that a child prints, until it ends or is cancelled."""
     assert child.stdout is not None, "it is piped"
     rest = b""
     while not is_cancelled():

@@ -207,7 +207,6 @@ _TABLES: dict[Precision, Callable[[PlanningGroup, Scene], FieldTables]] = {
 
 @memoized_for_alike
 def _charged_robot(group: PlanningGroup) -> ChargedRobot:
-    """The robot's charges, carried to the frames of the group's joints."""
     charges = robot_charges(group.robot)
     points, weights, joints, capsules, capsule_joints = [], [], [], [], []
     starts = [0]
@@ -258,7 +257,6 @@ def _merge_runs(pairs: list[tuple[int, int, int]], fixed: int) -> list[tuple[int
 
 
 def _moved_link(model: Any, joint: int) -> str:
-    """The first link that a joint moves."""
     for frame in model.frames:
         if frame.parentJoint == joint and frame.type.name == "BODY":
             return str(frame.name)

@@ -105,7 +105,6 @@ class ProgressReporter:
         self._watcher.tell(codec.encode(told))
 
     def _measure(self) -> None:
-        """Measure the clearance of the last step, once."""
         if self._world is None or self._q is None:
             return
         from guidefield.collision.clearance import clearance_at

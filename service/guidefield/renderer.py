@@ -139,7 +139,6 @@ def _prepare(setup: EngineSetup) -> Work:
 
 
 def _render(engines: Engines, named: Named, _call: Call) -> Answer:
-    """Render a recording; the answer is a refusal where the disk refuses, and says why."""
     try:
         engines.render(*named)
     except OSError as error:

@@ -51,7 +51,6 @@ class Renderings:
             recordings.settle(name, state, fault)
 
     def _rendered(self, recordings: Recordings, name: str, data: bytes, *, whole: bool) -> str | None:
-        """Render a recording; why it is lost, if it is."""
         try:
             with _read(recordings, name, data) as log:
                 file, bodies = recordings.path(name), None if whole else recordings.bodies_folder
@@ -114,7 +113,6 @@ def rendered(recordings: Recordings, run_id: str) -> bytes:
 
 @contextlib.contextmanager
 def _read(recordings: Recordings, name: str, data: bytes) -> Iterator[RunLog]:
-    """A log, and the meshes of its robot while the block runs."""
     with contextlib.ExitStack() as opened:
 
         def make_folder() -> Path:

@@ -149,7 +149,6 @@ class Run:
             self._warnings.add(f"no proof is kept: {why}")
 
     def _keep_proof(self) -> str | None:
-        """Write the proof, and return its place for the reply; without one, remove the proof of an earlier motion."""
         if not self._request.proof or self._proof_place is None:
             return None
         file, key = self._proof_place
@@ -206,7 +205,6 @@ class _Warnings:
         self.texts: list[str] = []
 
     def add(self, text: str) -> None:
-        """Log a warning, and keep it for the reply."""
         _log.warning("run %s: %s", self._run_id, text)
         self.texts.append(text)
 
@@ -293,21 +291,17 @@ class _Observers:
     live: _LiveView | None
 
     def observe(self, event: Event) -> None:
-        """Pass an event of the planner on."""
         for observer in (self.progress, self.recording, self.live):
             if observer is not None:
                 observer.observe(event)
 
     def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
-        """Store the recording, and show it, if there is one."""
         for observer in (self.recording, self.live):
             if observer is not None:
                 observer.finish(reply, motion)
 
 
 class _LiveView:
-    """A run in a viewer that runs; failures to show it are logged."""
-
     def __init__(
         self,
         run_id: str,
@@ -324,7 +318,6 @@ class _LiveView:
         self._run = LiveRun(viewer, run_id, group, scene)
 
     def observe(self, event: Event) -> None:
-        """Store an event of the planner, and show its steps."""
         from guidefield.planner.task.trace import Step
 
         self._events.add(event)
@@ -332,7 +325,6 @@ class _LiveView:
             self._run.show_step(event.q)
 
     def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
-        """Show the recording."""
         told = reply if self._anchor is None else self._anchor.outward(reply)
         try:
             _record(self._run.place, self._request, told, motion, self._events, describe_versions(), self._anchor)
@@ -366,7 +358,6 @@ class _Recording:
         self.kept: str | None = None
 
     def observe(self, event: Event) -> None:
-        """Store an event of the planner."""
         from guidefield.planner.task.trace import Step
 
         if not self._steps_only or isinstance(event, Step):

@@ -240,7 +240,6 @@ def _packed_obstacle(obstacle: Obstacle) -> tuple[int, str]:
 
 
 def _without(scene: Scene, apart: Sequence[tuple[int, str]]) -> SceneMessage:
-    """A scene's message with a ball in place of each of some obstacles."""
     obstacles = [one.message for one in scene.obstacles]
     for index, _ in apart:
         obstacles[index] = Sphere(name=obstacles[index].name, radius=1.0)

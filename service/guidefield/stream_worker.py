@@ -145,7 +145,6 @@ class StreamConversation:
             journal.close()
 
     def _journal(self) -> Journal | None:
-        """Return the journal of the stream; None if nobody wants it or the disk refuses."""
         from guidefield.stream import journal
         from guidefield.stream.journal import Journal
 
@@ -172,7 +171,6 @@ class StreamConversation:
 
 
 def _rehearse(stream: CertifiedStream) -> None:
-    """Have everything loaded that the first update would wait for."""
     for cycle in range(REHEARSED):
         now = cycle * stream.request.period
         seen = [Observation(one.obstacle.name, now, FAR_AWAY) for one in stream.request.obstacles[:1]]
@@ -182,15 +180,12 @@ def _rehearse(stream: CertifiedStream) -> None:
 
 
 class _Answering:
-    """Answers what comes."""
-
     def __init__(self, stream: CertifiedStream, encoding: Encoding, line: Connection) -> None:
         self._stream, self._encoding, self._line = stream, encoding, line
         self._sought: dict[int, tuple[Sought, Encoding]] = {}
         self._woken, self._wake = os.pipe()
 
     def answer_all(self) -> None:
-        """Answer until the line is closed."""
         while True:
             connection.wait([self._line, self._woken])
             self._settle_goals()
@@ -267,7 +262,6 @@ class _Answering:
         return None
 
     def _settle_goals(self) -> None:
-        """Aim for what was found, in the order in which it was asked for."""
         for number, (sought, encoding) in list(self._sought.items()):
             if not sought.found.done():
                 return

@@ -80,7 +80,6 @@ def _answer_items(ray: Any, items: Iterable[Item]) -> Iterator[Outcome]:
 
 
 def _why(error: Exception) -> str:
-    """Say why the cluster has no answer: what was raised on a node, or else what Ray says in its first line."""
     cause = getattr(error, "cause", None)
     if isinstance(cause, Exception):
         return f"a node can't answer: {type(cause).__name__}: {cause}; guidefield must be installed on every node"

@@ -66,7 +66,6 @@ def _prepare_answers() -> Work:
 
 
 def _prepare_rendering(folder: Path) -> Work:
-    """In a worker process."""
     logging.basicConfig(level=logging.ERROR)
     recordings, renderings = Recordings(folder), Renderings()
 

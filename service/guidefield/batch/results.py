@@ -108,8 +108,6 @@ class Outcome:
 
 
 class _Line(msgspec.Struct, omit_defaults=True):
-    """One line of the results, as it is written."""
-
     line: int
     request: str
     reply: msgspec.Raw = msgspec.Raw()

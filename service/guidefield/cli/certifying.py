@@ -64,7 +64,6 @@ def make_recorded_fields(request: MotionRequest, reply: dict[str, Any], run: str
 
 
 def _select_motion(found: dict[str, Any], name: str) -> dict[str, Any]:
-    """Select the fields of the motion from those of a file: a plan's reply, or flat arrays."""
     motion = found.get("trajectory") or {key: found[key] for key in TRAJECTORY_FIELDS if found.get(key) is not None}
     if not isinstance(motion, dict):
         raise MalformedRequest(f"{name!r} holds no motion: `trajectory` is a {type(motion).__name__}", path=name)
@@ -122,7 +121,6 @@ def _read_csv(file: Path) -> dict[str, Any]:
 
 
 def _parse_column(name: str) -> tuple[str, str]:
-    """Split the heading of a column into the kind of its values, and the joint coordinate."""
     kind, colon, column = (part.strip() for part in name.partition(":"))
     if colon and kind not in ("position", "velocity", "acceleration"):
         raise ValueError(

@@ -250,7 +250,6 @@ def certify(
 
 
 def _execution(interpolation: str | None, rate: float | None, tolerance: float | None) -> dict[str, Any] | None:
-    """The fields of an execution; None where none is asked for."""
     others = {name: value for name, value in (("rate", rate), ("tolerance", tolerance)) if value is not None}
     if interpolation is None and others:
         raise MalformedRequest(f"--{next(iter(others))} is for an --execution: give one")
@@ -258,7 +257,6 @@ def _execution(interpolation: str | None, rate: float | None, tolerance: float |
 
 
 def _require_nothing_else(given: Mapping[str, Any]) -> None:
-    """Refuse what a run has already that a motion is judged against."""
     for field, value in given.items():
         if value is not None:
             raise MalformedRequest(
@@ -647,7 +645,6 @@ app.command()(execute)
 
 
 def _choose_viewer(viewer: str | None, *, show: bool) -> str | None:
-    """Return the address of the viewer that is to show what goes on; None if none is wanted."""
     if viewer is not None and not is_listening(viewer):
         raise CannotShow(f"no viewer listens at {viewer}")
     return find_viewer(err.print) if show and viewer is None else viewer
@@ -665,11 +662,6 @@ def _connect(endpoints: list[str] | None, name: str | None, config: Path | None,
 def _read_scene(
     scene: str | None, scale: float, radius: float | None, package_dirs: Sequence[Path] | None = None
 ) -> requests.SceneReference | None:
-    """Return the scene of the options: a name, or the scene in a file.
-
-    Raises:
-        MalformedRequest: if a named scene is to be scaled or rounded.
-    """
     if scene is None or not _is_scene_file(scene):
         if scale != 1.0 or radius is not None:
             raise MalformedRequest("--scale and --radius go with a --scene that is a file")

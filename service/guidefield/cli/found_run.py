@@ -128,7 +128,6 @@ def record_stream(files: Sequence[Path], folder: Path, packages: Sequence[Path],
 
 
 def _make_engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:
-    """Make the engine of a user with the stores of a data folder, which isn't created."""
     from guidefield.engine import Engine
     from guidefield.engines import Engines
     from guidefield.stores.by_user import StoresByUser

@@ -72,8 +72,6 @@ def _start_viewer_server(page: int, file: str) -> Iterator[subprocess.Popen[byte
 
 @contextlib.contextmanager
 def _serve_file(recording: Path) -> Iterator[str]:
-    """Serve one file, and nothing else, to pages of this machine's browsers; yield its address."""
-
     class File(SimpleHTTPRequestHandler):
         def send_head(self) -> Any:
             file = recording.open("rb")

@@ -236,7 +236,6 @@ def _plan_rows(reply: PlanReply) -> list[tuple[str, Text]]:
 
 
 def _this_command() -> str:
-    """Return the command that runs this command line, which may not be on the PATH."""
     if shutil.which("guidefield") is not None:
         return "guidefield"
     beside = Path(sys.executable).with_name("guidefield")

@@ -109,7 +109,6 @@ class TryPage:
         self._show(placed)
 
     def _draw_scene(self, placed: np.ndarray) -> None:
-        """Draw the obstacles, those before the robot translucent, and look at it from where most is seen."""
         obstacles, size = build(self._message).obstacles, float(np.ptp(placed[:, :3], axis=0).max())
         eye = choose_eye(placed[-1:, :3], placed[:, :3], np.empty((0, 3)), obstacles, size)
         camera = self._server.initial_camera
@@ -153,7 +152,6 @@ class TryPage:
         self._changed.set()
 
     def _choose(self) -> None:
-        """Give the chosen obstacle a handle."""
         if self._mover is not None:
             self._mover.remove()
             self._mover = None
@@ -176,7 +174,6 @@ class TryPage:
         self._changed.set()
 
     def _add_box(self) -> None:
-        """Add a box beside the goal, with a handle."""
         name = f"box {len(self._wish.added) + 1}"
         at = np.add(self._wish.goal.position, (0.0, 2.5 * BOX_SIDE, 0.0))
         box = Box(name=name, size=(BOX_SIDE,) * 3, position=tuple(at.tolist()))
@@ -235,7 +232,6 @@ class TryPage:
         self._report.content = text
 
     def _show_plan(self, reply: Any) -> None:
-        """Draw the tip's way, and have the motion played."""
         motion = reply.trajectory
         rows = np.array(motion.positions)
         times = np.linspace(0.0, motion.times[-1], 2 + int(FRAME_RATE * motion.times[-1]))
@@ -269,7 +265,6 @@ def _wxyz(at: np.ndarray) -> np.ndarray:
 
 
 def _as_text(text: str) -> str:
-    """Return Markdown that shows a text as it is: names of links and obstacles may hold markup."""
     return "".join(f"&#{ord(one)};" if one in MARKUP else one for one in text)
 
 

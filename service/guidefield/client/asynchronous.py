@@ -34,8 +34,6 @@ _T = TypeVar("_T")
 def _awaited(
     like: Callable[..., object], ask: Callable[_P, Question[_R]], part: Callable[[_R], _T]
 ) -> Callable[Concatenate[AsyncClient, _P], Coroutine[Any, Any, _T]]:
-    """Make the method that is to `AsyncClient` as one is to `Client`: it asks a question, and returns a part of it."""
-
     async def method(self: AsyncClient, /, *given: _P.args, **named: _P.kwargs) -> _T:
         return part(await _ask(self._exchange, ask(*given, **named)))
 
@@ -320,7 +318,6 @@ class AsyncServiceStream(StreamFacts):
                 await _ask(self._exchange, questions.end_stream(self.stream_id))
 
     async def _next(self) -> None:
-        """Wait until something more came."""
         came: asyncio.Future[None] = self._loop.create_future()
         self._awaited.add(came)
         try:

@@ -200,7 +200,6 @@ class Exchange:
                 self._stored.pop(question.forgets, None)
 
     def _choose_instance(self, question: Question[Any]) -> str:
-        """Choose the instance of a question: that of its run; for work, the least busy one with its needs."""
         if question.own_id is not None and (kept := self._runs.get(question.own_id)) is not None:
             return kept
         if self.named is not None or not question.work:
@@ -213,8 +212,6 @@ class Exchange:
 
 
 class _Asking:
-    """A question without an answer yet."""
-
     def __init__(self, exchange: Exchange, question: Question[Any]) -> None:
         self.answer: Future[bytes] = Future()
         self._exchange = exchange
@@ -226,7 +223,6 @@ class _Asking:
         self._brought: list[zenoh.Reply] = []
 
     def send(self, instance: str) -> None:
-        """Ask one instance."""
         self._instance, self._brought = instance, []
         self._tried |= {instance}
         question = self._question
@@ -246,7 +242,6 @@ class _Asking:
         )
 
     def _end(self) -> None:
-        """Take Zenoh's end of the replies."""
         well = bool(self._brought) and self._brought[0].ok is not None
         self._exchange.end(self._question, self._instance, well=well)
         if self._brought and self._brought[0].ok is not None:
@@ -277,14 +272,12 @@ class _Asking:
                 self.answer.set_exception(failure)
 
     def _may_return(self) -> bool:
-        """Return whether to ask the same instance again: it was lost since, or wasn't asked too often."""
         departures = self._exchange.departures(self._instance)
         if departures != self._departures:
             self._departures, self._returns = departures, 0
         return self._returns < MAX_RETURNS
 
     def _explain_silence(self) -> NoService:
-        """Explain a missing answer: the instance is gone, or this client has no right to the key."""
         name, key = self._instance, self._question.key
         if self._exchange.is_there(name):
             words = f"service {name!r} is there, but {key!r} gets no answer: this user may have no right to ask it"
@@ -293,7 +286,6 @@ class _Asking:
         return NoService(words, instance=name, key=key)
 
     def _refusal(self) -> GuidefieldError:
-        """Return the exception of an error reply; Zenoh itself replies in words when the time is up."""
         payload = self._brought[0].err.payload.to_bytes()
         timeout, words = self._question.timeout, payload.decode(errors="replace")
         return refusal(payload) or NoService(f"no answer within {timeout:g} s ({words})", timeout=timeout)

@@ -101,7 +101,6 @@ class Execution:
         return 0 if self._piece is None else self._piece.number
 
     def _go_on(self, now: float) -> None:
-        """Begin the pieces whose begin has passed."""
         while self._waiting and self._waiting[0].begins <= now:
             piece = self._waiting.popleft()
             if piece.follows == self._number:

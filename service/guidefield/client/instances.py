@@ -19,8 +19,6 @@ from guidefield.messages.replies import InfoReply
 
 @dataclass(frozen=True)
 class _Load:
-    """The last report of an instance: its number of workers, and its queries from other clients."""
-
     workers: int
     others: int
 
@@ -141,11 +139,9 @@ class Instances:
         return {name: info.health.doing for name, info in self._infos().items() if info.health.state == "starting"}
 
     def _loads(self) -> dict[str, float]:
-        """Return the load per worker of each instance."""
         return {name: (info.busy + info.queue) / max(info.workers, 1) for name, info in self._infos().items()}
 
     def _infos(self) -> dict[str, InfoReply]:
-        """Read the brief info of each instance."""
         infos = {}
         encoding = Encoding.MSGPACK.value
         for reply in self._session.get(self._briefly, encoding=encoding, timeout=ASK_WITHIN):

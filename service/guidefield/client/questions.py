@@ -380,14 +380,12 @@ def refusal(payload: bytes) -> GuidefieldError | None:
 
 
 def _run(key: str, request: MotionRequest, allowed: float, kind: type[_M]) -> Question[_M]:
-    """Make the question for a run; a run without a name gets one."""
     run_id = request.run_id or uuid.uuid4().hex
     sent, timeout = _encode(msgspec.structs.replace(request, run_id=run_id)), allowed + PLAN_MARGIN
     return Question(key, _make_reader(key, kind), sent, timeout, run_id, work=True, needs=_list_needs(request))
 
 
 def _take_either(what: str, request: _Q | dict[str, Any] | None, fields: dict[str, Any]) -> _Q | dict[str, Any]:
-    """Return a request, or its fields; raise MalformedRequest if both are given."""
     if request is not None and fields:
         raise MalformedRequest(
             f"give a {what} request or its fields, not both; beside a request came {', '.join(fields)}"
@@ -396,7 +394,6 @@ def _take_either(what: str, request: _Q | dict[str, Any] | None, fields: dict[st
 
 
 def _key(room: str, name: str) -> str:
-    """Make the key of a named thing; refuse characters with a meaning in keys or parameters."""
     return f"{room}/{_word(name)}"
 
 
@@ -416,7 +413,6 @@ def _make_deleting(key: str, run_id: str | None = None) -> Question[Done]:
 
 
 def _list_needs(request: MotionRequest | KinematicsRequest | StreamOpen) -> tuple[str, ...]:
-    """List the keys of the robot and the scene of a request."""
     robot, scene = getattr(request, "robot", None), getattr(request, "scene", None)
     named = {"robots": robot, "scenes": scene.base if isinstance(scene, RequestScene) else scene}
     return tuple(f"{room}/{name}" for room, name in named.items() if isinstance(name, str))
@@ -433,7 +429,6 @@ def _make_reader(key: str, kind: type[_M]) -> Callable[[bytes], _M]:
 
 
 def _encode(message: msgspec.Struct) -> bytes:
-    """Encode a message; raise RequestTooLarge if no service would decode it."""
     payload = codec.encode(message, Encoding.MSGPACK)
     if len(payload) > codec.MAX_REQUEST_BYTES:
         raise RequestTooLarge(

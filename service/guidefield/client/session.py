@@ -50,13 +50,11 @@ def explain_no_link(settings: zenoh.Config, reason: str) -> NoService:
 
 
 def _endpoints(settings: zenoh.Config) -> list[str]:
-    """List the endpoints that a configuration connects to."""
     given = json.loads(settings.get_json("connect/endpoints"))
     return [str(one) for one in (given if isinstance(given, list) else chain.from_iterable(given.values()))]
 
 
 def _is_listening(endpoint: str) -> bool:
-    """Return whether an endpoint accepts TCP connections; False for other protocols."""
     protocol, _, address = endpoint.partition("/")
     host, _, port = re.split("[?#]", address)[0].rpartition(":")
     if protocol not in TCP_PROTOCOLS or not port.isdecimal():

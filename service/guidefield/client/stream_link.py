@@ -57,7 +57,6 @@ class StreamLink:
         self._forget()
 
     def _forget(self) -> None:
-        """Begin with nothing."""
         self.reply: StreamReply | None = None
         self.stream_id = self.request.stream_id or uuid.uuid4().hex
         self.execution = Execution(())
@@ -236,12 +235,10 @@ class StreamLink:
             timer.start()
 
     def _lost(self, stream_id: str, instance: str) -> None:
-        """The service of a stream was out of sight for too long."""
         told = f"service {instance!r} is gone, and stream {stream_id!r} with it: the robot stands at its last stop"
         self._over(stream_id, NoService(told, instance=instance, stream=stream_id))
 
     def _ask_again(self, stream_id: str, instance: str) -> None:
-        """A service is in sight again: the same, or one that was started anew."""
         try:
             self._exchange.ask(questions.read_stream(stream_id)).result()
         except StreamUnknown:
@@ -252,7 +249,6 @@ class StreamLink:
                 self._schedule(GONE_WITHIN, self._lost, stream_id, instance)
 
     def _over(self, stream_id: str, error: GuidefieldError) -> None:
-        """End a stream whose service can't say so."""
         with self._lock:
             if self.ended is not None or self.stream_id != stream_id:
                 return

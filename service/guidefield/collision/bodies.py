@@ -49,7 +49,6 @@ def _one_behind_the_other(placements: Any, *, writeable: bool = False) -> np.nda
 
 
 def _address(array: np.ndarray) -> int:
-    """Where an array begins in memory; sooner told than by its `ctypes`."""
     return int(array.__array_interface__["data"][0])
 
 

@@ -190,8 +190,6 @@ class PartsTable:
         return self._add(layout, write, keep=keep)
 
     def _add_copy(self, known: Arrays, counted_from: np.ndarray) -> int:
-        """Add a copy of parts whose first node, part and block, shape (3,), were those; its root."""
-
         def write(made: Arrays) -> None:
             for name, array in known.items():
                 made[name][:] = array

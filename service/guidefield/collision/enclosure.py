@@ -69,7 +69,6 @@ def _is_around(world: World, outer: int, inner: int) -> bool:
 
 
 def _is_around_a_point(world: World, outer: int, solid: Solid, points: np.ndarray) -> bool:
-    """Return whether a robot body where the world's data stand is around one of some points (n, 3) [m, world]."""
     there = world.placement(outer)
     low, high = solid.boxes[:, 0].min(axis=0), solid.boxes[:, 1].max(axis=0)
     middle, reach, near = there.act(0.5 * (low + high)), 0.5 * float(np.linalg.norm(high - low)), points

@@ -98,5 +98,4 @@ def _apart(group: PlanningGroup, own_pairs: bytes) -> np.ndarray:
 
 
 def _first_apart(one: list[int], other: list[int]) -> int:
-    """The first of some joints from the root on that is none of others; 0 where there is none."""
     return next((joint for joint, beside in zip(one, [*other, *one], strict=False) if joint != beside), 0)

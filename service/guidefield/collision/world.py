@@ -116,7 +116,6 @@ class World:
 
     @cached_property
     def _hulled(self) -> dict[int, bool]:
-        """True if in `hulls` a hull stands for a body, as far as it was asked for."""
         return {}
 
     @cached_property
@@ -151,7 +150,6 @@ class World:
 
     @cached_property
     def _transforms(self) -> CoalTransforms:
-        """The same of all bodies, as Coal takes it."""
         world: World = weakref.proxy(self)  # so that a world goes with its last user
         return CoalTransforms(self.body_placements, partial(World.placement, world))
 
@@ -303,7 +301,6 @@ class World:
         return obstacle.shape if patches is None else patches
 
     def _hull(self, body: int) -> Any | None:
-        """The hull that stands for a body; None where there is none."""
         if not self.is_surface(body):
             return None
         return link_hulls(self.group)[body] if body < self.pairs.links else obstacle_hull(self._obstacle(body))
@@ -362,7 +359,6 @@ def _pairs(group: PlanningGroup, scene: Scene, allowed: Allowed | None) -> Pairs
 
 @memoized_for_alike
 def _own_pairs(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray]:
-    """The robot's own pairs that count and move relative to each other, shape (n, 2), and its bodies that move."""
     joints = [shape.parentJoint for shape in group.geometry.geometryObjects]
     own = [
         (min(pair.first, pair.second), max(pair.first, pair.second))

@@ -98,7 +98,6 @@ def memory_limit(root: Path = ROOT, own: Path = OWN) -> int | None:
 
 
 def _folders(root: Path, own: Path) -> Iterator[Path]:
-    """The group's folders and those above it, of both versions of control groups."""
     for line in _read(own).splitlines():
         _, names, path = line.split(":", 2)
         above = root if not names else root / names
@@ -274,7 +273,6 @@ def _takes_files(folder: Path) -> bool:
 
 
 def _there(path: Path) -> Path:
-    """The path itself, or what is there of those above it."""
     return next((one for one in (path, *path.absolute().parents) if one.exists()), Path("/"))
 
 
@@ -405,7 +403,6 @@ def examination(data: Path) -> Iterator[Finding]:
 
 
 def _examine(about: str, look: Callable[[], Finding]) -> Finding:
-    """What a look finds; that it can't look is a finding, too."""
     try:
         return look()
     except OSError as error:

@@ -49,7 +49,6 @@ def encoding_of(told: object) -> Encoding:
 
 @functools.lru_cache(REMEMBERED_KEYS)
 def _split(key: str) -> tuple[str, tuple[str, ...]]:
-    """Split a key into its user and the chunks below the user's; raises MalformedRequest as `Asked.read`."""
     chunks = key.split("/")
     if "**" in chunks or any("*" in chunk for chunk in chunks[2:]):
         raise MalformedRequest(f"ask one key at a time: {key!r} has wildcards", key=key)

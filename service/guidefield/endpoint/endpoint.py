@@ -256,7 +256,6 @@ class Endpoint:
         return answer
 
     def _hand_over(self, read: keys.Query, received: float) -> Future[Answer]:
-        """Have a worker answer a query."""
         self._condition.require_ready()
         self._allowances.work(read.user)
         head = keys.decode_run_head(read)
@@ -293,7 +292,6 @@ class Endpoint:
         )
 
     def _answered_before(self, read: keys.Query, run_id: str | None) -> Future[Answer] | None:
-        """Return the answer to come of a run that has ended, if there is one of that name."""
         runs = self._runs.of(read.user)
 
         def answer_again() -> Answer:
@@ -307,7 +305,6 @@ class Endpoint:
         return None
 
     def _hand_work_over(self, read: keys.Query, received: float) -> Future[Answer]:
-        """Have a query answered that makes no run."""
         head, encoding = keys.decode_work_head(read), read.encoding
         allowed = head.allowed
 
@@ -334,13 +331,11 @@ class Endpoint:
         return answer
 
     def _tell_progress(self, user: str, run_id: str, told: bytes) -> None:
-        """Publish how far a run is, for everybody if its user shares it."""
         self._publish(f"{base_key(self._setup.instance, user)}/runs/{run_id}/progress", told)
         if self._runs.of(user).is_shared(run_id):
             self._publish(f"{shared_key(self._setup.instance)}/runs/{user}:{run_id}/progress", told)
 
     def _tell_change(self, read: keys.Query, future: Future[Answer]) -> None:
-        """Publish that a scene was stored or changed."""
         if future.cancelled() or future.exception() is not None or not future.result()[0]:
             return
         done = codec.decode(future.result()[1], Done, read.encoding)
@@ -364,10 +359,6 @@ def _keep_thread_state() -> None:
 
 
 def _thing(read: keys.Query) -> tuple[Kind, str]:
-    """Return the kind and the name of the thing that a query is about.
-
-    Raises MalformedRequest if its key names nothing of that kind.
-    """
     kinds: dict[str, Kind] = {kind: kind for kind in get_args(Kind)}
     if len(read.key) < 2 or read.key[0] not in kinds:
         raise MalformedRequest(f"nobody has anything at {'/'.join(read.key)!r}", key="/".join(read.key))
@@ -376,13 +367,11 @@ def _thing(read: keys.Query) -> tuple[Kind, str]:
 
 @functools.lru_cache(REMEMBERED_KEYS)
 def _kind(key: str) -> str:
-    """Return the kind under which a query's time is counted."""
     chunks = f"{key}/////".split("/")
     kind = chunks[4] if chunks[2] == USERS else chunks[2]
     return kind if kind in KINDS else "other"
 
 
 def _late(received: float, allowed: float, answer: Callable[[], Answer]) -> TimedAnswer:
-    """Return the answer in place of a worker that is late, with its time."""
     at = received + allowed
     return TimedAnswer(at + LATE + LATE_SHARE * allowed, answer, at + LAST + LAST_SHARE * allowed)

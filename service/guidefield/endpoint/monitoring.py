@@ -113,7 +113,6 @@ def metrics_server(port: int, instance: str, brief: Callable[[], InfoReply]) -> 
 
 
 def _exposition(instance: str, brief: Callable[[], InfoReply]) -> Callable[[], tuple[bytes, str]]:
-    """Write metrics in Prometheus' text format, with its content type."""
     from prometheus_client import CollectorRegistry
     from prometheus_client.exposition import CONTENT_TYPE_LATEST, generate_latest
 
@@ -134,7 +133,6 @@ def families(instance: str, told: InfoReply) -> Iterator[Any]:
     from prometheus_client import metrics_core
 
     def family(kind: str, name: str, what: str, values: Mapping[Any, Any], *labels: str) -> Any:
-        """A family of a kind, with values by those of its labels behind the instance's name."""
         made = getattr(metrics_core, f"{kind}MetricFamily")(
             f"guidefield{name}", what, labels=["instance_name", *labels]
         )
@@ -168,7 +166,6 @@ def families(instance: str, told: InfoReply) -> Iterator[Any]:
 
 
 def _buckets(histogram: Histogram) -> list[tuple[str, float]]:
-    """The cumulative counts of a histogram, by the bound."""
     bounds = [*map(str, histogram.bounds), "+Inf"]
     return list(zip(bounds, map(float, itertools.accumulate(histogram.counts)), strict=True))
 

@@ -180,7 +180,6 @@ def _declare(endpoint: Endpoint, instance: str, session: zenoh.Session, opened: 
 
 
 def _renderer(settings: ServiceSettings, setup: EngineSetup, runs: RunDatabase) -> Renderer:
-    """Renders the recordings of kept runs once it is started."""
     patience = EAGER_WITHIN if setup.eager_recordings else 0.0
     renderer = Renderer(setup, settings.memory, runs.recordings, runs.note_recording, patience)
     runs.render = renderer.add
@@ -212,7 +211,6 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
 
 @contextlib.contextmanager
 def _needed(told: str, *errors: type[Exception]) -> Iterator[None]:
-    """Have some errors in a block come out as CannotStart, which tells a sentence and their own words."""
     try:
         yield
     except errors as error:
@@ -235,7 +233,6 @@ def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> monitorin
 
 
 def _tell_metrics(settings: ServiceSettings, brief: Callable[[], InfoReply], opened: contextlib.ExitStack) -> None:
-    """Tell metrics and health until the service has ended, if that is asked for."""
     if settings.metrics is None:
         return
     try:
@@ -280,7 +277,6 @@ def _await_start(
 def _ros_node(
     settings: RosSettings, own: zenoh.Session, engines: Engines, endpoint: Endpoint, opened: contextlib.ExitStack
 ) -> RosNode:
-    """Return a node for ROS 2 that isn't offered yet; its last answers go out after the pool is closed."""
     try:
         from guidefield.endpoint.ros.node import ros_node, session_for
     except ImportError:
@@ -308,7 +304,6 @@ def _require_no_other(session: zenoh.Session, instance: str) -> None:
 
 
 def _prepare(runs: RunDatabase, announce: Callable[[str], None]) -> None:
-    """Make the runs of before ready to be read; where that fails, plans go on, and no run is kept."""
     stopped = WorkerCrashed("the service stopped while it worked on this run")
     try:
         runs.take_over(announce)
@@ -320,7 +315,6 @@ def _prepare(runs: RunDatabase, announce: Callable[[str], None]) -> None:
 
 @contextlib.contextmanager
 def _alone_in(data: Path, announce: Callable[[str], None]) -> Iterator[None]:
-    """Hold a data folder; the system lets go of it however the process ends."""
     data.mkdir(parents=True, exist_ok=True)
     with (data / ".lock").open("w") as lock:
         try:

@@ -147,7 +147,6 @@ def _dtype(layout: Layout) -> np.dtype:
 
 
 def _sum(record: np.ndarray) -> bytes:
-    """Return the checksum of a record, of its type and of all of it but the checksum."""
     digest = xxhash.xxh3_128(repr(record.dtype.descr).encode())
     digest.update(record.view(np.uint8)[_ALIGNED:].data)
     return digest.digest()
@@ -294,7 +293,6 @@ def _sources(module: str) -> str:
 
 
 def _imports(module: str) -> set[str]:
-    """The modules of the rooms that compute that a module of this package imports, by their full names."""
     path = _source(module)
     return set() if path is None else {name for name in _find_named_in(path) if _source(name) is not None}
 

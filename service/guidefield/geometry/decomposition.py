@@ -259,7 +259,6 @@ class _Samples:
         self._seen = np.ascontiguousarray((self.axes.T / np.maximum(spread, 1e-9 * spread[0])) @ _DIRECTIONS.T)
 
     def volume(self) -> float:
-        """About the volume of the hull [m^3]."""
         corners = self._points[furthest(self._points, self._seen.T)]
         return float(_volumes(corners[None], self._points[:1])[0])
 

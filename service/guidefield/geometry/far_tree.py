@@ -64,7 +64,6 @@ class _Charged:
     radii: Floats
 
     def reorder(self, order: Integers) -> _Charged:
-        """The same in another order."""
         return _Charged(*(array[order] for array in vars(self).values()))
 
 

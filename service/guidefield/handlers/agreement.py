@@ -182,7 +182,6 @@ def _touches(measured: Clearance, names: PairNames, time: float) -> bool:
 
 
 def _keep(run_id: str, motions: Callable[[], Sequence[Motion]]) -> str:
-    """Keep motions as a file for the referee; what is said about it."""
     file = cache.folder().with_name("failures") / f"{run_id}.json.xz"
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -142,7 +142,6 @@ def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], Robo
 
 
 def _motion(problem: GivenProblem) -> TimedMotion:
-    """Return the motion to measure: in time among obstacles that move."""
     return problem.motion.measured_among(problem.scene)
 
 

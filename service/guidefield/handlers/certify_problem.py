@@ -115,14 +115,12 @@ def planning_group(request: CertifyRequest, robot: RobotModel) -> PlanningGroup:
 def _planning_group(
     request: CertifyRequest, columns: Columns, rows: np.ndarray, robot: RobotModel
 ) -> tuple[PlanningGroup, list[str]]:
-    """The group that moves, placed as the request says, and warnings."""
     q_whole, warnings = _first(request, columns, rows, robot)
     place = se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw)
     return limited(select(robot, _group(request, columns, robot), request.tip, q_whole, place), request), warnings
 
 
 def _require_served(request: CertifyRequest, scene: Scene) -> None:
-    """Refuse what has no answer, by name."""
     if scene.moves and request.trajectory is None:
         moving = [one.name for one in scene.obstacles if one.motion is not None]
         raise MalformedRequest(
@@ -140,19 +138,16 @@ def _first(
 
 
 def _field(request: CertifyRequest) -> str:
-    """Return the request's field of the rows."""
     return "path" if request.trajectory is None else "trajectory.positions"
 
 
 def _positions(request: CertifyRequest, most: int | None = None) -> np.ndarray:
-    """The rows, or the first of them, shape (n, k)."""
     rows = request.path if request.trajectory is None else request.trajectory.positions
     assert rows is not None, "there is a path or a trajectory"
     return rows_in(rows[:most])
 
 
 def _columns(request: CertifyRequest, robot: RobotModel) -> Columns:
-    """Return the columns of positions: as they are named, or as a plan's reply has them for the group."""
     names = request.position_names
     if names is None:
         names = select(robot, request.group, request.tip, robot.rest, se3((0, 0, 0), (0, 0, 0, 1))).position_names
@@ -171,7 +166,6 @@ def _group(request: CertifyRequest, columns: Columns, robot: RobotModel) -> str 
 
 
 def _require_in_group(columns: Columns, group: PlanningGroup) -> None:
-    """Refuse a column of a joint that the group doesn't move."""
     moving = {joint.name for joint in group.joints}
     for joint in group.robot.joints:
         driver = joint.name if joint.mimic is None else joint.mimic.driver
@@ -192,7 +186,6 @@ def _motion(
     rows: np.ndarray,
     group: PlanningGroup,
 ) -> tuple[GivenMotion, list[str]]:
-    """The curve through the rows of a field, of a path where they have no times, and warnings."""
     points, warnings = chart_points(columns, rows, group, "path" if given is None else f"{field}.positions")
     if given is None:
         kept = np.flatnonzero(np.r_[True, (np.diff(points, axis=0) != 0.0).any(axis=1)])
@@ -236,7 +229,6 @@ def _planned(
 
 
 def _draw(planned: GivenMotion, execution: ControllerModel) -> DrawnMotion:
-    """What a controller draws of a motion."""
     given = planned.scheduled
     assert not isinstance(given, QuinticMotion), "rows that are given are cubic or straight"
     if execution.interpolation in READS_RATES and isinstance(given, StraightMotion):
@@ -282,13 +274,11 @@ def _rates(
 
 
 def _with_end(kept: np.ndarray, count: int) -> np.ndarray:
-    """Indices of the rows that are kept, the last of which stands for the last of all."""
     rows: np.ndarray = np.append(kept[:-1], count - 1)
     return rows
 
 
 def _times(request: CertifyRequest, given: GivenTrajectory) -> np.ndarray:
-    """Return the time of each row, shape (n,) [s]."""
     if given.times is not None:
         return np.array(given.times, float)
     assert request.time_step is not None, "a trajectory has times or a step"

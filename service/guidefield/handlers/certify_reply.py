@@ -97,7 +97,6 @@ def _deviation(problem: GivenProblem) -> replies.MotionDeviation | None:
 
 
 def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
-    """The verdict as a status, and a sentence."""
     verdict = judgement.verdict
     if verdict.free and judgement.within_limits:
         return Ending(Status.SUCCESS, "the motion is certified free over its whole length and within its limits")
@@ -115,7 +114,6 @@ def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
 
 
 def _why(problem: GivenProblem, judgement: Judgement) -> str:
-    """Why a motion is refused, as the beginning of a sentence."""
     verdict = judgement.verdict
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
     match verdict.reason:
@@ -144,7 +142,6 @@ def _why(problem: GivenProblem, judgement: Judgement) -> str:
 
 
 def _contact(judgement: Judgement, pair: str) -> str:
-    """Describe the contact of a pair, as the beginning of a sentence."""
     if judgement.enclosed:
         return f"the motion begins with {pair}, one wholly inside the other"
     if judgement.leaving is not None and not judgement.leaving.leaves:
@@ -153,7 +150,6 @@ def _contact(judgement: Judgement, pair: str) -> str:
 
 
 def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
-    """The ending of a motion that is free, but exceeds a limit of a rate."""
     group, motion = problem.group, problem.motion
     exceeded = {name: use for name in RATES if not (use := getattr(judgement.uses, name)).is_within}
     if not exceeded:
@@ -190,7 +186,6 @@ def _free_until(problem: GivenProblem, verdict: Verdict) -> tuple[float, float |
 
 
 def _covered(problem: GivenProblem, leaving: Leaving | None) -> str:
-    """Name the subject of the certificate."""
     what = "path" if problem.motion.times is None else "trajectory"
     if leaving is None or not leaving.leaves:
         return what
@@ -228,12 +223,10 @@ def _clearance(
 
 
 def _is_certified(judgement: Judgement) -> bool:
-    """Return whether the whole motion is certified, its start too."""
     return judgement.verdict.free and judgement.leaving is None
 
 
 def _measured_at(problem: GivenProblem, time: float) -> tuple[float, float | None]:
-    """Row and time of a place that was measured at a time [s]."""
     motion = problem.motion
     if not problem.scene.moves:
         return motion.along_measured(time)
@@ -267,5 +260,4 @@ def _use(problem: GivenProblem, use: LimitUse, owner: str = "name") -> replies.L
 
 
 def _joint_of(problem: GivenProblem, coordinate: int) -> int:
-    """Index of the group's joint that has a coordinate of the chart."""
     return next(k for k, j in enumerate(problem.group.joints) if j.idx_v <= coordinate < j.idx_v + j.nv)

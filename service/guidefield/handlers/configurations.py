@@ -122,7 +122,6 @@ def rates_from(group: PlanningGroup, given: JointRates, field: str) -> np.ndarra
 
 
 def _tangent(group: PlanningGroup, name: str) -> slice:
-    """Return the slice of a joint's rates among those of a group."""
     joint = next((joint for joint in group.joints if joint.name == name), None)
     if joint is None:
         configuration_from_wire(group.robot, {name: 0.0})  # refuses a joint that isn't there, and a mimic joint
@@ -131,7 +130,6 @@ def _tangent(group: PlanningGroup, name: str) -> slice:
 
 
 def _unpacked(table: ConfigurationTable) -> np.ndarray:
-    """The rows of a packed table, shape (n, k)."""
     return np.frombuffer(table.float64 or b"", "<f8").astype(float).reshape(-1, len(table.names))
 
 

@@ -127,7 +127,6 @@ def _to_world(reference: requests.ReferenceFrame, root: Any) -> np.ndarray:
 
 
 def _with_payload(robot: RobotModel, payload: Sequence[requests.Payload]) -> Any:
-    """A copy of a robot's Pinocchio model whose links carry a payload."""
     model = robot.model.copy()
     for index, one in enumerate(payload):
         if one.link not in robot.links:
@@ -144,7 +143,6 @@ def _with_payload(robot: RobotModel, payload: Sequence[requests.Payload]) -> Any
 
 
 def _require_mass(robot: RobotModel, model: Any) -> None:
-    """Raise RobotInvalid if no link that moves has a mass."""
     if not any(inertia.mass > 0.0 for inertia in list(model.inertias)[1:]):
         raise RobotInvalid(
             f"robot {robot.name!r} has no inertia: none of its moving links has an <inertial> with a <mass>, so there "
@@ -154,13 +152,11 @@ def _require_mass(robot: RobotModel, model: Any) -> None:
 
 
 def _symmetric(upper: np.ndarray) -> np.ndarray:
-    """The symmetric matrix of its upper triangle."""
     whole: np.ndarray = np.triu(upper) + np.triu(upper, 1).T
     return whole
 
 
 def _mass_warnings(robot: RobotModel, model: Any) -> list[str]:
-    """Warnings about joints that move no mass."""
     masses = np.array([inertia.mass for inertia in model.inertias])
     without = [
         joint.name

@@ -102,7 +102,6 @@ def _field(head: RunHead) -> str:
 def _empty(
     run_id: str, head: RunHead, status: Status, message: str, taken: float, details: dict[str, Any]
 ) -> MotionReply:
-    """Return the reply of a run that has no result after some time [s]."""
     shared: dict[str, Any] = {
         "run_id": run_id,
         "status": Outcome(code=int(status), name=status.name, message=message, details=details),

@@ -238,8 +238,6 @@ def potential(
 
 
 class _Clearances:
-    """Clearances at configurations, as they become a reply."""
-
     def __init__(self, world: World, gradients: bool, contacts: bool) -> None:
         self._world = world
         self._found: list[ClearanceAt] = []
@@ -247,7 +245,6 @@ class _Clearances:
         self._contacts: list[list[list[str]]] | None = [] if contacts else None
 
     def add(self, q: ModelConfiguration, one: ClearanceAt) -> None:
-        """Add the clearance at a configuration of the model, shape (model.nq,)."""
         self._found.append(one)
         if self._gradients is not None:
             own, obstacle = (clearance_gradient(self._world, q, one, own=own) for own in (True, False))
@@ -256,7 +253,6 @@ class _Clearances:
             self._contacts.append([list(pair) for pair in blocking_pairs(self._world, [q]).counts])
 
     def as_lists(self) -> ClearanceReply:
-        """The reply in lists."""
         found = self._found
         gradient = own = None
         if self._gradients is not None:
@@ -275,7 +271,6 @@ class _Clearances:
         )
 
     def as_packed(self) -> ClearanceReply:
-        """The reply with its numbers packed."""
         found, numbers = self._found, dict[tuple[str, str], int]()
         pair = [-1 if (p := one.obstacle_pair) is None else numbers.setdefault(p, len(numbers)) for one in found]
         nowhere, no_slope = np.full((2, 3), np.nan), np.full(self._world.group.nv, np.nan)
@@ -313,7 +308,6 @@ _ANSWERS: dict[type, Callable[[Any, Any, Any, Deadline], Any]] = {
 
 
 def _at_points(points: Sequence[Vector3], scene: Scene, deadline: Deadline) -> PointPotentialReply:
-    """The field at points, some of them at a time."""
     tables = exact(scene.tables)
     potentials: list[float] = []
     gradients: list[Vector3] = []
@@ -329,7 +323,6 @@ def _at_points(points: Sequence[Vector3], scene: Scene, deadline: Deadline) -> P
 
 
 def _within(deadline: Deadline, asked: Sequence[_Asked]) -> Iterator[_Asked]:
-    """Yield the questions, one after the other, as long as there is time."""
     for done, one in enumerate(asked):
         require_time(deadline, done, len(asked))
         yield one
@@ -351,13 +344,11 @@ def _require_same_outside(group: PlanningGroup, q_whole: RobotConfiguration, fie
 
 @functools.lru_cache(16)
 def _rows_of(position: Vector3, quaternion_xyzw: QuaternionXYZW) -> np.ndarray:
-    """Return a placement as rows of rotation and translation, shape (3, 4)."""
     return np.ascontiguousarray(se3(position, quaternion_xyzw).homogeneous[:3])
 
 
 @memoized
 def _frame_table(robot: RobotModel, names: tuple[str, ...]) -> FrameTable:
-    """Return the table of the `frames` of a request; raises UnknownFrame if the robot lacks one."""
     frames = [robot.model.frames[index] for index in frame_ids(robot, names)]
     table = FrameTable(
         np.array([frame.parentJoint for frame in frames], np.int64),

@@ -133,8 +133,6 @@ def _is_guided(request: PlanRequest, problem: Problem) -> bool:
 def _recorded(
     scene: Scene, problem: Problem, trajectory: Trajectory | None, found: Clearance | None, parts: int
 ) -> PlainMotion:
-    """A plan's motion as a recording shows it."""
-
     def packed() -> PackedMotion:
         knots = None if trajectory is None else PackedKnots.of(trajectory)
         return PackedMotion(knots, None if found is None else PackedClearance.of(found), parts=parts)
@@ -191,7 +189,6 @@ def prepare_ahead(
 def _picked_up(
     request: PlanRequest, robot: RobotModel, declared: Callable[[requests.SceneReference], messages.Scene]
 ) -> list[AttachedObject]:
-    """Return the obstacles that steps pick up, held anywhere."""
     names = {step.attach.object for step in request.steps if step.attach is not None}
     if not names:
         return []
@@ -220,7 +217,6 @@ def refuse_ends(problem: Problem) -> Plan | None:
 
 
 def _limit_message(end: str, faults: list[LimitFault], robot: RobotModel) -> tuple[str, dict[str, Any]]:
-    """The joint that is farthest beyond a limit, as a sentence and values, and all others as values."""
     first, *others = sorted(faults, key=lambda fault: -fault.excess)
     joint = robot.joint(first.joint)
     unit = {1: " m" if joint.kind is JointKind.PRISMATIC else " rad"}.get(joint.nv, "") if joint else ""

@@ -96,7 +96,6 @@ def with_derived_planes(problem: Problem, request: PlanRequest) -> tuple[Problem
 
 
 def _goal_place(problem: Problem) -> np.ndarray | GuidePlane:
-    """Return the goal of the tip: a point, shape (3,) [m], or a plane."""
     if isinstance(problem.goal, ConfigurationGoal):
         return problem.kinematics.tip_position(problem.group.expand(problem.goal.configurations[0]))
     if isinstance(problem.goal, TipGoal):
@@ -171,7 +170,6 @@ def in_motion(request: PlanRequest) -> bool:
 
 
 def _require_served_in_motion(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...]) -> None:
-    """Refuse what is not served for motions that begin or end in motion, by name."""
     if not group.is_euclidean:
         several = [joint.name for joint in group.joints if joint.nv > 1]
         raise InvalidConfiguration(

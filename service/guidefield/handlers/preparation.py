@@ -88,7 +88,6 @@ def connects(request: PlanRequest) -> bool:
 
 
 def _scenes_asked(scene: Scene) -> Iterator[Scene]:
-    """Yield a scene as a plan asks about it; among large obstacles that move, with these held still, too."""
     yield scene
     if scene.moves and are_many([scene.message.obstacles[k] for k in scene.others], MANY_HELD):
         yield scene.resting

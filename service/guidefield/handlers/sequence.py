@@ -95,7 +95,6 @@ def answer_steps(
 
 
 def _motions(request: PlanRequest, made: SequencePlan[Standing], stretches: Sequence[Stretch]) -> list[Motion]:
-    """Stretches for the referee."""
     motions = []
     for one in stretches:
         held = [held.attached for held in made.legs[one.index].at.objects]
@@ -179,7 +178,6 @@ def reply_to(
 def _step(
     leg: StepResult[Standing], course: Steps, made: SequencePlan[Standing], measured: Measured
 ) -> replies.StepFigures:
-    """One step in the wire's words."""
     own = [(stretch, one) for stretch, one in measured if stretch.index == leg.index and course.moves(leg.index)]
     judged = [
         verdict for stretch, verdict in zip(made.stretches, made.verdicts, strict=False) if stretch.index == leg.index
@@ -245,7 +243,6 @@ def _least_clearance(
 
 
 def _fastest(uses: Sequence[Sequence[replies.CartesianUse]]) -> list[replies.CartesianUse]:
-    """Of what is limited in space the fastest on some stretches."""
     return [max(each, key=lambda use: use.speed) for each in zip(*uses, strict=True)]
 
 
@@ -259,7 +256,6 @@ def _strongest(figures: Sequence[replies.EffortFigures | None]) -> replies.Effor
 
 
 def _least_self(figures: Sequence[replies.SelfClearance]) -> replies.SelfClearance | None:
-    """The smallest distance of the robot from itself on some stretches."""
     if not figures:
         return None
     with_pairs = [one for one in figures if one.pair is not None]

@@ -151,7 +151,6 @@ def _configuration(packed: PackedArray) -> RobotConfiguration:
 
 
 def _stretch(packed: PackedStretch, conditions: Conditions, trajectory: Trajectory) -> Stretch:
-    """A part of a trajectory under the conditions of its step, with the pairs that may touch on it."""
     fields = {field.name: getattr(conditions, field.name) for field in dataclasses.fields(Conditions)}
     allowed = frozenset(packed.allowed)
     if allowed != conditions.allowed_collisions:

@@ -175,5 +175,4 @@ class Standing:
 
 
 def _with(scene: Scene, obstacles: list[messages.Obstacle]) -> Scene:
-    """The scene with other obstacles."""
     return scenes.build(msgspec.structs.replace(scene.message, obstacles=obstacles))

@@ -161,7 +161,6 @@ class Steps:
         return self._request.steps[index].detach
 
     def _moving_joints(self) -> list[str]:
-        """Return the names of all joints that any step moves."""
         names, known = set[str](), list[tuple[str | list[str] | None, str]]()
         for index, step in enumerate(self._request.steps):
             asked = self._joints(step), self._tip(step)
@@ -175,7 +174,6 @@ class Steps:
         return [joint.name for joint in self.start.robot.joints if joint.name in names]
 
     def _group(self, robot: RobotModel, q: RobotConfiguration, request: PlanRequest) -> PlanningGroup:
-        """All joints that any step moves, with a request's limits."""
         root = self.start.root
         group = limited(select(robot, self._moving, request.tip, q, root).starting_at(request.start), request)
         for joint in group.joints:
@@ -195,7 +193,6 @@ class Steps:
         return step.tip or self._request.tip or self.start.robot.tip
 
     def _make_request(self, index: int, at: Standing) -> PlanRequest:
-        """A step as a plan request of its own."""
         step, request, robot = self._request.steps[index], self._limited_for(index), at.robot
         with _in_step(index):
             part = select(robot, self._joints(step), self._tip(step), at.q, at.root)
@@ -217,7 +214,6 @@ class Steps:
         )
 
     def _limited_for(self, index: int) -> PlanRequest:
-        """The request with the limits of a step."""
         request, step = self._request, self._request.steps[index]
         return msgspec.structs.replace(
             request,
@@ -240,7 +236,6 @@ class Steps:
         return one.near
 
     def _carries(self, index: int, one: Held, at: Standing) -> bool:
-        """Return whether a step moves the link that holds an object."""
         step = self._request.steps[index]
         if step.goal is None:
             return False
@@ -252,8 +247,6 @@ class Steps:
         return bool(carriers & moving)
 
     def _planned(self, asked: PlanRequest, way: StraightWay | None) -> Callable[[Problem], Plan]:
-        """Plans the step that a request asks for."""
-
         def planned(problem: Problem) -> Plan:
             began = time.perf_counter()
             if (refusal := refuse_ends(problem)) is not None:
@@ -271,7 +264,6 @@ class Steps:
         return planned
 
     def _require_passable(self) -> None:
-        """Refuse to pass a goal where nothing goes on, or other joints do."""
         for index, step in enumerate(self._request.steps):
             if step.stop:
                 continue
@@ -291,7 +283,6 @@ class Steps:
                     )
 
     def _find_moved_joints(self, step: PlanStep) -> list[str]:
-        """Names of the joints that a step moves."""
         return [
             joint.name
             for joint in select(
@@ -314,7 +305,6 @@ class Steps:
 
 
 def _require_served(request: PlanRequest) -> None:
-    """Refuse what is part of the wire but not served in sequences, by name."""
     if request.leave_start_contact:
         raise MalformedRequest(
             "with `steps`, `leave_start_contact` is not served: leave it out", unserved="leave_start_contact"
@@ -333,7 +323,6 @@ def _require_served(request: PlanRequest) -> None:
 
 
 def _narrowed(execution: ExecutionOptions | None, moving: set[str]) -> ExecutionOptions | None:
-    """An execution with the tolerances of some joints alone."""
     if execution is None or not isinstance(execution.tolerance, dict):
         return execution
     tolerance = {name: value for name, value in execution.tolerance.items() if name in moving}
@@ -341,7 +330,6 @@ def _narrowed(execution: ExecutionOptions | None, moving: set[str]) -> Execution
 
 
 def _goal(step: PlanStep, at: Standing, tip: str) -> requests.Goal:
-    """The goal of a step, a relative one as the pose that it means."""
     goal = step.goal
     assert goal is not None, "the step moves"
     if not isinstance(goal, RelativeGoal):
@@ -354,7 +342,6 @@ def _goal(step: PlanStep, at: Standing, tip: str) -> requests.Goal:
 
 
 def _way(step: PlanStep, asked: PlanRequest, problem: Problem) -> StraightWay:
-    """The straight way from where the tip is."""
     assert isinstance(asked.goal, requests.PoseGoal), "a straight way leads to a pose"
     group = problem.group
     begin = problem.kinematics.frame_placement(group.expand_from_chart(problem.z_start), group.tip_id)
@@ -364,7 +351,6 @@ def _way(step: PlanStep, asked: PlanRequest, problem: Problem) -> StraightWay:
 
 @contextmanager
 def _in_step(index: int) -> Iterator[None]:
-    """Name the step in what is refused."""
     try:
         yield
     except GuidefieldError as error:

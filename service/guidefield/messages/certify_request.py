@@ -185,7 +185,6 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
             raise ValueError("`velocity_names` is for a `trajectory` that has `velocities`")
 
     def _require_untimed(self) -> None:
-        """Raise ValueError if a path is given what only a trajectory has."""
         lacking = {
             "execution": (self.execution, "no times", "is"),
             "planned": (self.planned, "no times", "is"),

@@ -213,7 +213,6 @@ def _select_structs(nodes: Iterable[inspect.Type]) -> list[inspect.StructType]:
 
 
 def _match_tag(structs: list[inspect.StructType], data: Any) -> list[inspect.StructType]:
-    """Select the messages with the tag in the data; all of them if the data has none."""
     tags = data if isinstance(data, dict) else {}
     return [one for one in structs if one.tag_field is None or tags.get(one.tag_field, one.tag) == one.tag]
 

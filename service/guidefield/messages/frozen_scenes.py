@@ -122,7 +122,6 @@ def copy_scene(scene: Scene) -> Scene:
 
 
 def _copy_lists(declared: _Declared) -> _Declared:
-    """Copy a message with its lists, and those of its trajectory; return itself if it has none."""
     lists = {field: [*value] for field in declared.__struct_fields__ if type(value := getattr(declared, field)) is list}
     trajectory = getattr(declared, "trajectory", None)
     if not lists and trajectory is None:

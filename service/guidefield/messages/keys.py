@@ -257,7 +257,6 @@ def _decode_scene(query: Query) -> requests.Request:
 
 
 def _parse_version(text: str | None) -> int | None:
-    """Parse the parameter that names a version of a scene; None without one."""
     if text is None:
         return None
     if not (text.isascii() and text.isdigit() and 0 < int(text) < 2**63):

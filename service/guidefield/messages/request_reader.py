@@ -131,7 +131,6 @@ def _convert(request: Any) -> requests.Request:
 
 
 def _to_plain(value: Any) -> Any:
-    """Convert a message, or a list with some, to plain data; return anything else unchanged."""
     some = value if isinstance(value, list | tuple) else (value,)
     return codec.replace_arrays(value) if any(isinstance(one, msgspec.Struct) for one in some) else value
 

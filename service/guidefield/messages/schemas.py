@@ -154,7 +154,6 @@ def _read_meanings(message: type) -> dict[str, str]:
 
 
 def _name_value(schema: dict[str, Any]) -> str:
-    """What a value may be, in words."""
     if "$ref" in schema:
         return str(schema["$ref"].rpartition("/")[2])
     if "enum" in schema:

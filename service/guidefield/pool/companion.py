@@ -133,7 +133,6 @@ class Companion:
         self._ended(error)
 
     def _listen(self, line: Connection, process: BaseProcess) -> GuidefieldError:
-        """Hear what the process tells, until the conversation is over; return why it is."""
         looked, death = time.monotonic(), WorkerCrashed("the process that worked on it died; the service lives on")
         while True:
             try:
@@ -176,7 +175,6 @@ class Companion:
 
 
 def _converse(conversation: Conversation, line: Connection, memory: int) -> None:
-    """Run the conversation, in its process."""
     end_with_parent()
     limit_memory(memory)
     conversation(line)

@@ -153,7 +153,6 @@ class Outbox:
         self._count += count
 
     def _be_ready(self, user: str, key: object) -> None:
-        """Have a thread send something to a client."""
         self._ready.setdefault(user, deque()).append(key)
         self._have_taken()
 
@@ -203,7 +202,6 @@ class Outbox:
         return next((user for user in self._ready if self._shares[user].may_send()), None)
 
     def _settle(self, key: object, letter: _Letter) -> None:
-        """Count an answer that is sent; have the next one of its client sent."""
         lane = self._lanes[key]
         share = self._shares[lane.user]
         lane.busy = False
@@ -235,7 +233,6 @@ class Outbox:
                 self._poller = None
 
     def _next_own(self, me: int) -> tuple[object, _Letter] | None:
-        """Return the next answer that the polling thread sends by itself; None without one, or if it polls no more."""
         with self._lock:
             if self._poller != me:
                 return None

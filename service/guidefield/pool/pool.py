@@ -212,7 +212,6 @@ class Pool:
         return [slot.worker for slot in self._all_slots() if slot.worker is not None]
 
     def _start(self, slot: Slot) -> None:
-        """Have a worker started in a slot, unless there is one, or one comes, or the pool is closed."""
         with self._lock:
             if self.waiting.closed or not slot.is_empty:
                 return
@@ -229,7 +228,6 @@ class Pool:
         self._call(partial(self._welcome, slot, worker))
 
     def _welcome(self, slot: Slot, worker: Worker) -> None:
-        """Attend to a worker that was started."""
         with self._lock:
             slot.worker, slot.is_starting = worker, False
         if worker.process.pid is None:
@@ -239,7 +237,6 @@ class Pool:
         self._selector.register(worker.process.sentinel, selectors.EVENT_READ, partial(self._hear_last, slot, worker))
 
     def _call(self, what: Callable[[], None]) -> None:
-        """Have something called by the thread that attends."""
         self._calls.append(what)
         self._wake()
 
@@ -261,7 +258,6 @@ class Pool:
             _do(partial(self._look_after, now))
 
     def _pause(self) -> float | None:
-        """Return the time to wait [s]; None: until something comes."""
         with self._lock:
             now, slots = time.monotonic(), self._all_slots()
             is_active, due_at = now < self._active_until or len(self.waiting) > 0, self.waiting.due_at
@@ -275,7 +271,6 @@ class Pool:
             return None if self._sleeps_until == math.inf else max(0.0, self._sleeps_until - now)
 
     def _hear(self, slot: Slot, worker: Worker) -> None:
-        """Take what a worker told, and send it what it has room for."""
         awaits_room = worker.has_rest and not worker.send_rest()
         if awaits_room != worker.awaits_room:
             worker.awaits_room = awaits_room
@@ -444,7 +439,6 @@ class Pool:
         return WorkerCrashed(f"the process that worked on this request died{how}; the service lives on")
 
     def _look_after(self, now: float) -> None:
-        """Do what is due by the clock."""
         for task in self.waiting.take_expired(now):
             assert task.deadline is not None, "only tasks with a deadline expire"
             task.end_overdue(task.deadline)
@@ -492,7 +486,6 @@ def _do(what: Callable[[], None]) -> None:
 
 
 def _end_early(task: Task) -> None:
-    """Settle a task that doesn't wait again, because it was cancelled or the pool is closed."""
     if task.if_cancelled is not None:
         task.set_result(task.if_cancelled())
     else:
@@ -500,7 +493,6 @@ def _end_early(task: Task) -> None:
 
 
 def _await(is_done: Callable[[], bool], within: float) -> bool:
-    """Return whether something comes true within a time [s]."""
     until = time.monotonic() + within
     while not is_done():
         if time.monotonic() >= until:

@@ -172,7 +172,6 @@ def _outcome(answer: Work, job: bytearray, beside: bytearray, call: Call) -> tup
 
 
 def _read(told: socket.socket, size: int) -> bytearray:
-    """Read some bytes; raise EOFError if no more come."""
     read = bytearray(size)
     left = memoryview(read)
     while left:

@@ -300,7 +300,6 @@ class Waiting:
             raise self._busy(reason, task, bytes_limit=most_bytes)
 
     def _full(self, task: Task) -> ServerBusy | None:
-        """Return the refusal of a task for which the queue has no room; None if it has."""
         most, most_bytes, count = self._limits.tasks, self._limits.bytes, self._count
         if count >= most:
             return self._busy(f"{count} requests wait already", task, queue=count, limit=most)

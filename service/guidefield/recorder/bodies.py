@@ -87,7 +87,6 @@ def collision_bodies(robot: RobotModel, links: Collection[str] | None = None) ->
 
 
 def _sketch(judged: tuple[Body, ...]) -> tuple[tuple[str, Surface], ...]:
-    """Hulls by link: of each body, or of all together where a link has many."""
     by_link: dict[str, list[Surface]] = {}
     for body in judged:
         if isinstance(body.surface, Surface):
@@ -278,7 +277,6 @@ def _make_room(folder: Path) -> None:
 
 
 def _fingerprint(robot: RobotModel) -> str:
-    """A hash of all that a robot's pictures are made from: its text, its mesh files, its cover, who reads them."""
     source = robot.source.urdf_text.encode()
     digest = hashlib.sha256(f"{rr.__version__} {version('trimesh')} {list_sphere_counts(robot)} ".encode() + source)
     for module in (__file__, mesh_files.__file__, surface.__file__):

@@ -112,7 +112,6 @@ JudgedRun = RecordedRun[CertifyRequest, CertifyReply]
 
 
 def _document_run(run: Run, figures: Mapping[str, Any], parts: Sequence[str], request_hash: str) -> Iterator[Chunk]:
-    """The documents of a run, with figures of its kind by which it is identified, too, and lines of its summary."""
     request, reply = run.request, run.reply
     known: dict[str, Any] = {
         "run_id": reply.run_id,

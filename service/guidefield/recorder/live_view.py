@@ -140,7 +140,6 @@ class _ViewerPlace(Place):
         eye: Eye,
         timeline: str,
     ) -> None:
-        """Send the chunks of a run with its scene and robot."""
         every = [*chunks, *scene.chunks(), *bodies.meshes(robot, drawn)]
         views = layout(eye, timeline, shown(chunks))
         self.channel.send(lambda: (every, views), last=True)

@@ -86,7 +86,6 @@ def _draw_closest_pair(profile: ClearanceProfile, size: float) -> Chunk:
 
 
 def _plot_joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) -> Iterator[Chunk]:
-    """Joint positions, velocities and accelerations, and their shares of the limits: -1 lower, 1 upper."""
     names, rates = group.position_names, group.velocity_names
     if trajectory is None or not trajectory.times:
         positions = position_rows(group, motion.configurations)
@@ -134,7 +133,6 @@ def _palette(count: int) -> list[Color]:
 def _curves(
     path: str, times: rr.TimeColumn, values: np.ndarray, names: Sequence[str], colors: Sequence[Color]
 ) -> Iterator[Chunk]:
-    """Values (n,) or (n, k) over n times, with the names of the k curves; what isn't finite is left open."""
     columns = np.asarray(values, float).reshape(len(values), -1)
     yield _lines(path, tuple(names), tuple(colors))
     yield _values(path, times, np.where(np.isfinite(columns), columns, np.nan))
@@ -238,7 +236,6 @@ class _MotionView:
 
     @classmethod
     def of(cls, place: Place, run: Run, motion: Motion, landmarks: np.ndarray) -> _MotionView:
-        """View a motion, and points (k, 3) [m, world] that are to be in the picture too; k may be 0."""
         at = poses(run.group, motion.configurations)
         drawn = bodies.prepared(run.group.robot, place.bodies)
         ends = robot_entities.extent(run.group, drawn, motion.configurations[[0, -1]])
@@ -246,13 +243,11 @@ class _MotionView:
         return cls(run, motion, at, drawn, choose_eye(at.tip, robot, landmarks, run.scene.obstacles, run.group.size))
 
     def bodies(self, at_fault: Collection[str]) -> Iterator[Chunk]:
-        """The bodies at fault, highlighted, and the robot's ghosts."""
         yield from bodies.highlighted(self.run.group.robot, at_fault)
         if (ghosts := robot_entities.ghosts(self.run.group, self.drawn, self.motion)) is not None:
             yield ghosts
 
     def robot(self) -> Iterator[Chunk]:
-        """The robot and its tip along the motion, among the obstacles that move."""
         times, at = self.motion.times, self.at
         yield robot_entities.tip_axes(self.run.group)
         rows = evenly(len(times), frames_of(times))
@@ -263,7 +258,6 @@ class _MotionView:
             yield from scene_entities.moving(self.run.scene.obstacles, times)
 
     def curves(self, trajectory: Trajectory | None) -> Iterator[Chunk]:
-        """Joints, given the knots if there are velocities, and distances, beside the required one."""
         yield from _plot_joints(self.run.group, self.motion, trajectory)
         profile = self.run.measured
         if profile is not None and len(profile.times):
@@ -271,7 +265,6 @@ class _MotionView:
             yield from _plot_clearance(profile, self.run.request.min_clearance)
 
     def field(self) -> Iterator[Chunk]:
-        """The field, and its forces on the robot along the motion."""
         motion = self.motion
         rows = evenly(len(motion.times), robot_entities.MOMENTS)
         times = motion.times[rows] if motion.timed else None
@@ -284,7 +277,6 @@ class _MotionView:
             yield from robot_entities.picture_of_plane(self.run.scene, self.at.tip, origin_of(self.run.group))
 
     def write(self, place: Place, chunks: Sequence[Chunk], at_fault: Collection[str], timeline: str) -> None:
-        """Write chunks with the scene, in which bodies at fault are red, and a timeline to begin with."""
         run = self.run
         scene = shared_scene(run.scene, run.request, self.eye.hiding, at_fault)
         place.write(run.reply.run_id, chunks, scene, run.group.robot, self.drawn, self.eye, timeline)

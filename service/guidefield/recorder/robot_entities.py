@@ -79,7 +79,6 @@ def charges(
 
 @memoized_for_alike
 def _points_of_joints(group: PlanningGroup) -> list[Chunk]:
-    """The charged points of each joint that has some, in its frame."""
     charged, chunks = moving_charges(group), []
     for joint in np.unique(charged.joints).tolist():
         points = rr.Points3D(charged.points[charged.joints == joint], radii=[POINT_RADIUS * group.size])

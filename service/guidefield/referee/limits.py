@@ -20,10 +20,6 @@ HALVINGS, AT_ONCE = 60, 2000  # of a span in which a zero is; pieces whose extre
 
 
 def _monotone_between(powers: np.ndarray, spans: np.ndarray) -> np.ndarray:
-    """Times (e, m, n) after the starts of pieces between which columns and all their derivatives are monotone.
-
-    Between the zeros of the derivative above it each one is: its zero is where halving finds a change of sign.
-    """
     edges = np.stack([np.zeros((len(spans), powers.shape[2])), np.tile(spans[:, None], powers.shape[2])])
     for order in reversed(range(1, powers.shape[1] - 1)):
         low, high = edges[:-1], edges[1:]

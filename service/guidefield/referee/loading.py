@@ -388,7 +388,6 @@ def _moves(told: Told) -> bool:
 
 
 def _objects(model: Any, told: Told, unknown: list[str]) -> Iterator[Body]:
-    """What is held, then obstacles."""
     parts = told["parts"]["objects"]
     for held in told.get("held", ()):
         divided = parts.get(held["obstacle"]["name"], {}).get("triangles")

@@ -285,7 +285,6 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _stop(body: Body, now: float) -> pin.SE3:
-    """Where an obstacle's own frame is on its screws at a time [s]."""
     assert body.screw is not None, "only what moves is asked for"
     times, stops = body.screw.times, body.screw.stops
     k = min(max(int(np.searchsorted(times, now)) - 1, 0), len(times) - 2)

@@ -67,7 +67,6 @@ def replay(case: Case, proof: Proof, seconds: float = math.inf) -> Verdict:
 
 
 def _broken_constraint(case: Case, seconds: float) -> Finding | None:
-    """A path constraint that isn't kept, or of which it can't be told."""
     if not case.constraints:
         return None
     found = Along(replace(case, bodies=()), 0.0, 0.0, time.monotonic() + seconds).bisect()
@@ -75,8 +74,6 @@ def _broken_constraint(case: Case, seconds: float) -> Finding | None:
 
 
 class _Replay:
-    """A proof that is checked."""
-
     def __init__(self, case: Case, proof: Proof, along: Along) -> None:
         self._case, self._proof = case, proof
         pairs = np.array([(i, j) for i, j, _ in along.pairs], int).reshape(-1, 2)
@@ -91,11 +88,6 @@ class _Replay:
         self._boxes = self._boxes_about()
 
     def check(self) -> float:
-        """Return what all pairs keep at least beyond what is required [m].
-
-        Raises:
-            Refused: if the proof doesn't hold.
-        """
         begins, children = self._divide()
         by_slabs, kept, count = self._by_slabs(), math.inf, len(self._required)
         segment, pair = np.repeat(begins, count), np.tile(np.arange(count), len(begins))

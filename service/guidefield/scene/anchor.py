@@ -111,7 +111,6 @@ def _is_any_far(request: requests.PlanRequest | requests.CertifyRequest) -> bool
 
 
 def _find_given_rows(request: requests.CertifyRequest) -> list[replies.Rows]:
-    """The rows of a given motion, and of the one that was planned if there is one."""
     trajectories = [one.positions for one in (request.trajectory, request.planned) if one is not None]
     return [request.path, *trajectories] if request.path is not None else trajectories
 

@@ -72,7 +72,6 @@ class BuiltScenes:
             return scenes.changed(found[0], message, found[1], parts)
 
     def _find_before(self, message: messages.Scene) -> tuple[Scene, Rows] | None:
-        """Return the last built scene that a message was derived from, and the rows of its obstacles there."""
         rows: Rows | None = None
         while (mine := frozen_facts(message)) is not None and mine.before is not None:
             before = mine.before.scene()

@@ -64,7 +64,6 @@ def _move(motion: Any, time: float) -> np.ndarray:
 
 @memoized
 def _movers(scene: Scene) -> tuple[tuple[FieldTables, Any], ...]:
-    """Return the field of each moving obstacle at its first placement, in single precision, and its motion."""
     movers = [(index, scene.obstacles[index]) for index in scene.others]
     return tuple(
         (single_precision(scene.of([index]).tables, one.placement.translation), one.motion)

@@ -48,7 +48,6 @@ def read_cloud(path: Path) -> tuple[np.ndarray, int]:
 
 
 def _read_xyz(content: bytes) -> np.ndarray:
-    """Read rows of x, y, z and anything, with blanks, commas or semicolons between them."""
     text = re.sub(rb"[,;]", b" ", content)
     return np.loadtxt(io.BytesIO(text), usecols=(0, 1, 2), comments=("#", "//"), ndmin=2)
 
@@ -72,8 +71,6 @@ def _read_npz(content: bytes) -> np.ndarray:
 
 
 class _Header(NamedTuple):
-    """The header of a PCD file."""
-
     points: int  # their number
     form: str  # `ascii`, `binary` or `binary_compressed`
     fields: list[tuple[str, int, int]]  # type, bytes of a value and number of values of each field

@@ -65,7 +65,6 @@ class _Lines:
         self._lines, self._at = text.splitlines(), 0
 
     def fault(self, message: str) -> SceneInvalid:
-        """Return the error about the line that was read last."""
         return SceneInvalid(f"line {self._at}: {message}", line=self._at)
 
     def peek(self) -> str:
@@ -81,7 +80,6 @@ class _Lines:
         raise self.fault(f"the file ends before {what}: it is cut short")
 
     def numbers(self, count: int, what: str) -> list[float]:
-        """Return the numbers of the next lines, which must hold `count` of them."""
         values: list[float] = []
         while len(values) < count:
             for word in self.next_line(what).split():
@@ -94,7 +92,6 @@ class _Lines:
         return values
 
     def count(self, what: str, most: int = MAX_VERTICES) -> int:
-        """Return a number of things."""
         (value,) = self.numbers(1, f"the number of {what}")
         if not (value.is_integer() and 0 <= value <= most):
             raise self.fault(f"the number of {what} must be whole and at most {most}, got {value:g}")
@@ -160,7 +157,6 @@ def read_urdf(
 
 
 def _urdf_shape(shape: Any) -> dict[str, Any]:
-    """Return the class and the sizes of a shape of Pinocchio's; a mesh as its file has it."""
     one = shape.geometry
     match type(one).__name__:
         case "Box":
@@ -334,7 +330,6 @@ def _read_cloud(file: Path, radius: float | None, builder: SceneBuilder) -> None
 
 
 def _read_meshes(file: Path, builder: SceneBuilder) -> None:
-    """Add the objects of a mesh file, in its unit; a single one is called as the file."""
     builder.scale *= UNITS[find_ignored_unit(file) or "meter"]
     objects = read_objects(file)
     for number, (name, mesh) in enumerate(objects):

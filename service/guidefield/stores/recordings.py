@@ -192,7 +192,6 @@ class Recordings:
 
 
 def _size(file: str) -> int | None:
-    """The size of a file [bytes]; None if there is none."""
     try:
         return os.stat(file).st_size  # noqa: PTH116 - a path takes twice as long
     except FileNotFoundError:

@@ -158,7 +158,6 @@ class RobotStore:
         flush_folder(self._contents)
 
     def _sweep(self) -> None:
-        """Remove what no name leads to."""
         used = {(self._names / name).read_text(errors="replace") for name in self.names()}
         for folder in self._contents.iterdir():
             if folder.name not in used:

@@ -166,6 +166,5 @@ def move_recordings(folders: list[Path], recordings: Recordings, shared: Path) -
 
 
 def _began(folder: Path) -> float:
-    """The time at which a run began [s since 1970]."""
     request = folder / "request.json"
     return (request if request.exists() else folder).stat().st_mtime

@@ -408,7 +408,6 @@ def _whole(run_id: str, document: str, data: bytes, kind: type[Any], encoding: E
 
 
 def _pattern(text: str) -> str:
-    """Return the pattern of LIKE that finds a text anywhere."""
     for special in "\\%_":
         text = text.replace(special, f"\\{special}")
     return f"%{text}%"

@@ -30,15 +30,11 @@ READ_AGAIN = 5  # number of readings of files that another process writes
 
 
 class _Whole(msgspec.Struct):
-    """The file of a scene."""
-
     scene: Scene
     version: int = 1
 
 
 class _Line(msgspec.Struct):
-    """A line of the file of changes: a change or a scene."""
-
     version: int
     diff: SceneDiff | None = None
     scene: Scene | None = None
@@ -46,8 +42,6 @@ class _Line(msgspec.Struct):
 
 @dataclass
 class _Known:
-    """The files of a scene as they were read."""
-
     file: tuple[int, int]  # inode of its file, and time of writing [ns]
     size: int  # length of that file [bytes]
     first: int  # the version in that file
@@ -244,13 +238,11 @@ def _lines(text: bytes) -> tuple[list[_Line] | None, int]:
 
 
 def _identify(file: Path) -> tuple[int, int]:
-    """Return the inode of a file, and its time of writing [ns]."""
     stat = file.stat()
     return stat.st_ino, stat.st_mtime_ns
 
 
 def _extent(file: Path) -> tuple[int, int]:
-    """Return the inode of a file, and its length [bytes]; both 0 if it isn't there."""
     try:
         stat = file.stat()
     except FileNotFoundError:

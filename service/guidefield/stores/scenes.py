@@ -135,6 +135,5 @@ class SceneStore(PackagedScenes):
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
-        """Let one thread of one process at a time change the store."""
         with self._mutex, alone(self._folder / ".lock"):
             yield

@@ -58,7 +58,6 @@ def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
 
 @memoized
 def _turn_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
-    """The same of a group whose rotation vectors have an origin."""
     robot, _ = _alike_robot(group, pairs)
     return _with_words(dataclasses.replace(robot, joints=turn_from(robot.joints, group)), group)
 
@@ -188,7 +187,6 @@ class BatchCollision:
 
 
 def _of(world: World) -> tuple[LaneRobot, Words, LaneScene, LaneMemory]:
-    """What a world is made of that is kept: the robot, its words, the obstacles, and how the memory is laid out."""
     own = world.pairs.own
     robot, words = _robot(world.group, own.tobytes())
     scene = lane_scene(world.scene)

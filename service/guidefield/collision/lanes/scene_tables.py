@@ -75,7 +75,6 @@ class LaneScene:
 
 
 def _over(known: LaneScene, rows: Rows, scene: Scene) -> LaneScene | None:
-    """The same of a scene of primitives where some have others of their kind in their places."""
     if known.memory is None or scene.others or not rows.in_place:
         return None
     memory, begins = known.memory
@@ -216,7 +215,6 @@ def parts_of(obstacle: Obstacle) -> Parts:
 
 
 def _is_flat(obstacle: Obstacle) -> bool:
-    """Tell if an obstacle is a polygon that isn't a large mesh."""
     return isinstance(obstacle.message, messages.Polygon) and obstacle.faces <= MOST_TRIANGLES
 
 

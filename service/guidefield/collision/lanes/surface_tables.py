@@ -201,7 +201,6 @@ class _Sorted:
         self.place -= self.starts[meshes]
 
     def split(self, rows: np.ndarray, width: int = 1) -> list[np.ndarray]:
-        """Return the rows of each mesh, of an array in that order in which each row has so many elements."""
         return [rows[begin:end] for begin, end in pairwise((width * self.starts).tolist())]
 
 

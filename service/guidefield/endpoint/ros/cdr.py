@@ -162,8 +162,6 @@ def _parsed(name: str, fields: str) -> dict[str, Any]:
 
 
 def _action(name: str, goal: str, result: str, feedback: str) -> dict[str, Any]:
-    """An action: its three messages, the services that send a goal and get its result, and the topic's message."""
-
     def one(of: str) -> tuple[Nodetype, str]:
         return Nodetype.NAME, of
 
@@ -187,8 +185,6 @@ def _action(name: str, goal: str, result: str, feedback: str) -> dict[str, Any]:
 
 
 def _service(name: str, request: dict[str, Any], response: dict[str, Any]) -> dict[str, Any]:
-    """A service as a type hash sees it: its request, its response, and the event that tells of either."""
-
     def one(of: str) -> tuple[Nodetype, str]:
         return Nodetype.NAME, of
 

@@ -160,7 +160,6 @@ def message_of(name: str, thing: SceneObject, frame: str, *, geometry: bool = Tr
 
 
 def _shape_message(shape: Shape) -> tuple[str, str, dict[str, Any]]:
-    """The fields of a CollisionObject for shapes of a kind and for their poses, and the shape's message."""
     match shape:
         case Mesh(vertices=vertices, triangles=triangles):
             points = [{"x": x, "y": y, "z": z} for x, y, z in vertices]  # type: ignore[union-attr]

@@ -82,7 +82,6 @@ def path_constraints_of(message: Any, group: Sequence[str], start: Snapshot) -> 
 
 
 def _goals(message: Any, group: Sequence[str], start: Snapshot, where: str) -> list[AskedGoal]:
-    """The goals of which a Constraints asks for any one: one for each region of its position."""
     _require_no_view(message, where)
     positions, turns = message.position_constraints, message.orientation_constraints
     if message.joint_constraints:
@@ -114,7 +113,6 @@ def _joint_goal(constraints: Sequence[Any], group: Sequence[str], start: Snapsho
 
 
 def _interval(one: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple[float, float]:
-    """The values that a JointConstraint allows [rad or m]."""
     if one.joint_name not in start.robot.joints:
         raise GoalRefused(
             f"`{at}.joint_name` {one.joint_name[:64]!r} is no joint of {start.robot.name} that can be set"
@@ -132,10 +130,6 @@ def _interval(one: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple
 
 
 def _pose_goals(position: Any, turn: Any, group: Sequence[str], start: Snapshot, where: str) -> list[AskedGoal]:
-    """Poses with tolerances along their own axes, one for each region.
-
-    Where the region's axes aren't the orientation's, or it is a ball or a cylinder, the goal is a cube or a box inside.
-    """
     link = (position or turn).link_name
     _link(link, start, where)
     R_world_goal, turned = np.eye(3), FREE
@@ -217,7 +211,6 @@ def _turn_goal(turn: Any, group: Sequence[str], start: Snapshot, at: str) -> tup
 
 
 def _turn(turn: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple[np.ndarray, tuple[float, float, float]]:
-    """The wanted rotation of a link in the world, and MoveIt's tolerances about its axes [rad]."""
     _link(turn.link_name, start, at)
     if turn.parameterization not in (EULER, ROTATION_VECTOR):
         raise GoalRefused(f"`{at}.parameterization` {turn.parameterization} is unknown")

@@ -143,7 +143,6 @@ def display(asked: AskedPlan, response: dict[str, Any]) -> dict[str, Any]:
 
 
 def _describe(reply: PlanReply, notes: tuple[str, ...]) -> str:
-    """What happened, how sure it is, and what was read otherwise."""
     name = "" if reply.status.name == moveit_code(reply.status.code).name else f"{reply.status.name}: "
     parts = [f"{name}{reply.status.message}"]
     if (found := reply.clearance) is not None and found.minimum is not None and found.pair is not None:
@@ -158,10 +157,6 @@ def _require_served(asked: Any) -> None:
 
 
 def _cartesian_limits(asked: Any, tip: str | None, start: Snapshot) -> list[CartesianLimit]:
-    """The limit of a link's speed, or of the tip's, as in MoveIt; 0 or less is none.
-
-    Raises Refused if the speed isn't finite, or the robot has no such link.
-    """
     speed, link = number(asked.max_cartesian_speed, "max_cartesian_speed"), asked.cartesian_speed_limited_link
     if speed <= 0.0:
         return []
@@ -189,10 +184,6 @@ def _planning_time(seconds: float) -> tuple[float, tuple[str, ...]]:
 
 
 def _start_velocities(state: Any, group: Sequence[str]) -> dict[str, float]:
-    """The velocities of the joints that move at the start, by name [rad/s or m/s].
-
-    Raises Refused if there isn't one for each name, one isn't finite, or a joint moves that isn't planned for.
-    """
     field = "start_state.joint_state.velocity"
     names, values = state.name, state.velocity.tolist()
     if values and len(names) != len(values):
@@ -217,7 +208,6 @@ def _start_notes(start: Snapshot) -> list[str]:
 
 
 def _ignored(asked: Any) -> list[str]:
-    """What doesn't change what is planned."""
     ignored = {
         "pipeline_id": bool(asked.pipeline_id),
         "planner_id": bool(asked.planner_id),

@@ -62,7 +62,6 @@ class _Publisher:
         self._numbers = itertools.count(1)
 
     def put(self, payload: bytes) -> None:
-        """Publish a message."""
         self._publisher.put(payload, attachment=Attachment(next(self._numbers), self._sender).write())
 
 
@@ -114,8 +113,6 @@ class RosNode:
         self._outbox.close(LAST_ANSWERS)
 
     def _watch(self, strangers: Strangers) -> None:
-        """Look at each token of the domain, those that are there already too."""
-
         def look(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.PUT:
                 strangers.look(str(sample.key_expr))
@@ -209,7 +206,6 @@ class RosNode:
             _log.warning("%s", sentence)
 
     def _receive(self, service: Service, key: str, query: zenoh.Query) -> None:
-        """Take a query; returns at once."""
         received = time.monotonic()
         if not self._free.acquire(blocking=False):
             message = f"SERVER_BUSY: {MOST_UNDER_WAY} requests are under way; ask again later"
@@ -269,7 +265,6 @@ def _attached(query: zenoh.Query) -> Attachment | None:
 
 
 def _send(query: zenoh.Query, key: str, payload: bytes) -> None:
-    """Reply, with the number and the sender of the query."""
     attachment = _attached(query)
     with query:
         query.reply(key, payload, attachment=None if attachment is None else attachment.write())

@@ -84,7 +84,6 @@ def _require_single(state: Any, where: str) -> None:
 
 
 def _positions(before: Snapshot, state: Any, where: str) -> dict[str, float]:
-    """The values of joints that were heard, and those of a RobotState in their place."""
     _require_single(state, where)
     names, values = state.joint_state.name, state.joint_state.position.tolist()
     if len(names) != len(values):
@@ -103,7 +102,6 @@ def _positions(before: Snapshot, state: Any, where: str) -> dict[str, float]:
 
 
 def _with_object(before: Snapshot, message: Any, where: str) -> Snapshot:
-    """With a CollisionObject of the world."""
     if message.operation == REMOVE:
         return _without(before, message.id, where)
     name = checked_id(message.id, where)
@@ -120,10 +118,6 @@ def _with_object(before: Snapshot, message: Any, where: str) -> Snapshot:
 
 
 def _thing(message: Any, frame: Any, where: str) -> SceneObject:
-    """The object of a message with shapes; `frame` is where its header's frame is.
-
-    The pose of a single shape stands for that of an object which has none.
-    """
     shapes = shapes_of(message, where)
     if not shapes:
         raise ObjectRefused(f"`{where}` has no primitives, meshes or planes")
@@ -162,7 +156,6 @@ def _with_moved(before: Snapshot, message: Any, name: str, where: str) -> Snapsh
 
 
 def _with_held(before: Snapshot, message: Any, where: str) -> Snapshot:
-    """With an AttachedCollisionObject."""
     if message.object.operation == REMOVE:
         return _let_go(before, message, where)
     if message.object.operation not in (ADD, APPEND):
@@ -202,7 +195,6 @@ def _let_go(before: Snapshot, message: Any, where: str) -> Snapshot:
 
 
 def _require_served(message: Any) -> None:
-    """Refuse what would change what is judged, and isn't served."""
     if message.fixed_frame_transforms:
         raise FrameRefused("`fixed_frame_transforms` isn't served: use the root's frame")
     if len(message.world.octomap.octomap.data):

@@ -108,7 +108,6 @@ def places_response(links: list[str], frame: str, there: Any, reply: ForwardKine
 
 
 def _target(asked: Any) -> tuple[str, Any, str]:
-    """The link, its stamped pose, and the field in which that stands."""
     if asked.pose_stamped_vector or asked.ik_link_names:
         if len(asked.pose_stamped_vector) != 1 or len(asked.ik_link_names) != 1:
             raise LinkRefused(
@@ -213,10 +212,6 @@ class Services:
         ]
 
     def _engine(self, key: str, request: msgspec.Struct, kind: type[_R], received: float) -> _R:
-        """Return the engine's reply of a kind to a request on a key below an instance's; waits for it.
-
-        Raises GuidefieldError if it can't wait its turn; raises Refused if it is answered by an error.
-        """
         payload = codec.encode(request, Encoding.MSGPACK)
         is_reply, answer = self._ask(
             keys.Query((key,), {}, payload, Encoding.MSGPACK, user=IDENTITY), received
@@ -254,7 +249,6 @@ class Services:
         return Answered(places_response(request.frames, frame, there, reply))
 
     def _validity(self, message: Any, received: float) -> Answered:
-        """Return whether nothing touches; else a contact for each pair that does. Limits don't count, as in MoveIt."""
         now = self._known.now
         if message.group_name:
             now.robot.group(message.group_name)
@@ -282,7 +276,6 @@ class Services:
 
 
 def _contact(state: Snapshot, pair: list[str]) -> dict[str, Any]:
-    """Return the contact of two bodies; where and how deep isn't told."""
     (first, kind), (second, other) = (_body(state, name) for name in pair)
     bodies = {"contact_body_1": first, "body_type_1": kind, "contact_body_2": second, "body_type_2": other}
     return {"header": header(state.robot.root), **bodies}
@@ -298,6 +291,5 @@ def _body(state: Snapshot, name: str) -> tuple[str, int]:
 
 
 def _figures(reply: PlanReply) -> str:
-    """Return as JSON what a plan's message has no place for: certificate, clearances, times, the run, its recording."""
     names = ("run_id", "status", "certificate", "clearance", "self_clearance", "timing", "recording")
     return msgspec.json.encode({name: getattr(reply, name) for name in names}).decode()

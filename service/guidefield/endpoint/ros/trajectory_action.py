@@ -178,7 +178,6 @@ class TrajectoryController:
         return watch.followed()
 
     def _find(self) -> list[Seen]:
-        """The tokens of the controller's action, as soon as it is there."""
         action, until, others = f"{self.name}{SUFFIX}/_action/", time.monotonic() + self._patience, set[str]()
         while True:
             tokens = [
@@ -202,7 +201,6 @@ class TrajectoryController:
             time.sleep(LOOK_EVERY)
 
     def _version_of(self, offered: Sequence[Seen], type_name: str, kind: Kind, name: str) -> Types:
-        """The types whose hash the controller's token has."""
         whole = f"{self.name}{SUFFIX}/_action/{name}"
         told = [one.type_hash for one in offered if one.name == whole and one.kind == kind.value]
         for version in VERSIONS:
@@ -261,7 +259,6 @@ class TrajectoryController:
         )
 
     def _ask(self, name: str, type_name: str, types: Types, timeout: float, fields: Mapping[str, Any]) -> Any:
-        """The response of a service; None if there is none in time."""
         payload = types.write(types.new(f"{type_name}_Request", **fields), f"{type_name}_Request")
         replies = self._session.get(
             self._entity(Kind.CLIENT, name, type_name, types).key(self._domain),
@@ -291,7 +288,6 @@ class TrajectoryController:
             raise MalformedRequest(f"controller {self.name!r} refuses the motion", controller=self.name)
 
     def _ask_result(self, goal_id: bytes, duration: float) -> None:
-        """Ask for the result, which comes when there is one."""
         types, name = self._sending, f"{ACTION}_GetResult"
 
         def take(reply: zenoh.Reply) -> None:
@@ -315,7 +311,6 @@ class TrajectoryController:
             raise TimedOut(f"controller {self.name!r} is silent: it didn't answer that the motion is to be canceled")
 
     def _watch(self, watch: _Watch, say: Callable[[str], None]) -> None:
-        """Take what is heard until the result, or until nothing is heard any more."""
         heard = time.monotonic()
         while time.monotonic() - heard < self._patience:
             with contextlib.suppress(queue.Empty):
@@ -351,8 +346,6 @@ def controller_at(endpoint: str, domain: int, name: str, patience: float) -> Ite
 
 
 class _Watch:
-    """Follows the feedback of a motion."""
-
     def __init__(self, motion: FollowedMotion) -> None:
         self._motion = motion
         self._at = 0.0  # index of the place on the curve, and the share of the way to the next one
@@ -361,7 +354,6 @@ class _Watch:
         self._found, self._is_outside, self._told_curve = Followed(JointStates((), (), ())), False, False
 
     def take(self, feedback: Any) -> str | None:
-        """Take a feedback; return what is to be told about it."""
         motion, names = self._motion, list(feedback.joint_names)
         if lacking := next((joint for joint in motion.joints if joint not in names), None):
             raise MalformedRequest(
@@ -387,7 +379,6 @@ class _Watch:
         return self._look(np.abs(actual - place), there)
 
     def _look(self, apart: np.ndarray, there: float) -> str | None:
-        """Say where the robot leaves the tube, or comes back."""
         motion = self._motion
         beyond = apart - np.array(motion.tolerance)
         worst, was_outside = int(np.argmax(beyond)), self._is_outside
@@ -424,20 +415,17 @@ class _Watch:
         return on_curve[nearest], float(off[nearest])
 
     def end(self, result: Any) -> None:
-        """Take the result."""
         self._found.ended = RESULTS.get(int(result.status), f"in state {result.status}")
         code = CODES.get(int(result.result.error_code), "")
         self._found.reason = ": ".join(one for one in (code, str(result.result.error_string)) if one)
 
     def where(self) -> str:
-        """Say where the robot was last."""
         if not self._times:
             return "never heard of"
         pairs = zip(self._motion.joints, self._rows[-1], strict=True)
         return f"at {', '.join(f'{joint} {value:.4g}' for joint, value in pairs)}"
 
     def followed(self) -> Followed:
-        """What came of it."""
         self._found.states = JointStates(self._motion.joints, self._times, self._rows)
         return self._found
 

@@ -277,7 +277,6 @@ def _from_file(reference: UrdfFile) -> RobotModel:
 
 
 def _file(named: str, kind: str) -> Path:
-    """Return the path of a file that can be opened; RobotInvalid if there is none."""
     path = absolute(named)
     try:
         if path.is_file():

@@ -103,8 +103,6 @@ _Referred = Callable[[str], str]
 
 
 def _rewrite_lines(names: re.Pattern[bytes], word: bytes, content: bytes, uri: str, referred: _Referred) -> bytes:
-    """A file of lines, of which those that begin with a word name a file at their end."""
-
     def line(match: re.Match[bytes]) -> bytes:
         words = match[2].decode(errors="replace").strip()
         options, _, name = words.rpartition(" ") if words.startswith("-") else ("", "", words)

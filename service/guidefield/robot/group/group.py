@@ -224,7 +224,6 @@ class PlanningGroup:
 
     @cached_property
     def _all_joints(self) -> tuple[tuple[Joint, slice, np.ndarray], ...]:
-        """The joints of `model` in order, where each is in its chart, and where its rotation vectors start."""
         joints, origin = [], self.expand(self.q_origin)
         for index in range(1, self.model.njoints):
             at, joint = self.model.joints[index], self.robot.joint(self.model.names[index])

@@ -235,7 +235,6 @@ class _Solution:
         self.fresh = 0
 
     def add(self, ends: ChartPoints) -> None:
-        """Take those ends of descents, shape (k, nv), that are like none before."""
         before = len(self.accepted) + len(self.rejected)
         if self._refine is not None:
             known = np.concatenate([self.accepted, self.rejected])

@@ -74,7 +74,6 @@ class _Gltf:
             raise MeshFault(f"packs its geometry by {packed[0]}, which is not read; export it without")
 
     def objects(self) -> Objects:
-        """Return the meshes of the scene, those of each node as an object."""
         try:
             return self._collect()
         except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
@@ -104,7 +103,6 @@ class _Gltf:
         return collected.objects()
 
     def _roots(self, nodes: Sequence[Any]) -> list[int]:
-        """The nodes that the scene shows; where there is no scene, those that are nobody's children."""
         if scenes := self._document.get("scenes"):
             return list(_entry(scenes, self._document.get("scene", 0), "scene").get("nodes", []))
         below = {child for node in nodes for child in node.get("children", [])}

@@ -84,7 +84,6 @@ class _Package:
         return START
 
     def model(self, part: str) -> Element:
-        """Return the root element of a part."""
         if part not in self._models:
             self._models[part] = self._xml(part)
             resources = child_of(self._models[part], "resources")
@@ -93,7 +92,6 @@ class _Package:
         return self._models[part]
 
     def object(self, part: str, number: str) -> Element:
-        """Return an object of a part."""
         self.model(part)
         if number not in self._objects[part]:
             raise MeshFault(f"names the object {number!r}, which is not in it")

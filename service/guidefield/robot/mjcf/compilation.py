@@ -118,7 +118,6 @@ def _product(element: Element, attribute: str) -> float:
 
 
 def _numbers(element: Element, attribute: str) -> list[float]:
-    """Numbers of an attribute; none where some aren't numbers, which MuJoCo refuses."""
     try:
         return [float(word) for word in element.get(attribute, "").split()]
     except ValueError:

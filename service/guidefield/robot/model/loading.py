@@ -217,7 +217,6 @@ def _check_columns(name: str, joints: Sequence[Joint]) -> None:
 
 
 def _parse(name: str, source: RobotSource, facts: UrdfFacts, warnings: list[str]) -> tuple[Any, Any, Meshes]:
-    """Pinocchio's model and collision geometry, and the meshes for it; Pinocchio's stated reason becomes ours."""
     root = ROOT_JOINTS[source.root_joint]
     text, meshes = read_meshes(facts, warnings)
     names = neutral_names(text)

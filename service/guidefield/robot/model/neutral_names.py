@@ -149,6 +149,5 @@ def neutral_names(urdf: str) -> NeutralNames:
 
 
 def _rank(kind: str, names: Iterable[str]) -> dict[str, str]:
-    """Neutral name by name, in the order of the names' bytes."""
     ordered = sorted(names, key=lambda name: name.encode())
     return {name: f"#{kind}{rank:05d}#" for rank, name in enumerate(ordered)}

@@ -43,7 +43,6 @@ def lock_joints(model: Any, geometry: Any, locked: Collection[int], q: np.ndarra
 def _rebuild(
     model: Any, replacements: Mapping[int, Any], locked: Collection[int], q: np.ndarray
 ) -> tuple[Any, list[tuple[int, Any]]]:
-    """A new model, and for each old joint the new joint that carries its frame with the frame's placement there."""
     data = model.createData()
     pin.forwardKinematics(model, data, q)
     made = pin.Model()

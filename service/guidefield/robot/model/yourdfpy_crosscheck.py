@@ -77,7 +77,6 @@ def _find_placed_otherwise(robot: RobotModel, root: Any) -> list[str]:
 
 
 def _joints(robot: RobotModel) -> list[Joint]:
-    """The joints that the URDF has: not the one by which the robot stands in the world."""
     return list(robot.joints if robot.source.root_joint == "fixed" else robot.joints[1:])
 
 
@@ -104,7 +103,6 @@ def _read(root: Any) -> Any:
 
 
 def _find_misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> list[str]:
-    """A sentence for each link that the two place differently relative to the root, at a configuration, shape (nq,)."""
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
     root = data.oMf[robot.frame_id(other.base_link)]

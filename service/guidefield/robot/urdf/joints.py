@@ -203,7 +203,6 @@ def _check_limit(limit: Element, kind: str, warnings: list[str]) -> tuple[float,
 
 
 def _check_unused_numbers(joint: Element, warnings: list[str]) -> None:
-    """Check elements that planning doesn't use; those that can't be read, as leftovers of xacro, are taken out."""
     for tag, attributes in _UNUSED_NUMBERS.items():
         for element in joint.findall(tag):
             with leaving_out(element, f"<{tag}> is left out: nothing uses it", warnings):

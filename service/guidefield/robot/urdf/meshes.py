@@ -182,7 +182,6 @@ class MeshResolver:
         return real
 
     def _compare(self, uri: str, taken: Path, candidates: Iterable[Path]) -> None:
-        """Note a second file that the URI may mean as well, because two packages have the same name."""
         scheme, _, rest = uri.partition("://")
         if scheme in PACKAGE_SCHEMES:
             others = (path for path in candidates if path != taken and _is_file(path))
@@ -191,7 +190,6 @@ class MeshResolver:
                 self.remarks[uri] = Remark(taken, other, rest.lstrip("/").partition("/")[0])
 
     def _search(self, uri: str) -> Path | None:
-        """Search a file that isn't where its URI says; None if there is none, or no search is made."""
         if self.nearby is None:
             return None
         scheme, separator, rest = unquote(uri).partition("://")
@@ -255,7 +253,6 @@ class MeshResolver:
         return [_fold(start / path) for start in (self.base, *self.package_dirs) if start is not None]
 
     def _holders(self, name: str) -> list[Path]:
-        """Return the folders that a package of a name may be, in the order in which they are looked in."""
         named = [folder for package, folder in self.packages.items() if package == name]
         return [*named, *(f if f.name == name else f / name for f in (*self.package_dirs, *self.enclosing))]
 

@@ -176,7 +176,6 @@ class NearbyFiles:
         return len(self._files) > number
 
     def _walk(self, top: Path, began: float) -> Iterator[Path]:
-        """Yield the files below a folder, in the order of their paths; folders that were read before are left out."""
         folders = [top]
         while folders:
             folder = folders.pop()

@@ -146,7 +146,6 @@ def _check_arguments(path: Path, files: tuple[Path, ...], arguments: Mapping[str
 
 
 def _read(file: Path) -> str:
-    """Return a file's text, as far as it can be read: it is only looked through."""
     try:
         return file.read_text(encoding="utf-8", errors="replace")
     except OSError:
