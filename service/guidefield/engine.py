@@ -104,11 +104,7 @@ class _RequestContext:
 
 
 class SharedCaches:
-    """Caches of robots and scenes that engines share: they depend on no store.
-
-    Args:
-        packages: Folders of packages with meshes that a sent robot may use.
-    """
+    """Caches of robots and scenes that engines share: they depend on no store."""
 
     def __init__(self, packages: Sequence[Path]) -> None:
         self.packages = tuple(packages)
@@ -134,11 +130,7 @@ class Engine:
     Args:
         instance: Name of the service, with the user if it is one's; part of the key of a recording.
         runs: Store of a service's runs.
-        recordings: Store of recordings without another destination; None: none.
-        scenes: Store of scenes.
-        robots: Store of clients' robots.
         local_files: Whether a request may name a URDF file.
-        packages: Folders of packages with meshes that a sent robot may use.
         loaded: Caches shared with other engines; None: its own.
         lend: Finds the engine with another user's thing, ``user:name``.
         viewer: Address of a running Rerun viewer that shows runs and streams; None: none.
@@ -417,7 +409,6 @@ class Engine:
         """Open a stream in this process; its observer may store it.
 
         Args:
-            request: The request.
             taking: Times at which paths planned beside the cycle are taken over; None: counted.
             watching: Observer of its updates and answers; None: none.
 
@@ -648,9 +639,6 @@ def answer(
     The first call of a process loads the planner; the first one of a version compiles its kernels, for about a minute.
 
     Args:
-        request: A plan, a motion to certify, a kinematics request, or any other that the service answers: a message
-            such as `PlanRequest`, the same as a dict, or its JSON. One without a ``type`` is a plan request. It may
-            contain NumPy's numbers and arrays.
         record_to: File of the recording of a plan or verdict (`.rrd`), if any.
         proof_to: Where to write the proof that its motion is free (`.npz`), if anywhere.
 

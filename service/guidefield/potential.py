@@ -51,8 +51,6 @@ class RobotField:
     that only connects has no use for them.
 
     Args:
-        group: The robot, reduced to what moves.
-        scene: The obstacles.
         precision: Of the field's kernels; forces are gathered in double precision either way.
 
     Raises:
@@ -150,8 +148,6 @@ def potentials_in_time(group: PlanningGroup, scene: Scene, times: np.ndarray | N
     """Return U at configurations of several times, good to a few thousandths.
 
     Args:
-        group: The robot, reduced to what moves.
-        scene: The obstacles.
         times: Of each configuration, shape (n,) [s]; None: all obstacles are where they are at first.
         qs: Shape (n, nq).
 

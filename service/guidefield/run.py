@@ -57,10 +57,7 @@ class Run:
     """One run, with its progress and its recording.
 
     Args:
-        run_id: Its name.
-        request: The request.
         destination: Place of its recording, if any.
-        robot: Returns the source of its robot, once that is loaded.
         progress: Reports its progress, if anybody listens.
         proof_place: File of its proof, and its place for the reply; None: nowhere.
         anchor: From which all is seen that answers it; None: the world's origin.
@@ -169,7 +166,6 @@ class Run:
         Time since the reply's timing counts as measuring, unless a recording was stored then.
 
         Args:
-            reply: The reply.
             received: When it arrived, by `time.monotonic()` [s]; None: its timing stays as it is.
         """
         place, proof = None if self._recording is None else self._recording.kept, self._keep_proof()

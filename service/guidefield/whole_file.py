@@ -22,7 +22,6 @@ def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> 
     """Write `data` to `path` atomically: if the disk refuses, an older file stays unchanged.
 
     Args:
-        path: File to write; replaced if it exists.
         data: What it holds, one behind the other.
         durable: Whether it must survive a power cut; other files are written faster.
 

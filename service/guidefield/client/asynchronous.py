@@ -99,7 +99,6 @@ class AsyncClient:
         """Ask for a motion; give a request, or its fields by name. A task that is cancelled here ends the run.
 
         Args:
-            request: The request; a run id is made where it has none.
             progress: Is called, by the event loop, with how far the run is.
             fields: Those of a PlanRequest, instead of a request.
         """
@@ -116,7 +115,6 @@ class AsyncClient:
         """Ask whether a motion is free and within limits, as `Client.certify`; a task that is cancelled ends the run.
 
         Args:
-            request: The request; a run id is made where it has none.
             progress: Is called, by the event loop, with how far the run is.
             fields: Those of a CertifyRequest, instead of a request.
         """

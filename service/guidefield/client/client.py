@@ -144,7 +144,6 @@ class Client:
         A request without a run id gets one. Interrupting the wait, as Ctrl-C does, ends the run.
 
         Args:
-            request: The request.
             progress: Is called, in another thread, with how far the run is.
             fields: Those of a PlanRequest, instead of a request.
 
@@ -173,7 +172,6 @@ class Client:
         A request without a run id gets one. Interrupting the wait, as Ctrl-C does, ends the run.
 
         Args:
-            request: The request.
             progress: Is called, in another thread, with how far the run is.
             fields: Those of a CertifyRequest, instead of a request.
 
@@ -212,9 +210,6 @@ class Client:
     def cancel(self, run_id: str) -> str:
         """End a run early: its reply is PREEMPTED, with the best by then.
 
-        Args:
-            run_id: Name of the run.
-
         Returns:
             A sentence that says what that means, also where no such run is under way.
         """
@@ -224,9 +219,6 @@ class Client:
         """Ask for placements, configurations, clearances or potentials.
 
         A request without a `request_id` gets one. Interrupting the wait, as Ctrl-C does, ends the request.
-
-        Args:
-            request: One of the four kinematics requests, or the same as a dict.
 
         Returns:
             The reply of the request's kind.
@@ -244,9 +236,6 @@ class Client:
     def cancel_request(self, request_id: str) -> str:
         """End a kinematics request early, by its `request_id`: the caller that waits for it gets `Preempted`.
 
-        Args:
-            request_id: Its name.
-
         Returns:
             A sentence that says what that means, also where no such request is under way.
         """
@@ -263,9 +252,7 @@ class Client:
         """A stream of motion among obstacles that move, to be opened by ``with``.
 
         Args:
-            request: The request, or its fields.
             clock: The clock that all its times are of [s]; None: seconds since now.
-            fields: Those of a StreamOpen, instead of a request.
 
         Raises:
             MalformedRequest: if it doesn't open a stream, or a request and fields are given. When it is opened:
@@ -280,9 +267,6 @@ class Client:
 
     def stream_recording(self, stream_id: str) -> bytes:
         """Return the recording of a stream, open or ended, as the bytes of an `.rrd` file.
-
-        Args:
-            stream_id: Its name.
 
         Raises:
             UnknownObject: if nothing is kept of a stream of that name, or no update of it yet.
@@ -317,8 +301,6 @@ class Client:
 
         Args:
             name: What to call it; not a name of the catalog.
-            urdf: Its URDF's text.
-            srdf: Its SRDF's text.
             meshes: Mesh files, and what they name, by the URIs that the URDF and they have for them.
             root_joint: How its root link moves in the world.
 
@@ -330,9 +312,6 @@ class Client:
 
     def delete_robot(self, name: str) -> None:
         """Forget a stored robot.
-
-        Args:
-            name: Its name.
 
         Raises:
             RobotInvalid: if none of that name is stored.
@@ -357,9 +336,6 @@ class Client:
 
     def scene_version(self, name: str) -> int | None:
         """Return the version of a scene; None for a scene of the package, which never changes.
-
-        Args:
-            name: Its name.
 
         Raises:
             SceneInvalid: if there is none of that name.
@@ -387,7 +363,6 @@ class Client:
         """Change a stored scene, and return its new version.
 
         Args:
-            name: Its name.
             add: Obstacles that come, or the same as dicts.
             move: Where obstacles stand from now on, by their names.
             remove: Names of obstacles that go, before others come: what is in both is replaced.
@@ -411,7 +386,6 @@ class Client:
         """Listen to the changes of a stored scene for as long as the block runs.
 
         Args:
-            name: Its name.
             hear: Is called, in another thread, with each change and the version that it makes; what changed at the same
                 time may come in another order.
         """
@@ -428,9 +402,6 @@ class Client:
 
     def delete_scene(self, name: str) -> None:
         """Forget a stored scene.
-
-        Args:
-            name: Its name.
 
         Raises:
             SceneInvalid: if none of that name is stored.
@@ -467,9 +438,6 @@ class Client:
     def run(self, run_id: str) -> AnyRunReply:
         """One run: its request, and its reply once there is one.
 
-        Args:
-            run_id: Its name.
-
         Raises:
             UnknownObject: if none of that name is kept.
         """
@@ -477,9 +445,6 @@ class Client:
 
     def delete_run(self, run_id: str) -> None:
         """Forget one run with its recording and proof.
-
-        Args:
-            run_id: Its name.
 
         Raises:
             UnknownObject: if none of that name is kept.
@@ -489,9 +454,6 @@ class Client:
     def recording(self, run_id: str) -> bytes:
         """The recording of one run, to be written to an `.rrd` file.
 
-        Args:
-            run_id: Its name.
-
         Raises:
             UnknownObject: if none of that name is kept, or it has no recording.
         """
@@ -499,9 +461,6 @@ class Client:
 
     def proof(self, run_id: str) -> bytes:
         """The proof of one run that was asked for with `proof`, to be written to an `.npz` file.
-
-        Args:
-            run_id: Its name.
 
         Raises:
             UnknownObject: if none of that name is kept, or it has no proof.

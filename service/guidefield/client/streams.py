@@ -74,8 +74,6 @@ class ServiceStream(StreamFacts):
 
     Args:
         exchange: Asks and is answered.
-        request: What is asked, or its fields.
-        fields: As in `StreamOpen`, instead of a request.
         clock: The client's clock [s]; None: seconds since now.
 
     Raises:
@@ -104,11 +102,6 @@ class ServiceStream(StreamFacts):
 
     def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> float:
         """Send observations; don't wait for an answer.
-
-        Args:
-            update: The message; or its fields by name.
-            fields: As in `StreamUpdate`. Without a `time` it is now; without `executing`, what a robot executes then
-                that takes the pieces.
 
         Returns:
             Its time [s].

@@ -90,7 +90,6 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
     """Serve until told to stop; then finish what is being worked on, refuse what waits, and leave.
 
     Args:
-        settings: How.
         stop: Ends the service once it is set.
         announce: Is told, in one sentence each, how the start goes; the last begins with "ready".
 

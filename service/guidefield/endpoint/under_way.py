@@ -121,8 +121,6 @@ class UnderWay:
         """Have something done, unless it was cancelled or answered already, or is asked for again in the same words.
 
         Args:
-            name: Its name, if it has one.
-            task: Its task.
             cancelled: Makes the answer if it is cancelled before it begins.
             words: The words of the query: a client whose link broke may ask again, and waits for the same work.
             answer: The answer that follows from the task; None: the task itself.

@@ -41,7 +41,6 @@ def medial_balls(body: Solid, elements: Elements, most: int, resolution: float, 
     axis.
 
     Args:
-        body: The body.
         elements: Of its surface.
         most: About how many pieces of them to start from.
         resolution: Of balls with centres closer than about this, one is kept [m].

@@ -121,7 +121,6 @@ def decompose(body: Solid, tight: float, most: int) -> Decomposition:
     """Decompose a body, or the surface of an open one, and the finer mesh that it stands for, into convex parts.
 
     Args:
-        body: The body.
         tight: Parts that stand off by no more than this are not halved [m].
         most: How many there may be, before those are joined that can be.
 

@@ -181,7 +181,6 @@ def stand_off(
 
     Args:
         around: A surface about the body or a part of it, its hull for example.
-        body: The body.
         enough: A stand-off beyond this [m] is not measured further.
         tolerance: How much too large it may be given, as `TOLERANCE`.
         share: How much too large it may be given as a share of it, where that is more.

@@ -125,7 +125,6 @@ def holding(
     The same robot with the same objects is made once, so that what is computed for it is computed once.
 
     Args:
-        robot: The robot.
         attached: What it holds; an obstacle's own placement counts within the placement in its link.
         scene: Where it is; it must not have obstacles of the same names.
         deadline: Checked before objects of many triangles or points are built.

@@ -56,10 +56,6 @@ def answer_plan(
     """Plan, and say what came of it.
 
     Args:
-        request: What is asked.
-        robot: The robot that it names.
-        scene: The scene that it names.
-        run_id: Name of the run.
         received: When it arrived, on the clock of `time.monotonic` [s].
         began: When loading its robot and scene began, on the same clock [s]; None: now.
         record: Opens the recording.

@@ -51,8 +51,6 @@ def judgement_of(
     """Make the request that judges what a robot executed of a plan, straight between its states; torques aren't judged.
 
     Args:
-        request: The plan's.
-        reply: The plan.
         states: Of all joints of the plan, in any order; other joints don't count.
         begin: When the motion began, on the clock of the states [s]; states before it don't count.
         allowed_time: For the judgement [s].

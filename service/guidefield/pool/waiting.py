@@ -55,11 +55,8 @@ class Task(Future[Answer]):
     """A job that waits or is worked on, and the answer to come.
 
     Args:
-        job: Its words for a worker.
         seconds: A worker that works longer on it is stopped [s].
-        deadline: When it need not be begun any more, if ever.
         late: When it is answered if the worker is late with it; the worker continues.
-        asker: Who asks; the queue is fair between them.
         size: Memory of the job while it waits [bytes].
         hear: Is called with what the worker tells while it works.
         begin: Is called when a worker begins with it, and again when one begins anew.

@@ -83,7 +83,6 @@ def standing_out(body: Declared, shapes: Shapes, children: np.ndarray, of_node: 
     """Return how far a body stands out of the shapes of its nodes at most [m]; infinite if it isn't in them at all.
 
     Args:
-        body: The body.
         shapes: The shapes, in its frame.
         children: The two nodes below each node, behind it; -1 where there are none, shape (n, 2).
         of_node: Shapes that are said to hold all of a node; -1 where none is, shape (n, 2).

@@ -32,7 +32,6 @@ def judge(case: Case, extra: float = 0.0, own_extra: float = 0.0, seconds: float
     """Judge a motion.
 
     Args:
-        case: The motion, and what it is said to keep.
         extra: Distance to keep from obstacles beyond what is required [m].
         own_extra: Distance that the robot's bodies have to keep from each other [m].
         seconds: Time after which what is left is undecided.

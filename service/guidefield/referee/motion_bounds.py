@@ -102,7 +102,6 @@ class SegmentBounds:
         """Place and bound everything.
 
         Args:
-            case: The motion.
             segments: Shape (s, 2) [s, or knots].
             middles: Of spheres about some bodies, in the frames of their shapes, shape (3,) [m].
         """

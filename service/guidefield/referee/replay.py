@@ -48,8 +48,6 @@ def replay(case: Case, proof: Proof, seconds: float = math.inf) -> Verdict:
     they are judged by halving.
 
     Args:
-        case: The motion, and what it is said to keep.
-        proof: The proof.
         seconds: Time after which path constraints are undecided.
     """
     if case.unknown:

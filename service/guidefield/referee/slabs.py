@@ -27,7 +27,6 @@ class Slabs:
         """Read the shapes of a proof.
 
         Args:
-            proof: The proof.
             told: The case's body of each of the proof's.
             bounds: Where bodies are.
             obstacles: Whether each of the case's bodies is an obstacle, shape (b,).

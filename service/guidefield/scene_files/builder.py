@@ -62,7 +62,6 @@ class SceneBuilder:
 
         Args:
             kind: Its class, or what makes the mesh that stands for it of its sizes.
-            name: Its name in the file; several may have the same.
             placement: pinocchio.SE3 of its frame in the file's; a half-space is below the frame's z = 0.
             owners: Names of all that holds it.
             where: The beginning of a message about it, such as its line.

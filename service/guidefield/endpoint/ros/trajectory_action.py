@@ -131,7 +131,6 @@ class TrajectoryController:
         session: Where nodes are met.
         domain: ROS domain.
         name: Of the controller, with its namespace if it has one.
-        patience: How long nothing may be heard [s].
 
     Raises:
         UnknownObject: if there is no such controller.

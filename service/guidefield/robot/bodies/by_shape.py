@@ -52,7 +52,6 @@ def find_in_parallel(tasks: Sequence[ShapeTask], progress: Progress, threads: in
     """Do tasks, the longest first, on all processors; kernels are loaded before, as threads must not load them.
 
     Args:
-        tasks: The tasks.
         progress: Where it raises, no more are begun, and that is raised.
         threads: How many; 1 for what may well be known: to load all kernels takes longer than to read it.
     """

@@ -85,7 +85,6 @@ def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = log_t
     """Return covers and inner balls of a robot's collision shapes; kept on disk.
 
     Args:
-        robot: The robot.
         delta: By how much the covers may leave the shapes [m], at size 1.
         progress: Called before each shape that isn't known yet; what it raises comes through.
 

@@ -62,9 +62,6 @@ def check_placements(
     """Compare the placements of bodies and collision shapes with MuJoCo's.
 
     Args:
-        robot: The robot as it was loaded.
-        model: `mujoco.MjModel`.
-        joints: Name of each joint that moves, by MuJoCo's index.
         geoms: MuJoCo's indices of the geoms behind each link's <collision>, in their order.
 
     Raises:

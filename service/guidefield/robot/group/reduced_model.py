@@ -29,7 +29,6 @@ def select(
     """Reduce a robot to the joints that are planned for.
 
     Args:
-        robot: The robot.
         group: Joint names, the name of a group, or None for every joint between the root and the tip; if none of these
             moves by itself, for the joints that they follow, or for every joint that moves.
         tip: Frame that goals are about; None for the robot's own.

@@ -65,8 +65,6 @@ def why_unreached(
     """Find what stands in the way of a pose that no descent reached; by descents, so nothing of it is proved.
 
     Args:
-        group: The joints that may move.
-        target: The pose.
         search: The search that failed.
         tried: How much was tried, for the sentence.
         rng: Where random starts come from.
@@ -178,8 +176,6 @@ def solve(
     what is out of reach.
 
     Args:
-        group: The joints that may move; its `tip` is brought to the target.
-        target: The pose.
         starts: Chart points to start from, each of shape (nv,).
         count: How many solutions to look for.
         rng: The same state gives the same solutions.

@@ -171,7 +171,6 @@ def find_disabled_pairs(
     mostly spare a simulation time, and links that meet do so in reality.
 
     Args:
-        model: `mujoco.MjModel`.
         geoms: Indices of the geoms of each link, in their order.
         rest: MuJoCo's configuration, shape (nq,), at rest.
         warnings: Gets a sentence about pairs that MuJoCo doesn't test and we do, or the other way round.

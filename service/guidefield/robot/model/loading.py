@@ -105,11 +105,8 @@ def load(
     """Build a robot.
 
     Args:
-        name: Its name.
-        source: Its text, folders and root joint; the model keeps the checked text, its meshes as absolute paths.
         semantics: SRDF, as text or read, if there is one.
         card: Defaults that the URDF doesn't settle.
-        resolver: Where meshes may come from.
 
     Raises:
         RobotInvalid: if the URDF, its meshes or the SRDF cannot be used, with the element at fault.

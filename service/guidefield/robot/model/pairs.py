@@ -51,14 +51,9 @@ def settle(
     impossible otherwise. Pairs that no sample found touching stay in: samples prove nothing.
 
     Args:
-        model: Pinocchio model.
-        geometry: Collision geometry; its pairs are replaced.
-        joints: The model's joints.
-        links: Link of each shape of `geometry`.
         disabled: Pairs of links that the SRDF or MJCF disables, with its reasons.
         said_by: Which of them; an MJCF says of every pair whether it is tested.
         rest: Configuration, shape (nq,), that is tested besides the random ones.
-        size: The robot's.
     """
     joints_of = np.array([shape.parentJoint for shape in geometry.geometryObjects], np.int64)
     tested = joints_of[:, None] != joints_of

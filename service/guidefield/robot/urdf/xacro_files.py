@@ -47,7 +47,6 @@ def expand(
     """Expand a xacro file.
 
     Args:
-        path: The file.
         arguments: Values of its arguments by name.
         find_package: Returns the folder of a package, for `$(find name)`; gets the name and the paths in the package
             that the file names after it.
