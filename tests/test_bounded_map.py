@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
-from guidefield import bounded_map
 from guidefield.bounded_map import BoundedMap, Limit
-
-OPERATION = Path(__file__).parent.parent / "service" / "docs" / "operation.md"
-
-
-def test_an_operator_reads_the_limits_that_count() -> None:
-    rows = re.findall(r"^\| `([A-Z_]+)` \| .* \| ([\d,]+) \| ([\d,]+) \|$", OPERATION.read_text(), re.MULTILINE)
-    told = {
-        name: Limit(int(entries.replace(",", "")), int(mib.replace(",", "")) * 2**20) for name, entries, mib in rows
-    }
-    limits = {name: value for name, value in vars(bounded_map).items() if isinstance(value, Limit)}
-    small = {"ROBOT_LINES", "ENGINES", "OPEN_STORES", "READ_VERSIONS"}
-    assert told == {name: limit for name, limit in limits.items() if name not in small}
 
 
 def test_the_entry_used_least_recently_goes_first() -> None:

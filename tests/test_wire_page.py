@@ -68,7 +68,7 @@ def test_a_page_without_its_tables_gets_them_and_one_with_others_is_mended(wire:
     bare = re.sub(r"(<!-- made[^\n]+ -->\n).*?(<!-- end)", r"\1\2", PAGE, flags=re.DOTALL)
     assert len(bare) < 0.8 * len(PAGE)
     assert wire.filled(bare) == PAGE
-    assert wire.filled(PAGE.replace("| `queue` | 64", "| `queue` | 65")) == PAGE
+    assert wire.filled(PAGE.replace("| `queue`: 64", "| `queue`: 65")) == PAGE
     with pytest.raises(KeyError, match="moons"):
         wire.filled("<!-- made from the code: moons -->\n<!-- end -->")
 
@@ -122,7 +122,7 @@ def test_info_has_the_same() -> None:
     assert [key["key"] for key in plain["keys"]] == [key.key for key in KEYS]
     assert [code["name"] for code in plain["codes"]] == [status.name for status in Status]
     names = [limit["name"] for limit in plain["limits"]]
-    assert names == re.findall(r"^\| `([a-z_]+)` \| [\d.,]+ ", PAGE, re.MULTILINE)
+    assert names == re.findall(r"^\| `([a-z_]+)`: [\d.,]+ ", PAGE, re.MULTILINE)
     assert len(set(names)) == len(names)
     rules = [rule["name"] for rule in plain["delivery"]]
     assert rules == re.findall(r"^- \*\*([a-z ]+)\*\*: ", PAGE.partition("## Keys")[0], re.MULTILINE)

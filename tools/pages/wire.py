@@ -27,7 +27,7 @@ def filled(page: str) -> str:
 
 
 def keys() -> str:
-    """Every key: its purpose and parameters, what it takes and gives, and whether it waits for a worker.
+    """Every key: its purpose and parameters, whether it waits for a worker, what it takes and gives.
 
     A parameter is explained at the first key that has it.
     """
@@ -39,17 +39,26 @@ def keys() -> str:
         return f"`?{name}`" if known else f"`?{name}`: {what}"
 
     return make_table(
-        ("key", "purpose and parameters", "takes → gives", "worker"),
+        ("key", "purpose and parameters", "takes → gives"),
         (
             (
                 f"`guidefield/<i>/{key.key}`",
-                "; ".join([key.what, *(explain(name, what) for name, what in key.parameters.items())]),
+                "; ".join([key.what, *(explain(name, what) for name, what in key.parameters.items()), *_worker(key)]),
                 " → ".join(filter(None, (_named(key.takes), _gives(key)))),
-                key.worker if key.how == "query" else "",
             )
             for key in KEYS
         ),
     )
+
+
+def _worker(key: KeyInfo) -> tuple[str, ...]:
+    match key.worker:
+        case "never":
+            return ()
+        case "always":
+            return ("**worker**",)
+        case when:
+            return (f"**worker** {when}",)
 
 
 def _gives(key: KeyInfo) -> str:
@@ -68,8 +77,8 @@ def _named(names: Iterable[str]) -> str:
 def codes() -> str:
     """Every code."""
     return make_table(
-        ("code", "name", "travels as", "meaning"),
-        ((str(one.code), f"`{one.name}`", _travels(one), one.meaning) for one in CODES),
+        ("code", "name (travels as)", "meaning"),
+        ((str(one.code), f"`{one.name}` ({_travels(one)})", one.meaning) for one in CODES),
     )
 
 
@@ -81,8 +90,8 @@ def limits() -> str:
     """Every limit of a service that was started without options."""
     told = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE, DEFAULT_STREAMS)
     return make_table(
-        ("limit", "value", "of or for"),
-        ((f"`{one.name}`", f"{_figure(one.value)} {one.unit}", one.what) for one in told),
+        ("limit", "of or for"),
+        ((f"`{one.name}`: {_figure(one.value)} {one.unit}", one.what) for one in told),
     )
 
 
