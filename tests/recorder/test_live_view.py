@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import signal
@@ -81,7 +82,7 @@ def test_a_stream_shows_itself_while_it_goes_on(tmp_path: Path, monkeypatch: pyt
     assert any("cart" in path and count >= 30 for path, count in rows.items())
 
 
-def test_a_service_and_a_client_show_runs(tmp_path: Path) -> None:
+def test_a_service_and_both_clients_show_runs(tmp_path: Path) -> None:
     with (
         receiver(tmp_path) as viewer,
         running_service(tmp_path / "data", "--workers", "1", "--viewer", viewer.address) as service,
@@ -92,12 +93,20 @@ def test_a_service_and_a_client_show_runs(tmp_path: Path) -> None:
             client.plan({**JOINTS, "run_id": "of-the-service"})
         with Client.connect(service.endpoint, show=viewer.address) as client:
             client.plan({**JOINTS, "run_id": "of-both", "recording": "summary"})
+        asyncio.run(_plan_shown(service.endpoint, viewer.address))
         deadline = time.monotonic() + TIME_S
-        while len(_entities(viewer)) < 2 and time.monotonic() < deadline:
+        while len(_entities(viewer)) < 3 and time.monotonic() < deadline:
             time.sleep(0.2)
     found = _entities(viewer)
-    assert {"of-the-service", "of-both"} == set(found)
-    assert "/documents/summary" in found["of-the-service"] & found["of-both"]
+    assert {"of-the-service", "of-both", "awaited"} == set(found)
+    assert "/documents/summary" in set.intersection(*found.values())
+
+
+async def _plan_shown(endpoint: str, viewer: str) -> None:
+    from guidefield.client import AsyncClient
+
+    async with await AsyncClient.connect(endpoint, show=viewer) as client:
+        await client.plan({**JOINTS, "run_id": "awaited"})
 
 
 @pytest.mark.parametrize("forgotten", [False, True])

@@ -14,6 +14,7 @@ from guidefield.client import questions
 from guidefield.client.client import GIVE_UP_WITHIN, Client, connect_exchange
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import KinematicsReply, Question
+from guidefield.client.shown_runs import ShownRuns, choose_viewer
 from guidefield.client.stream_link import Answer, StreamLink
 from guidefield.client.streams import END_WITHIN, StreamFacts
 from guidefield.errors import GuidefieldError
@@ -54,10 +55,11 @@ class AsyncClient:
 
     Args:
         exchange: What carries the questions; the client closes it.
+        viewer: Address of a running Rerun viewer that shows each run; None: none.
     """
 
-    def __init__(self, exchange: Exchange) -> None:
-        self._exchange = exchange
+    def __init__(self, exchange: Exchange, viewer: str | None = None) -> None:
+        self._exchange, self._shown = exchange, ShownRuns(exchange, viewer)
 
     @classmethod
     async def connect(
@@ -67,9 +69,11 @@ class AsyncClient:
         config: Path | None = None,
         user: str | None = None,
         wait: float = 3.0,
+        show: bool | str = False,
     ) -> Self:
         """Connect to a service, as `Client.connect`."""
-        return cls(await asyncio.to_thread(connect_exchange, endpoints, instance, config, user, wait))
+        viewer = await asyncio.to_thread(choose_viewer, show)
+        return cls(await asyncio.to_thread(connect_exchange, endpoints, instance, config, user, wait), viewer)
 
     async def __aenter__(self) -> Self:
         return self
@@ -80,7 +84,8 @@ class AsyncClient:
         await self.close()
 
     async def close(self) -> None:
-        """Close the session."""
+        """Close the session, once all that is to be shown is."""
+        await asyncio.to_thread(self._shown.close)
         await asyncio.to_thread(self._exchange.close)
 
     @property
@@ -124,7 +129,9 @@ class AsyncClient:
         assert question.run_id is not None, "a run is asked for with a name"
         hear = None if progress is None else _call_in_loop(progress)
         with self._exchange.watching_run(question.run_id, hear):
-            return await self._ask_or_cancel(question, questions.cancel(question.run_id))
+            reply = await self._ask_or_cancel(question, questions.cancel(question.run_id))
+        self._shown.add(reply)
+        return reply
 
     async def _ask_or_cancel(self, question: Question[_R], cancel: Question[Done]) -> _R:
         try:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self, TypeVar
@@ -15,6 +13,7 @@ from guidefield.client import questions
 from guidefield.client.exchange import Exchange, await_answer
 from guidefield.client.questions import KinematicsReply, Question
 from guidefield.client.session import build_config, explain_no_link, has_link, open_session, read_user
+from guidefield.client.shown_runs import ShownRuns, choose_viewer
 from guidefield.client.streams import ServiceStream
 from guidefield.errors import GuidefieldError, NoService
 from guidefield.messages import codec
@@ -24,7 +23,6 @@ from guidefield.messages.replies import (
     CertifyReply,
     Done,
     InfoReply,
-    MotionReply,
     PlanReply,
     Progress,
     RobotReply,
@@ -37,12 +35,9 @@ from guidefield.messages.scene_changes import SceneChanged
 from guidefield.messages.store_requests import ReadRuns
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
-from guidefield.viewer import CannotShow, find_viewer, send_recording
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 GIVE_UP_WITHIN = 2.0  # time to wait for the answer to a cancel when the caller is being interrupted [s]
-
-_log = logging.getLogger(__name__)
 
 _R = TypeVar("_R")
 
@@ -72,8 +67,7 @@ class Client:
     """
 
     def __init__(self, exchange: Exchange, viewer: str | None = None) -> None:
-        self._exchange, self._viewer = exchange, viewer
-        self._showing = ThreadPoolExecutor(1, "guidefield-viewer")
+        self._exchange, self._shown = exchange, ShownRuns(exchange, viewer)
 
     @classmethod
     def connect(
@@ -106,7 +100,7 @@ class Client:
             ValueError: if an endpoint isn't one, or the configuration is wrong.
             MalformedRequest: if nobody can be a user of that name.
         """
-        viewer = find_viewer(print) if show is True else show or None
+        viewer = choose_viewer(show)
         return cls(connect_exchange(endpoints, instance, config, user, wait), viewer)
 
     def __enter__(self) -> Self:
@@ -119,7 +113,7 @@ class Client:
 
     def close(self) -> None:
         """Close the session, once all that is to be shown is."""
-        self._showing.shutdown()
+        self._shown.close()
         self._exchange.close()
 
     @property
@@ -188,15 +182,8 @@ class Client:
         assert question.run_id is not None, "a run is asked for with a name"
         with self._exchange.watching_run(question.run_id, progress):
             reply = self._ask_or_cancel(question, questions.cancel(question.run_id))
-        if self._viewer is not None and isinstance(reply, MotionReply) and reply.recording is not None:
-            self._showing.submit(self._show, reply.run_id, self._viewer)
+        self._shown.add(reply)
         return reply
-
-    def _show(self, run_id: str, viewer: str) -> None:
-        try:
-            send_recording(self.recording(run_id), viewer)
-        except (CannotShow, GuidefieldError, OSError) as error:
-            _log.warning("run %s isn't shown: %s", run_id, error)
 
     def _ask_or_cancel(self, question: Question[_R], cancel: Question[Done]) -> _R:
         answer = self._exchange.ask(question)
