@@ -18,10 +18,10 @@ from guidefield.planner.finish import LOST, REPAIRS, STOPPING, certify_found_pat
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import subdivide
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
+from guidefield.planner.optimize.passages import REACHED
 from guidefield.planner.optimize.settings import (
     BALANCED,
     OPTIMIZATION,
-    PASSAGE,
     OptimizationSettings,
     closer,
     free,
@@ -129,7 +129,7 @@ def test_an_optimised_guided_motion_crosses_its_plane_where_its_knot_says() -> N
     assert finished.verdict.free
     assert finished.warnings == ()
     tip = made.kinematics.tip_position(made.group.expand_from_chart(finished.path[finished.crossings[0]]))
-    assert abs(made.guide_planes[0].signed_height(tip)) <= PASSAGE.reached
+    assert abs(made.guide_planes[0].signed_height(tip)) <= REACHED
     assert made.guide_planes[0].contains(tip)
     assert (
         finished.trajectory.duration
@@ -200,7 +200,7 @@ def test_without_iterations_a_guided_motion_crosses_its_plane_where_its_knot_say
     finished = finish(asked, PathSoFar(path, crossings), Stages(asked))
     assert finished.verdict.free
     tip = made.kinematics.tip_position(made.group.expand_from_chart(finished.path[finished.crossings[0]]))
-    assert abs(made.guide_planes[0].signed_height(tip)) <= PASSAGE.reached
+    assert abs(made.guide_planes[0].signed_height(tip)) <= REACHED
     assert made.guide_planes[0].contains(tip)
 
 

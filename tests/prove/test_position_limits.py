@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.prove.certificate import certify, motion_free
-from guidefield.prove.curve import excesses
-from guidefield.prove.verdict import LIMITS, Reason
+from guidefield.prove.curve import EXACT, excesses
+from guidefield.prove.verdict import LIMIT_TOLERANCE, Reason
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, grouped
 
@@ -54,14 +54,14 @@ def test_agrees_with_the_roots_of_the_derivative(seed, degree):
             if expected > 0.0:
                 assert found[piece, c] == pytest.approx(expected, abs=1e-11)
                 there = bezier(pieces[piece], places[piece, [c]])[0, c]
-                assert max(lower[c] - there, there - upper[c]) == pytest.approx(found[piece, c], abs=10 * LIMITS.exact)
+                assert max(lower[c] - there, there - upper[c]) == pytest.approx(found[piece, c], abs=10 * EXACT)
             else:
-                assert found[piece, c] <= LIMITS.exact
+                assert found[piece, c] <= EXACT
 
 
 def test_a_curve_that_only_touches_its_limit_keeps_it():
     touching = np.array([[[0.0], [2.0 / 3.0], [2.0 / 3.0], [0.0]]])  # reaches 1/2
-    assert excesses(touching, np.array([-1.0]), np.array([0.5]))[0][0, 0] <= LIMITS.exact
+    assert excesses(touching, np.array([-1.0]), np.array([0.5]))[0][0, 0] <= EXACT
     assert excesses(touching, np.array([-1.0]), np.array([0.5 - 1e-9]))[0][0, 0] == pytest.approx(1e-9, abs=1e-12)
 
 
@@ -84,10 +84,8 @@ def test_control_points_may_be_beyond_limits_where_the_curve_is_not():
 
 def test_only_rounding_is_tolerated():
     world = world_of(ARM, [])
-    assert motion_free(world, np.zeros(2), np.array([0.0, 2.0 + 0.9 * LIMITS.tolerance])).free
-    assert (
-        motion_free(world, np.zeros(2), np.array([-2.0 - 1.1 * LIMITS.tolerance, 0.0])).reason is Reason.BEYOND_LIMITS
-    )
+    assert motion_free(world, np.zeros(2), np.array([0.0, 2.0 + 0.9 * LIMIT_TOLERANCE])).free
+    assert motion_free(world, np.zeros(2), np.array([-2.0 - 1.1 * LIMIT_TOLERANCE, 0.0])).reason is Reason.BEYOND_LIMITS
 
 
 def test_whichever_comes_first_is_told():

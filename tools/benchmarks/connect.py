@@ -31,7 +31,8 @@ from guidefield.deadline import Deadline
 from guidefield.kernels.collide.batch_collision import EXACT
 from guidefield.messages.scene import Scene
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.settings import TREE
+from guidefield.planner.connect.connect import ATTEMPTS, FINER
+from guidefield.planner.connect.tree_search import RESOLUTION
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.prove.certificate import certify
 from guidefield.robot.model.size import MARGIN
@@ -141,9 +142,9 @@ def _planned(given: Problems, problem: dict[str, Any], sequence: int) -> _Planne
         world = World.build(given.group, build(message))
         lanes = BatchCollision.build(world)
         ready = time.thread_time()
-        found = _grown(lanes, z_start, z_goal, TREE.resolution, rng)
+        found = _grown(lanes, z_start, z_goal, RESOLUTION, rng)
         grown = time.thread_time()
-        path = None if found.path is None else lanes.shorten(found.path, TREE.resolution, MARGIN)
+        path = None if found.path is None else lanes.shorten(found.path, RESOLUTION, MARGIN)
         done = time.thread_time()
         scene, plan, simplify = min(scene, ready - began), min(plan, grown - ready), min(simplify, done - grown)
         call = min(call, done - began)
@@ -162,15 +163,15 @@ def _judged(given: Problems, problem: dict[str, Any], planned: _Planned, sequenc
     world = World.build(given.group, build(scene_message(problem)))
     lanes, path, rng = BatchCollision.build(world), planned.path, planned.rng
     began = time.thread_time()
-    _grown(lanes, z_start, z_goal, TREE.resolution, np.random.default_rng(sequence))
+    _grown(lanes, z_start, z_goal, RESOLUTION, np.random.default_rng(sequence))
     after = time.thread_time() - began
-    began, refused, resolution = time.thread_time(), 0, TREE.resolution
+    began, refused, resolution = time.thread_time(), 0, RESOLUTION
     while path is not None and not certify(world, polyline(path)).free:
         refused += 1
-        if refused == TREE.attempts:
+        if refused == ATTEMPTS:
             path = None
             break
-        resolution *= TREE.finer
+        resolution *= FINER
         again = _grown(lanes, z_start, z_goal, resolution, rng)
         path = None if again.path is None else lanes.shorten(again.path, resolution, MARGIN)
     certificate = time.thread_time() - began
@@ -204,15 +205,15 @@ def _grown(
 
 def _rate(lanes: BatchCollision, path: np.ndarray) -> float:
     """Configurations that are judged per second in a path's motions, all free [1/s]."""
-    if lanes.free_until(path, TREE.resolution) < len(path) - 1:
+    if lanes.free_until(path, RESOLUTION) < len(path) - 1:
         return np.nan
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    count = 16.0 * np.maximum(1.0, np.ceil(lengths * TREE.resolution / 16.0 - EXACT)).sum()
+    count = 16.0 * np.maximum(1.0, np.ceil(lengths * RESOLUTION / 16.0 - EXACT)).sum()
     shortest = np.inf
     for _ in range(REPEATS):
         began = time.thread_time()
         for _ in range(PASSES):
-            lanes.free_until(path, TREE.resolution)
+            lanes.free_until(path, RESOLUTION)
         shortest = min(shortest, time.thread_time() - began)
     return float(PASSES * count / shortest)
 

@@ -25,11 +25,10 @@ from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.planner.guide import rounds
 from guidefield.planner.guide.auto_planes import derive_planes
-from guidefield.planner.guide.guide import ATTEMPTS, Univariate, cross_plane
+from guidefield.planner.guide.guide import ATTEMPTS, FIRST_STEP, Univariate, cross_plane
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
 from guidefield.planner.guide.rounds import Aim, Attempt
-from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.task.problem import LastPlaneGoal, Problem
 from guidefield.planner.task.trace import Event, Step, StepKind
@@ -218,7 +217,7 @@ def converged(scenes: Sequence[str]) -> None:
     for title in scenes:
         problem = problem_of(title)
         chain = link_chain(problem.group)
-        run = crossed(problem, problem.guide_planes, (Attempt(Univariate(chain), APPROACH.first_step),))
+        run = crossed(problem, problem.guide_planes, (Attempt(Univariate(chain), FIRST_STEP),))
         cells = []
         for plane, q in zip(problem.guide_planes, run.settled_from, strict=False):
             ends = []

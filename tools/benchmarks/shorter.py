@@ -18,7 +18,7 @@ from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.deadline import Deadline
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import ShorteningRounds, shorten_path
-from guidefield.planner.connect.settings import TREE
+from guidefield.planner.connect.tree_search import RESOLUTION
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import ConfigurationGoal
 from guidefield.robot.model.size import MARGIN
@@ -54,11 +54,11 @@ def _row(given: Problems, declared: dict, number: int) -> tuple[float, float] | 
     q_start, goal = group.from_chart(z_start), ConfigurationGoal((group.from_chart(z_goal),))
     problem = posed(group, scene_of(declared), q_start, goal, deadline=Deadline(time.monotonic() + SECONDS))
     lanes = problem.lanes
-    found = tree_search.grow(lanes, z_start[None], z_goal[None], TREE.resolution, 0.0, rng, problem.deadline)
+    found = tree_search.grow(lanes, z_start[None], z_goal[None], RESOLUTION, 0.0, rng, problem.deadline)
     if found.path is None:
         return None
-    path = lanes.shorten(found.path, TREE.resolution, MARGIN)
-    rounds = ShorteningRounds(number, TREE.resolution, MARGIN)
+    path = lanes.shorten(found.path, RESOLUTION, MARGIN)
+    rounds = ShorteningRounds(number, RESOLUTION, MARGIN)
     began = time.thread_time()
     better = shorten_path(problem, path, z_goal[None], rounds, rng, lambda _: True)
     return length_of(better.path, problem.group.units) / length_of(

@@ -16,7 +16,7 @@ from typing import cast
 import numpy as np
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.planner.connect.settings import TREE
+from guidefield.planner.connect.tree_search import RESOLUTION
 from guidefield.planner.in_motion import STOPS, MovingEnds
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import remove_repetitions
@@ -32,7 +32,7 @@ from guidefield.planner.path_so_far import (
 )
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
-from guidefield.prove.verdict import LIMITS, Reason
+from guidefield.prove.verdict import LIMIT_TOLERANCE, Reason
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 REPAIRS = 4
@@ -207,7 +207,7 @@ def _is_hopeless(problem: Problem, path: ChartPoints, finished: CertifiedMotion)
 def _find_refused_place(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
     match reason:
         case Reason.BEYOND_LIMITS:
-            lower, upper = problem.group.lower - LIMITS.tolerance, problem.group.upper + LIMITS.tolerance
+            lower, upper = problem.group.lower - LIMIT_TOLERANCE, problem.group.upper + LIMIT_TOLERANCE
             return bool(((z < lower) | (z > upper)).any())
         case Reason.TOO_CLOSE:
             return (
@@ -235,5 +235,5 @@ def remove_waypoints(problem: Problem, path: ChartPoints, crossings: Mapping[int
         return path
     kept = sorted({0, len(path) - 1, *crossings.values()})
     margin = problem.min_clearance + STRAIGHT_MARGIN * problem.group.size
-    ways = [problem.lanes.shorten(path[begin : end + 1], TREE.resolution, margin) for begin, end in pairwise(kept)]
+    ways = [problem.lanes.shorten(path[begin : end + 1], RESOLUTION, margin) for begin, end in pairwise(kept)]
     return np.concatenate([path[:1], *(way[1:] for way in ways)])

@@ -107,7 +107,7 @@ def optimize_motion(
         settings = presets.lengthened(settings, length_of(begun.positions, problem.group.sizes))
     message = f"shape and time together, {'among what moves, ' if moves else ''}{problem.objective.value}"
     touched: list[TouchedPoint] = []
-    heaviest = presets.LOAD.heavier**2 * settings.load_weight
+    heaviest = presets.HEAVIER_LOADS**2 * settings.load_weight
     for attempt in range(2 + LOOKS):
         with stages.entered("relax", message) as stage:
             optimized = optimize(problem, begun, settings, others, crossed.passages, None, *between, touched)
@@ -125,7 +125,7 @@ def optimize_motion(
         if settled and made is finished:
             if settings.load_weight >= heaviest:
                 break
-            weight = presets.LOAD.heavier * settings.load_weight
+            weight = presets.HEAVIER_LOADS * settings.load_weight
             message = "again, minding torques and speeds, because they exceed their limits"
             settings, others = replace(settings, load_weight=weight), ()
             continue

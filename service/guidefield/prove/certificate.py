@@ -26,7 +26,7 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.prove.tables import IN_MOTION
 from guidefield.prove.curve import Curve, excesses, halve_curves, point_on
 from guidefield.prove.search import RESOLUTION_FLOOR, Goal, SearchResult, search, without_distances
-from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, LIMITS, Reason, Verdict
+from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, LIMIT_TOLERANCE, Reason, Verdict
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
@@ -115,7 +115,7 @@ def certify(
     """Judge a motion among obstacles where they are at first, or as they move.
 
     Everything before a refusal is certified. Whether the robot is wholly inside a closed mesh at the start is another
-    question: `enclosed`. Of a piece on which a joint leaves its limits by more than `LIMITS.tolerance` nothing is
+    question: `enclosed`. Of a piece on which a joint leaves its limits by more than `LIMIT_TOLERANCE` nothing is
     certified, only what comes before it.
 
     Args:
@@ -190,7 +190,7 @@ def judge_limits(world: World, pieces: ChartCurves) -> Verdict | None:
     """
     group = world.group
     found, places = excesses(pieces, group.lower, group.upper)
-    refused = np.flatnonzero((found > LIMITS.tolerance).any(axis=1))
+    refused = np.flatnonzero((found > LIMIT_TOLERANCE).any(axis=1))
     if not len(refused):
         return None
     piece = int(refused[0])

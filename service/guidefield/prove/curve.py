@@ -8,9 +8,11 @@ from typing import cast
 import numpy as np
 
 from guidefield.kernels.prove.placement import find_halves, find_ranges
-from guidefield.prove.verdict import LIMITS
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+
+EXACT = 1e-13  # curves are halved until the largest excess is known to this [rad or m]
+MOST_HALVINGS = 60  # parts shorter than this leaves can't be told from a point: 2^-60
 
 
 def ranges(controls: ChartCurves) -> tuple[ChartPoints, ChartPoints]:
@@ -63,7 +65,7 @@ def excesses(pieces: ChartCurves, lower: ChartPoint, upper: ChartPoint) -> tuple
     """
     low, high = ranges(pieces)
     most, places = np.maximum(lower - low, high - upper), np.zeros(low.shape)
-    which, at = np.nonzero(most > LIMITS.exact)
+    which, at = np.nonzero(most > EXACT)
     if len(which):
         most[which, at], places[which, at] = _largest(pieces[which, :, at], lower[at], upper[at])
     return most, places
@@ -74,7 +76,7 @@ def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[
     ends = np.maximum(lower[:, None] - curves[:, [0, -1]], curves[:, [0, -1]] - upper[:, None])
     most, places = ends.max(axis=1), np.argmax(ends, axis=1).astype(float)
     parts, of, starts, width = curves[:, :, None], np.arange(len(curves)), np.zeros(len(curves)), 1.0
-    for _ in range(LIMITS.most_halvings):
+    for _ in range(MOST_HALVINGS):
         parts, of, starts, width = halve_curves(parts), np.repeat(of, 2), np.repeat(starts, 2), 0.5 * width
         starts[1::2] += width
         begun = np.maximum(lower[of] - parts[:, 0, 0], parts[:, 0, 0] - upper[of])
@@ -82,7 +84,7 @@ def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[
             if begun[k] > most[of[k]]:
                 most[of[k]], places[of[k]] = begun[k], starts[k]
         reached = np.maximum(lower[of] - parts.min(axis=(1, 2)), parts.max(axis=(1, 2)) - upper[of])
-        left = reached > np.maximum(most[of], 0.0) + LIMITS.exact
+        left = reached > np.maximum(most[of], 0.0) + EXACT
         if not left.any():
             break
         parts, of, starts = parts[left], of[left], starts[left]
@@ -90,7 +92,7 @@ def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[
 
 
 def largest_magnitudes(curves: np.ndarray, beside: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
-    """The largest magnitude of each coordinate along Bezier curves, to `LIMITS.exact` of it.
+    """The largest magnitude of each coordinate along Bezier curves, to `EXACT` of it.
 
     Args:
         curves: Control points, shape (m, k, nv), m >= 1.
@@ -106,9 +108,9 @@ def largest_magnitudes(curves: np.ndarray, beside: np.ndarray | None = None) -> 
     flat = ends.reshape(2 * count, nv).argmax(axis=0)
     most, piece, places = ends.reshape(2 * count, nv)[flat, columns], flat // 2, (flat % 2).astype(float)
     bound = np.abs(curves).max(axis=1) + more
-    of, at = np.nonzero(bound > most * (1.0 + LIMITS.exact) + LIMITS.exact)
+    of, at = np.nonzero(bound > most * (1.0 + EXACT) + EXACT)
     parts, starts, width = np.ascontiguousarray(curves[of, :, at])[:, :, None], np.zeros(len(of)), 1.0
-    for _ in range(LIMITS.most_halvings if order > 2 else 0):
+    for _ in range(MOST_HALVINGS if order > 2 else 0):
         if not len(of):
             break
         parts, of, at, starts, width = halve_curves(parts), of.repeat(2), at.repeat(2), starts.repeat(2), 0.5 * width
@@ -118,7 +120,7 @@ def largest_magnitudes(curves: np.ndarray, beside: np.ndarray | None = None) -> 
             if begun[k] > most[at[k]]:
                 most[at[k]], piece[at[k]], places[at[k]] = begun[k], of[k], starts[k]
         reached = np.abs(parts).max(axis=(1, 2)) + more[of, at]
-        left = reached > most[at] * (1.0 + LIMITS.exact) + LIMITS.exact
+        left = reached > most[at] * (1.0 + EXACT) + EXACT
         parts, of, at, starts = parts[left], of[left], at[left], starts[left]
     return most, piece, places
 

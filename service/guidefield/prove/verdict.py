@@ -33,16 +33,7 @@ def with_coal_error(distance: _D) -> _D:
     return asked
 
 
-@dataclass(frozen=True)
-class LimitSettings:
-    """Of the judgement of position limits."""
-
-    tolerance: float = 1e-9  # what a coordinate may be beyond its limit, for rounding [rad or m]
-    exact: float = 1e-13  # curves are halved until the largest excess is known to this [rad or m]
-    most_halvings: int = 60  # parts shorter than this leaves can't be told from a point: 2^-60
-
-
-LIMITS = LimitSettings()
+LIMIT_TOLERANCE = 1e-9  # what a coordinate may be beyond its limit, for rounding [rad or m]
 
 
 class Reason(enum.Enum):

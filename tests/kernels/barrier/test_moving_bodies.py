@@ -10,7 +10,7 @@ import pytest
 from guidefield.kernels.barrier.moving_bodies import moved_bodies, place_moved
 from guidefield.kernels.barrier.obstacle_barrier import moving_distance
 from guidefield.kernels.distance.distance import distance_at_points
-from guidefield.planner.optimize.settings import SAMPLED_ROBOT
+from guidefield.planner.optimize.clearance_samples import FARTHEST
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 from tests.kernels.barrier.test_robot_barrier import sampled
 from tests.planner.problems import problem, scene_of
@@ -66,7 +66,7 @@ def test_the_distance_is_that_to_the_obstacles_as_they_stand_then(kind: str) -> 
         if kind in ("box", "sphere", "capsule", "cylinder", "half space"):
             apart = min(_by_coal(one, time, point) for one in scene.obstacles for point in points)
             assert found == pytest.approx(min(apart, 5.0), abs=1e-6)
-    assert moving_distance(robot, moving_tables(scene), z, 0.0, 1e-3) <= SAMPLED_ROBOT.farthest
+    assert moving_distance(robot, moving_tables(scene), z, 0.0, 1e-3) <= FARTHEST
 
 
 def _by_coal(one: object, time: float, point: np.ndarray) -> float:

@@ -18,8 +18,7 @@ from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along
 from guidefield.messages import scene as messages
-from guidefield.planner.optimize.sampled_robot import sampled_robot
-from guidefield.planner.optimize.settings import SAMPLED_ROBOT
+from guidefield.planner.optimize.sampled_robot import LEAST_RANGE, POINTS_WEIGHT, RANGE, sampled_robot
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.distance_tables import distance_tables, moving_tables
@@ -76,7 +75,7 @@ def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tup
         placed = data.oMi[shapes[body].parentJoint] * shapes[body].placement
         _, first, last, coarse = robot.groups[g]
         apart = [point_distance(shapes[body].geometry, placed, point) for point in world[g][: coarse - first]]
-        w = SAMPLED_ROBOT.weight / robot.points.shape[1] * (last - first) / (coarse - first)
+        w = POINTS_WEIGHT / robot.points.shape[1] * (last - first) / (coarse - first)
         found += [(d, w, float(reach), 0.0) for d in apart]
     return found
 
@@ -200,9 +199,9 @@ def test_links_within_range_at_an_end_are_let_in_that_far() -> None:
     for _ in range(20_000):
         z = made_for.group.chart(made_for.group.random(rng))
         pair_distances(robot, tables, z, closest)
-        if SAMPLED_ROBOT.least_range < closest.min() < 0.5 * SAMPLED_ROBOT.range:
+        if LEAST_RANGE < closest.min() < 0.5 * RANGE:
             break
-    assert SAMPLED_ROBOT.least_range < closest.min() < 0.5 * SAMPLED_ROBOT.range
+    assert LEAST_RANGE < closest.min() < 0.5 * RANGE
     strict, lenient = Barrier(made_for)(z)[0], Barrier(made_for, ends=z[None])(z)[0]
     assert strict > 0.0
     assert lenient == pytest.approx(0.0, abs=1e-12)
@@ -223,7 +222,7 @@ def test_the_distances_of_pairs_are_those_of_their_points_within_range() -> None
     for (g, _), distance in zip(robot.pairs, closest, strict=True):
         count = robot.groups[g, 3] - robot.groups[g, 1]
         smallest = min(own[at : at + count])
-        assert distance == (pytest.approx(smallest, abs=1e-6) if smallest < SAMPLED_ROBOT.range - 1e-6 else np.inf)
+        assert distance == (pytest.approx(smallest, abs=1e-6) if smallest < RANGE - 1e-6 else np.inf)
         at += count
 
 

@@ -8,8 +8,13 @@ import pytest
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, add_constraint_penalty, constraint_penalty
 from guidefield.planner.motion.bspline import BSpline, End
-from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
-from guidefield.planner.optimize.settings import BALANCED
+from guidefield.planner.optimize.clearance_samples import (
+    CONSTRAINT_ROOM,
+    CONSTRAINT_WEIGHT,
+    TIGHT,
+    Sections,
+    constraint_samples,
+)
 from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
 from tests.kernels.tree.test_path_constraints import random_frames
 
@@ -25,7 +30,7 @@ def motion(name: str, spread: float) -> tuple[ConstrainedFrames, BSpline, KeptSa
     points = z + spread * rng.normal(size=(PIECES + 3, len(z)))
     ends = End.at_rest(points[0]), End.at_rest(points[-1])
     spline = BSpline.between(*ends, points[3:-3], 0.1)
-    return frames, spline, constraint_samples(Sections.whole(frames), spline.pieces, (), 1, BALANCED)
+    return frames, spline, constraint_samples(Sections.whole(frames), spline.pieces, (), 1)
 
 
 def of(kept: KeptSamples, points: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -60,8 +65,8 @@ def looked_at(frames: ConstrainedFrames, spline: BSpline) -> tuple[np.ndarray, n
 def test_the_penalty_is_the_formula_by_pinocchio(name: str) -> None:
     frames, spline, kept = motion(name, 0.2)
     shares, _ = looked_at(frames, spline)
-    beyond = np.maximum(shares - BALANCED.constraint_room, 0.0)
-    expected = 0.5 * BALANCED.constraint_weight / len(PLACES) * (beyond**2).sum()
+    beyond = np.maximum(shares - CONSTRAINT_ROOM, 0.0)
+    expected = 0.5 * CONSTRAINT_WEIGHT / len(PLACES) * (beyond**2).sum()
     assert expected > 0.0
     assert constraint_penalty(kept, spline.points) == pytest.approx(expected, rel=1e-9)
     assert of(kept, spline.points)[0] == pytest.approx(expected, rel=1e-9)
@@ -81,9 +86,9 @@ def test_the_gradient_is_that_of_finite_differences(name: str) -> None:
 def test_the_hessian_is_gauss_and_newtons_and_knows_of_tight_limits_that_are_kept() -> None:
     frames, spline, kept = motion("panda", 0.2)
     shares, rows = looked_at(frames, spline)
-    tight = np.minimum(BALANCED.tight / frames.limits, 1.0) ** 2
-    factors = np.where(shares > BALANCED.constraint_room, 1.0, tight)
-    expected = np.einsum("sk,ska,skb->ab", factors, rows, rows) * BALANCED.constraint_weight / len(PLACES)
+    tight = np.minimum(TIGHT / frames.limits, 1.0) ** 2
+    factors = np.where(shares > CONSTRAINT_ROOM, 1.0, tight)
+    expected = np.einsum("sk,ska,skb->ab", factors, rows, rows) * CONSTRAINT_WEIGHT / len(PLACES)
     np.testing.assert_allclose(of(kept, spline.points)[2], expected, atol=1e-9 * np.abs(expected).max())
 
 
@@ -100,11 +105,11 @@ def alternatives(kept: KeptSamples) -> KeptSamples:
 def test_of_alternatives_the_cheapest_counts_at_each_sample() -> None:
     frames, spline, plain = motion("panda", 0.2)
     shares, kept = looked_at(frames, spline)[0], alternatives(plain)
-    beyond = np.maximum(shares - BALANCED.constraint_room, 0.0) ** 2
+    beyond = np.maximum(shares - CONSTRAINT_ROOM, 0.0) ** 2
     one = np.where(kept.asked[:, 3] == 1, beyond[:, 3], np.inf)
     each = np.column_stack([beyond[:, 1] + beyond[:, 2], one, beyond[:, 4] + beyond[:, 5]])
     assert len(set(each.argmin(axis=1))) > 1
-    expected = 0.5 * BALANCED.constraint_weight / len(PLACES) * (beyond[:, 0] + each.min(axis=1)).sum()
+    expected = 0.5 * CONSTRAINT_WEIGHT / len(PLACES) * (beyond[:, 0] + each.min(axis=1)).sum()
     assert constraint_penalty(kept, spline.points) == pytest.approx(expected, rel=1e-9)
     value, gradient, _ = of(kept, spline.points)
     assert value == pytest.approx(expected, rel=1e-9)
@@ -122,5 +127,5 @@ def test_what_is_kept_costs_nothing() -> None:
     assert value == 0.0
     assert not gradient.any()
     assert np.linalg.eigvalsh(hessian).min() > -1e-9 * np.abs(hessian).max()
-    none = constraint_samples(Sections.whole(ConstrainedFrames(frames.group, ())), spline.pieces, (), 1, BALANCED)
+    none = constraint_samples(Sections.whole(ConstrainedFrames(frames.group, ())), spline.pieces, (), 1)
     assert of(none, spline.points)[0] == constraint_penalty(none, spline.points) == 0.0

@@ -13,8 +13,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.kernels.optimize.load_penalty import load_penalty
 from guidefield.kernels.optimize.torque_loads import torque_derivatives
 from guidefield.planner.motion.bspline import BSpline, End
-from guidefield.planner.optimize.loads import LoadSamples
-from guidefield.planner.optimize.settings import LOAD
+from guidefield.planner.optimize.loads import FREE_SHARE, LoadSamples
 from guidefield.planner.task.effort import EffortLimit, tree_of
 from guidefield.planner.task.motion_limits import MotionLimit, frame_limit, link_limit
 from guidefield.robot.group.group import PlanningGroup
@@ -73,7 +72,7 @@ def loads_at(limit: MotionLimit, spline: BSpline, samples: LoadSamples) -> np.nd
 def test_the_value_is_of_pinocchios_loads(kind) -> None:
     limit, spline = LIMITS[kind](), some_motion()
     samples = LoadSamples.of((limit,), PIECES, ARM.nv)
-    beyond = np.maximum(loads_at(limit, spline, samples) - LOAD.share, 0.0)
+    beyond = np.maximum(loads_at(limit, spline, samples) - FREE_SHARE, 0.0)
     total = samples.measure(spline)
     assert total == pytest.approx(float((beyond**2).sum()))
     assert total > 0.1

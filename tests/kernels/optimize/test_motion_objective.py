@@ -20,7 +20,6 @@ from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_obje
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.loads import no_loads
-from guidefield.planner.optimize.settings import BALANCED
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.scene.distance_tables import moving_tables
@@ -116,7 +115,7 @@ def look_at(
 def unconstrained(name: str) -> KeptSamples:
     """Without path constraints."""
     none = ConstrainedFrames(made(name)[0].group, ())
-    return constraint_samples(Sections.whole(none), PIECES, (), 1, BALANCED)
+    return constraint_samples(Sections.whole(none), PIECES, (), 1)
 
 
 def of(

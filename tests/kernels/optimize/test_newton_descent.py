@@ -14,7 +14,6 @@ from guidefield.kernels.optimize.newton_descent import DescentRules, newton_desc
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.loads import no_loads
-from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, plane
 from tests.kernels.barrier.test_robot_barrier import made
@@ -135,7 +134,7 @@ def test_it_keeps_to_a_constraint_that_bends_and_is_tight() -> None:
     group = made("panda")[0].group
     tip = Kinematics(group).tip_position(group.expand_from_chart(spline.start.position))
     frames = ConstrainedFrames(group, (plane(group.tip, tip, np.array([0.0, 0.6, 0.8]), 1e-3),))
-    kept = constraint_samples(Sections.whole(frames), spline.pieces, (), 2, BALANCED)
+    kept = constraint_samples(Sections.whole(frames), spline.pieces, (), 2)
     model = look("panda", spline.points)
     after, taken = descended(spline, limits, model, kept=kept, steps=60, settled=1e-6)
     assert taken > 1

@@ -13,7 +13,7 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.constrained import Keeper, connect_constrained
-from guidefield.planner.connect.settings import CONSTRAINED
+from guidefield.planner.connect.tree_search import FARTHEST_STRIDE, STRIDE
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import Cone
 from tests.planner.problems import problem, scene_of
@@ -39,7 +39,7 @@ def test_a_walk_goes_the_short_way_round() -> None:
     origin, target = np.array([3.0]), np.array([-3.0])
     found = connect_constrained(made, keeper, origin, target[None], np.random.default_rng(0))
     assert len(found.path) <= 4  # shortened: as few strides as reach around
-    assert all(apart(made, a, b) <= CONSTRAINED.stride + 1e-6 for a, b in pairwise(found.path))
+    assert all(apart(made, a, b) <= STRIDE + 1e-6 for a, b in pairwise(found.path))
     np.testing.assert_allclose(found.path[-1], 2.0 * np.pi - 3.0, atol=1e-12)
     np.testing.assert_allclose(made.group.from_chart(found.path[-1]), made.group.from_chart(target), atol=1e-12)
 
@@ -79,7 +79,7 @@ def test_a_path_keeps_the_constraint_and_never_jumps(seed: int) -> None:
     last, goal = (made.group.from_chart(z) for z in (found.path[-1], ends[1]))
     np.testing.assert_allclose(last, goal, atol=1e-9)
     for a, b in pairwise(found.path):
-        assert apart(made, a, b) <= CONSTRAINED.farthest * CONSTRAINED.stride + 1e-6
+        assert apart(made, a, b) <= FARTHEST_STRIDE * STRIDE + 1e-6
         for t in (0.0, 0.5, 1.0):
             q = made.group.expand_from_chart(a + t * (b - a))
             axis = made.kinematics.frame_placement(q, made.group.tip_id).rotation[:, 2]

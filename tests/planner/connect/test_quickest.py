@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from guidefield.errors import Status
-from guidefield.planner.connect.connect import connect, estimate_time, find_quickest_path
-from guidefield.planner.connect.settings import QUICKEST
+from guidefield.planner.connect.connect import WAYS, connect, estimate_time, find_quickest_path
 from guidefield.planner.task.problem import Objective
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import densely_free, problem, scene_of
@@ -68,15 +67,14 @@ def test_of_two_goals_as_soon_the_one_with_the_shorter_way_is_taken_unless_time_
 
 
 def test_for_time_alone_more_ways_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    never = dataclasses.replace(QUICKEST, enough=0.0)
-    monkeypatch.setattr("guidefield.planner.connect.connect.QUICKEST", never)
+    monkeypatch.setattr("guidefield.planner.connect.connect.ENOUGH", 0.0)
     made, start, behind = wall_between()
     hurried = dataclasses.replace(made, objective=Objective.TIME)
     once, often = (find_quickest_path(one, start, behind[None], np.random.default_rng(1)) for one in (made, hurried))
     assert once is not None
     assert often is not None
     assert once.others == ()
-    assert 1 <= len(often.others) < QUICKEST.ways
+    assert 1 <= len(often.others) < WAYS
     scores = [estimate_time(way, made.group.velocity_limits) for way in (often.path, *often.others)]
     assert scores == sorted(scores)
     assert scores[0] <= estimate_time(once.path, made.group.velocity_limits)

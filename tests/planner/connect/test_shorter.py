@@ -11,8 +11,16 @@ from hypothesis import given, settings, strategies as st
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import ShortenedPath, ShorteningRounds, connect, score_path, shorten_path
-from guidefield.planner.connect.settings import ROUNDS
+from guidefield.planner.connect.connect import (
+    DETOUR,
+    DETOUR_ROUNDS,
+    LEAST_SHORTER,
+    ShortenedPath,
+    ShorteningRounds,
+    connect,
+    score_path,
+    shorten_path,
+)
 from guidefield.planner.connect.tree_search import sources_of
 from guidefield.planner.motion.waypoints import length_of
 from tests.planner.connect.test_connect import wall_between
@@ -46,7 +54,7 @@ def test_more_rounds_make_no_longer_paths_with_the_same_ends() -> None:
         assert better.rounds == number
     assert lengths[0] == length_of(path, np.ones(7))
     assert (np.diff(lengths) <= 0.0).all()
-    assert lengths[-1] < (1.0 - ROUNDS.least) * lengths[0]
+    assert lengths[-1] < (1.0 - LEAST_SHORTER) * lengths[0]
 
 
 def test_the_same_seed_gives_the_same_path_with_any_time_that_suffices() -> None:
@@ -93,9 +101,9 @@ def test_a_detour_is_made_shorter_unasked() -> None:
     asked_for_none = problem("panda", made.scene, optimization_iterations=0)
     plain, more = (connect(one, near[0], near[1][None], np.random.default_rng(2)) for one in (asked_for_none, made))
     assert "rounds" not in plain.message
-    assert f"in {ROUNDS.of_detour} rounds" in more.message
+    assert f"in {DETOUR_ROUNDS} rounds" in more.message
     assert score_path(made, more.path) < score_path(made, plain.path)
-    assert score_path(made, plain.path) > ROUNDS.detour * score_path(made, plain.path[[0, -1]])
+    assert score_path(made, plain.path) > DETOUR * score_path(made, plain.path[[0, -1]])
     assert densely_free(made, more.path)
 
 

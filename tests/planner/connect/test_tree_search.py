@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -24,7 +23,6 @@ from guidefield.kernels.tree.rrt_connect import way_of
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.settings import TREE
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import scene_of
 from tests.robots import box_arm, grouped
@@ -103,7 +101,7 @@ def test_trees_grow_in_chart_points_by_steps_of_the_metric(joints: str) -> None:
 
 def test_trees_get_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
     plenty = search(1)[0]
-    monkeypatch.setattr(tree_search, "TREE", dataclasses.replace(TREE, first_capacity=3))
+    monkeypatch.setattr(tree_search, "FIRST_CAPACITY", 3)
     scarce = search(1)[0]
     assert scarce.path is not None
     assert plenty.path is not None

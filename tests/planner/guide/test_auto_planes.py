@@ -13,6 +13,7 @@ from guidefield.errors import Status
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
 from guidefield.planner.guide.auto_planes import (
+    LONGEST_RAY,
     derive_planes,
     find_free_section,
     find_tip_way,
@@ -20,7 +21,6 @@ from guidefield.planner.guide.auto_planes import (
     measure_point_clearances,
 )
 from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
-from guidefield.planner.guide.settings import TIP_WAY
 from guidefield.scene import library
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import build
@@ -83,7 +83,7 @@ def test_a_section_is_convex_free_and_as_large_as_the_window() -> None:
     after = np.roll(edges, -1, axis=0)
     assert np.all(edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0] > -1e-9)
     open_air = find_free_section(tables, np.array([-3.0, 0.0, 0.0]), across)
-    np.testing.assert_allclose(np.linalg.norm(open_air, axis=1), TIP_WAY.longest)
+    np.testing.assert_allclose(np.linalg.norm(open_air, axis=1), LONGEST_RAY)
 
 
 def test_what_is_enclosed_by_the_window_is_what_is_in_it() -> None:

@@ -13,8 +13,15 @@ from guidefield.errors import Status
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
 from guidefield.planner.guide.guided_path import GuidedPath
-from guidefield.planner.guide.projected import Descent, descend, evaluated, on_plane, reorienting, sliding
-from guidefield.planner.guide.settings import DESCENT
+from guidefield.planner.guide.projected import (
+    ON_CONSTRAINT,
+    Descent,
+    descend,
+    evaluated,
+    on_plane,
+    reorienting,
+    sliding,
+)
 from guidefield.planner.task.problem import Problem
 from guidefield.potential import Precision, RobotField
 from tests.planner.guide.guards import ANYWHERE
@@ -64,7 +71,7 @@ def test_a_descent_lowers_the_potential_and_keeps_the_constraint(kind: str) -> N
     assert all(after < before for before, after in pairwise(potentials))
     assert descent.potential == pytest.approx(potentials[-1], rel=1e-6)
     for p in descent.path:
-        assert np.abs(evaluated(constraint, made.group, p)[0]).max() <= DESCENT.on_constraint
+        assert np.abs(evaluated(constraint, made.group, p)[0]).max() <= ON_CONSTRAINT
         z = made.group.chart(p)
         assert np.all((z >= made.group.lower) & (z <= made.group.upper))
 

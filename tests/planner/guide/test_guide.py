@@ -12,7 +12,7 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.guide.guide import cross_plane
 from guidefield.planner.guide.guided_path import reach_point
-from guidefield.planner.guide.settings import APPROACH
+from guidefield.planner.guide.rounds import ON_PLANE
 from guidefield.planner.guide.tip_reach import inset_of, tip_radius
 from guidefield.planner.task.trace import Step, StepKind
 from guidefield.scene.guide_plane import build
@@ -36,7 +36,7 @@ def test_every_plane_is_crossed_in_order_and_every_step_is_free(scene: str) -> N
         np.testing.assert_array_equal(crossing.path[0], q)
         q = crossing.path[-1]
         tip = made.kinematics.tip_position(q)
-        assert abs(plane.signed_height(tip)) <= APPROACH.on_plane
+        assert abs(plane.signed_height(tip)) <= ON_PLANE
         assert plane.contains(tip)
         assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.01)
 
@@ -51,7 +51,7 @@ def test_a_snake_on_a_plane_goes_round_the_corner_of_a_tube(title: str) -> None:
         assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.02)
         q = crossing.path[-1]
         tip = made.kinematics.tip_position(q)
-        assert abs(plane.signed_height(tip)) <= APPROACH.on_plane
+        assert abs(plane.signed_height(tip)) <= ON_PLANE
         assert tip[2] == 0.0
 
 
@@ -72,7 +72,7 @@ def test_other_arms_cross_a_plane_in_front_of_them(name: str) -> None:
     plane = build(messages.GuidePlane(name="GP", vertices=[tuple(c) for c in corners]), 0)
     crossing = cross_plane(made, made.q_start, plane, 0)
     assert crossing.status is Status.SUCCESS, crossing.message
-    assert abs(plane.signed_height(made.kinematics.tip_position(crossing.path[-1]))) <= APPROACH.on_plane
+    assert abs(plane.signed_height(made.kinematics.tip_position(crossing.path[-1]))) <= ON_PLANE
 
 
 def test_a_chain_of_one_joint_kind_after_another_crosses_a_plane() -> None:

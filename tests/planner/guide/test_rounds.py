@@ -5,17 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.planner.guide.guide import margin_at
+from guidefield.planner.guide.guide import FIRST_STEP, margin_at
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
-from guidefield.planner.guide.rounds import Aim, Attempt, Made, Round, approach, rounds
-from guidefield.planner.guide.settings import APPROACH
+from guidefield.planner.guide.rounds import AT_ONCE, Aim, Attempt, Made, Round, approach, rounds
 from guidefield.planner.guide.tip_reach import inset_of
 from guidefield.planner.task.trace import Step, StepKind
 from guidefield.potential import Precision, RobotField
 from tests.planner.problems import problem, scene_of, seed_problem
 
-ATTEMPT = Attempt(Projected(), APPROACH.first_step)
+ATTEMPT = Attempt(Projected(), FIRST_STEP)
 
 
 @pytest.mark.parametrize("title", ["seed_c_blocked", "seed_d_passage_3", "seed_e_L_6"])
@@ -45,8 +44,8 @@ def test_steps_are_told_as_they_were_taken_and_one_kernel_makes_no_more_rounds_t
     plane = made.guide_planes[0]
     guided = GuidedPath(made, made.q_start, margin_at(made, made.q_start), 0)
     ended = list(rounds(guided, Aim(plane, inset_of(made, plane)), ATTEMPT))
-    assert len(ended) == APPROACH.at_once
-    assert [step.kind for step in told].count(StepKind.ADVANCE) == APPROACH.at_once
+    assert len(ended) == AT_ONCE
+    assert [step.kind for step in told].count(StepKind.ADVANCE) == AT_ONCE
     assert told[0].kind is StepKind.ADVANCE
     group, field = made.group, RobotField(made.group, made.scene, Precision.DOUBLE)
     for step in told:

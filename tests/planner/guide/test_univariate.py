@@ -12,8 +12,7 @@ from guidefield.errors import InvalidGroup, Status
 from guidefield.planner.guide.guide import ATTEMPTS, Univariate, cross_plane
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected, descend, on_plane
-from guidefield.planner.guide.rounds import Minimizer
-from guidefield.planner.guide.settings import APPROACH
+from guidefield.planner.guide.rounds import ON_PLANE, Minimizer
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.link_chain import link_chain
 from tests.planner.guide.guards import ANYWHERE
@@ -61,7 +60,7 @@ def test_every_plane_is_crossed(title: str) -> None:
         assert crossing.status is Status.SUCCESS, crossing.message
         q = crossing.path[-1]
         tip = made.kinematics.tip_position(q)
-        assert abs(plane.signed_height(tip)) <= APPROACH.on_plane
+        assert abs(plane.signed_height(tip)) <= ON_PLANE
         assert plane.contains(tip)
 
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import CURVE, remove_repetitions, subdivide
+from guidefield.planner.motion.waypoints import remove_repetitions, subdivide
+from guidefield.planner.path_so_far import CURVE_SPACING
 
 # Those of a Panda, accelerations halved.
 VELOCITIES = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])
@@ -26,7 +27,7 @@ def even(seed: int, n: int = 32) -> np.ndarray:
 
 
 def curve_along(path: np.ndarray, finer: int = 1) -> PathCurve:
-    return PathCurve.along(subdivide(remove_repetitions(path), CURVE.spacing / finer))
+    return PathCurve.along(subdivide(remove_repetitions(path), CURVE_SPACING / finer))
 
 
 def soonest(

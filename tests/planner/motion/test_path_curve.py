@@ -9,7 +9,8 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as arrays
 
 from guidefield.planner.motion.timing import PathCurve
-from guidefield.planner.motion.waypoints import CURVE, length_of, remove_repetitions, subdivide
+from guidefield.planner.motion.waypoints import REPEATED, length_of, remove_repetitions, subdivide
+from guidefield.planner.path_so_far import CURVE_SPACING
 from tests.planner.motion.paths import curve_along, walk
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -62,7 +63,7 @@ def test_twice_as_many_control_points_are_at_half_the_distance_from_the_path(see
     path = walk(seed, 6)
     farthest = []
     for finer in (1, 2, 4, 8, 16):
-        places = subdivide(path, CURVE.spacing / finer)
+        places = subdivide(path, CURVE_SPACING / finer)
         farthest.append(distances_to_polyline(dense(curve_along(path, finer), 4000), path).max())
         assert farthest[-1] <= np.linalg.norm(np.diff(places, 2, axis=0), axis=1).max() / 6.0 + 1e-12
     assert farthest[4] < 0.15 * farthest[0]
@@ -84,17 +85,17 @@ def test_places_along_a_path_are_on_it_and_close(waypoints: np.ndarray, spacing:
 
 def test_repeated_waypoints_are_left_out() -> None:
     a, b, c = walk(1, 3)
-    np.testing.assert_array_equal(remove_repetitions(np.array([a, a, b, b + CURVE.repeated / 10, b, c, c])), [a, b, c])
+    np.testing.assert_array_equal(remove_repetitions(np.array([a, a, b, b + REPEATED / 10, b, c, c])), [a, b, c])
 
 
 def test_the_goal_is_kept_rather_than_what_it_repeats() -> None:
     a, b = walk(2, 2)
-    goal = b + CURVE.repeated / 10
+    goal = b + REPEATED / 10
     np.testing.assert_array_equal(remove_repetitions(np.array([a, b, goal])), [a, goal])
 
 
 def test_a_waypoint_between_two_that_repeat_each_other_is_no_trap() -> None:
-    a, step = walk(3, 2)[0], np.eye(7)[0] * CURVE.repeated
+    a, step = walk(3, 2)[0], np.eye(7)[0] * REPEATED
     assert len(remove_repetitions(np.array([a, a + 1.2 * step, a + 0.6 * step]))) == 1
 
 

@@ -5,15 +5,14 @@ import pytest
 import toppra
 from hypothesis import example, given, settings, strategies as st
 
-from guidefield.planner.motion.timing import Limits, find_fastest_progress, parameterize
-from guidefield.planner.motion.waypoints import TIMING
+from guidefield.planner.motion.timing import PIECES, SHORTEST_PIECE, Limits, find_fastest_progress, parameterize
 from tests.planner.motion.paths import ACCELERATIONS, VELOCITIES, curve_along, even, soonest, walk
 from tests.planner.motion.test_path_curve import ANY_WAYPOINTS
 
 SEEDS = st.integers(0, 2**32 - 1)
 # What rounding may add when a motion is evaluated between its knots.
 ROUNDING = 1e-9
-ENDS = TIMING.pieces[-1] / (TIMING.pieces[-1] - 2)
+ENDS = PIECES[-1] / (PIECES[-1] - 2)
 """A motion takes this times the optimal time: it begins and ends without acceleration."""
 UNLIMITED = np.full(7, np.inf)
 
@@ -76,7 +75,7 @@ def test_a_straight_motion_takes_the_analytic_time(distance, pieces):
     waypoints = np.zeros((pieces + 1, 7))
     waypoints[:, 2] = np.linspace(0.5, 0.5 + distance, pieces + 1)
     expected = analytic_duration(distance, VELOCITIES[2], ACCELERATIONS[2])
-    few = max(TIMING.pieces[0], min(TIMING.pieces[-1], int(expected / TIMING.shortest_piece)))
+    few = max(PIECES[0], min(PIECES[-1], int(expected / SHORTEST_PIECE)))
     duration = soonest(waypoints).duration
     assert expected * (1 - ROUNDING) <= duration <= 1.01 * expected * few / (few - 2)
 

@@ -23,12 +23,11 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize import interior_point
 from guidefield.planner.optimize.interior_point import Descent, Look
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
-from guidefield.planner.optimize.passages import Passage, PlanePlace
+from guidefield.planner.optimize.passages import REACHED, Passage, PlanePlace
 from guidefield.planner.optimize.settings import (
     BALANCED,
     MANY,
     OPTIMIZATION,
-    PASSAGE,
     closer,
     constrained,
     free,
@@ -354,7 +353,7 @@ def test_a_guided_motion_crosses_its_plane_though_a_shorter_way_leads_past_it(tu
     assert nearly < 0.01
     q = through.trajectory.positions[through.passed[0]]
     tip = made.kinematics.tip_position(made.group.expand_from_chart(q))
-    assert place.plane.distance(tip, place.inset) <= PASSAGE.reached
+    assert place.plane.distance(tip, place.inset) <= REACHED
     assert place.plane.contains(tip)
 
 
@@ -372,7 +371,7 @@ def test_a_long_chain_passes_its_plane_in_few_pieces() -> None:
     assert len(found.trajectory.times) - 1 <= 2 * BALANCED.least_pieces + 1
     check_limits(made, found.trajectory)
     tip = made.kinematics.tip_positions(found.trajectory.positions[[found.passed[0]]])[0]
-    assert place.plane.distance(tip, place.inset) <= PASSAGE.reached
+    assert place.plane.distance(tip, place.inset) <= REACHED
 
 
 def test_a_plane_crossed_twice_is_crossed_twice_and_out_of_iterations_too() -> None:
@@ -384,7 +383,7 @@ def test_a_plane_crossed_twice_is_crossed_twice_and_out_of_iterations_too() -> N
         assert len(found.passed) == 2
         for knot in found.passed:
             tip = made.kinematics.tip_positions(found.trajectory.positions[[knot]])[0]
-            assert place.plane.distance(tip, place.inset) <= PASSAGE.reached
+            assert place.plane.distance(tip, place.inset) <= REACHED
         check_limits(made, found.trajectory)
 
 

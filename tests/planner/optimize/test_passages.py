@@ -11,6 +11,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.passages import (
+    REACHED,
     Passage,
     add_passage,
     first_places,
@@ -18,7 +19,7 @@ from guidefield.planner.optimize.passages import (
     passing,
     with_knots,
 )
-from guidefield.planner.optimize.settings import BALANCED, PASSAGE
+from guidefield.planner.optimize.settings import BALANCED
 from tests.planner.motion.paths import soonest
 
 PIECES = 10
@@ -110,7 +111,7 @@ def test_a_motion_is_brought_exactly_to_all_places_and_its_ends_stay(seed: int, 
     assert found is not None
     moved, reached = found
     for passage, where in zip(passages, reached, strict=True):
-        assert passage.place.missed(moved.at(np.array([where]))).max() <= PASSAGE.reached
+        assert passage.place.missed(moved.at(np.array([where]))).max() <= REACHED
     np.testing.assert_array_equal(moved.points[:3], spline.points[:3])
     np.testing.assert_array_equal(moved.points[-3:], spline.points[-3:])
 

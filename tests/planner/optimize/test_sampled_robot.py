@@ -11,8 +11,7 @@ import pytest
 from guidefield.collision.world import World
 from guidefield.kernels.simd.vector import LANES_64
 from guidefield.messages import scene as messages
-from guidefield.planner.optimize.sampled_robot import few_points, in_blocks, sampled_robot
-from guidefield.planner.optimize.settings import SAMPLED_ROBOT
+from guidefield.planner.optimize.sampled_robot import POINTS_WEIGHT, few_points, in_blocks, sampled_robot
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.distance_tables import distance_tables
 from tests.planner.problems import problem, scene_of
@@ -24,7 +23,7 @@ SHELF = messages.Box(name="shelf", size=(0.3, 0.3, 0.1), position=(0.5, 0.0, 0.3
 def test_points_lie_within_the_balls_and_weigh_alike() -> None:
     made = problem("panda", scene_of(SHELF), planes=())
     sampled = sampled_robot(made, distance_tables(made.scene), np.empty((0, 7)))
-    assert sampled.weights.sum() == pytest.approx(SAMPLED_ROBOT.weight)
+    assert sampled.weights.sum() == pytest.approx(POINTS_WEIGHT)
     assert np.ptp(sampled.weights) == 0.0
     arrays = [field for field in sampled if isinstance(field, np.ndarray)]
     assert len(arrays) > 8

@@ -11,13 +11,16 @@ from guidefield.errors import Status
 from guidefield.kernels.tree.path_constraints import KeptFrames, bring_back
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import Connection, explain_failed_search
-from guidefield.planner.connect.settings import CONSTRAINED, TREE
+from guidefield.planner.connect.tree_search import CONSTRAINT_ROOM, CORRECTIONS, RESOLUTION
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
 from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
 from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+
+CONSTRAINED_ITERATIONS = 10_000_000  # samples that a search draws at most: for safety
+SHORTCUTS = 60  # detours that are looked at. Unrecorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +36,7 @@ class Keeper:
         Newton's steps of least length on the numbers that are too large.
         """
         there: ChartPoint = np.array(z)
-        return there if bring_back(self.tables, CONSTRAINED.room, CONSTRAINED.corrections, there) else None
+        return there if bring_back(self.tables, CONSTRAINT_ROOM, CORRECTIONS, there) else None
 
     @property
     def tables(self) -> KeptFrames:
@@ -47,8 +50,8 @@ def connect_constrained(
     """Find a motion within path constraints from z_start (nv,) to one of some goals (m, nv), free by samples."""
     roots = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     found = tree_search.grow(
-        problem.lanes, z_start[None], roots, TREE.resolution, 0.0, rng, problem.deadline,
-        most_iterations=CONSTRAINED.most_iterations, frames=keeper.tables,
+        problem.lanes, z_start[None], roots, RESOLUTION, 0.0, rng, problem.deadline,
+        most_iterations=CONSTRAINED_ITERATIONS, frames=keeper.tables,
     )  # fmt: skip
     problem.counters.iterations += found.iterations
     problem.counters.collision_checks += found.motions
@@ -65,13 +68,13 @@ def connect_constrained(
 
 def _shorten(problem: Problem, keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> ChartPoints:
     units = problem.group.units
-    for _ in range(CONSTRAINED.shortcuts):
+    for _ in range(SHORTCUTS):
         if len(path) < 4 or problem.deadline.expired():
             break
         first, last = np.sort(rng.choice(len(path), 2, replace=False))
         ends = path[first], path[last]
         way = tree_search.grow(
-            problem.lanes, ends[0][None], ends[1][None], TREE.resolution, 0.0, rng, problem.deadline,
+            problem.lanes, ends[0][None], ends[1][None], RESOLUTION, 0.0, rng, problem.deadline,
             most_iterations=0, frames=keeper.tables,
         ).path  # fmt: skip
         if way is None or np.abs(way[-1] - ends[1]).max() > 1e-9:  # not there, or there the other way round
@@ -118,7 +121,7 @@ def _move_within(problem: Problem, target: PoseTarget, z: ChartPoint) -> ChartPo
         excess, rows, reached = _pose_excess(problem, target, there)
         if reached and (values <= frames.limits).all():
             return there
-        beyond = values - CONSTRAINED.room * frames.limits
+        beyond = values - CONSTRAINT_ROOM * frames.limits
         excess = np.concatenate([excess, np.maximum(beyond, 0.0)])
         active = excess != 0.0
         step = np.linalg.pinv(np.concatenate([rows, slopes])[active], rcond=DAMPING) @ excess[active]

@@ -22,11 +22,28 @@ from guidefield.kernels.tree.kd_buckets import buckets_for
 from guidefield.kernels.tree.path_constraints import KeptFrames
 from guidefield.kernels.tree.rrt_connect import SIEVE
 from guidefield.memo import memoized
-from guidefield.planner.connect.settings import CONSTRAINED, ESCAPE, TREE
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import ROAM, ROTATION, TRANSLATION, WIND
 from guidefield.robot.model.spaces import ChartPoints
+
+# samples of a motion per length in the chart [1/rad or 1/m]: VAMP's resolution, with which its times are compared.
+# A prototype's search at it left 14 of 420 paths of a Panda in contact between samples, which a certificate finds
+RESOLUTION = 32.0
+MOST_ITERATIONS = 100_000_000  # samples that a search draws, which cost next to nothing: for safety
+MOST_MOTIONS = 3_000_000  # motions that it judges at most. Unrecorded
+PIECE = 256  # iterations between two checks of the deadline: some milliseconds
+MOST_ROOTS_TRIED = 20_000  # extensions of roots alone after which it is asked whether these can be left. Unrecorded
+FIRST_CAPACITY = 512  # nodes that each tree has room for at first; doubled when it is full. Unrecorded
+ESCAPE_LENGTHS = (0.3, 0.1, 0.03, 0.01)  # of motions by which a root may be left [rad, or m at size 1]
+ESCAPE_DIRECTIONS = 1024  # how many of each length, beside those along one coordinate. Unrecorded
+CONSTRAINT_ROOM = 0.6  # share of each path constraint's limit to within which configurations are brought. Unrecorded
+CORRECTIONS = 15  # Newton steps by which one is brought back, at most. Unrecorded
+STRIDE = 0.1  # length of a step of a tree within path constraints, by the metric [rad]. Unrecorded
+# a step that comes nearer to where it was to go by less than this share of its length ends an extension. Unrecorded
+LEAST_GAIN = 0.2
+FARTHEST_STRIDE = 2.0  # so does one that is brought back to this many lengths from where it began. Unrecorded
+CONSTRAINED_PIECE = 32  # as `PIECE`, within path constraints
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +193,8 @@ def grow(
     deadline: Deadline,
     *,
     within: float = math.inf,
-    most_motions: int = TREE.most_motions,
-    most_iterations: int = TREE.most_iterations,
+    most_motions: int = MOST_MOTIONS,
+    most_iterations: int = MOST_ITERATIONS,
     frames: KeptFrames | None = None,
 ) -> FoundPath:
     """Grow two trees from free roots, shapes (k, nv) and (m, nv), towards each other until they meet.
@@ -200,16 +217,16 @@ def grow(
     if within != math.inf:
         sources = sources.between(first, second, within)
     most_roots = max(len(starts), len(goals))
-    if 2 * most_roots > TREE.first_capacity:
+    if 2 * most_roots > FIRST_CAPACITY:
         room = _Room.build(nv, 2 * most_roots)
     rng.random(out=room.search.places)
     begins, suspected, counters = True, [0, 1], room.search.counters
     strides = Strides(
-        CONSTRAINED.stride, CONSTRAINED.least_gain, CONSTRAINED.farthest, CONSTRAINED.room, CONSTRAINED.corrections,
+        STRIDE, LEAST_GAIN, FARTHEST_STRIDE, CONSTRAINT_ROOM, CORRECTIONS,
         resolution, clearance,
     )  # fmt: skip
     while True:
-        piece = 0 if deadline.expired() else min(TREE.piece if frames is None else CONSTRAINED.piece, most_iterations)
+        piece = 0 if deadline.expired() else min(PIECE if frames is None else CONSTRAINED_PIECE, most_iterations)
         words = lanes.words, sources.words, room.words
         if frames is None:
             ended = kernel.grow(*words, first, second, clearance, resolution, piece, begins)
@@ -222,7 +239,7 @@ def grow(
         begins = False
         if ended == kernel.FULL:
             room = room.roomier()
-        tried = next((tree for tree in suspected if counters[lane_nodes.TRIED + tree] >= TREE.enclosed), None)
+        tried = next((tree for tree in suspected if counters[lane_nodes.TRIED + tree] >= MOST_ROOTS_TRIED), None)
         if tried is not None:
             suspected.remove(tried)
             roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
@@ -326,10 +343,10 @@ _PLACES = _Places()
 
 
 def _place(group: PlanningGroup, nv: int) -> _Place:
-    place = _PLACES.kept.get((nv, TREE.first_capacity))
+    place = _PLACES.kept.get((nv, FIRST_CAPACITY))
     if place is None or place.group() is not group:
-        room = _Room.build(nv, TREE.first_capacity) if place is None else place.room
-        place = _PLACES.kept[nv, TREE.first_capacity] = _Place(room, weakref.ref(group), sources_of(group))
+        room = _Room.build(nv, FIRST_CAPACITY) if place is None else place.room
+        place = _PLACES.kept[nv, FIRST_CAPACITY] = _Place(room, weakref.ref(group), sources_of(group))
     return place
 
 
@@ -338,10 +355,10 @@ def can_be_left(
 ) -> bool:
     """Return whether any of many short motions out of some free roots (k, nv) is free; see `grow`."""
     group, along = lanes.world.group, np.eye(lanes.world.group.nv)
-    drawn = rng.normal(size=(ESCAPE.directions, group.nv))
+    drawn = rng.normal(size=(ESCAPE_DIRECTIONS, group.nv))
     directions = np.concatenate([along, -along, drawn / np.linalg.norm(drawn, axis=1)[:, None]]) * group.sizes
     for root in roots:
-        for length in ESCAPE.lengths:
+        for length in ESCAPE_LENGTHS:
             ends = np.clip(root + length * directions, group.lower, group.upper)
             ends = ends[np.linalg.norm((ends - root) / group.sizes, axis=1) > 0.5 * length]
             for end in ends[~lanes.touching(ends, clearance)]:

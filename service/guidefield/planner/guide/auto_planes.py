@@ -19,12 +19,33 @@ from guidefield.kernels.distance.distance import DistanceTables, distance_at_poi
 from guidefield.kernels.guide.grid_astar import CAP, wavefront
 from guidefield.kernels.guide.visibility_polygon import free_section, is_enclosed, open_areas as open_areas_kernel
 from guidefield.messages import scene as messages
-from guidefield.planner.guide.settings import AUTO_PLANES, TIP_WAY
 from guidefield.planner.guide.tip_reach import arm_reach, tip_radius
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
 from guidefield.scene.flat import axes_across, centroid
 from guidefield.scene.guide_plane import GuidePlane, build
+
+GRID_SPACING = 0.05  # of the grid in which a coarse way of the tip is looked for [m], at size 1. Unrecorded
+MOST_POINTS = 2_000_000  # the grid is made coarser where it would have more. Unrecorded
+AROUND = 0.3  # how far the grid reaches beyond obstacles, start and goal [m]. Unrecorded
+# clearance at which a way costs twice its length [m]: ways with much of it are looked for first. Unrecorded
+COMFORTS = (0.2, 0.1, 0.05, 0.02)
+LEAST_AMPLE = 0.1  # clearance that counts even where an end is in a narrower tube [m]. Unrecorded
+SMOOTHINGS = 8  # how often the way is drawn straight and pushed off the obstacles. Unrecorded
+PUSH = 0.3  # share of what is missing to free clearance by which a point of the way is pushed. Unrecorded
+KEPT = 0.98  # no point of the way keeps less than this share of the clearance that it had. Unrecorded
+RAYS = 24  # rays by which a free section is cut. Unrecorded
+COMPARED_RAYS = 12  # rays by which areas are compared, and points told to be enclosed. Unrecorded
+LONGEST_RAY = 0.4  # rays are followed no farther [m]: a plane in the open is this large. Unrecorded
+MOUTH = 0.8  # a passage begins where clearance falls below this share of what counts as free. Unrecorded
+PLATEAU = 0.02  # clearances that differ by less than this share are one plateau. Unrecorded
+SIGHT = 0.5  # centres see each other if their straight way keeps this share of their clearance. Unrecorded
+SIGHT_STEP = 0.02  # spacing of the points that are looked at along a line of sight [m]. Unrecorded
+NEARBY = 3  # how many points of the way a plane may be moved to a smaller section. Unrecorded
+APART = 0.1  # planes nearer to each other, to the start or to the goal than this are one [m]. Unrecorded
+CENTRINGS = 2  # how often a section is cut anew about its own middle. Unrecorded
+CENTRED = 0.5  # share of the clearance on the way that its middle keeps. Unrecorded
+DISTINCT = 1e-3  # corners nearer than this share of a section's size are one. Unrecorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +68,8 @@ def find_tip_way(
     can't be farther from the centre (3,) than `reach` [m], which may be infinite; clearance beyond `ample` [m] is worth
     no detour.
     """
-    low, high = _box(tables, start, goal, centre, reach, TIP_WAY.around * size)
-    spacing = max(TIP_WAY.spacing * size, float(np.cbrt(np.prod(high - low) / TIP_WAY.most_points)))
+    low, high = _box(tables, start, goal, centre, reach, AROUND * size)
+    spacing = max(GRID_SPACING * size, float(np.cbrt(np.prod(high - low) / MOST_POINTS)))
     low = start - spacing * np.ceil((start - low) / spacing)  # the start is a point of the grid
     counts = np.ceil((high - low) / spacing).astype(np.int64) + 1
     first, last = (np.rint((end - low) / spacing).astype(np.int64) for end in (start, goal))
@@ -58,8 +79,8 @@ def find_tip_way(
         return None
     found = np.empty(int(np.prod(counts)), np.int64)
     free = np.full(len(found), np.nan, np.float32)
-    cap, comforts = CAP * size, [comfort * size for comfort in TIP_WAY.comforts]
-    ample = float(np.clip(ample, TIP_WAY.least_ample * size, cap))
+    cap, comforts = CAP * size, [comfort * size for comfort in COMFORTS]
+    ample = float(np.clip(ample, LEAST_AMPLE * size, cap))
     for comfort, arm in (*((comfort, reach) for comfort in comforts), (comforts[0], np.inf)):
         n = wavefront(
             tables, low, spacing, counts, first, last, cap, comfort, ample, floor, centre, reach, arm, free, found
@@ -76,21 +97,21 @@ def find_free_section(tables: DistanceTables, centre: np.ndarray, across: np.nda
 
     Cut from a wide one at the nearest hits of rays first, so that what is cut away is small.
     """
-    corners = np.empty((2 * TIP_WAY.rays, 2))
-    return corners[: free_section(tables, centre, across, TIP_WAY.longest * size, corners)]
+    corners = np.empty((2 * RAYS, 2))
+    return corners[: free_section(tables, centre, across, LONGEST_RAY * size, corners)]
 
 
 def measure_open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray, size: float) -> np.ndarray:
     """How much of planes about points (n, 3), along unit vectors (n, 2, 3), is seen from there, shape (n,) [m^2]."""
     areas = np.empty(len(centres))
-    open_areas_kernel(tables, centres, across, TIP_WAY.longest * size, TIP_WAY.compared_rays, areas)
+    open_areas_kernel(tables, centres, across, LONGEST_RAY * size, COMPARED_RAYS, areas)
     return areas
 
 
 def is_in_passage(tables: DistanceTables, point: np.ndarray, normals: np.ndarray, size: float = 1.0) -> bool:
     """Whether a point (3,) is in a passage: in one of the planes with unit normals (n, 3) all rays from it hit."""
     across = np.array([axes_across(normal) for normal in normals])
-    return is_enclosed(tables, point, across, TIP_WAY.longest * size, TIP_WAY.compared_rays)
+    return is_enclosed(tables, point, across, LONGEST_RAY * size, COMPARED_RAYS)
 
 
 def measure_point_clearances(tables: DistanceTables, points: np.ndarray, size: float = 1.0) -> np.ndarray:
@@ -113,14 +134,14 @@ def _box(
 
 def _smooth(tables: DistanceTables, points: np.ndarray, size: float) -> TipWay:
     """The way as a band: drawn straight, pushed off the obstacles; no point of it loses clearance."""
-    least, cap = TIP_WAY.kept * measure_point_clearances(tables, points, size), CAP * size
-    for _ in range(TIP_WAY.smoothings):
+    least, cap = KEPT * measure_point_clearances(tables, points, size), CAP * size
+    for _ in range(SMOOTHINGS):
         distances, away, _ = distance_at_points(tables, points, cap)
         tangents = _tangents(points)
         away -= np.einsum("ij,ij->i", away, tangents)[:, None] * tangents
         moved = points.copy()
         moved[1:-1] = 0.25 * points[:-2] + 0.5 * points[1:-1] + 0.25 * points[2:]
-        moved[1:-1] += (TIP_WAY.push * (cap - np.minimum(distances, cap))[:, None] * away)[1:-1]
+        moved[1:-1] += (PUSH * (cap - np.minimum(distances, cap))[:, None] * away)[1:-1]
         keeps = measure_point_clearances(tables, moved, size) >= least
         points = np.where(keeps[:, None], moved, points)
     return TipWay(points, _tangents(points), measure_point_clearances(tables, points, size), size)
@@ -153,7 +174,7 @@ def derive_planes(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[Guid
     way = find_tip_way(tables, start, place, tip_radius(problem), centre, reach, ample, size)
     if way is None:
         return None
-    confined, chosen = way.clearances < AUTO_PLANES.mouth * CAP * way.size, list[int]()
+    confined, chosen = way.clearances < MOUTH * CAP * way.size, list[int]()
     mouths = set((np.flatnonzero(confined[1:] & ~confined[:-1]) + 1).tolist())
     for at in sorted(_find_bottlenecks(way) | mouths):
         chosen = _add_place(way, chosen, _find_smallest_section(tables, way, at))
@@ -176,10 +197,7 @@ def _ample_clearance(tables: DistanceTables, end: np.ndarray, normals: np.ndarra
 
 def _add_place(way: TipWay, chosen: list[int], place: int) -> list[int]:
     others = [0, len(way.points) - 1, *chosen]
-    if (
-        min(float(np.linalg.norm(way.points[place] - way.points[other])) for other in others)
-        < AUTO_PLANES.apart * way.size
-    ):
+    if min(float(np.linalg.norm(way.points[place] - way.points[other])) for other in others) < APART * way.size:
         return chosen
     return sorted([*chosen, place])
 
@@ -189,7 +207,7 @@ def _find_bottlenecks(way: TipWay) -> set[int]:
     clear, found = way.clearances, set()
     first = 0
     for k in range(1, len(clear)):
-        if abs(clear[k] - clear[first]) <= AUTO_PLANES.plateau * clear[first]:
+        if abs(clear[k] - clear[first]) <= PLATEAU * clear[first]:
             continue
         falls = first > 0 and clear[first - 1] > clear[first]
         if falls and clear[k] > clear[k - 1] and clear[first] < CAP * way.size:
@@ -221,11 +239,11 @@ def _add_bends(tables: DistanceTables, way: TipWay, chosen: list[int]) -> list[i
 
 def _can_see(tables: DistanceTables, way: TipWay, a: int, b: int) -> bool:
     """Return whether the straight way between two places keeps a share of the clearance that they have."""
-    step = AUTO_PLANES.sight_step * way.size
+    step = SIGHT_STEP * way.size
     steps = max(2, int(np.ceil(float(np.linalg.norm(way.points[b] - way.points[a])) / step)))
     points = np.linspace(way.points[a], way.points[b], steps + 1)
     local = float(min(way.clearances[a], way.clearances[b]))
-    return float(measure_point_clearances(tables, points, way.size).min()) >= AUTO_PLANES.sight * local
+    return float(measure_point_clearances(tables, points, way.size).min()) >= SIGHT * local
 
 
 def _find_smallest_section(
@@ -233,7 +251,7 @@ def _find_smallest_section(
 ) -> int:
     """The place near another, and within a stretch of the way, where the section is smallest."""
     first, last = within or (0, len(way.points) - 1)
-    places = np.arange(max(first + 1, place - AUTO_PLANES.nearby), min(last, place + AUTO_PLANES.nearby + 1))
+    places = np.arange(max(first + 1, place - NEARBY), min(last, place + NEARBY + 1))
     if not len(places):
         return place
     across = np.array([axes_across(way.tangents[k]) for k in places])
@@ -244,9 +262,9 @@ def _find_smallest_section(
 def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> GuidePlane | None:
     across = axes_across(way.tangents[place])
     centre = way.points[place].copy()
-    for _ in range(AUTO_PLANES.centrings):
+    for _ in range(CENTRINGS):
         moved = centre + centroid(find_free_section(tables, centre, across, way.size)) @ across
-        if measure_point_clearances(tables, moved[None], way.size)[0] < AUTO_PLANES.centred * way.clearances[place]:
+        if measure_point_clearances(tables, moved[None], way.size)[0] < CENTRED * way.clearances[place]:
             break
         centre = moved
     corners = _merge_corners(find_free_section(tables, centre, across, way.size))
@@ -260,5 +278,5 @@ def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> Guid
 def _merge_corners(corners: np.ndarray) -> np.ndarray:
     size = float(np.ptp(corners, axis=0).max())
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
-    distinct: np.ndarray = corners[sides > AUTO_PLANES.distinct * size]
+    distinct: np.ndarray = corners[sides > DISTINCT * size]
     return distinct

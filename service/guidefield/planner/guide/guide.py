@@ -20,9 +20,8 @@ from guidefield.kernels.guide.coordinate_descent import Searching, sweep
 from guidefield.kernels.guide.tip_constraint import COUNTS, EVALUATIONS, JUDGED, TipGuard
 from guidefield.kernels.kinematics.link_chain import chain_configuration, close_chain
 from guidefield.planner.guide.guided_path import GuidedPath, reach_point
-from guidefield.planner.guide.projected import Blocks, Projected
+from guidefield.planner.guide.projected import MOST_ROUNDS, NEGLIGIBLE, Blocks, Projected
 from guidefield.planner.guide.rounds import Aim, Attempt, Round, rounds
-from guidefield.planner.guide.settings import APPROACH, SETTLING, UNIVARIATE
 from guidefield.planner.guide.tip_reach import explain_unreachable, inset_of
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import make_stopped_message
@@ -35,14 +34,26 @@ from guidefield.robot.model.size import MARGIN
 from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.guide_plane import GuidePlane
 
+# length of an advance, the thesis' delta_0 [m], at size 1: a third of a link, a third of a mouth. In the thesis'
+# scenes shorter ones take up to twice the time, longer ones keep less clearance
+FIRST_STEP = 0.1
+CREEPING = 0.1  # a round gains little below this share of what an advance may bring. Unrecorded
+CREEPING_ROUNDS = 3  # so many such rounds in a row are a standstill. Unrecorded
+# a search of Univariate's for an angle begins with the one and ends below the other [rad]. Unrecorded
+FIRST_TURN = float(np.deg2rad(5.0))
+LAST_TURN = float(np.deg2rad(0.5))
+FIRST_SLIDE = 0.025  # the same for a slide [m]: a quarter and a 64th of an advance. Unrecorded
+LAST_SLIDE = 0.1 / 64
+MOST_SEARCH_STEPS = 4000  # steps of one of its rounds. Unrecorded
+
 
 @dataclass(frozen=True, eq=False)
 class Univariate:
     """The seed's minimizer for one chain."""
 
     chain: SerialChain
-    negligible: float = SETTLING.negligible
-    most_rounds: int = SETTLING.most_rounds
+    negligible: float = NEGLIGIBLE
+    most_rounds: int = MOST_ROUNDS
 
     @property
     def name(self) -> str:
@@ -94,15 +105,15 @@ class Univariate:
         problem, chain, mover = guided.problem, self.chain, mover_of(self.chain.group)
         swept = swept_world(problem.world)
         searching = Searching(
-            UNIVARIATE.first_turn,
-            UNIVARIATE.last_turn,
-            UNIVARIATE.first_slide * guided.size,
-            UNIVARIATE.last_slide * guided.size,
+            FIRST_TURN,
+            LAST_TURN,
+            FIRST_SLIDE * guided.size,
+            LAST_SLIDE * guided.size,
             guided.margin,
             SELF_MARGIN * guided.size,
             FLOOR * guided.size,
         )
-        path, counts = np.empty((UNIVARIATE.most_steps, len(guided.q))), np.zeros(COUNTS, np.int64)
+        path, counts = np.empty((MOST_SEARCH_STEPS, len(guided.q))), np.zeros(COUNTS, np.int64)
         taken = sweep(
             chain.table, chain.joints, chain.carriers, int(chain.leads), problem.robot_field.charged,
             problem.robot_field.tables, swept.robot, swept.tables, guard, searching, mover.values, mover.lower,
@@ -125,9 +136,9 @@ class Univariate:
 
 
 PROJECTED = (
-    Attempt(Projected(Blocks.ONE), APPROACH.first_step),
-    Attempt(Projected(Blocks.TWO), APPROACH.first_step),
-    Attempt(Projected(Blocks.ONE), APPROACH.first_step / 2),
+    Attempt(Projected(Blocks.ONE), FIRST_STEP),
+    Attempt(Projected(Blocks.TWO), FIRST_STEP),
+    Attempt(Projected(Blocks.ONE), FIRST_STEP / 2),
 )
 """Tried in this order until one crosses the plane."""
 
@@ -183,9 +194,9 @@ def _attempt(problem: Problem, q: Configuration, plane: GuidePlane, index: int, 
                 return _explain_blockage(guided, aim, index)
             if made.ended is Round.ARRIVED:
                 return PlaneCrossing(Status.SUCCESS, f"reached {plane.name}", np.array(guided.path))
-            little = made.before - made.after < APPROACH.creeping * min(attempt.step * guided.size, made.before)
+            little = made.before - made.after < CREEPING * min(attempt.step * guided.size, made.before)
             creeping = creeping + 1 if little else 0
-            if creeping >= APPROACH.creeping_rounds:
+            if creeping >= CREEPING_ROUNDS:
                 return _give_up(
                     Status.STUCK_IN_MINIMUM,
                     f"stuck in a minimum of the potential {1000 * made.before:.0f} mm before guide plane"
@@ -251,7 +262,7 @@ def projected(group: PlanningGroup) -> tuple[Attempt, ...]:
         chain = link_chain(group)
     except InvalidGroup:
         return PROJECTED
-    return (*PROJECTED, Attempt(Univariate(chain), APPROACH.first_step, careful=True))
+    return (*PROJECTED, Attempt(Univariate(chain), FIRST_STEP, careful=True))
 
 
 def univariate(group: PlanningGroup) -> tuple[Attempt, ...]:
@@ -261,8 +272,7 @@ def univariate(group: PlanningGroup) -> tuple[Attempt, ...]:
         InvalidGroup: if the group isn't a chain of ball or universal joints.
     """
     minimizer = Univariate(link_chain(group))
-    step = APPROACH.first_step
-    return Attempt(minimizer, step, careful=True), Attempt(minimizer, step / 2, careful=True)
+    return tuple(Attempt(minimizer, step, careful=True) for step in (FIRST_STEP, FIRST_STEP / 2))
 
 
 ATTEMPTS = {"projected": projected, "univariate": univariate}  # by the name that a request gives

@@ -13,7 +13,6 @@ import numpy as np
 
 from guidefield.collision.swept import swept_world
 from guidefield.kernels.kinematics.integrate import reach
-from guidefield.planner.guide.settings import APPROACH, WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.prove.certificate import motion_free
@@ -21,6 +20,14 @@ from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.kinematics import find_planned_values, mover_of
 from guidefield.robot.model.spaces import ChartPoint, Configuration
+
+RESOLUTION = 32.0  # samples of a motion per length in the chart [1/rad or 1/m], as a tree's motions have
+COMFORTABLE = 0.02  # a straight way that keeps this is taken without comparing [m], at size 1. Unrecorded
+# distances from obstacles by which ways are compared, the widest first [m]. Unrecorded
+MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
+# a way dips that does not keep the widest of these distances that both its ends keep [m]. With it Univariate keeps 46
+# and 17 mm in the thesis' tapered and blocked passages
+DIPS = (0.06, 0.045, 0.03, 0.015)
 
 Reach = Callable[[Problem, Configuration, np.ndarray], Iterable[Configuration]]
 """Configurations near q whose tip is at a point (3,) [m]: those to be tried, in order."""
@@ -80,7 +87,7 @@ class GuidedPath:
         A sample that is too close refuses it sooner.
         """
         z0, z1 = swept_world(self.problem.world).ends(q0, q1)
-        if not self.problem.lanes.free_until(np.array([z0, z1]), APPROACH.resolution, self.margin):
+        if not self.problem.lanes.free_until(np.array([z0, z1]), RESOLUTION, self.margin):
             self._refused = (z0, z1)
             return False
         verdict = motion_free(self.problem.world, z0, z1, self.margin)
@@ -100,10 +107,10 @@ class GuidedPath:
         steps = self.path[since:]
         if len(steps) < 3:
             return
-        if self.keeps(steps[0], steps[-1], max(WAYS.comfortable * self.size, self.margin)):
+        if self.keeps(steps[0], steps[-1], max(COMFORTABLE * self.size, self.margin)):
             del self.path[since + 1 : -1]
             return
-        for margin in (m for one in WAYS.margins if (m := one * self.size) > self.margin):
+        for margin in (m for one in MARGINS if (m := one * self.size) > self.margin):
             for kept in ([], *([step] for step in steps[-2:0:-1]), steps[1:-1]):
                 if all(self.keeps(a, b, margin) for a, b in pairwise([steps[0], *kept, steps[-1]])):
                     self.path[since + 1 : -1] = kept
@@ -114,7 +121,7 @@ class GuidedPath:
     def dips(self, since: int) -> bool:
         """Return whether the way from an earlier configuration comes nearer to obstacles than both its ends do."""
         swept, ends = swept_world(self.problem.world), (self.path[since], self.q)
-        margins = (dip * self.size for dip in WAYS.dips)
+        margins = (dip * self.size for dip in DIPS)
         margin = next((margin for margin in margins if all(swept.keeps(q, margin) for q in ends)), None)
         return margin is not None and not all(self.keeps(a, b, margin) for a, b in pairwise(self.path[since:]))
 

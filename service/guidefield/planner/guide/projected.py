@@ -31,13 +31,28 @@ from guidefield.kernels.guide.tip_constraint import (
     constraint_at,
 )
 from guidefield.planner.guide.guided_path import GuidedPath, reach_point
-from guidefield.planner.guide.settings import DESCENT, SETTLING
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import find_planned_values, mover_of
 from guidefield.robot.model.spaces import Configuration
+
+# share of the metric's mean diagonal added to it. In the thesis' scenes symmetric links spin with less, and 0.1 is too
+# stiff; `tools/bench seed` measures what follows, too
+REGULARIZATION = 1e-2
+ON_CONSTRAINT = 1e-5  # how near a trial has to come to it [m or rad]: a tenth of `rounds.ON_PLANE`
+# a descent ends where a step promises, or brings, less than this share of U. More costs half of the clearance, less 3
+# to 7 times the time
+TOLERANCE = 1e-3
+# where the robot is nearer to obstacles than this when it would end, it goes on .. [m]. The blocked passage keeps 15 mm
+# with it, 11.6 without
+CLOSE = 0.015
+FINE = 1e-4  # .. with this tolerance: there the last thousandth of U is millimetres of clearance
+MOST_STEPS = 60  # it ends after so many steps. Unrecorded
+STEPS_AT_ONCE = 20  # steps between two checks of the deadline. Unrecorded
+MOST_ROUNDS = 6  # of slide and reorient on one plane. Unrecorded
+NEGLIGIBLE = 2e-3  # such rounds end where U falls by less than this share. Unrecorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +72,11 @@ def settings_of(guided: GuidedPath, tolerance: float) -> Settings:
     """How descents go, for the kernels."""
     exact, size = int(swept_world(guided.problem.world).exact), guided.size
     return Settings(
-        regularization=DESCENT.regularization,
-        on_constraint=DESCENT.on_constraint * size,
+        regularization=REGULARIZATION,
+        on_constraint=ON_CONSTRAINT * size,
         tolerance=tolerance,
-        fine=DESCENT.fine,
-        close=DESCENT.close * size,
+        fine=FINE,
+        close=CLOSE * size,
         margin=guided.margin,
         self_margin=SELF_MARGIN * size,
         floor=FLOOR * size,
@@ -73,8 +88,8 @@ def descend(
     guided: GuidedPath,
     constraint: TipConstraint,
     guard: TipGuard,
-    tolerance: float = DESCENT.tolerance,
-    most_steps: int = DESCENT.most_steps,
+    tolerance: float = TOLERANCE,
+    most_steps: int = MOST_STEPS,
 ) -> Descent:
     """Reduce U while the tip keeps a constraint, from where a guided path stands; it takes no step itself.
 
@@ -88,7 +103,7 @@ def descend(
     potentials: list[float] = []
     trial, counts = np.empty(TRIAL), np.zeros(COUNTS, np.int64)
     while True:
-        found = np.empty((min(DESCENT.at_once, most_steps - len(path)), len(q)))
+        found = np.empty((min(STEPS_AT_ONCE, most_steps - len(path)), len(q)))
         values = np.empty(len(found) + 1)
         answer = descend_kernel(
             mover_of(group), field.charged, field.tables, swept.robot, swept.tables, constraint, guard,
@@ -107,7 +122,7 @@ def descend(
                 path.append(q[planned])
                 potentials.append(float(trial[REACHED]))
                 if before - potentials[-1] < tolerance * before and guided.keeps(
-                    path[-1], path[-1], DESCENT.close * guided.size
+                    path[-1], path[-1], CLOSE * guided.size
                 ):
                     answer = ENDED
             else:
@@ -159,8 +174,8 @@ class Projected:
     """Newton's steps in the metric of nearby faces' curvature, projected on the tip's constraint (minimizer.py)."""
 
     blocks: Blocks = Blocks.ONE
-    tolerance: float = DESCENT.tolerance  # a descent ends where a step promises, or brings, less than this share of U
-    most_steps: int = DESCENT.most_steps
+    tolerance: float = TOLERANCE  # a descent ends where a step promises, or brings, less than this share of U
+    most_steps: int = MOST_STEPS
 
     @property
     def name(self) -> str:
@@ -180,11 +195,11 @@ class Projected:
             self._descend(guided, on_plane(point, normal), guard, StepKind.DESCEND)
             return
         before = problem.robot_field.potential(guided.q)
-        for _ in range(SETTLING.most_rounds):
+        for _ in range(MOST_ROUNDS):
             rotation = problem.kinematics.frame_placement(group.expand(guided.q), group.tip_id).rotation
             self._descend(guided, sliding(point, normal, rotation), guard, StepKind.SLIDE)
             after = self._descend(guided, reorienting(guided.tip), guard, StepKind.REORIENT)
-            if before - after < SETTLING.negligible * before or problem.deadline.expired():
+            if before - after < NEGLIGIBLE * before or problem.deadline.expired():
                 return
             before = after
 

@@ -28,14 +28,19 @@ from guidefield.kernels.guide.tip_constraint import (
     TipGuard,
     closest_point,
 )
-from guidefield.planner.guide.guided_path import GuidedPath
+from guidefield.planner.guide.guided_path import COMFORTABLE, MARGINS, GuidedPath
 from guidefield.planner.guide.projected import Blocks, Projected, settings_of
-from guidefield.planner.guide.settings import APPROACH, WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
 from guidefield.robot.group.kinematics import find_planned_values, mover_of
 from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.guide_plane import SLACK, GuidePlane
+
+SMALLEST_STEP = 0.1 / 50  # below this an advance is given up, delta_min [m], at size 1. Unrecorded
+GUARD = 0.5  # share of an advance's gain that slide and reorient have to keep, 1 - beta. Unrecorded
+ON_PLANE = 1e-4  # how near the plane counts as on it [m]: the tip's accuracy that the pages promise
+SHORT_STEP = 0.1 / 4  # an advance of this length is not made again with shorter ones [m]. By the thesis' scenes
+AT_ONCE = 4  # rounds between two checks of the deadline, in one kernel. Unrecorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,13 +142,13 @@ def rounds(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Iterator[Made]:
 
 def approach(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Round:
     """One round towards a guide plane: advance, slide and reorient; the guided path takes every step."""
-    distance, on_plane = aim.distance(guided.tip), APPROACH.on_plane * guided.size
+    distance, on_plane = aim.distance(guided.tip), ON_PLANE * guided.size
     if distance <= on_plane:
         return Round.ARRIVED
     direction = (aim.closest_point(guided.tip) - guided.tip) / distance
     since = len(guided.path) - 1
     step = min(attempt.step * guided.size, distance)
-    smallest = min(APPROACH.smallest_step * guided.size, 0.5 * distance)
+    smallest = min(SMALLEST_STEP * guided.size, 0.5 * distance)
     moved = guided.advance(direction, step, smallest, attempt.minimizer.reach)
     if moved.q is None:
         return Round.BLOCKED
@@ -153,9 +158,9 @@ def approach(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Round:
         attempt.minimizer.settle(guided, plane.centroid, plane.normal, aim.inside(0.5 * aim.inset))
     else:
         gained = distance - aim.distance(guided.tip)
-        attempt.minimizer.settle(guided, guided.tip, direction, aim.within(distance - APPROACH.guard * gained))
+        attempt.minimizer.settle(guided, guided.tip, direction, aim.within(distance - GUARD * gained))
     guided.straighten(since)
-    if attempt.careful and step > APPROACH.short * guided.size and guided.dips(since):
+    if attempt.careful and step > SHORT_STEP * guided.size and guided.dips(since):
         guided.undo(since)
         return approach(guided, aim, replace(attempt, step=0.5 * step / guided.size))
     return Round.ARRIVED if arrived else Round.NEARER
@@ -167,7 +172,7 @@ _ENDED = {kernel.NEARER: Round.NEARER, kernel.ARRIVED: Round.ARRIVED, kernel.BLO
 def _in_kernel(guided: GuidedPath, aim: Aim, minimizer: Projected, step: float) -> Iterator[Made]:
     problem, group = guided.problem, guided.problem.group
     field, swept, q = problem.robot_field, swept_world(problem.world), group.expand(guided.q)
-    at_once = APPROACH.at_once
+    at_once = AT_ONCE
     rows = at_once * (minimizer.most_steps + 1)
     record = kernel.Record(
         steps=np.empty((rows, len(q))), values=np.empty(rows), kinds=np.empty(rows, np.int64),
@@ -210,12 +215,12 @@ def _take(guided: GuidedPath, record: kernel.Record, planned: np.ndarray, first:
 def _going(aim: Aim, step: float, size: float) -> kernel.Rounds:
     return kernel.Rounds(
         step=step,
-        smallest=APPROACH.smallest_step * size,
-        guard=APPROACH.guard,
-        on_plane=APPROACH.on_plane * size,
+        smallest=SMALLEST_STEP * size,
+        guard=GUARD,
+        on_plane=ON_PLANE * size,
         depth=aim.inside(0.5 * aim.inset).depth,
-        comfortable=WAYS.comfortable * size,
+        comfortable=COMFORTABLE * size,
         middle=frozen(aim.plane.centroid),
         normal=frozen(aim.plane.normal),
-        margins=frozen(size * np.array(WAYS.margins)),
+        margins=frozen(size * np.array(MARGINS)),
     )

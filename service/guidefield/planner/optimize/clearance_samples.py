@@ -17,13 +17,29 @@ from guidefield.memo import memoized_by_value
 from guidefield.planner.motion.bspline import BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.sampled_robot import sampled_robot
-from guidefield.planner.optimize.settings import SAMPLED_ROBOT, OptimizationSettings
+from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables, moving_tables
+
+LEAST_RANGE_SHARE = 0.5  # share of the range at an end: what is that close by cannot be left
+RAMP = 0.5  # joint distance from an end at which the range is the full one [rad or m]. Unrecorded
+FLOOR_SHARE = 1.1  # at an end it is this share of what the end keeps
+FLOOR_RAMP = 0.3  # joint distance from an end at which the floor is the full one [rad or m]. Unrecorded
+# share of a path constraint's limit up to which it costs nothing. By 33 problems of `tools/bench constrained`, as what
+# follows: with 0.85 certificates take twice the time
+CONSTRAINT_ROOM = 0.7
+CONSTRAINT_WEIGHT = 3e3  # weight of half the mean square of what is beyond. With 300 some are refused
+CONSTRAINT_SAMPLES = 2  # samples for each at which the clearance is looked at. Unrecorded
+COMPARED = 64  # at so many samples two motions among obstacles that move are compared. A choice
+# limits of path constraints up to this count in Newton's steps all through [rad or m]. With 0 one in six motions hardly
+# gets shorter, with 0.02 and 0.05 they are the same
+TIGHT = 0.03
+FARTHEST = 0.25  # ends count as keeping at most so much from obstacles [m], at size 1. Unrecorded
+SPACING = 0.05  # of samples at which it is asked whether a motion keeps aside from what moves [s]. A choice
 
 
 def clearance_samples(
@@ -79,21 +95,21 @@ def _counts(
     total = max(float(lengths.sum()), 1e-300)
     until = np.cumsum(lengths) - 0.5 * lengths
     from_end = np.minimum(until, total - until)
-    near = np.minimum(from_end / settings.ramp, 1.0)
+    near = np.minimum(from_end / RAMP, 1.0)
     least = np.where(until < 0.5 * total, *(_floor(one, settings) for one in kept))
-    rise = np.minimum(from_end / settings.floor_ramp, 1.0) ** 2
+    rise = np.minimum(from_end / FLOOR_RAMP, 1.0) ** 2
     stands_for = 0.5 * (lengths + total / len(lengths)) if in_time else lengths
-    far = min(max(settings.floor_share * min(kept), settings.floor), settings.farthest_floor) + clearance
+    far = min(max(FLOOR_SHARE * min(kept), settings.floor), settings.farthest_floor) + clearance
     return (
         settings.weight / total * stands_for * (1.0 + settings.end_weight * (1.0 - near)),
-        settings.range * (settings.least_range + (1.0 - settings.least_range) * near),
+        settings.range * (LEAST_RANGE_SHARE + (1.0 - LEAST_RANGE_SHARE) * near),
         least + (np.maximum(far, least) - least) * rise,
     )
 
 
 def _floor(kept: float, settings: OptimizationSettings) -> float:
     """Below which distance points cost more at an end that keeps so much [m]."""
-    return min(max(settings.floor_share * kept, settings.least_floor), settings.floor)
+    return min(max(FLOOR_SHARE * kept, settings.least_floor), settings.floor)
 
 
 @memoized_by_value(256)
@@ -133,9 +149,7 @@ class Sections(ReadOnly):
         return cls(frames, np.full(count, -1, np.int64), np.ones((passages + 1, count), np.int64))
 
 
-def constraint_samples(
-    sections: Sections, pieces: int, passed: Sequence[float], samples: int, settings: OptimizationSettings
-) -> KeptSamples:
+def constraint_samples(sections: Sections, pieces: int, passed: Sequence[float], samples: int) -> KeptSamples:
     """Samples evenly in time, next to those of the clearance and between them.
 
     Args:
@@ -143,7 +157,7 @@ def constraint_samples(
     """
     if not sections.frames.constraints:
         return _no_samples(sections.frames.group)
-    bounds, _, of_samples, shares, _ = places(pieces, settings.constraint_samples * samples)
+    bounds, _, of_samples, shares, _ = places(pieces, CONSTRAINT_SAMPLES * samples)
     asked = sections.asked[np.searchsorted(np.array(passed), bounds[:-1], side="right")]
     asked.setflags(write=False)
     return KeptSamples(
@@ -152,9 +166,9 @@ def constraint_samples(
         shares,
         sections.groups,
         asked,
-        settings.constraint_room,
-        settings.constraint_weight,
-        settings.tight,
+        CONSTRAINT_ROOM,
+        CONSTRAINT_WEIGHT,
+        TIGHT,
     )
 
 
@@ -172,7 +186,7 @@ def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: Op
     values = []
     for one in (motion, other):
         samples, points = samples_in_time(
-            one, (kept[0], kept[1]), problem.min_clearance, settings.compared, settings, problem.group.sizes
+            one, (kept[0], kept[1]), problem.min_clearance, COMPARED, settings, problem.group.sizes
         )
         n, nv = points.shape
         clearance, _ = clearance_along(
@@ -185,11 +199,11 @@ def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: Op
             0.0,
             problem.min_clearance,
             math.inf,
-            nothing_remembered(settings.compared, len(robot.groups)),
+            nothing_remembered(COMPARED, len(robot.groups)),
             np.empty((n, nv)),
-            np.empty(settings.compared, np.int64),
-            np.empty((settings.compared, 4)),
-            np.empty((settings.compared, nv, nv)),
+            np.empty(COMPARED, np.int64),
+            np.empty((COMPARED, 4)),
+            np.empty((COMPARED, nv, nv)),
             np.empty((2, n, nv)),
             np.empty(2),
             np.empty((2, 2)),
@@ -205,15 +219,15 @@ def keeps_aside(problem: Problem, motion: Trajectory, distance: float) -> bool:
     """
     tables, moving = distance_tables(problem.scene), moving_tables(problem.scene)
     robot = sampled_robot(problem, tables, motion.positions[:0])
-    count = math.ceil(motion.duration / SAMPLED_ROBOT.spacing) + 1
+    count = math.ceil(motion.duration / SPACING) + 1
     times = np.linspace(float(motion.times[0]), float(motion.times[-1]), count)
     places = zip(motion.evaluate(times)[0], times.tolist(), strict=True)
     return all(moving_distance(robot, moving, z, time, distance) >= distance for z, time in places)
 
 
 def kept_at(problem: Problem, robot: SampledRobot, z: ChartPoint, time: float) -> float:
-    """What a robot keeps from obstacles at a chart point (nv,) and a time [s], at most `farthest` at its size [m]."""
-    z, most = np.ascontiguousarray(z), SAMPLED_ROBOT.farthest * problem.group.size
+    """What a robot keeps from obstacles at a chart point (nv,) and a time [s], at most `FARTHEST` at its size [m]."""
+    z, most = np.ascontiguousarray(z), FARTHEST * problem.group.size
     at_rest = obstacle_distance(robot, distance_tables(problem.scene), z, most)
     if not problem.scene.moves:
         return at_rest

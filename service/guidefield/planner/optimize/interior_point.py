@@ -28,9 +28,24 @@ from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, clearance_samples, constraint_samples
 from guidefield.planner.optimize.loads import LoadSamples, no_loads
 from guidefield.planner.optimize.passages import Passage, add_passage, nearest
-from guidefield.planner.optimize.settings import PASSAGE, OptimizationSettings
+from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.task.motion_limits import MotionLimit
 from guidefield.read_only import ReadOnly, read_only
+
+SOFTER = 0.7  # factor of the stiffness after a look at which the motion that the model gave was better. Unrecorded
+STIFFER = 2.0  # the same where it was not, to 1 at most. Unrecorded
+# Newton's method ends where a coordinate is this far from where the clearance was looked at [rad or m]. With 0.1 and
+# 0.5 the same motions in the same time, on the problems of `settings`
+TRUSTED = 0.25
+CLOSER = 0.4  # a motion that proves no better is tried at this share of the way to there. Unrecorded
+LOOKS = 8  # so often at most. Unrecorded
+TRIES = 24  # how often a step is tried shorter, or a motion closer to be within limits, at most. Unrecorded
+MOST_STRETCHED = 0.5  # most that the logarithm of the length of pieces changes in one step. Unrecorded
+DAMPING = 1e-9  # added to the Hessian's diagonal, as a share of it, against rounding
+
+# weight of half the square of what is missed of a passage, against the duration, which counts from 1 [1/m² at size 1,
+# or 1/rad²]
+PASSAGE_WEIGHT = 1e5
 
 
 @functools.cache
@@ -89,14 +104,14 @@ class Question(ReadOnly):
         settings = self.settings
         return DescentRules(
             steps=settings.newton_steps,
-            tries=settings.tries,
+            tries=TRIES,
             shorter=settings.shorter,
             settled=settings.settled,
             little=settings.little,
             longest=settings.longest,
-            most_stretched=settings.most_stretched,
-            trusted=settings.trusted,
-            damping=settings.damping,
+            most_stretched=MOST_STRETCHED,
+            trusted=TRUSTED,
+            damping=DAMPING,
         )
 
 
@@ -162,7 +177,7 @@ class Descent(ReadOnly):
             np.array([one.acceleration for one in both]),
         )
         read_only(*ends)
-        constrained = constraint_samples(question.sections, spline.pieces, (), samples, question.settings)
+        constrained = constraint_samples(question.sections, spline.pieces, (), samples)
         n, nv = spline.points.shape
         room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
         places = len(placed.pieces) + len(question.passages)
@@ -225,7 +240,7 @@ class Descent(ReadOnly):
         for passage, about in zip(question.passages, passed, strict=True):
             here.append(nearest(passage.place, spline, about))
             value += add_passage(
-                passage.place, spline, here[-1], PASSAGE.weight, crossing, count, gradient, pieces, basis, hessians
+                passage.place, spline, here[-1], PASSAGE_WEIGHT, crossing, count, gradient, pieces, basis, hessians
             )
             count += 1
         places = count, pieces, basis, memory.seen
@@ -235,7 +250,7 @@ class Descent(ReadOnly):
         read_only(gradient, pieces, basis, border, by_times, corner)
         kept = self.constrained
         if here and question.sections.frames.constraints:  # which hold where depends on what was passed by then
-            kept = constraint_samples(question.sections, spline.pieces, here, self.count, question.settings)
+            kept = constraint_samples(question.sections, spline.pieces, here, self.count)
         expanded = no_loads(nv) if loads is None or value == math.inf else loads.expand(spline, turn, weight)
         return Look(spline, model, expanded, kept, tuple(here), stiffness)
 
@@ -293,22 +308,22 @@ class Descent(ReadOnly):
         """
         settings = self.question.settings
         spline = self.lower(look, limit_weight)
-        stiffness = max(settings.least_stiffness, settings.softer * look.stiffness)
-        for _ in range(settings.looks):
+        stiffness = max(settings.least_stiffness, SOFTER * look.stiffness)
+        for _ in range(LOOKS):
             if spline is None:
                 return None
             rest = self._but_clearance(spline, limit_weight)
             found = self.look(spline, look.passed, stiffness, before - rest, look)
             if (cost := rest + self._of_samples(found)) < before:
                 return found, cost
-            stiffness = min(1.0, settings.stiffer * max(stiffness, look.stiffness))
+            stiffness = min(1.0, STIFFER * max(stiffness, look.stiffness))
             spline = self._closer(look.spline, spline)
         return None
 
     def _closer(self, near: BSpline, far: BSpline) -> BSpline | None:
         """A motion strictly within limits between two that are, closer to the first; None where none is found."""
-        for _ in range(self.question.settings.tries):
-            far = near.blend(far, self.question.settings.closer)
+        for _ in range(TRIES):
+            far = near.blend(far, CLOSER)
             if math.isfinite(self._barrier(far)):
                 return far
         return None

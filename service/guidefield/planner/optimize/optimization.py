@@ -44,6 +44,16 @@ from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoints, ChartRate
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 
+MOST_STEPS = 20  # looks that bring something at each weight, at most: easy motions take four, a Fetch's twenty
+ROOM = 1.02  # pieces of the first motion are longer by this factor than its limits allow. Unrecorded
+INSIDE = 1e-3  # share of a coordinate's range that the first motion keeps from its ends. Unrecorded
+MOST_MOVING_PIECES = 192  # of them at most, where the motion begins or ends in motion. Unrecorded
+STOP_PIECES = 4  # of them at least for coming to rest there. Unrecorded
+LOOSENINGS = 8  # how often limits are tightened until such a motion is within. Unrecorded
+LOOSENED = 1.1  # limits are so many times what the motion takes of them. Unrecorded
+INWARD = 0.1  # weight of the limits' barrier then. Unrecorded
+INWARD_STEPS = 3  # Newton's steps each time. Unrecorded
+STRICTLY = 0.995  # share of the limits within which such a motion may begin. Unrecorded
 STRAIGHT_PIECES = 16  # of a straight motion by which the least time is told
 
 
@@ -71,7 +81,7 @@ def ends_of(problem: Problem, motion: Trajectory) -> tuple[End, End]:
 
 def first_motion(motion: Trajectory, limits: MotionLimits, settings: OptimizationSettings) -> BSpline:
     """A spline near a motion from rest to rest, strictly within limits; slower where it has to be."""
-    return _stretched(motion, _pieces(motion, limits, settings), limits, settings)
+    return _stretched(motion, _pieces(motion, limits, settings), limits)
 
 
 def slowed(spline: BSpline, problem: Problem) -> BSpline:
@@ -94,8 +104,8 @@ def scheduled_motion(
     begin = float(motion.times[0])
     fastest = float(np.linalg.norm(motion.velocities / limits.sizes, axis=1).max())
     pieces = int(np.ceil(0.5 * fastest * motion.duration / settings.piece))
-    spline = _stretched(motion, int(np.clip(pieces, settings.least_pieces, settings.most_pieces)), limits, settings)
-    step = max(spline.step, max(motion.duration, settings.room * (arrive_from - begin)) / spline.pieces)
+    spline = _stretched(motion, int(np.clip(pieces, settings.least_pieces, settings.most_pieces)), limits)
+    step = max(spline.step, max(motion.duration, ROOM * (arrive_from - begin)) / spline.pieces)
     return BSpline.between(spline.start, spline.end, spline.inner, step, begin)
 
 
@@ -104,13 +114,13 @@ def moving_motion(
 ) -> BSpline:
     """A spline near a motion that begins or ends in motion, in short pieces; not yet within limits."""
     speeds = np.maximum(*(np.abs(end.velocity) for end in ends))
-    stop = float((speeds / limits.acceleration).max()) / settings.stop_pieces
+    stop = float((speeds / limits.acceleration).max()) / STOP_PIECES
     step = min(motion.duration / _pieces(motion, limits, settings), 0.5 * longest_step(ends, limits))
     step = min(step, stop) if stop > 0.0 else step
-    pieces = int(np.clip(np.ceil(motion.duration / step), settings.least_pieces, settings.most_moving_pieces))
+    pieces = int(np.clip(np.ceil(motion.duration / step), settings.least_pieces, MOST_MOVING_PIECES))
     step = motion.duration / pieces
     times = motion.times[0] + step * np.arange(2, pieces - 1)
-    return BSpline.between(*ends, _with_room(motion.evaluate(times)[0], limits, settings), step)
+    return BSpline.between(*ends, _with_room(motion.evaluate(times)[0], limits), step)
 
 
 def longest_step(ends: tuple[End, End], limits: MotionLimits) -> float:
@@ -123,13 +133,13 @@ def longest_step(ends: tuple[End, End], limits: MotionLimits) -> float:
     return longest
 
 
-def _stretched(motion: Trajectory, pieces: int, limits: MotionLimits, settings: OptimizationSettings) -> BSpline:
+def _stretched(motion: Trajectory, pieces: int, limits: MotionLimits) -> BSpline:
     """A spline of so many pieces through samples of a motion evenly in time, as fast as it may be with some room."""
     inner = pieces - ENDS  # the ends take the places before and after them
     times = motion.times[0] + motion.duration * np.arange(1, inner + 1) / (inner + 1)
-    points = _with_room(motion.evaluate(times)[0], limits, settings)
+    points = _with_room(motion.evaluate(times)[0], limits)
     start, end = End.at_rest(motion.positions[0].copy()), End.at_rest(motion.positions[-1].copy())
-    step = settings.room * shortest_step(BSpline.between(start, end, points, 1.0).points, limits)
+    step = ROOM * shortest_step(BSpline.between(start, end, points, 1.0).points, limits)
     return BSpline.between(start, end, points, step)
 
 
@@ -138,8 +148,8 @@ def _pieces(motion: Trajectory, limits: MotionLimits, settings: OptimizationSett
     return int(np.clip(np.ceil(length / settings.piece), settings.least_pieces, settings.most_pieces))
 
 
-def _with_room(points: ChartPoints, limits: MotionLimits, settings: OptimizationSettings) -> ChartPoints:
-    room = np.where(np.isfinite(limits.upper - limits.lower), settings.inside * (limits.upper - limits.lower), 0.0)
+def _with_room(points: ChartPoints, limits: MotionLimits) -> ChartPoints:
+    room = np.where(np.isfinite(limits.upper - limits.lower), INSIDE * (limits.upper - limits.lower), 0.0)
     within = points.copy()
     np.clip(points, limits.lower + room, limits.upper - room, out=within)
     return within
@@ -341,7 +351,7 @@ class _Descending:
         look, cost = descent.look(spline, passed, settings.stiffness), np.inf
         for limit_weight in weights:
             cost, worth = descent.cost(look, limit_weight), settings.worth * math.sqrt(limit_weight)
-            for _ in range(settings.steps):
+            for _ in range(MOST_STEPS):
                 self.outcome = self._ended()
                 if self.outcome is not None:
                     return look, cost
@@ -388,14 +398,14 @@ def least_time(problem: Problem, spline: BSpline) -> float:
 def brought_within(question: Question, spline: BSpline) -> BSpline | None:
     """The motion strictly within limits; None where that isn't reached in a few rounds."""
     settings = question.settings
-    for _ in range(settings.loosenings):
+    for _ in range(LOOSENINGS):
         load = load_of(spline, question.limits)
-        if load < settings.strictly:
+        if load < STRICTLY:
             return spline
-        by, limits = settings.loosened * load, question.limits
+        by, limits = LOOSENED * load, question.limits
         rows = by * limits.velocity, by * limits.acceleration, by * limits.jerk
         read_only(*rows)
         loosened = limits._replace(velocity=rows[0], acceleration=rows[1], jerk=rows[2])
         descent = Descent.of(dataclasses.replace(question, limits=loosened), spline, settings.samples)
-        spline = descent.lower(descent.look(spline), settings.inward, settings.inward_steps) or spline
+        spline = descent.lower(descent.look(spline), INWARD, INWARD_STEPS) or spline
     return None

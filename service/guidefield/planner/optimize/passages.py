@@ -27,11 +27,18 @@ from guidefield.kernels.optimize.tip_plane import TipPlane, add_crossing, neares
 from guidefield.planner.guide.tip_reach import inset_at
 from guidefield.planner.motion.bspline import ENDS, BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.optimize.settings import PASSAGE
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
 from guidefield.scene.guide_plane import GuidePlane
+
+SPACING = 0.25  # of samples about where a motion came nearest, in pieces
+CLOSER = 0.125  # share of that with which samples are taken again
+SHIFTS = 8  # how often samples are taken at most
+REACHED = 1e-6  # what may be missed in the end [m at size 1, or rad]
+CORRECTIONS = 60  # how often a motion is moved onto all places at most
+LEAST_SHARES = 1e-3  # least sum of squares of a place's shares of inner control points: below it it is at an end
+SHORTEST = 1e-3  # a place that is nearer to a knot than this, in pieces, is the knot
 
 
 @dataclass(frozen=True)
@@ -134,11 +141,11 @@ def nearest(place: Place, spline: BSpline, about: float) -> float:
     Samples are taken about the least, closer each time; a parabola through the last three says where. A motion that is
     still there where it was is not looked at further.
     """
-    spacing, plane = PASSAGE.spacing, place.tip_plane
+    spacing, plane = SPACING, place.tip_plane
     if plane is not None:
-        found: float = nearest_crossing(plane, spline.points, about, spacing, PASSAGE.closer, PASSAGE.shifts)
+        found: float = nearest_crossing(plane, spline.points, about, spacing, CLOSER, SHIFTS)
         return found
-    for _ in range(PASSAGE.shifts):
+    for _ in range(SHIFTS):
         at = np.minimum(np.maximum(about + spacing * _AROUND, 0.0), float(spline.pieces))
         missed = place.missed(spline.at(at))
         squares = np.einsum("nk,nk->n", missed, missed)
@@ -148,12 +155,12 @@ def nearest(place: Place, spline: BSpline, about: float) -> float:
         about = float(at[least])
         if least in (0, 4):
             continue
-        if spacing < PASSAGE.spacing:
+        if spacing < SPACING:
             before, here, after = squares[least - 1 : least + 2]
             bend = before - 2.0 * here + after
             about += 0.5 * spacing * float((before - after) / bend) if bend > 0.0 else 0.0
             return min(max(about, 0.0), float(spline.pieces))
-        spacing *= PASSAGE.closer
+        spacing *= CLOSER
     return about
 
 
@@ -199,15 +206,15 @@ def passing(
     """
     at = [nearest(one.place, spline, about) for one, about in zip(passages, places, strict=True)]
     # or at the knot next to it: no piece becomes too short
-    at = [float(np.round(one)) if abs(one - np.round(one)) < PASSAGE.shortest else one for one in at]
+    at = [float(np.round(one)) if abs(one - np.round(one)) < SHORTEST else one for one in at]
     if (np.diff(at) < 0.0).any():
         return None
-    for _ in range(PASSAGE.corrections):
+    for _ in range(CORRECTIONS):
         worst = 0.0
         for passage, where in zip(passages, at, strict=True):
             spline, missed = _moved_onto(passage.place, spline, where, sizes)
             worst = max(worst, missed)
-        if worst <= PASSAGE.reached:
+        if worst <= REACHED:
             return spline, at
     return None
 
@@ -220,7 +227,7 @@ def _moved_onto(place: Place, spline: BSpline, at: float, sizes: np.ndarray) -> 
     (piece,), t = spline.piece_of(where)
     inner = np.clip(piece + np.arange(4), ENDS, len(spline.points) - ENDS - 1) == piece + np.arange(4)
     shares = np.where(inner, basis(t)[0], 0.0)
-    if not missed.any() or shares @ shares < PASSAGE.reaching:
+    if not missed.any() or shares @ shares < LEAST_SHARES:
         return spline, float(np.abs(missed).max())
     rows = place.rows(z)[missed != 0.0] * sizes
     move = -np.linalg.pinv(rows, rcond=1e-6) @ missed[missed != 0.0] * sizes

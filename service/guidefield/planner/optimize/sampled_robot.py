@@ -12,7 +12,6 @@ from guidefield.kernels.barrier.sampled_robot import FIRST, JOINT, PAST, PAST_FE
 from guidefield.kernels.barrier.self_barrier import pair_distances
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.simd.vector import LANES_64
-from guidefield.planner.optimize.settings import SAMPLED_ROBOT
 from guidefield.planner.task.problem import Problem
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
@@ -20,6 +19,12 @@ from guidefield.robot.bodies.charges import link_bodies, surface_samples
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, group_joints
 from guidefield.robot.model.spaces import ChartPoints
+
+POINTS_WEIGHT = 100.0  # sum of the weights of all points. Unrecorded
+RANGE = 0.03  # of the barrier between links [m], at size 1. Unrecorded
+LEAST_RANGE = 0.004  # the same between links that are that close at an end of the motion [m]. Unrecorded
+COARSER = 3  # one in so many of a link's points stands for all against other links. Unrecorded
+TOUCHED_WEIGHT = 8.0  # a point at which the certificate refused a motion counts as so many. A choice
 
 
 def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -> SampledRobot:
@@ -33,7 +38,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
         joints=group_joints(problem.group),
         ignored=_ignored(problem, moving),
         pairs=pairs,
-        pair_ranges=np.full(len(pairs), SAMPLED_ROBOT.range * problem.group.size),
+        pair_ranges=np.full(len(pairs), RANGE * problem.group.size),
     )
     read_only(robot.ignored, robot.pair_ranges)
     closest = np.full(len(pairs), np.inf)
@@ -41,7 +46,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
         distances = np.empty(len(pairs))
         pair_distances(robot, tables, np.ascontiguousarray(z), distances)
         closest = np.minimum(closest, distances)
-    least, most = (length * problem.group.size for length in (SAMPLED_ROBOT.least_range, SAMPLED_ROBOT.range))
+    least, most = (length * problem.group.size for length in (LEAST_RANGE, RANGE))
     ranges = np.minimum(np.maximum(closest, least), most)
     read_only(ranges)
     return robot._replace(pair_ranges=ranges)
@@ -86,11 +91,11 @@ def with_points(problem: Problem, robot: SampledRobot, touched: Sequence[Touched
         pairs, ranges = robot.pairs, robot.pair_ranges
         if one.other >= 0:
             pairs = np.concatenate([pairs, [[len(robot.groups), one.other]]])
-            ranges = np.append(ranges, SAMPLED_ROBOT.range * robot.size)
+            ranges = np.append(ranges, RANGE * robot.size)
         ball = np.append(one.point, 0.0)
         robot = robot._replace(
             points=np.column_stack([robot.points, one.point]),
-            weights=np.append(robot.weights, SAMPLED_ROBOT.touched * robot.weights.mean()),
+            weights=np.append(robot.weights, TOUCHED_WEIGHT * robot.weights.mean()),
             groups=np.concatenate([robot.groups, [[robot.groups[group, JOINT], count, count + 1, count + 1]]]),
             balls=np.concatenate([robot.balls, ball[None]]),
             blocks=np.column_stack([robot.blocks, ball]),
@@ -116,7 +121,7 @@ def few_points(robot: SampledRobot) -> SampledRobot:
 @memoized_for_alike
 def _of_group(group: PlanningGroup) -> SampledRobot:
     moving = _moving(group)
-    points = [in_blocks(some, -(-len(some) // SAMPLED_ROBOT.coarser)) for some in _points(group, moving)]
+    points = [in_blocks(some, -(-len(some) // COARSER)) for some in _points(group, moving)]
     counts = np.array([len(some) for some in points], np.int64)
     blocks = [_balls_about(some, LANES_64) for some in points]
     last = np.cumsum(counts)
@@ -125,9 +130,9 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
     robot = SampledRobot(
         joints=alike_group_joints(group),
         points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
-        weights=np.full(int(counts.sum()), SAMPLED_ROBOT.weight / max(int(counts.sum()), 1)),
+        weights=np.full(int(counts.sum()), POINTS_WEIGHT / max(int(counts.sum()), 1)),
         groups=np.column_stack(
-            [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // SAMPLED_ROBOT.coarser)]
+            [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // COARSER)]
         ),
         balls=np.concatenate([np.empty((0, 4)), *(_balls_about(some, len(some)) for some in points)]),
         blocks=np.ascontiguousarray(np.concatenate([np.empty((0, 4)), *blocks]).T),

@@ -4,7 +4,7 @@ Lengths are those at size 1, see `sized`; a coordinate in metres counts by the r
 
 "Problems" are 35 of the public ones of a Panda as pose goals, at 15 rad/s² and 500 rad/s³. Where it says *unrecorded*
 nobody wrote down how a number was chosen; a prototype's were chosen on 70 of the same sets, some of which are measured
-now. "Constrained" are up to 33 of `tools/bench constrained`, of three robots.
+now. What no preset changes stands beside its use.
 """
 
 from __future__ import annotations
@@ -26,16 +26,12 @@ class OptimizationSettings:
     # 2 mm less on the way, with 0.2 1 % slower and 2 mm more
     weight: float = 0.1
     range: float = 0.08  # of the barrier [m]. With 120 mm motions get 10 % slower
-    least_range: float = 0.5  # share of the range at an end: what is that close by cannot be left
-    ramp: float = 0.5  # joint distance from an end at which the range is the full one [rad or m]. Unrecorded
     end_weight: float = 0.0  # weight on top of the full one at an end, against the tighter range
     # what is nearer to obstacles than this beyond the clearance asked for costs more, far from the ends [m]. With 2 mm
     # instead two of 70 motions came nearer than 20 mm
     floor: float = 0.045
-    farthest_floor: float = 0.045  # with much room at both ends it is `floor_share` of that, at most this [m]
+    farthest_floor: float = 0.045  # with much room at both ends it is `FLOOR_SHARE` of that, at most this [m]
     least_floor: float = 0.002  # the same at least, at ends [m]: the margin of all motions
-    floor_share: float = 1.1  # at an end it is this share of what the end keeps
-    floor_ramp: float = 0.3  # joint distance from an end at which the floor is the full one [rad or m]. Unrecorded
     samples: int = 2  # on a piece before the last subdivision. Problems: with three motions keep as much
     fine_samples: int = 1  # the same after it. Problems: with two motions keep as much, in twice the time
     # whether few of the points of a motion that passes something count after it too. Guided chains keep as much with a
@@ -54,110 +50,30 @@ class OptimizationSettings:
     worth: float = 0.0
     stiffness: float = 1.0  # share of Gauss and Newton's Hessian of the clearance that the first model has; see `free`
     least_stiffness: float = 1.0  # at least so much of it is left
-    softer: float = 0.7  # factor of it after a look at which the motion that the model gave was better. Unrecorded
-    stiffer: float = 2.0  # the same where it was not, to 1 at most. Unrecorded
-    steps: int = 20  # looks that bring something at each weight, at most: easy motions take four, a Fetch's twenty
     newton_steps: int = 8  # between two looks, at most. Problems: with 1 a quarter more looks are taken
     # Newton's method ends where a step brought less than this share of the objective. Problems: with 0 it takes more
     # steps between a tenth fewer looks, with 1e-2 more looks, in the same time
     little: float = 3e-3
-    # it ends where a coordinate is this far from where the clearance was looked at [rad or m]. Problems: with 0.1 and
-    # 0.5 the same motions in the same time
-    trusted: float = 0.25
-    closer: float = 0.4  # a motion that proves no better is tried at this share of the way to there. Unrecorded
-    looks: int = 8  # at most so often. Unrecorded
-    room: float = 1.02  # pieces of the first motion are longer by this factor than its limits allow. Unrecorded
-    inside: float = 1e-3  # share of a coordinate's range that the first motion keeps from its ends. Unrecorded
     shorter: float = 0.8  # a step beyond limits, or that brings nothing, is tried again this much shorter. Unrecorded
-    tries: int = 24  # at most so often. Unrecorded
     # a step that promises less than this share of the objective is not taken. With 3e-4 motions are 0.1 % faster and
     # take a quarter more steps
     settled: float = 5e-4
     longest: float = 0.5  # most that a coordinate moves in one step [rad or m], and the departure [s]. Unrecorded
-    most_stretched: float = 0.5  # most that the logarithm of the length of pieces changes in one step. Unrecorded
     # of several first motions the next one is optimised coarsely only while the best takes more than this times what a
     # straight motion takes. With 1.08, as for `time`, balanced motions in cages take 4 % less, and their plans a
     # quarter more time
     enough: float = 1.25
-    most_moving_pieces: int = 192  # at most so many where the motion begins or ends in motion. Unrecorded
-    stop_pieces: int = 4  # so many at least for coming to rest there. Unrecorded
-    loosenings: int = 8  # how often limits are tightened until such a motion is within. Unrecorded
-    loosened: float = 1.1  # limits are this times what the motion takes of them. Unrecorded
-    inward: float = 0.1  # weight of the limits' barrier then. Unrecorded
-    inward_steps: int = 3  # Newton's steps each time. Unrecorded
-    strictly: float = 0.995  # share of the limits within which such a motion may begin. Unrecorded
-    damping: float = 1e-9  # added to the Hessian's diagonal, as a share of it, against rounding
-    # share of a path constraint's limit up to which it costs nothing. Constrained: with 0.85 certificates take twice
-    # the time
-    constraint_room: float = 0.7
-    constraint_weight: float = 3e3  # of half the mean square of what is beyond. Constrained: with 300 some are refused
-    constraint_samples: int = 2  # on a piece, for each at which the clearance is looked at. Unrecorded
-    compared: int = 64  # at so many samples two motions among obstacles that move are compared. A choice
     # change of what a passage is missed by in a piece before the last subdivision, below which a change of time makes
     # up for little; half as much after it [m or rad]; see `guided`
     crossing: float = 2e-3
-    load_weight: float = 20.0  # of half the mean of squares of what loads are beyond a share; see `LoadSettings`
-    # limits of path constraints up to this count in Newton's steps all through [rad or m]. Constrained: with 0 one in
-    # six motions hardly gets shorter, with 0.02 and 0.05 they are the same
-    tight: float = 0.03
+    # of half the mean of squares of what loads are beyond a share, see `loads`: by its problems motions are 1 % slower
+    # with 5, and with 60 0.5 % faster in a tenth more time
+    load_weight: float = 20.0
 
 
 BALANCED = OptimizationSettings()
 
-
-@dataclass(frozen=True)
-class SampledRobotSettings:
-    """Of the robot as points, and of its links as they are kept apart."""
-
-    weight: float = 100.0  # sum of the weights of all points. Unrecorded
-    range: float = 0.03  # of the barrier between links [m]. Unrecorded
-    least_range: float = 0.004  # the same between links that are that close at an end of the motion [m]. Unrecorded
-    coarser: int = 3  # one in so many of a link's points stands for all against other links. Unrecorded
-    farthest: float = 0.25  # ends count as keeping at most so much from obstacles [m]. Unrecorded
-    touched: float = 8.0  # a point at which the certificate refused a motion counts as so many. A choice
-    spacing: float = 0.05  # of samples at which it is asked whether a motion keeps aside from what moves [s]. A choice
-
-
-SAMPLED_ROBOT = SampledRobotSettings()
-
-
-@dataclass(frozen=True)
-class PassageSettings:
-    """Of places that a motion passes at a time that is free."""
-
-    # of half the square of what is missed, against the duration, which counts from 1 [1/m² at size 1, or 1/rad²]
-    weight: float = 1e5
-    spacing: float = 0.25  # of samples about where a motion came nearest, in pieces
-    closer: float = 0.125  # share of that with which samples are taken again
-    shifts: int = 8  # how often samples are taken at most
-    reached: float = 1e-6  # what may be missed in the end [m at size 1, or rad]
-    corrections: int = 60  # how often a motion is moved onto all places at most
-    reaching: float = 1e-3  # least sum of squares of a place's shares of inner control points: below it it is at an end
-    shortest: float = 1e-3  # a place that is nearer to a knot than this, in pieces, is the knot
-
-
-PASSAGE = PassageSettings()
-
-
-@dataclass(frozen=True)
-class LoadSettings:
-    """Of the penalty of loads: torques and speeds in space as shares of their limits.
-
-    By 30 public problems of a Panda with 3 kg in the hand, at 15 rad/s² and 500 rad/s³: with a weight of 5 motions are
-    1 % slower, with 60 0.5 % faster in a tenth more time, with 64 samples 2 % slower.
-    """
-
-    heavier: float = 20.0  # times as much is the weight where torques exceed their limits after all; twice at most
-    torque_samples: int = 128  # about so many on a motion, two on each piece at least
-    # the same where no torques are limited, one on each piece at least. With 128 motions take as long
-    speed_samples: int = 64
-    share: float = 0.95  # up to which a load costs nothing. With 0.9 and 0.97 motions are 0.5 and 1 % slower
-    # from which on a load is expanded. With 0.4 there are 4 % fewer looks, with 0.75 and 0.9 11 and 36 % more; as long
-    # as only what is beyond `share` was expanded there were three times as many
-    near: float = 0.6
-
-
-LOAD = LoadSettings()
+HEAVIER_LOADS = 20.0  # times as much is the weight of loads that exceed their limits after all; twice at most
 
 OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
     {
@@ -244,7 +160,7 @@ def in_space(settings: OptimizationSettings) -> OptimizationSettings:
 
 def unscaled(settings: OptimizationSettings) -> OptimizationSettings:
     """For a motion with limits of the whole whose time isn't scaled in the end: it has to keep them by itself."""
-    return dataclasses.replace(settings, load_weight=LOAD.heavier * settings.load_weight)
+    return dataclasses.replace(settings, load_weight=HEAVIER_LOADS * settings.load_weight)
 
 
 LONG = 2.0  # a motion that would take more than this times as many pieces as there may be is optimised `lengthened`

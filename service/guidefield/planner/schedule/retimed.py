@@ -8,8 +8,8 @@ from typing import cast
 import numpy as np
 
 from guidefield.planner.motion.limit_load import TOLERANCE, measure_limit_load
+from guidefield.planner.motion.timing import SHORTEST_PIECE
 from guidefield.planner.motion.trajectory import Trajectory, bezier
-from guidefield.planner.motion.waypoints import TIMING
 from guidefield.planner.schedule.schedule import Schedule
 from guidefield.planner.task.problem import Problem
 from guidefield.prove.curve import excesses
@@ -142,10 +142,10 @@ def _through_knots(problem: Problem, schedule: Schedule) -> Knots:
     own = np.maximum.accumulate(schedule.at(fine, step)[0])
     among = np.interp(motion.times - motion.times[0], own, fine)
     times = np.unique(np.concatenate([even, among, [0.0, schedule.duration]]))
-    kept = np.r_[True, np.diff(times) > TIMING.shortest_piece]
+    kept = np.r_[True, np.diff(times) > SHORTEST_PIECE]
     kept[-1] = True
     times = times[kept]
-    if len(times) > 2 and times[-1] - times[-2] <= TIMING.shortest_piece:
+    if len(times) > 2 and times[-1] - times[-2] <= SHORTEST_PIECE:
         times = np.delete(times, -2)
     positions, velocities = _sample(schedule, times)
     velocities[[0, -1]] = 0.0

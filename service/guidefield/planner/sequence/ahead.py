@@ -27,18 +27,10 @@ from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
-
-@dataclass(frozen=True)
-class AheadSettings:
-    """Numbers of looking ahead."""
-
-    enough: int = 2  # so many configurations with a future are enough for a step, those nearest to its start
-    branches: int = 3  # so many configurations of a later step are tried
-    looks: int = 30  # so many later steps are looked at for one step: what isn't refuted by then counts as possible
-    draws: int = 3  # how often other configurations are drawn where none that was found has a future
-
-
-AHEAD = AheadSettings()
+ENOUGH = 2  # so many configurations with a future are enough for a step, those nearest to its start
+BRANCHES = 3  # so many configurations of a later step are tried
+LOOKS = 30  # so many later steps are looked at for one step: what isn't refuted by then counts as possible
+DRAWS = 3  # how often other configurations are drawn where none that was found has a future
 
 
 @dataclass(frozen=True)
@@ -74,7 +66,7 @@ def keep_possible_goals(course: Course[S], index: int, at: S, motion: StepMotion
     if not isinstance(problem.goal, TipGoal) and len(problem.goal.configurations) < 2:
         return problem  # nothing to choose
     search = _LookAhead()
-    for draw in range(AHEAD.draws):
+    for draw in range(DRAWS):
         try:
             goals = find_goal_points(dataclasses.replace(problem.at(problem.scene.end), seed=problem.seed + draw))
         except StageFailed as failed:
@@ -99,7 +91,7 @@ def _filter_goals(
         search.looks = 0
         if _is_possible(course, index + 1, after, search):
             kept.append(z)
-        if len(kept) == AHEAD.enough:
+        if len(kept) == ENOUGH:
             break
     return kept
 
@@ -117,7 +109,7 @@ def _is_possible(course: Course[S], index: int, at: S, search: _LookAhead) -> bo
     if motion is None:
         return _is_possible(course, index + 1, course.after(index, at, at.q, math.inf), search)
     search.looks += 1
-    if search.looks > AHEAD.looks or motion.problem.deadline.expired():
+    if search.looks > LOOKS or motion.problem.deadline.expired():
         return True
     ends = _find_ends(motion, index, search)
     if ends is None:
@@ -170,7 +162,7 @@ def _find_reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | En
         problem.group,
         target,
         starts=(problem.z_start,),
-        count=AHEAD.branches,
+        count=BRANCHES,
         rng=np.random.default_rng([problem.seed, 1]),
         accept=lambda zs: ~_touch(problem, zs),
         deadline=problem.deadline,
@@ -186,7 +178,7 @@ def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | En
     zs = _sort_by_distance(problem, np.array([problem.group.chart(q) for q in goal.configurations]))
     free = [z for z, touches in zip(zs, _touch(problem, zs), strict=True) if not touches]
     if free:
-        return free[: AHEAD.branches]
+        return free[:BRANCHES]
     pair = contacts_at(problem.world, problem.group.expand_from_chart(zs[0]))[0].pair
     message = f"the goal is in collision: {pair[0]} and {pair[1]}"
     return Ending(Status.GOAL_IN_COLLISION, message, {"stage": "goal", "pair": list(pair)})

@@ -31,7 +31,7 @@ from guidefield.planner.motion.trajectory import Trajectory, concatenate
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.motion_certificate import CertifiedMotion, find_excess
 from guidefield.planner.optimize import settings as presets
-from guidefield.planner.optimize.clearance_samples import Sections
+from guidefield.planner.optimize.clearance_samples import CONSTRAINT_ROOM, Sections
 from guidefield.planner.optimize.optimization import Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimized_motion import CrossedPlanes, bring_onto_planes
@@ -53,21 +53,13 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.path_constraints import ConstrainedFrames, EvenTurn, PathConstraint, line, point
 from guidefield.robot.model.spaces import ChartPoints
 
-
-@dataclass(frozen=True)
-class OptimizedPassingSettings:
-    """Numbers of optimised passing."""
-
-    piece: float = 0.5  # length of a piece before the last subdivision, as a share of the smallest radius
-    least_pieces: int = 16  # at least so many for each step, and at most so many for all
-    most_pieces: int = 160
-    inside: float = 0.95  # share of a radius up to which the tip is at a goal
-    time: float = 0.5  # share of the time that is left which may be taken
-    # motions that are judged at most; after the first with more weight on the clearance and twice the pieces
-    tries: int = 2
-
-
-PASSING = OptimizedPassingSettings()
+PIECE = 0.5  # length of a piece before the last subdivision, as a share of the smallest radius
+LEAST_PIECES = 16  # at least so many for each step, and at most so many for all
+MOST_PIECES = 160
+INSIDE = 0.95  # share of a radius up to which the tip is at a goal
+TIME_SHARE = 0.5  # share of the time that is left which may be taken
+# motions that are judged at most; after the first with more weight on the clearance and twice the pieces
+OPTIMIZED_TRIES = 2
 
 
 def optimize_past_goals(parts: Sequence[StepPart], first: JoinedMotion, stages: Stages) -> JoinedMotion | None:
@@ -77,12 +69,12 @@ def optimize_past_goals(parts: Sequence[StepPart], first: JoinedMotion, stages: 
         first: A motion past the goals with which it begins, whatever its jerk.
     """
     problem = find_slowest(parts)  # with a share of the time that is left: later steps need some, too
-    problem = dataclasses.replace(problem, deadline=problem.deadline.share(PASSING.time))
+    problem = dataclasses.replace(problem, deadline=problem.deadline.share(TIME_SHARE))
     if not _can_be_optimized(parts) or problem.deadline.expired():
         return None
     passages = _passages(parts, first)
     sections, settings = _sections(problem, parts), _choose_settings(problem, parts, first.motion)
-    for _ in range(PASSING.tries):
+    for _ in range(OPTIMIZED_TRIES):
         with stages.entered("relax", f"past the goals, shape and time together, {problem.objective.value}") as stage:
             optimized = optimize(problem, first.motion, settings, (), passages, sections)
             stage.outcome = optimized.outcome.value
@@ -145,7 +137,7 @@ def _sections(problem: Problem, parts: Sequence[StepPart]) -> Sections:
 
 def _make_goal_section(goal: PassedGoal) -> tuple[PathConstraint, PathConstraint]:
     frame, here = goal.problem.group.tip, goal.placement
-    limit = PASSING.inside / presets.BALANCED.constraint_room * goal.radius
+    limit = INSIDE / CONSTRAINT_ROOM * goal.radius
     return point(frame, here.translation, limit), EvenTurn(frame, here, np.zeros(3), np.zeros(3), limit)
 
 
@@ -159,12 +151,12 @@ def _make_way_section(way: StraightWay) -> tuple[PathConstraint, PathConstraint]
 
 def _choose_settings(problem: Problem, parts: Sequence[StepPart], motion: Trajectory) -> presets.OptimizationSettings:
     radius = min(one.goal.radius for one in parts if one.goal is not None)
-    wanted = math.ceil(length_of(motion.positions) / (PASSING.piece * radius))
-    least = min(max(wanted, PASSING.least_pieces * len(parts)), PASSING.most_pieces)
+    wanted = math.ceil(length_of(motion.positions) / (PIECE * radius))
+    least = min(max(wanted, LEAST_PIECES * len(parts)), MOST_PIECES)
     settings = presets.sized(presets.OPTIMIZATION[problem.objective], problem.group.size)
     keeps = problem.path_constraints or any(one.way is not None for one in parts)
     settings = presets.constrained(settings) if keeps else settings
-    return dataclasses.replace(settings, least_pieces=least, most_pieces=max(PASSING.most_pieces, least))
+    return dataclasses.replace(settings, least_pieces=least, most_pieces=max(MOST_PIECES, least))
 
 
 def _passages(parts: Sequence[StepPart], joined: JoinedMotion) -> tuple[Passage, ...]:
@@ -186,25 +178,18 @@ def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[StepPart]) 
     return JoinedMotion(motion, tuple(passages))
 
 
-@dataclass(frozen=True)
-class CornerSettings:
-    """Numbers of rounded corners."""
-
-    looks: int = 8  # places on each piece of a motion between which its length is measured
-    share: float = 0.9  # of a radius that a corner takes: a spline through its places stays within the radius, too
-    most: float = 0.5  # share of a curve's length that a corner takes at most: the other end has as much
-    places: int = 16  # on a corner, at least
-    fine: int = 200  # places between which a corner's length is measured
-
-
-CORNER = CornerSettings()
+LOOKS = 8  # places on each piece of a motion between which its length is measured
+RADIUS_SHARE = 0.9  # of a radius that a corner takes: a spline through its places stays within the radius, too
+MOST_OF_CURVE = 0.5  # share of a curve's length that a corner takes at most: the other end has as much
+LEAST_PLACES = 16  # on a corner, at least
+FINE_PLACES = 200  # places between which a corner's length is measured
 
 
 class CurveByLength:
     """The curve of a motion by its length."""
 
     def __init__(self, motion: Trajectory) -> None:
-        within = np.arange(CORNER.looks) / CORNER.looks
+        within = np.arange(LOOKS) / LOOKS
         times = (motion.times[:-1, None] + within * np.diff(motion.times)[:, None]).ravel()
         self._motion, self._times = motion, np.append(times, motion.times[-1])
         self.places = motion.evaluate(self._times)[0]
@@ -254,7 +239,7 @@ def round_corners(
 
 def _measure_reach(curve: CurveByLength, after: CurveByLength, goal: PassedGoal, radius: float) -> tuple[float, float]:
     """Lengths before and after a goal that a corner takes [rad or m]."""
-    within = CORNER.share * radius
+    within = RADIUS_SHARE * radius
     return (
         _find_length_until(goal.distances(curve.places)[::-1], curve.length - curve.lengths[::-1], within),
         _find_length_until(goal.distances(after.places), after.lengths, within),
@@ -263,7 +248,7 @@ def _measure_reach(curve: CurveByLength, after: CurveByLength, goal: PassedGoal,
 
 def _find_length_until(distances: np.ndarray, lengths: np.ndarray, within: float) -> float:
     """The length at which the distances first reach a bound; at most the share of the whole that a corner may take."""
-    most = CORNER.most * float(lengths[-1])
+    most = MOST_OF_CURVE * float(lengths[-1])
     beyond = np.flatnonzero(distances > within)
     if not len(beyond):
         return most
@@ -279,29 +264,22 @@ def _space_evenly(curve: CurveByLength, begin: float, end: float, spacing: float
 
 def _make_corner(curve: CurveByLength, after: CurveByLength, left: float, right: float, spacing: float) -> ChartPoints:
     """Places of a corner, evenly spaced, its first on the one curve and its last on the other."""
-    u = np.linspace(0.0, 1.0, CORNER.fine + 1)
+    u = np.linspace(0.0, 1.0, FINE_PLACES + 1)
     meeting = curve.at(np.array([curve.length]))
     bend = curve.at(curve.length - left * (1.0 - u) ** 2) + after.at(right * u**2) - meeting
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(bend, axis=0), axis=1))]
-    count = max(CORNER.places, math.ceil(lengths[-1] / spacing)) + 1
+    count = max(LEAST_PLACES, math.ceil(lengths[-1] / spacing)) + 1
     places = np.linspace(0.0, lengths[-1], count)
     return cast(ChartPoints, np.column_stack([np.interp(places, lengths, column) for column in bend.T]))
 
 
-@dataclass(frozen=True)
-class RoundingSettings:
-    """Numbers of rounding."""
-
-    spacing: float = 0.03  # between places of the path that is timed, at most [rad or m]
-    tries: int = 10  # motions that are judged at most
-    tighter: float = 0.5  # the corners next to what is refused are this much smaller the next time
-    # places, and the pieces of a motion with limits of jerk, are so many times as dense the next time where a way, or a
-    # goal, isn't kept to
-    denser: int = 2
-    densest: int = 32  # so many times as dense at most
-
-
-ROUNDING = RoundingSettings()
+SPACING = 0.03  # between places of the path that is timed, at most [rad or m]
+TRIES = 10  # motions that are judged at most
+TIGHTER = 0.5  # the corners next to what is refused are this much smaller the next time
+# places, and the pieces of a motion with limits of jerk, are so many times as dense the next time where a way, or a
+# goal, isn't kept to
+DENSER = 2
+DENSEST = 32  # so many times as dense at most
 
 
 def round_motion(parts: Sequence[StepPart], stages: Stages) -> tuple[JoinedMotion, RoundedPath] | None:
@@ -310,9 +288,9 @@ def round_motion(parts: Sequence[StepPart], stages: Stages) -> tuple[JoinedMotio
     goals = [one.goal for one in parts if one.goal is not None]
     radii, density = [goal.radius for goal in goals], 1
     problem = find_slowest(parts)
-    for _ in range(ROUNDING.tries):
+    for _ in range(TRIES):
         with stages.entered("parameterize", "past the goals, as fast as the limits allow") as stage:
-            path = round_corners(curves, goals, radii, ROUNDING.spacing / density)
+            path = round_corners(curves, goals, radii, SPACING / density)
             motion = time_path(problem, path.path, density)
             joined = JoinedMotion(motion, find_passages(motion, path, goals))
             stage.outcome = f"{motion.duration:.3f} s"
@@ -324,13 +302,13 @@ def round_motion(parts: Sequence[StepPart], stages: Stages) -> tuple[JoinedMotio
         if problem.deadline.expired():
             break
         at, verdict = fault
-        coarse = verdict.reason in (Reason.PATH_CONSTRAINT, Reason.FREE) and density < ROUNDING.densest
+        coarse = verdict.reason in (Reason.PATH_CONSTRAINT, Reason.FREE) and density < DENSEST
         if coarse:
-            density *= ROUNDING.denser
+            density *= DENSER
         if not coarse or problem.path_constraints:
             for k in (at - 1, at):
                 if 0 <= k < len(radii):
-                    radii[k] *= ROUNDING.tighter
+                    radii[k] *= TIGHTER
     return None
 
 

@@ -18,7 +18,9 @@ from guidefield.planner.motion_certificate import CertifiedMotion, certify_from_
 from guidefield.planner.path_so_far import time_path
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.straight_way import (
-    STRAIGHT,
+    JUMP,
+    REACHED,
+    REACHED_CLOSELY,
     StraightStop,
     StraightWay,
     bring_tip,
@@ -32,6 +34,12 @@ from guidefield.prove.certificate import certify
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
+SPACING = 0.01  # length of the way between two places that are solved for [m]
+TURNING = 0.05  # angle between them [rad]
+FINEST = 1e-9  # where a place is not reached, nearer ones are tried, up to this share of the way
+DENSER = 3  # how often the places are taken twice as close where the certificate refuses
+MOST_PLACES = 4000  # places at most
+
 
 def straight_plan(problem: Problem, way: StraightWay) -> Plan:
     """Plan a motion along a straight way; no other way is looked for."""
@@ -43,7 +51,7 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
     except StageFailed as failed:
         return _make_failed_plan(problem.at(0.0), problem.z_start[None], failed.ending, stages)
     places = _choose_places(way)
-    for attempt in range(STRAIGHT.denser + 1):
+    for attempt in range(DENSER + 1):
         with stages.entered("connect", "along the straight way") as stage:
             path, stop = follow_way(problem, way, places)
             stage.outcome = (
@@ -62,7 +70,7 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
                 verdict = _certify_straightness(still, way, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
-        last = attempt == STRAIGHT.denser or 2 * places > STRAIGHT.most or problem.deadline.expired()
+        last = attempt == DENSER or 2 * places > MOST_PLACES or problem.deadline.expired()
         if verdict.free or verdict.reason is not Reason.PATH_CONSTRAINT or last:
             break
         places *= 2
@@ -100,12 +108,12 @@ def follow_way(
         step = there - share
         while share < there:
             onward = there if step >= there - share else share + step
-            near = STRAIGHT.reached if onward == there and step * count > 0.9 else STRAIGHT.closely
+            near = REACHED if onward == there and step * count > 0.9 else REACHED_CLOSELY
             reached = None if problem.deadline.expired() else bring_tip(problem, z, way.at(onward), near)
-            if reached is not None and np.abs(reached - z).max() <= STRAIGHT.jump:
+            if reached is not None and np.abs(reached - z).max() <= JUMP:
                 share, z = onward, reached
                 path.append(z)
-            elif step > STRAIGHT.finest and not problem.deadline.expired():
+            elif step > FINEST and not problem.deadline.expired():
                 step *= 0.5
             else:
                 return np.array(path), StraightStop(share, there, z)
@@ -113,8 +121,8 @@ def follow_way(
 
 
 def _choose_places(way: StraightWay) -> int:
-    wanted = max(way.length / STRAIGHT.spacing, way.angle / STRAIGHT.turning, 2.0)
-    return min(math.ceil(wanted), STRAIGHT.most)
+    wanted = max(way.length / SPACING, way.angle / TURNING, 2.0)
+    return min(math.ceil(wanted), MOST_PLACES)
 
 
 def _certify_straightness(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:

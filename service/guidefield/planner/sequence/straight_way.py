@@ -99,24 +99,12 @@ class StraightWay:
         return float(np.linalg.norm(pin.log3(placement.rotation @ self.at(self.share(placement)).rotation.T)))
 
 
-@dataclass(frozen=True)
-class StraightSettings:
-    """Numbers of straight motions."""
-
-    spacing: float = 0.01  # length of the way between two places that are solved for [m]
-    turning: float = 0.05  # angle between them [rad]
-    finest: float = 1e-9  # where a place is not reached, nearer ones are tried, up to this share of the way
-    denser: int = 3  # how often the places are taken twice as close where the certificate refuses
-    most: int = 4000  # places at most
-    reached: float = 1e-7  # how far off a place may be that counts as reached [m or rad]
-    closely: float = 1e-10  # the same where the exact end of the way is looked for
-    steps: int = 20  # Newton steps to a place, from the one before
-    jump: float = 0.35  # largest change of a joint from one place to the next [rad or m]: beyond it the arm folds over
-    damping: float = 1e-6  # of the steps, times the largest singular value
-    ahead: tuple[float, ...] = (1.0, 0.1, 0.01)  # shares of the step that failed at which the cause is looked for
-
-
-STRAIGHT = StraightSettings()
+REACHED = 1e-7  # how far off a place may be that counts as reached [m or rad]
+REACHED_CLOSELY = 1e-10  # the same where the exact end of the way is looked for
+STEPS = 20  # Newton steps to a place, from the one before
+JUMP = 0.35  # largest change of a joint from one place to the next [rad or m]: beyond it the arm folds over
+DAMPING = 1e-6  # of the steps, times the largest singular value
+AHEAD = (1.0, 0.1, 0.01)  # shares of the step that failed at which the cause is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +130,7 @@ def format_rounded_down(value: float, unit: float) -> str:
 
 
 def bring_tip(
-    problem: Problem, z: ChartPoint, target: Any, reached: float = STRAIGHT.reached, *, limited: bool = True
+    problem: Problem, z: ChartPoint, target: Any, reached: float = REACHED, *, limited: bool = True
 ) -> ChartPoint | None:
     """The chart point (nv,) next to another that brings the tip to a placement, pinocchio.SE3 [m, world].
 
@@ -153,7 +141,7 @@ def bring_tip(
     unlimited = np.full(group.nv, np.inf)
     lower, upper = (group.lower, group.upper) if limited else (-unlimited, unlimited)
     z = z.copy()
-    for _ in range(STRAIGHT.steps):
+    for _ in range(STEPS):
         q = group.expand_from_chart(z)
         placed = kinematics.frame_placement(q, group.tip_id)
         error = np.concatenate([target.translation - placed.translation, pin.log3(target.rotation @ placed.rotation.T)])
@@ -169,7 +157,7 @@ def _step(z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndar
     for _ in range(len(z)):
         step = np.zeros(len(z))
         U, sizes, V = np.linalg.svd(jacobian[:, free], full_matrices=False)
-        damping = STRAIGHT.damping * float(sizes[0]) if len(sizes) else 0.0
+        damping = DAMPING * float(sizes[0]) if len(sizes) else 0.0
         step[free] = V.T @ (sizes / np.maximum(sizes**2 + damping**2, 1e-300) * (U.T @ error))
         pushed = free & ((z + step > upper) & (z >= upper) | (z + step < lower) & (z <= lower))
         if not pushed.any():
@@ -179,10 +167,10 @@ def _step(z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndar
 
 
 def _find_cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple[str, str, dict[str, Any]]:
-    places = [way.at(stop.share + part * (stop.unreached - stop.share)) for part in STRAIGHT.ahead]
+    places = [way.at(stop.share + part * (stop.unreached - stop.share)) for part in AHEAD]
     for place in places:
         beyond = bring_tip(problem, stop.z, place, limited=False)
-        if beyond is None or np.abs(beyond - stop.z).max() > STRAIGHT.jump:
+        if beyond is None or np.abs(beyond - stop.z).max() > JUMP:
             continue
         if (found := _find_limit(problem, beyond)) is not None:
             joint, limit, lower, upper, unit = found
