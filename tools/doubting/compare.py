@@ -379,11 +379,16 @@ def _inner(judge: Judge, curve: Curve, sampled: Sampled, said: float) -> list[Di
 
 
 def _lengths(judge: Judge, curve: Curve) -> np.ndarray:
-    """The change of each coordinate that counts as much as 1 rad, shape (nv,) [rad or m]."""
+    """The change of each coordinate that counts as much as 1 rad, shape (nv,) [rad or m].
+
+    Small robots drive and fly as far as others; their joints slide less.
+    """
     model, lengths = judge.subject.formula.model, np.ones(curve.points.shape[1])
     for part in curve.parts:
-        slides = {1: model.joints[model.getJointId(part.name)].shortname().startswith("JointModelP"), 3: 2, 7: 3}
-        lengths[part.at.start : part.at.start + slides.get(part.width, 0)] = judge.subject.length
+        if part.width == 1 and model.joints[model.getJointId(part.name)].shortname().startswith("JointModelP"):
+            lengths[part.at.start] = judge.subject.length
+        base = {3: 2, 7: 3}.get(part.width, 0)
+        lengths[part.at.start : part.at.start + base] = max(judge.subject.length, 1.0)
     return lengths
 
 

@@ -72,7 +72,8 @@ class ClearanceFigures(Reply):
     Attributes:
         minimum: The smallest [m].
         mean: Over the motion, sampled [m].
-        inner: The smallest without 0.3 rad, or 0.3 m times the size of the robot, of the path at each end [m].
+        inner: The smallest without 0.3 rad, or 0.3 m times the size of the robot (of a base at least 1), of the path at
+            each end [m].
         ends: The smaller of those at start and goal [m].
         pair: Link and obstacle at the smallest distance.
         time: Time of the smallest distance [s].
