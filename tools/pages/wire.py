@@ -104,17 +104,6 @@ def delivery() -> str:
     return "\n".join("\n  ".join(_lines(f"- **{rule.name}**: {rule.rule}", 116)) for rule in DELIVERY)
 
 
-def messages() -> str:
-    """Every message that a key takes or gives."""
-    taken = {name for key in KEYS for name in key.takes}
-    given = {name for key in KEYS for name in key.gives} | {"ErrorReply"}
-    groups = (("requests", taken), ("replies", given - taken))
-    return "\n".join(
-        "\n  ".join(_lines(f"- **{title}**: {', '.join(f'`{name}`' for name in sorted(group))}", 116))
-        for title, group in groups
-    )
-
-
 def _lines(text: str, width: int) -> Iterator[str]:
     line = ""
     for word in text.split():
@@ -126,5 +115,5 @@ def _lines(text: str, width: int) -> Iterator[str]:
     yield line
 
 
-PARTS = {"keys": keys, "codes": codes, "limits": limits, "delivery": delivery, "messages": messages}
+PARTS = {"keys": keys, "codes": codes, "limits": limits, "delivery": delivery}
 """The parts of the page that are made here, by their names on it."""

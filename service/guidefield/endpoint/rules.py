@@ -38,11 +38,11 @@ def limits_told(
         _limit("queue_of_client", waiting.tasks_of_client, "requests", "of one client; more: SERVER_BUSY"),
         _limit("queue_size", waiting.bytes, "bytes", "waiting requests together; more: SERVER_BUSY"),
         _limit("queue_size_of_client", waiting.bytes_of_client, "bytes", "those of one client; more: SERVER_BUSY"),
-        _limit("memory", memory, "bytes", "one worker; beyond it the worker ends and its request is CRASH"),
+        _limit("memory", memory, "bytes", "one worker; beyond it its request is CRASH"),
         _limit("kept_runs", retention.runs, "runs", "kept; the oldest go first"),
         _limit("kept_size", retention.bytes, "bytes", "kept runs together; the oldest go first"),
         _limit("streams", streams, "streams", "open at once; more: SERVER_BUSY"),
-        _limit("ending", grace, "s", "for work under way at the end; plans then end with the best by then"),
+        _limit("ending", grace, "s", "for work under way at the end; plans then end early"),
     )
     return (*_OF_PAYLOADS, *_OF_TIME, *own, *_OF_STREAMS, *_OF_ANSWERS, *_OF_STORES)
 
@@ -54,7 +54,7 @@ def _limit(name: str, value: float, unit: str, what: str) -> LimitInfo:
 _OF_PAYLOADS = (
     _limit("payload", codec.MAX_REQUEST_BYTES, "bytes", "one query; more: REQUEST_TOO_LARGE"),
     _limit("message", LONGEST_MESSAGE, "bytes", "one message; Zenoh drops a larger one without an answer"),
-    _limit("quantity", LARGEST, "SI units", "any number in either direction; more, NaN and infinities are refused"),
+    _limit("quantity", LARGEST, "SI units", "any number; more, NaN and infinities are refused"),
     _limit("urdf", MAX_URDF_CHARACTERS, "characters", "a URDF or SRDF"),
     _limit("mesh_files", MAX_MESHES, "files", "sent with a robot"),
     _limit("mesh_file", MAX_MESH_BYTES, "bytes", "one of them"),
@@ -65,10 +65,10 @@ _OF_PAYLOADS = (
 _OF_TIME = (
     _limit("kinematics_default", DEFAULT_TIME, "s", "for a kinematics request without `allowed_time`"),
     _limit("longest_time", LONGEST_TIME, "s", "that a request may allow itself"),
-    _limit("storing", STORE_TIME_LIMIT, "s", "for storing or describing a robot or scene, and for the list of robots"),
-    _limit("late", LATE, "s", "between a request's time and its answer, at most, where a robot is still being loaded"),
+    _limit("storing", STORE_TIME_LIMIT, "s", "to store or describe robots and scenes"),
+    _limit("late", LATE, "s", "of an answer after its time, at most, while a robot is loaded"),
     _limit("late_share", LATE_SHARE, "of the time allowed", "in addition"),
-    _limit("backstop", BACKSTOP, "s", "between a request's time and the end of a worker that is still at it (CRASH)"),
+    _limit("backstop", BACKSTOP, "s", "after its request's time a worker is ended (CRASH)"),
     _limit("cancel_remembered", REMEMBERED, "s", "that a cancel is remembered if it precedes its request"),
     _limit("cancels_remembered", MOST_REMEMBERED, "cancels", "remembered; the oldest go first"),
     _limit("client_gone", GRACE, "s", "without a client's token before its requests end"),
@@ -77,7 +77,7 @@ _OF_TIME = (
 _OF_STREAMS = (
     _limit("stream_silence", SILENCE, "s", "without an update before a stream ends"),
     _limit("stream_opening", OPENED_WITHIN, "s", "for opening a stream"),
-    _limit("stream_stuck", STUCK, "s", "for a stream's process to take what was sent; then it is ended"),
+    _limit("stream_stuck", STUCK, "s", "for a stream's process to take a message; then it ends"),
     _limit("stream_update", MOST_UPDATE_BYTES, "bytes", "one update; a larger one is refused on `state`"),
     _limit("stream_waiting", MOST_WAITING, "updates", "waiting for one stream; more are refused on `state`"),
     _limit("stream_obstacles", MOST_OBSTACLES, "obstacles", "known to one stream, without those that are gone"),
@@ -112,11 +112,10 @@ DELIVERY = (
     ),
     DeliveryRule(
         name="order",
-        rule="Answers come in no order. A free worker goes to the user with the fewest workers, of equal users to the"
-        " one with the least recent processor time. The clients of a user take turns; the requests of a client are"
-        " started in order. If the queue is full, the last request of the user with the most is SERVER_BUSY. One more"
-        f" worker serves users that have waited {HELD_UP:g} s without one. After {TRIAL:g} s its request gives way to"
-        " another such user's and starts anew; each time, the wait until it displaces another one doubles.",
+        rule="Answers come in no order. A free worker goes to the user with the fewest workers, then to the one with"
+        " the least recent processor time; the clients of a user take turns. If the queue is full, the last request of"
+        f" the user with the most is SERVER_BUSY. One more worker serves users that have waited {HELD_UP:g} s without"
+        f" one; after {TRIAL:g} s, each time doubled, its request gives way to another such user's and starts anew.",
     ),
     DeliveryRule(
         name="time",
@@ -144,9 +143,8 @@ DELIVERY = (
     ),
     DeliveryRule(
         name="streams",
-        rule="An update is put, and answered once, on `pieces` or `state`. Of several waiting updates all observations"
-        " count and only the newest is answered. A client that doesn't read loses what is published. An update for a"
-        " stream that isn't open has no effect.",
+        rule="An update is put, and answered once, on `pieces` or `state`. Of waiting updates all observations count"
+        " and only the newest is answered. A client that doesn't read loses what is published.",
     ),
     DeliveryRule(
         name="slow reader",
