@@ -11,21 +11,21 @@ import sys
 from pathlib import Path
 
 import guidefield
+from guidefield.cli import documentation
 from guidefield.messages.schemas import describe_message, make_schemas
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "service" / "docs"
 PICTURES = ROOT / "tools" / "pictures" / "made"
 
-CHAPTERS = {
-    "Guide": ("quickstart", "robots", "scenes", "goals", "motions", "steps", "stream", "execution", "certify"),
-    "Service": ("service", "operation", "recordings", "client", "ros", "mcp", "platforms"),
-    "Proof": ("certificate", "referee"),
-    "Reference": ("wire", "messages", "api", "glossary"),
-    "Background": ("algorithm", "benchmarks", "comparison", "gallery"),
-    "Project": ("contributing", "changelog", "security"),
+MADE_PAGES = {"Reference": ("messages", "api"), "Background": ("gallery",)}
+"""Pages that are made here, by the chapter that they are in."""
+
+CHAPTERS = {chapter: (*names, *MADE_PAGES.get(chapter, ())) for chapter, names in documentation.CHAPTERS.items()} | {
+    "Project": ("contributing", "changelog", "security")
 }
 """Pages in a reader's order."""
+
 
 PROJECT_PAGES = {
     "index": "README.md",

@@ -15,15 +15,23 @@ from guidefield.errors import UnknownObject
 from guidefield.messages.faults import MAX_QUOTED_CHARACTERS, suggest
 from guidefield.messages.schemas import describe_message, make_schemas
 
+CHAPTERS = {
+    "Guide": ("quickstart", "robots", "scenes", "goals", "motions", "steps", "stream", "execution"),
+    "Service": ("service", "operation", "recordings", "client", "ros", "mcp", "platforms"),
+    "Proof": ("certify", "certificate", "referee"),
+    "Reference": ("wire", "glossary"),
+    "Background": ("algorithm", "benchmarks", "comparison"),
+}
+"""Subjects of the pages in a reader's order."""
+
 _PACKAGE = "guidefield.docs"
 
 _LESS_OPTIONS = "FRX"  # options of `less`, as git sets them: colours, and no paging of what fits on the screen
 
 
 def list_subjects() -> tuple[str, ...]:
-    """List the subjects of the pages, in alphabetical order."""
-    files = resources.files(_PACKAGE).iterdir()
-    return tuple(sorted(file.name.removesuffix(".md") for file in files if file.name.endswith(".md")))
+    """List the subjects of the pages, in a reader's order."""
+    return tuple(subject for subjects in CHAPTERS.values() for subject in subjects)
 
 
 def read_page(subject: str) -> str:
