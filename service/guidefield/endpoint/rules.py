@@ -113,9 +113,10 @@ DELIVERY = (
     DeliveryRule(
         name="order",
         rule="Answers come in no order. A free worker goes to the user with the fewest workers, then to the one with"
-        " the least recent processor time; the clients of a user take turns. If the queue is full, the last request of"
-        f" the user with the most is SERVER_BUSY. One more worker serves users that have waited {HELD_UP:g} s without"
-        f" one; after {TRIAL:g} s, each time doubled, its request gives way to another such user's and starts anew.",
+        " the least recent processor time; the clients of a user take turns, and the requests of a client start in"
+        " order. If the queue is full, the last request of the user with the most is SERVER_BUSY. One more worker"
+        f" serves users that have waited {HELD_UP:g} s without one; after {TRIAL:g} s, each time doubled, its request"
+        " gives way to another such user's and starts anew.",
     ),
     DeliveryRule(
         name="time",
