@@ -13,8 +13,11 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.planner.guide.guide import ATTEMPTS
+from guidefield.planner.held_paths import find_quick_paths
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import Ending
 from tests.planner.guide.test_guide import plane_at
 from tests.planner.problems import problem, scene_of, seed_problem
 
@@ -123,6 +126,19 @@ def test_a_plane_is_the_goal_where_nothing_comes_to_the_robot_any_more() -> None
     for now in np.arange(found.trajectory.times[-1], 3.1, 0.02).tolist():
         q = made.group.from_chart(found.trajectory.positions[-1])
         assert not contacts_at(made.at(now).world, q), now
+
+
+def test_planes_that_are_barred_at_a_time_are_tried_once_and_not_wherever_things_are_until_later() -> None:
+    made, asked = seed_problem("door"), []
+
+    def through(among: Problem, found: PathSoFar, _: bool) -> tuple[PathSoFar, None]:
+        asked.append(len(among.scene.obstacles))
+        return found.with_failure(Ending(Status.STUCK_IN_MINIMUM, "barred", {})), None
+
+    assert not list(find_quick_paths(made, through))
+    alone = len(made.scene.obstacles) - 1
+    # until 2 s, at two of the moments that are looked at, the door is where it is at first
+    assert asked == [alone, alone + 1, alone + 1, alone + 1]
 
 
 def closing(until: float) -> Problem:

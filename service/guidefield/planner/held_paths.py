@@ -148,18 +148,27 @@ goals (m, nv) after them, None where the last plane is the goal."""
 
 
 def find_quick_paths(problem: Problem, through: Through) -> Iterator[HeldPath]:
-    """Ways that a few motions find, one after the other, through the guide planes to goals."""
+    """Ways that a few motions find, one after the other, through the guide planes to goals.
+
+    Obstacles that bar the planes where they are at a time do so wherever they are until later.
+    """
     crossed: dict[Problem, tuple[PathSoFar, ChartPoints | None]] = {}
-    for draw, (name, among, at_rest) in enumerate(_holdings(problem)):
+    barred = np.inf
+    for draw, holding in enumerate(_hold_obstacles(problem)):
+        among = holding.among
         if problem.deadline.expired():
             return
+        if holding.swept and barred <= holding.time:
+            continue
         if among.lanes.touching(problem.z_start[None], problem.min_clearance)[0]:
             continue
         rng = np.random.default_rng([problem.seed, 5, draw])
         if among not in crossed:
             crossed[among] = through(among, PathSoFar.at_start(among), False)
+            if crossed[among][0].failure is not None:
+                barred = min(barred, holding.time)
         if (found := _reach_goal(among, *crossed[among], rng)) is not None:
-            yield HeldPath(name, among, found, at_rest)
+            yield HeldPath(holding.name, among, found, holding.at_rest)
 
 
 def _go_on(among: Problem, found: PathSoFar, through: Through, rng: np.random.Generator) -> PathSoFar | None:
@@ -211,22 +220,39 @@ def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:
     return free
 
 
-def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:
-    """The problem among obstacles that are held in some ways: in words, and whether where they come to rest."""
+@dataclass(frozen=True, eq=False)
+class _Holding(ReadOnly):
+    """Obstacles that move, held at rest."""
+
+    name: str  # in words
+    among: Problem  # among them
+    time: float = np.inf  # when they are there [s]; infinite: they aren't there at all
+    swept: bool = False  # whether they are wherever they are until then
+    at_rest: bool = False  # whether they are where they come to rest
+
+
+def _hold_obstacles(problem: Problem) -> Iterator[_Holding]:
     end, alone = problem.scene.end, _among(problem, {})
-    yield "among what rests", alone, False
-    resting = problem.at(end)
-    yield "where they come to rest", resting, True
+    moving = {index: one.motion for index, one in enumerate(problem.scene.obstacles) if one.motion is not None}
+    known: dict[bytes, Problem] = {}
+
+    def hold(time: float) -> Problem:
+        """Those that stay where they are are held once."""
+        places = b"".join(motion.at(time).homogeneous.tobytes() for motion in moving.values())
+        if places not in known:
+            known[places] = problem.at(time)
+        return known[places]
+
+    yield _Holding("among what rests", alone)
+    yield _Holding("where they come to rest", hold(end), end, at_rest=True)
     for share in WAYS.moments:
-        yield f"where they are at {problem.began + share * end:.2f} s", problem.at(share * end), False
+        yield _Holding(f"where they are at {problem.began + share * end:.2f} s", hold(share * end), share * end)
     times = (np.arange(WAYS.swept) + 0.5) / WAYS.swept
-    moving = [index for index, one in enumerate(problem.scene.obstacles) if one.motion is not None]
     for until in (0.5 * end, end):
-        moments = (until * times).tolist()
-        name = f"wherever they are until {problem.began + until:.2f} s"
-        yield name, _among(problem, dict.fromkeys(moving, moments)), False
+        among = _among(problem, dict.fromkeys(moving, (until * times).tolist()))
+        yield _Holding(f"wherever they are until {problem.began + until:.2f} s", among, until, swept=True)
     for _ in range(WAYS.draws - 1):
-        yield "among what rests, again", alone, False
+        yield _Holding("among what rests, again", alone)
 
 
 def without_movers(problem: Problem) -> Problem:
