@@ -6,14 +6,13 @@ import logging
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from guidefield.geometry import cache
-from guidefield.geometry.cache import folder, recall, remembered
+from guidefield.geometry.cache import folder, remembered
 
 SOURCES = Path(cache.__file__).parents[1]
 INPUTS = {"points": np.arange(12.0).reshape(4, 3), "delta": np.array(0.015)}
@@ -65,17 +64,6 @@ def test_it_is_computed_once(tmp_path: Path) -> None:
     assert make.times == 1
     assert [path.name.split("-")[0] for path in entries()] == ["cover"]
     assert entries()[0].is_relative_to(tmp_path / "guidefield" / "geometry")
-
-
-def test_what_is_not_there_is_not_computed_to_recall_it() -> None:
-    make = Counted()
-    assert recall("cover", INPUTS, make) is None
-    assert make.times == 0
-    remembered("cover", INPUTS, make)
-    found = recall("cover", INPUTS, make)
-    assert found is not None
-    check(found)
-    assert make.times == 1
 
 
 def test_other_inputs_are_another_entry(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,12 +119,6 @@ def _fingerprint() -> str:
     return cache._sources("guidefield.robot.bodies.sphere_cover")
 
 
-def test_real_sources_lead_to_the_kernels() -> None:
-    needed = cache._imports("guidefield.geometry.cover")
-    assert {"guidefield.geometry.elements", "guidefield.kernels.cover.ball_cover"} <= needed
-    assert all(cache._source(name) is not None for name in needed)
-
-
 @pytest.mark.parametrize(
     "damage",
     [
@@ -160,18 +142,6 @@ def test_a_damaged_entry_is_computed_again(damage, caplog: pytest.LogCaptureFixt
     assert make.times == 2
 
 
-def test_an_entry_of_another_kind_of_thing_is_computed_again(caplog: pytest.LogCaptureFixture) -> None:
-    make = Counted()
-    remembered("cover", INPUTS, make)
-    (path,) = entries()
-    for other in (np.zeros(9), np.zeros((), [("checksum", "u1", 16)]), np.array([{}], object)):
-        with path.open("wb") as file:
-            np.save(file, other, allow_pickle=True)
-        check(remembered("cover", INPUTS, make))
-    assert make.times == 4
-    assert caplog.text.count("is damaged and is computed again") == 3
-
-
 def test_without_a_disk_it_is_computed_each_time(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "guidefield").write_text("a file where the folder should be")
     make = Counted()
@@ -179,12 +149,6 @@ def test_without_a_disk_it_is_computed_each_time(tmp_path: Path, caplog: pytest.
     check(remembered("cover", INPUTS, make))
     assert make.times == 2
     assert "cannot" in caplog.text
-
-
-def test_a_relative_folder_is_ignored(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", "here")
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert folder() == tmp_path / "home" / ".cache" / "guidefield" / "geometry"
 
 
 def test_what_was_unused_for_longest_goes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -200,27 +164,6 @@ def test_what_was_unused_for_longest_goes(monkeypatch: pytest.MonkeyPatch) -> No
     assert "k4" in names
     assert "k1" not in names
     assert sum(path.stat().st_size for path in entries()) <= 20_000
-
-
-def test_drafts_left_behind_are_removed_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    remembered("cover", INPUTS, Counted())
-    monkeypatch.setattr(cache, "LOOK_SHARE", 0.0)
-    old, new = folder() / ".old", folder() / ".new"
-    for path in (old, new):
-        path.write_bytes(b"half of")
-    os.utime(old, (time.time() - 2 * cache.STALE,) * 2)
-    remembered("inner", INPUTS, Counted())
-    assert not old.exists()
-    assert new.exists()
-
-
-def test_a_computation_that_fails_leaves_nothing() -> None:
-    def fail() -> dict[str, np.ndarray]:
-        raise RuntimeError("no")
-
-    with pytest.raises(RuntimeError, match="no"):
-        remembered("cover", INPUTS, fail)
-    assert not folder().exists()
 
 
 WORKER = """
@@ -259,21 +202,3 @@ def test_what_a_source_names_is_what_python_reads_of_it() -> None:
             elif isinstance(node, ast.Import):
                 read.update(alias.name for alias in node.names)
         assert {name for name in read if name.startswith(cache._COMPUTING)} == cache._find_named(source), path
-
-
-def test_imports_are_found_however_they_are_written() -> None:
-    source = """
-import guidefield.kernels.one, guidefield.kernels.two as other
-if True:
-    from guidefield.geometry.three import (  # the first (of several)
-        four as renamed,  # five)
-        six,
-    )
-from guidefield.scene import seven as eight, nine  # ten
-from guidefield.robot.model import never
-"""
-    assert cache._find_named(source) == {
-        *("guidefield.kernels.one", "guidefield.kernels.two", "guidefield.geometry.three"),
-        *("guidefield.geometry.three.four", "guidefield.geometry.three.six"),
-        *("guidefield.scene.seven", "guidefield.scene.nine"),
-    }

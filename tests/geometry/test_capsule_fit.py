@@ -3,7 +3,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
@@ -52,42 +51,6 @@ def test_a_capsule_is_found_again(start: np.ndarray, axis: np.ndarray, radius: f
     # Where it is short, a slanted one can beat it: its points are few.
     assert capsule.volume <= 1.001 * exact
     assert capsule.volume >= 0.9 * exact
-
-
-def test_a_box_gets_a_capsule_along_its_longest_edge() -> None:
-    box = surfaces.box((0.1, 0.2, 1.0))
-    capsule = fit_capsule(box.vertices)
-    assert outside(capsule, box.vertices) <= 0.0
-    circumscribed = 0.5 * math.hypot(0.1, 0.2)
-    assert capsule.volume <= math.pi * circumscribed**2 * (1.0 + 4.0 / 3.0 * circumscribed) * (1.0 + 1e-9)
-    along = (capsule.p1 - capsule.p0) / np.linalg.norm(capsule.p1 - capsule.p0)
-    assert abs(along[2]) > 0.95
-
-
-def test_a_cube_gets_about_its_ball() -> None:
-    capsule = fit_capsule(surfaces.box((1.0, 1.0, 1.0)).vertices)
-    assert capsule.volume < 1.02 * 4.0 / 3.0 * math.pi * 0.75**1.5
-
-
-@pytest.mark.parametrize("points", [[[1.0, 2.0, 3.0]], [[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [1, 1, 1], [3, 3, 3]]])
-def test_points_and_lines_get_thin_capsules(points: list[list[float]]) -> None:
-    capsule = fit_capsule(np.array(points, dtype=float))
-    assert outside(capsule, np.array(points)) <= 0.0
-    assert capsule.radius < 1e-13
-
-
-def test_the_same_points_in_another_order_give_the_same_capsule() -> None:
-    points = np.random.default_rng(5).normal(size=(30, 3))
-    first, second = fit_capsule(points), fit_capsule(points[::-1])
-    assert (first.p0 == second.p0).all()
-    assert (first.p1 == second.p1).all()
-    assert first.radius == second.radius
-
-
-@pytest.mark.parametrize("points", [np.zeros((0, 3)), np.array([[0.0, np.inf, 0.0]])])
-def test_what_has_no_capsule_is_refused(points: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="point"):
-        fit_capsule(points)
 
 
 @laws

@@ -8,7 +8,6 @@ import pytest
 from guidefield.geometry.charged import field_tables
 from guidefield.kernels.field.field import field_at_points
 from guidefield.scene.cloud import cloud_rows, leak_limit
-from tests.kernels.evaluation import gradient_by_differences
 
 SPACING = 0.02
 GRID = np.arange(-100, 101) * SPACING
@@ -30,19 +29,3 @@ def test_no_way_leads_through_a_hole_below_the_limit() -> None:
     potentials = field_at_points(TABLES, middle).potential
     assert potentials[50] == pytest.approx(16.5 / SPACING, rel=0.03)
     assert potentials.max() > 1.9 * leak_limit(SPACING)
-
-
-def test_gradient_is_the_derivative_and_charges_count() -> None:
-    rows = cloud_rows(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), 0.1, 3.0)
-    point = np.array([0.05, 0.2, 0.1])
-    at = field_at_points(field_tables(cloud=rows), point[None])
-    assert gradient_by_differences(point, 1e-3, cloud=rows) == pytest.approx(at.gradient[0], rel=1e-8)
-    expected = sum(3.0 * 0.01 * (np.sum((point - row[:3]) ** 2) + 1e-4) ** -1.5 for row in rows)
-    assert at.potential[0] == pytest.approx(expected, rel=1e-13)
-    assert leak_limit(0.1, 3.0) == pytest.approx(3.0 * leak_limit(0.1))
-    assert np.isfinite(field_at_points(field_tables(cloud=rows), rows[:, :3]).gradient).all()
-
-
-def test_a_spacing_is_needed() -> None:
-    with pytest.raises(ValueError, match="spacing"):
-        cloud_rows(np.zeros((1, 3)), 0.0)

@@ -4,35 +4,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.closed import closing_lids, compact, find_connected, volume
-from guidefield.geometry.surfaces import Surface
-from tests.geometry import solids
-from tests.geometry.measures import is_closed
-
-
-def test_vertices_at_the_same_place_become_one() -> None:
-    vertices, triangles = solids.box((1.0, 2.0, 3.0))
-    soup = vertices[triangles].reshape(-1, 3)
-    soup[0] += 0.0 * soup[0] - 0.0
-    merged, corners, given = compact(soup, np.arange(len(soup)).reshape(-1, 3))
-    assert len(merged) == 8
-    assert is_closed(Surface(merged, corners))
-    assert (given == np.arange(12)).all()
-    assert (merged[corners] == vertices[triangles]).all()
-
-
-def test_what_has_a_vertex_twice_is_left_out() -> None:
-    vertices, triangles = solids.box((1.0, 1.0, 1.0))
-    with_slits = np.vstack([[[0, 0, 1]], triangles, [[3, 3, 3]]])
-    merged, corners, given = compact(np.vstack([vertices, [[9, 9, 9]]]), with_slits)
-    assert (given == np.arange(1, 13)).all()
-    assert (merged[corners] == vertices[triangles]).all()
-    assert merged.max() < 1.0  # the vertex that no triangle uses is gone
-
-
-def test_vertices_must_be_finite() -> None:
-    with pytest.raises(ValueError, match="finite"):
-        compact(np.array([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]), np.array([[0, 1, 2]]))
+from guidefield.geometry.closed import closing_lids, compact
 
 
 @pytest.mark.parametrize("missing", [1, 2, 5, 40, 300])
@@ -51,17 +23,6 @@ def test_lids_close_whatever_is_missing(missing: int, seed: int) -> None:
     assert extent >= 0.1
 
 
-def test_a_closed_surface_needs_none_and_a_gap_has_its_extent() -> None:
-    vertices, triangles = solids.box((1.0, 2.0, 3.0))
-    lids, extent = closing_lids(vertices, triangles)
-    assert len(lids) == 0
-    assert extent == 0.0
-    lids, extent = closing_lids(vertices, triangles[2:])  # without the face at -x
-    assert len(lids) == 2
-    assert extent == pytest.approx(np.hypot(2.0, 3.0))
-    assert volume(vertices, np.vstack([triangles[2:], lids])) == pytest.approx(6.0)
-
-
 def test_a_crack_between_halves_of_an_edge_is_closed() -> None:
     # One side knows a vertex in the middle of an edge, the other doesn't: the lid is a sliver.
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0]], float)
@@ -69,15 +30,6 @@ def test_a_crack_between_halves_of_an_edge_is_closed() -> None:
     lids, extent = closing_lids(vertices, triangles)
     assert {frozenset(lid) for lid in lids.tolist()} == {frozenset((1, 2, 4))}
     assert extent == pytest.approx(np.sqrt(2.0))
-
-
-def test_pieces_are_told_apart() -> None:
-    vertices, triangles = solids.together(solids.torus(), solids.box((1, 1, 1)), solids.channel())
-    labels = find_connected(len(vertices), triangles)
-    counts = [len(solids.torus()[0]), 8, len(solids.channel()[0])]
-    assert labels.tolist() == [
-        first for first, n in zip(np.cumsum([0, *counts]), counts, strict=False) for _ in range(n)
-    ]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -12,7 +12,7 @@ from guidefield.geometry.cover import cover
 from guidefield.geometry.decomposition import decompose
 from guidefield.geometry.inner import inner_balls
 from guidefield.geometry.solid import Solid, solid
-from guidefield.geometry.solid_cache import CELL, FINE, WORTH, coarse_solid
+from guidefield.geometry.solid_cache import CELL, WORTH, coarse_solid
 from tests.geometry import solids
 
 BODIES = {
@@ -90,18 +90,3 @@ def test_convex_parts_contain_the_mesh_and_stand_off_as_far_as_said(name: str) -
         beyond = solids.on_surface((part.hull.vertices, part.hull.triangles), 400, rng)
         assert -fine.depths(beyond).min() <= part.stand_off
     assert np.min(heights, axis=0).max() <= 1e-9
-
-
-def test_a_mesh_that_is_not_fine_or_has_a_gap_is_left_as_it_is() -> None:
-    vertices, triangles = BODIES["ball"]
-    assert coarse_solid(vertices, triangles[1:]) is None
-    assert coarse_solid(20.0 * vertices, triangles) is None, "there is nothing to merge"
-    few = solids.torus(0.02, 0.006, around=20, across=10)
-    assert len(few[1]) < FINE
-    assert coarse_solid(*few) is None
-
-
-def test_an_overhang_of_a_few_reaches_is_refused() -> None:
-    _, body = coarse("ring")
-    with pytest.raises(ValueError, match="too little"):
-        cover(body, 4.0 * body.reach)

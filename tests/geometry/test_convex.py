@@ -5,7 +5,6 @@ import pytest
 import scipy.spatial
 from hypothesis import given, settings, strategies as st
 
-from guidefield.geometry import surfaces
 from guidefield.geometry.convex import convex_hull
 from tests.geometry.measures import is_closed, volume
 from tests.oracles import EPS
@@ -78,43 +77,3 @@ def test_no_point_is_outside_the_hull_of_points_that_are_close_to_each_other(apa
         areas = np.linalg.norm(normals, axis=1)
         normals, a = normals[areas > 1e-14] / areas[areas > 1e-14, None], a[areas > 1e-14]
         assert (points @ normals.T - np.einsum("ni,ni->n", normals, a)).max() < 2e-8
-
-
-def test_known_hulls() -> None:
-    box = surfaces.box((1.0, 2.0, 3.0))
-    grid = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 5)] * 3), axis=-1).reshape(-1, 3) * [1.0, 2.0, 3.0]
-    for points in (box.vertices, grid, np.repeat(box.vertices, 3, axis=0)):
-        hull = convex_hull(points)
-        assert (len(hull.vertices), len(hull.triangles)) == (8, 12)
-        assert volume(hull) == pytest.approx(6.0)
-    prism = surfaces.cylinder(1.0, 1e-9)
-    assert volume(convex_hull(prism.vertices)) == pytest.approx(volume(prism))
-    ball = surfaces.sphere(1.0)
-    hull = convex_hull(ball.vertices)
-    assert len(hull.vertices) == len(ball.vertices)
-    assert volume(hull) == pytest.approx(volume(ball))
-
-
-@pytest.mark.parametrize(
-    "points",
-    [
-        np.zeros((0, 3)),
-        np.zeros((9, 3)),
-        np.eye(3),
-        np.array([[x, y, 0.3] for x in (0, 1, 2) for y in (0, 1, 2)]),
-        np.outer(np.arange(9.0), [1.0, 2.0, 3.0]),
-        np.array([[np.nan, 0.0, 0.0]] * 5),
-        np.zeros((4, 2)),
-    ],
-    ids=["none", "one", "three", "plane", "line", "nan", "flat array"],
-)
-def test_points_without_a_body_are_refused(points: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="points"):
-        convex_hull(points)
-
-
-def test_a_vertex_with_too_many_neighbours_is_refused() -> None:
-    angles = 2.0 * np.pi * np.arange(300) / 300
-    rim = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(300)])
-    with pytest.raises(ValueError, match="neighbors"):
-        convex_hull(np.vstack([rim, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]))

@@ -82,35 +82,6 @@ def test_levels_above_contain_what_is_below(name: str) -> None:
     assert (np.linalg.norm(mesh[0][mesh[1]] - balls.bound[:3], axis=2) <= balls.bound[3]).all()
 
 
-def test_less_overhang_takes_more_balls() -> None:
-    body = solid(*solids.torus())
-    counts = [len(cover(body, delta).spheres) for delta in (0.03, 0.015, 0.007)]
-    assert counts == sorted(set(counts))
-    # a row around the ring, as wide as the ring and as much more as is allowed, chosen greedily
-    assert counts[1] <= 17
-
-
-def test_a_ball_needs_hardly_more_than_one() -> None:
-    body = solid(*surfaces.sphere(0.1, 3))
-    found = cover(body, 0.01)
-    assert len(found.spheres) == 1
-    assert found.spheres[0, 3] < 0.103
-
-
-def test_the_same_body_gives_the_same_balls() -> None:
-    mesh, delta = BODIES["channel"]
-    first, second = (cover(solid(*mesh), delta) for _ in range(2))
-    for name in ("spheres", "overhangs", "groups", "first", "bound"):
-        assert (getattr(first, name) == getattr(second, name)).all()
-        assert not getattr(first, name).flags.writeable
-
-
-@pytest.mark.parametrize("delta", [0.0, -0.01, np.nan, np.inf])
-def test_delta_must_be_positive(delta: float) -> None:
-    with pytest.raises(ValueError, match="delta"):
-        cover(solid(*solids.channel()), delta)
-
-
 def test_what_takes_too_many_balls_is_refused() -> None:
     with pytest.raises(ValueError, match="too many balls"):
         cover(solid(*solids.box((10.0, 10.0, 10.0))), 0.001)

@@ -10,7 +10,7 @@ from guidefield.geometry.crossings import crossings
 from guidefield.geometry.mesh_surface import crossing_warnings, join_mesh
 from guidefield.scene.obstacle import build
 from tests.kernels.evaluation import rigid_motions
-from tests.scene.solids import box_mesh, klein_bottle, l_prism, mesh_message, moebius, room
+from tests.scene.solids import box_mesh, l_prism, mesh_message, moebius, room
 
 
 def two_cubes(shift, size=1.0):
@@ -50,19 +50,6 @@ def test_random_faces_cross_where_edges_go_through_wherever_they_stand(seed, mot
     assert {tuple(sorted(pair)) for pair in order[shuffled].tolist()} == expected
 
 
-def test_a_cube_through_a_cube():
-    vertices, triangles = two_cubes([0.3, 0.4, 0.45])
-    pairs = crossings(vertices, triangles).pairs
-    assert len(pairs)
-    assert ((pairs[:, 0] < 12) & (pairs[:, 1] >= 12)).all()
-    assert all(crosses_by_edges(vertices[triangles[i]], vertices[triangles[j]]) for i, j in pairs)
-
-
-@pytest.mark.parametrize("shift", [[1, 0, 0], [1, 0.3, 0.2], [1, 1, 0], [1, 1, 1], [1.5, 0, 0]])
-def test_cubes_that_touch_do_not_cross(shift):
-    assert crossing_warnings(join_mesh(*two_cubes(shift))) == ()
-
-
 def test_a_sheet_through_itself_names_its_faces_as_they_were_sent():
     vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.3, -1], [0.4, 0.5, 1]], float)
     triangles = np.array([[0, 0, 1], [0, 1, 2], [1, 1, 2], [0, 3, 4]])
@@ -89,10 +76,6 @@ def test_clean_meshes_do_not_cross(mesh):
     rotation = trimesh.transformations.random_rotation_matrix(np.array([0.2, 0.5, 0.7]))[:3, :3]
     assert crossing_warnings(join_mesh(vertices, triangles)) == ()
     assert crossing_warnings(join_mesh(1e-3 * vertices @ rotation.T + [5.0, -3.0, 1.0], triangles)) == ()
-
-
-def test_a_klein_bottle_goes_through_itself():
-    assert len(crossings(*klein_bottle()).pairs)
 
 
 @pytest.mark.parametrize("limit", ["SWEPT", "EXAMINED"])

@@ -7,7 +7,6 @@ import functools
 import numpy as np
 import pytest
 
-from guidefield.geometry.closed import volume
 from guidefield.geometry.decomposition import Decomposition, decompose
 from guidefield.geometry.solid import solid
 from tests.geometry import solids
@@ -97,47 +96,3 @@ def test_no_part_stands_off_by_more_than_said(name: str) -> None:
             beyond = np.maximum(np.linalg.norm(points, axis=1) - 0.06, 0.0)
         assert beyond.max() <= part.stand_off + 1e-9
     assert found.stand_off == max(part.stand_off for part in found.parts)
-
-
-def test_parts_of_a_dense_ring_contain_it_and_stand_off_as_far_as_said() -> None:
-    large, small = 0.1, 0.03
-    vertices, triangles = solids.torus(large, small, around=90, across=50)
-    found = decompose(solid(vertices, triangles), TIGHT, 12)
-    heights = []
-    for part in (found.hull, *found.parts):
-        planes = facets(part.hull.corners)
-        heights.append((vertices @ planes[:, :3].T - planes[:, 3]).max(axis=1))
-        x, y, z = solids.on_surface((part.hull.vertices, part.hull.triangles), 2000, np.random.default_rng(5)).T
-        outside = np.hypot(np.hypot(x, y) - large, z) - small  # of the ring itself; its facets are within it
-        assert outside.max() <= part.stand_off + 1e-9
-    assert heights[0].max() <= 1e-9
-    assert np.min(heights[1:], axis=0).max() <= 1e-9
-    assert found.hull.stand_off > 0.06
-    enclosed = [volume(part.hull.vertices, part.hull.triangles) for part in (found.hull, *found.parts)]
-    assert sum(enclosed[1:]) < enclosed[0]
-    assert len(found.hull.hull.vertices) < 300 < len(vertices) // 10
-
-
-def test_a_convex_body_is_one_part() -> None:
-    _, found = decomposed("box")
-    assert len(found.parts) == 1
-    assert found.stand_off <= 1e-4
-
-
-def test_a_channel_is_three_walls() -> None:
-    _, found = decomposed("channel")
-    assert 3 <= len(found.parts) <= 5
-    assert found.stand_off <= TIGHT
-    assert found.hull.stand_off >= 0.02
-
-
-def test_the_same_body_gives_the_same_parts() -> None:
-    first, second = (decompose(solid(*BODIES["channel"]), 0.01, 4) for _ in range(2))
-    assert len(first.parts) == len(second.parts) <= 4
-    for a, b in zip(first.parts, second.parts, strict=True):
-        assert (a.hull.vertices == b.hull.vertices).all()
-
-
-def test_what_is_flat_has_no_parts() -> None:
-    with pytest.raises(ValueError, match="flat"):
-        decompose(solid(np.eye(3), np.array([[0, 1, 2]])), TIGHT, 4)

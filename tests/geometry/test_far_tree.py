@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.far_tree import LEAST, with_far_trees
+from guidefield.geometry.far_tree import with_far_trees
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import exact
 from guidefield.messages import scene as messages
@@ -63,22 +63,6 @@ def test_the_field_is_that_of_all(kinds: tuple[str, ...]) -> None:
     np.testing.assert_array_equal(np.round(found.winding), np.round(direct.winding))
     assert len(far.links) > COUNT
     assert len(tables.links) < len(far.links)
-
-
-def test_one_thing_far_away_is_as_its_expansion() -> None:
-    """From three times the distance the error is a few ten-thousandths, the fourth power of a third less."""
-    points = np.array([[0.0, 0.0, -30.0], [5.0, 30.0, 0.0]])
-    for kind in ("box", "capsule", "polygon"):
-        tables = scene_of(kind).tables
-        direct, found = field_at_points(exact(tables), points), field_at_points(with_far_trees(tables), points)
-        np.testing.assert_allclose(found.potential, direct.potential, rtol=2e-4)
-
-
-def test_few_things_have_no_trees() -> None:
-    rng = np.random.default_rng(5)
-    few = [obstacle("box", k, rng) for k in range(LEAST - 1)]
-    tables = build(messages.Scene(name="few", obstacles=few)).tables
-    assert len(with_far_trees(tables).links) == len(tables.links) == 1
 
 
 def test_a_robots_potential_is_that_of_single_precision() -> None:

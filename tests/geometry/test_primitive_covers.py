@@ -103,30 +103,3 @@ def test_a_sphere_is_its_own_cover_and_nearly_its_own_inside() -> None:
     assert found.overhang < 1e-9
     assert inner[0] == pytest.approx([0, 0, 0, 0.07], abs=2e-6)
     assert inner[0, 3] < 0.07
-
-
-def test_known_counts() -> None:
-    assert len(cover_box((0.02, 0.015, 0.01), 0.015).spheres) == 1
-    # two balls about the halves of a bar: half diagonal less half width
-    bar = cover_box((0.04, 0.02, 0.02), 0.01)
-    assert len(bar.spheres) == 2
-    assert bar.overhang == pytest.approx((np.sqrt(3.0) - 1.0) * 0.01)
-    assert len(cover_capsule(0.05, 0.02, 0.01).spheres) == 1
-    assert len(cover_cylinder(0.02, 0.04, 0.02).spheres) == 1
-
-
-def test_inner_balls_fill_what_is_thick_and_leave_out_what_is_flat() -> None:
-    assert inner_box((0.1, 0.1, 0.1))[0, 3] == pytest.approx(0.05, rel=6e-2)
-    assert len(inner_box((0.2, 0.2, 0.001))) == 0
-    assert len(inner_cylinder(0.2, 0.001)) == 0
-    assert len(inner_capsule(0.05, 0.4)) == 8
-
-
-def test_what_takes_too_many_balls_is_refused() -> None:
-    for build in (cover_capsule, cover_cylinder):
-        with pytest.raises(ValueError, match="too many"):
-            build(0.01, 1e6, 0.01)
-    with pytest.raises(ValueError, match="too many"):
-        cover_box((10.0, 10.0, 10.0), 0.001)
-    with pytest.raises(ValueError, match="too many"):
-        cover_cylinder(10.0, 10.0, 0.001)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.solid import MOST_SOLIDS, solid
+from guidefield.geometry.solid import solid
 from tests.geometry import solids
 
 CLOSED = {
@@ -38,28 +38,6 @@ def test_where_solids_overlap_the_deeper_one_counts() -> None:
     assert body.depths(points) == pytest.approx(np.maximum(*signed), abs=1e-12)
 
 
-def test_a_piece_inside_out_in_nothing_is_a_solid() -> None:
-    mesh = solids.together(solids.box((0.2, 0.2, 0.2)), solids.turned(solids.box((0.1, 0.1, 0.1), (0.5, 0.0, 0.0))))
-    body = solid(*mesh)
-    assert len(body.spans) == 2
-    assert body.depths(np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.3, 0.0, 0.0]])) == pytest.approx(
-        [0.1, 0.05, -0.15]
-    )
-
-
-def test_each_of_many_hollows_is_that_of_the_smallest_solid_around_it() -> None:
-    meshes = [solids.box((9.0, 9.0, 1.0), (1.5, 1.5, 0.0)), solids.turned(solids.box((8.0, 8.0, 0.8), (1.5, 1.5, 0.0)))]
-    places = [(0.3 * i, 0.3 * j, 0.0) for i in range(10) for j in range(10)]
-    for place in places:
-        meshes += [solids.box((0.2, 0.2, 0.2), place), solids.turned(solids.box((0.1, 0.1, 0.1), place))]
-    body = solid(*solids.together(*meshes))
-    assert len(body.spans) == MOST_SOLIDS, "small ones beyond count as one"
-    middles = np.array(places)
-    assert body.depths(middles) == pytest.approx(-0.05)
-    assert body.depths(middles + np.array([0.0, 0.0, 0.075])) == pytest.approx(0.025)
-    assert body.depths(middles + np.array([0.0, 0.0, 0.45])) == pytest.approx(0.05)
-
-
 def test_a_crack_is_closed_if_it_may_be() -> None:
     mesh = solids.cracked()
     centre = np.zeros((1, 3))
@@ -79,18 +57,6 @@ def test_an_open_surface_has_no_inside() -> None:
     assert not body.closed
     points = solids.in_box_of(mesh, 300, np.random.default_rng(0))
     assert body.depths(points) == pytest.approx(-solids.distance(points, mesh), abs=1e-12)
-
-
-def test_slivers_and_doubles_do_not_matter() -> None:
-    vertices, triangles = solids.box((0.1, 0.2, 0.3))
-    middle = 0.5 * (vertices[triangles[0, 0]] + vertices[triangles[0, 1]])
-    a, b, c = triangles[0]
-    # a triangle cut in two at the middle of an edge, and the sliver that this leaves to its neighbour
-    cut = np.vstack([[[a, 8, c], [8, b, c], [a, b, 8]], triangles[1:]])
-    body = solid(np.vstack([vertices, [middle]]), cut)
-    assert body.closed
-    assert body.depths(np.zeros((1, 3)))[0] == pytest.approx(0.05)
-    assert body.area == pytest.approx(2 * (0.02 + 0.06 + 0.03))
 
 
 @pytest.mark.parametrize(

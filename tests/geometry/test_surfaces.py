@@ -72,16 +72,6 @@ def test_capsule_has_its_vertices_on_the_capsule(radius: float, length: float) -
     assert 0.95 * exact < volume(capsule) < exact
 
 
-@pytest.mark.parametrize("subdivisions", [0, 1, 2, 3])
-def test_sphere_has_its_vertices_on_the_sphere(subdivisions: int) -> None:
-    ball = surfaces.sphere(0.7, subdivisions)
-    assert len(ball.triangles) == 20 * 4**subdivisions
-    assert np.linalg.norm(ball.vertices, axis=1) == pytest.approx(np.full(len(ball.vertices), 0.7))
-    # Even triangles: the largest is less than twice the smallest.
-    assert areas(ball).max() < 2.0 * areas(ball).min()
-    assert volume(ball) == pytest.approx(4.0 / 3.0 * math.pi * 0.7**3, rel=0.5 * 0.28**subdivisions)
-
-
 @st.composite
 def simple_polygons(draw: st.DrawFn) -> tuple[np.ndarray, float]:
     """Star-shaped polygons, mostly not convex, turned anyhow in space; and their area."""
@@ -113,11 +103,6 @@ def test_triangles_cover_a_polygon_once(drawn: tuple[np.ndarray, float]) -> None
     arms = corners - corners[0]
     turn = np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0)
     assert (np.cross(b - a, c - a) @ turn >= -1e-12).all()
-
-
-def test_corners_in_a_line_are_welcome() -> None:
-    corners = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [2, 2, 0], [0, 2, 0]], dtype=float)
-    assert areas(triangulated(corners)).sum() == pytest.approx(4.0)
 
 
 def test_what_is_no_simple_polygon_is_refused() -> None:

@@ -11,13 +11,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.kernels.barrier.obstacle_barrier import MARGIN, MOST, nothing_remembered, obstacle_distance
+from guidefield.kernels.barrier.obstacle_barrier import nothing_remembered, obstacle_distance
 from guidefield.kernels.barrier.sampled_robot import SOFT, STEEPNESS, SampledRobot
 from guidefield.kernels.barrier.self_barrier import pair_distances
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along
-from guidefield.messages import scene as messages
 from guidefield.planner.optimize.sampled_robot import LEAST_RANGE, POINTS_WEIGHT, RANGE, sampled_robot
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
@@ -141,20 +140,6 @@ def test_the_barrier_of_a_robot_is_the_sum_over_its_points(name: str) -> None:
     assert value > 0.0
 
 
-def test_more_bodies_than_are_remembered_are_all_looked_at() -> None:
-    rng, planned = np.random.default_rng(5), group("panda")
-    tip = problem(planned, scene_of(), planes=()).kinematics.tip_position(planned.q_origin)
-    places = tip + rng.uniform(-0.25, 0.25, (3 * MOST, 3))
-    balls = [
-        messages.Sphere(name=f"o{k}", radius=0.01, position=tuple(place.tolist())) for k, place in enumerate(places)
-    ]
-    made_for, z = problem(planned, scene_of(*balls), planes=()), planned.chart(planned.q_origin)
-    value, *_ = (one := Barrier(made_for, ends=z[None]))(z)
-    here = [row for row in distances(made_for, one.robot, z) if row[3] > 0.0]  # not those between links
-    assert value == pytest.approx(sum(w * cost(d, reach, floor) for d, w, reach, floor in here), rel=1e-5)
-    assert one.near.counts.min() < 0, "about some group stand more than are remembered"
-
-
 @pytest.mark.parametrize("name", GROUPS)
 @pytest.mark.parametrize("seed", [0])
 def test_its_gradient_is_its_derivative(name: str, seed: int) -> None:
@@ -181,14 +166,6 @@ def test_its_hessian_is_gauss_and_newtons(name: str) -> None:
     np.testing.assert_allclose(hessian, expected, rtol=2e-2, atol=1e-2 * np.abs(expected).max())
     np.testing.assert_allclose(hessian, hessian.T, rtol=1e-12)
     assert np.linalg.eigvalsh(hessian).min() >= -1e-9 * np.abs(hessian).max()
-
-
-def test_without_obstacles_a_robot_that_is_not_near_itself_costs_nothing() -> None:
-    made_for = problem("panda", scene_of(), planes=())
-    value, gradient, hessian = Barrier(made_for, ends=made_for.q_start[None])(made_for.q_start)
-    assert value == 0.0
-    assert not gradient.any()
-    assert not hessian.any()
 
 
 def test_links_within_range_at_an_end_are_let_in_that_far() -> None:
@@ -234,16 +211,3 @@ def test_the_distance_from_obstacles_is_that_of_the_nearest_point(name: str) -> 
     assert obstacle_distance(robot, tables, z, np.inf) == pytest.approx(nearest, abs=1e-9)
     assert obstacle_distance(robot, tables, z, 1.0) == pytest.approx(nearest, abs=1e-9)
     assert obstacle_distance(robot, tables, z, nearest - 0.01) == nearest - 0.01
-
-
-def test_what_is_remembered_of_bodies_nearby_changes_nothing() -> None:
-    made_for, z = made("panda")
-    rng = np.random.default_rng(3)
-    remembering, moved_far = Barrier(made_for), 0
-    for scale in (0.0, 0.01, 0.03, 0.01, 1.0, 0.02, 0.5, 0.01):
-        z = z + scale * rng.normal(size=len(z))
-        before = remembering.near.centres.copy()
-        for found, expected in zip(remembering(z), Barrier(made_for)(z), strict=True):
-            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
-        moved_far += int((np.linalg.norm(remembering.near.centres - before, axis=2) > MARGIN).sum())
-    assert moved_far > 10

@@ -23,11 +23,3 @@ def test_each_piece_is_told_by_its_lowest_vertex(count: int, simplices: int, cor
     for piece in nx.connected_components(graph):
         expected[list(piece)] = min(piece)
     np.testing.assert_array_equal(labels, expected)
-
-
-def test_a_long_chain_against_its_order_is_one_piece() -> None:
-    count = 100_000
-    chain = np.column_stack([np.arange(1, count), np.arange(count - 1)])[::-1]
-    labels = np.empty(count, np.int64)
-    lowest_connected(np.ascontiguousarray(chain), labels)
-    assert not labels.any()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
 
@@ -71,26 +70,3 @@ def test_what_is_sure_is_what_solid_angles_say(name: str, seed: int, scale: floa
             assert turns == round(exact)
             sure += 1
     assert sure >= 0.6 * len(points)
-
-
-def test_points_on_a_surface_and_surfaces_with_a_hole_are_unsure() -> None:
-    vertices, triangles = np.ascontiguousarray(BOX.vertices, float), np.ascontiguousarray(BOX.faces, np.int64)
-    boxes = boxes_of(vertices, triangles)
-    assert winding_by_crossings(0.11, -0.07, 0.5, vertices, triangles, boxes) == UNSURE
-    assert winding_by_crossings(0.11, -0.07, 0.3, vertices, triangles, boxes) == 1
-    ahead = np.array([k for k, row in enumerate(triangles) if (vertices[row, 2] > 0.0).all()])
-    left = np.ascontiguousarray(np.delete(triangles, ahead, axis=0))
-    assert winding_by_crossings(0.11, -0.07, 0.3, vertices, left, boxes_of(vertices, left)) == UNSURE
-
-
-@pytest.mark.parametrize("shuffled", [False, True])
-def test_runs_of_many_triangles_are_all_looked_at(shuffled: bool) -> None:
-    mesh, rng = trimesh.creation.icosphere(5), np.random.default_rng(3)
-    assert len(mesh.faces) > 4 * RUN
-    vertices = np.ascontiguousarray(mesh.vertices, float)
-    triangles = np.ascontiguousarray(rng.permutation(mesh.faces) if shuffled else mesh.faces, np.int64)
-    boxes = boxes_of(vertices, triangles)
-    for point in rng.uniform(-1.1, 1.1, (200, 3)).tolist():
-        turns = winding_by_crossings(*point, vertices, triangles, boxes)
-        if abs(np.linalg.norm(point) - 1.0) > 1e-2:
-            assert turns in (float(np.linalg.norm(point) < 1.0), UNSURE)

@@ -3,7 +3,6 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.kernels.cover.ball_cover import greedy_choice
@@ -44,14 +43,3 @@ def test_all_that_can_be_contained_is_by_few_sets(rows: np.ndarray) -> None:
     assert (rows[choice].any(axis=0) == rows.any(axis=0)).all()
     harmonic = (1.0 / np.arange(1, rows.sum(axis=1).max(initial=1) + 1)).sum()
     assert len(choice) <= harmonic * fewest(rows) + 1e-9
-
-
-def test_the_greedy_choice_takes_the_most_fruitful_first() -> None:
-    rows = np.zeros((4, 100), bool)
-    rows[0, :60], rows[1, 50:90], rows[2, 30:55], rows[3, 88:] = True, True, True, True
-    assert chosen_by_greed(rows).tolist() == [0, 1, 3]
-
-
-@pytest.mark.parametrize("rows", [np.zeros((0, 5), bool), np.zeros((3, 5), bool)], ids=["no set", "empty sets"])
-def test_nothing_is_chosen_where_there_is_nothing(rows: np.ndarray) -> None:
-    assert len(chosen_by_greed(rows)) == 0

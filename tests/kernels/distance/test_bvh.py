@@ -43,11 +43,3 @@ def test_the_first_half_of_a_run_is_on_one_side_along_its_widest(sizes: list[int
         spread = np.ptp(centres[of_run], axis=0)
         along = centres[of_run, np.argmax(spread)]
         assert along[: count // 2].max(initial=-np.inf) <= along[count // 2 :].min()
-
-
-def test_what_is_laid_out_alike_is_halved_alike() -> None:
-    corners, members, starts, counts = runs([40, 17, 1, 2], 5)
-    again = members.copy()
-    halve_runs(corners.mean(axis=1), starts, counts, members)
-    halve_runs(corners.mean(axis=1), starts, counts, again)
-    assert members.tolist() == again.tolist()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from guidefield.kernels.distance.distance import BOX, SOLID, distance_at_points
-from guidefield.kernels.distance.triangle_distance import nearest_triangle, some_triangle_near
 from tests.geometry import solids
 from tests.kernels.distance.test_distance import tables_of
 from tests.scene.solids import mesh_message
@@ -91,17 +90,6 @@ def test_sides_are_those_that_solid_angles_tell(mesh: solids.Mesh) -> None:
         assert (-found[inside] >= apart[inside] - 1e-12 * size).all()
 
 
-@pytest.mark.parametrize("mesh", CLOSED.values(), ids=CLOSED)
-def test_whether_some_triangle_is_near_is_told_as_by_the_nearest(mesh: solids.Mesh) -> None:
-    tables, points = tables_of(mesh_message(*mesh)), asked_at(mesh, 3)[::3]
-    span = tuple(tables.spans[0, :4].tolist())
-    size = float(np.ptp(mesh[0], axis=0).max())
-    for reach in (0.0, 0.01 * size, 0.1 * size, np.inf):
-        for x, y, z in points.tolist():
-            nearest = nearest_triangle(x, y, z, tables.surfaces, span, reach)
-            assert some_triangle_near(x, y, z, tables.surfaces, span, reach) == (nearest >= 0)
-
-
 def voxels(seed: int, side: int = 5) -> tuple[np.ndarray, solids.Mesh]:
     """Which cells of a grid are full, shape (side, side, side), and their surface: most edges belong to four faces."""
     full = np.zeros((side + 2, side + 2, side + 2), bool)
@@ -118,20 +106,3 @@ def voxels(seed: int, side: int = 5) -> tuple[np.ndarray, solids.Mesh]:
     vertices, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     quads = numbers.reshape(-1, 4)
     return full, (vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_in_cells_that_are_full_it_is_inside_whatever_touches_there(seed: int) -> None:
-    full, (vertices, triangles) = voxels(seed)
-    tables = tables_of(mesh_message(vertices, triangles))
-    cells = np.argwhere(np.ones_like(full))
-    rng = np.random.default_rng(seed)
-    points = np.concatenate([cells + 0.5, cells + 0.25, cells + rng.uniform(0.01, 0.99, cells.shape)])
-    inside = np.tile(full.ravel(), 3)
-    apart = solids.distance(points, (vertices, triangles))
-    for cutoff in (0.01, 0.3, np.inf):
-        found = distance_at_points(tables, points, cutoff)[0]
-        np.testing.assert_array_equal(found < 0.0, inside)
-        near = inside | (apart < cutoff)
-        np.testing.assert_allclose(np.abs(found[near]), apart[near], atol=1e-12)
-        assert (found[~near] == np.inf).all()

@@ -15,7 +15,7 @@ from guidefield.messages import scene as messages
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
 from tests.collision.scenery import scattered
-from tests.scene.solids import box_mesh, l_prism, mesh_message, room
+from tests.scene.solids import l_prism, mesh_message
 
 TILTED = {"position": (0.1, -0.2, 0.3), "quaternion_xyzw": (0.5, -0.5, 0.1, 0.7)}
 BALL = surfaces.sphere(0.4)
@@ -79,20 +79,6 @@ def test_agrees_with_coal_inside_and_out(name: str) -> None:
     np.testing.assert_allclose(distances[comparable], expected[comparable], atol=EXACT)
 
 
-def test_the_depth_in_a_cylinder_is_the_distance_to_its_nearest_surface_point() -> None:
-    radius, half = 0.2, 0.25
-    turn, share = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 400), np.linspace(0.0, 1.0, 120))
-    side = [radius * np.cos(turn), radius * np.sin(turn), half * (2.0 * share - 1.0)]
-    top = [radius * share * np.cos(turn), radius * share * np.sin(turn), np.full_like(turn, half)]
-    surface = np.vstack([np.stack(part, -1).reshape(-1, 3) for part in (side, top, [*top[:2], -top[2]])])
-    points = np.random.default_rng(11).uniform(-1.0, 1.0, (100, 3)) * [0.14, 0.14, 0.25]
-    distances, _, _ = distance_at_points(tables_of(messages.Cylinder(name="c", radius=radius, length=2 * half)), points)
-    nearest = np.array([np.linalg.norm(surface - p, axis=1).min() for p in points])
-    assert (distances < 0.0).all()
-    assert (-distances <= nearest + 1e-12).all()
-    np.testing.assert_allclose(-distances, nearest, atol=2e-4)
-
-
 @pytest.mark.parametrize("name", CONVEX)
 def test_the_vector_is_the_gradient(name: str) -> None:
     tables = tables_of(CONVEX[name])
@@ -104,52 +90,11 @@ def test_the_vector_is_the_gradient(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CONVEX)
-def test_going_back_by_the_distance_leads_to_the_surface(name: str) -> None:
-    tables = tables_of(CONVEX[name])
-    points = points_about(200, 3)
-    distances, normals, _ = distance_at_points(tables, points)
-    on_surface, _, _ = distance_at_points(tables, points - distances[:, None] * normals)
-    np.testing.assert_allclose(on_surface, 0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", CONVEX)
 def test_it_never_changes_faster_than_the_point_moves(name: str) -> None:
     tables = tables_of(CONVEX[name])
     a, b = points_about(300, 4), points_about(300, 5)
     change = np.abs(distance_at_points(tables, a)[0] - distance_at_points(tables, b)[0])
     assert (change <= np.linalg.norm(a - b, axis=1) + 1e-12).all()
-
-
-def test_places_where_the_direction_is_not_unique_give_a_unit_vector_and_the_right_distance() -> None:
-    along = {"position": (0.0, 0.0, 0.0)}
-    for obstacle, expected in (
-        (messages.Box(name="b", size=(1.0, 1.0, 1.0), **along), -0.5),
-        (messages.Sphere(name="s", radius=0.3, **along), -0.3),
-        (messages.Cylinder(name="c", radius=0.3, length=2.0, **along), -0.3),
-        (messages.Capsule(name="k", radius=0.2, length=1.0, **along), -0.2),
-    ):
-        distances, normals, _ = distance_at_points(tables_of(obstacle), np.zeros((1, 3)))
-        assert distances[0] == pytest.approx(expected)
-        assert np.linalg.norm(normals[0]) == pytest.approx(1.0)
-
-
-def test_on_faces_edges_and_corners_of_a_box_vectors_are_units() -> None:
-    for shape in (messages.Box(name="b", size=(1.0, 1.0, 1.0)), mesh_message(*box_mesh())):
-        points = np.array([[0.5, 0.1, 0.2], [0.5, 0.5, 0.2], [0.5, 0.5, 0.5]])
-        distances, normals, _ = distance_at_points(tables_of(shape), points)
-        np.testing.assert_allclose(distances, 0.0, atol=1e-12)
-        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-        assert ((normals * points).sum(axis=1) > 0.0).all(), "outwards"
-
-
-def test_the_nearest_of_all_obstacles_counts_and_is_named() -> None:
-    scene = scene_of(*(obstacle for obstacle in CONVEX.values()))
-    points = points_about(150, 6, 1.5)
-    distances, normals, obstacles = distance_at_points(distance_tables(scene), points)
-    singles = np.array([distance_at_points(tables_of(o), points)[0] for o in CONVEX.values()])
-    np.testing.assert_array_equal(distances, singles.min(axis=0))
-    np.testing.assert_array_equal(obstacles, singles.argmin(axis=0))
-    assert np.isfinite(normals).all()
 
 
 @pytest.mark.parametrize("count", [5, 31, 33, 200])
@@ -208,34 +153,6 @@ def test_a_mesh_that_is_not_convex_is_signed_by_its_inside() -> None:
     np.testing.assert_allclose(distance_at_points(tables, points - distances[:, None] * normals)[0], 0.0, atol=1e-9)
 
 
-def test_a_hollow_is_outside_and_its_wall_inside() -> None:
-    tables = tables_of(mesh_message(*room(2.0, 1.0)))
-    points = np.array([[0.0, 0.1, 0.0], [0.7, 0.0, 0.0], [0.9, 0.3, 0.2], [1.3, 0.0, 0.0], [0.0, 0.0, 5.0]])
-    distances, _, _ = distance_at_points(tables, points)
-    np.testing.assert_allclose(distances, [0.4, -0.2, -0.1, 0.3, 4.0], atol=1e-12)
-
-
-def test_pieces_of_a_mesh_that_overlap_are_one_solid() -> None:
-    vertices, triangles = box_mesh(1.0)
-    other = vertices + np.array([0.8, 0.0, 0.0])
-    both = np.vstack([vertices, other]), np.vstack([triangles, triangles + len(vertices)])
-    tables = tables_of(mesh_message(*both))
-    # the first is inside one cube, next to a face of the other that lies within
-    points = np.array([[0.28, 0.0, 0.0], [0.4, 0.0, 0.0], [1.0, 0.0, 0.0], [1.5, 0.0, 0.0]])
-    distances, _, _ = distance_at_points(tables, points)
-    np.testing.assert_allclose(distances, [-0.22, -0.1, -0.3, 0.2], atol=1e-12)
-
-
-def test_a_sheet_has_no_inside() -> None:
-    square = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
-    tables = tables_of(messages.Polygon(name="p", vertices=square))
-    points = np.array([[0.5, 0.5, 0.2], [0.5, 0.5, -0.2], [1.3, 0.5, 0.4], [0.3, 0.3, 0.0]])
-    distances, normals, _ = distance_at_points(tables, points)
-    np.testing.assert_allclose(distances, [0.2, 0.2, 0.5, 0.0], atol=1e-12)
-    np.testing.assert_allclose(normals[:3], [[0, 0, 1], [0, 0, -1], [0.6, 0, 0.8]], atol=1e-12)
-    np.testing.assert_allclose(np.abs(normals[3]), [0, 0, 1], atol=1e-12)
-
-
 def test_moving_the_scene_and_the_points_alike_changes_nothing() -> None:
     motion = pin.SE3(pin.Quaternion(0.3, 0.5, -0.2, 0.7).normalized().matrix(), np.array([1.0, 2.0, -0.5]))
     points = points_about(100, 10)
@@ -258,11 +175,3 @@ def test_moving_the_scene_and_the_points_alike_changes_nothing() -> None:
 def test_points_that_are_none_are_refused(points: np.ndarray) -> None:
     with pytest.raises(ValueError, match="`points`"):
         distance_at_points(tables_of(), points)
-
-
-def test_tables_are_read_only_and_made_once() -> None:
-    scene = scene_of(CONVEX["box"], CONVEX["half-space"])
-    tables = distance_tables(scene)
-    assert distance_tables(scene) is tables
-    assert not any(array.flags.writeable for array in (*tables[:-2], *tables.surfaces, tables.clouds))
-    np.testing.assert_array_equal(tables.obstacles, [1, 0])

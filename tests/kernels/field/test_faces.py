@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
-from guidefield.geometry import surfaces
 from tests.kernels.evaluation import field, gradient_by_differences, triangles, vectors
 from tests.oracles import (
     EPS,
@@ -105,62 +104,3 @@ def test_curvature_is_never_negative(corners: np.ndarray, point: np.ndarray, hei
         curvature = field(p, corners[None]).curvature
         assert curvature >= 0.0
         assert math.isfinite(curvature)
-
-
-CORNERS = np.array([[0.0, 0.0, 0.0], [1.2, 0.0, 0.0], [0.3, 0.9, 0.0]])
-
-
-def sliver(width: float, length: float = 1.0) -> np.ndarray:
-    return length * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.4, width, 0.0]])
-
-
-AWKWARD = {
-    "ordinary": CORNERS,
-    "sliver": sliver(1e-9),
-    "needle": np.array([[0.0, 0.0, 0.0], [1.0, 1e-12, 0.0], [1.0, 0.0, 0.0]]),
-    "huge": 1e6 * CORNERS,
-    "tiny": 1e-6 * CORNERS,
-    "far off": CORNERS + 1e3,
-}
-
-
-@pytest.mark.parametrize("name", AWKWARD)
-def test_finite_on_faces_edges_vertices_and_in_plane(name: str) -> None:
-    corners = AWKWARD[name]
-    a, b, c = corners
-    points = [a, b, c, corners.mean(axis=0), 0.5 * (a + b), 0.5 * (b + c), 0.25 * c + 0.75 * a]
-    points += [a - 3.0 * (b - a), b + 0.5 * (b - a), a - (c - a), 2.0 * a - corners.mean(axis=0)]
-    for point in points:
-        at = field(point, corners[None])
-        assert at.potential > 0.0
-        assert all(math.isfinite(value) for value in (at.potential, *at.gradient, at.curvature, at.winding))
-        assert at.curvature >= 0.0
-
-
-@pytest.mark.parametrize("width", [1e-3, 1e-6, 1e-9])
-@pytest.mark.parametrize("height", [1e-3, 1e-7])
-def test_oblique_slivers_add_up_to_their_whole(width: float, height: float) -> None:
-    # A fan of slivers over an edge against the one triangle that they make up.
-    rotation = np.linalg.qr(np.array([[1.0, 2.0, 0.5], [0.3, -1.0, 2.0], [2.0, 0.1, 1.0]]))[0]
-    a, b, c = CORNERS @ rotation.T
-    cut = a + width * (c - a)
-    point = np.array([0.5, 1e-4, height]) @ rotation.T
-    parts = np.array([[a, b, cut], [cut, b, c]])
-    whole, split = field(point, np.array([[a, b, c]])), field(point, parts)
-    # A corner put on a line that rounding bends, as seen by the nearest point of the triangle.
-    assert split.potential == pytest.approx(whole.potential, rel=16 * EPS / height)
-
-
-def test_winding_number_inside_and_outside_a_closed_surface() -> None:
-    for shape in (surfaces.box((0.4, 1.0, 0.6)), surfaces.sphere(0.5), surfaces.cylinder(0.3, 1.0)):
-        assert field(np.array([0.05, 0.1, -0.02]), shape.corners).winding == pytest.approx(1.0, abs=1e-12)
-        assert field(np.array([0.9, 0.1, -0.02]), shape.corners).winding == pytest.approx(0.0, abs=1e-12)
-    cube = surfaces.box((1.0, 1.0, 1.0)).corners
-    assert field(np.array([0.5, 0.1, 0.2]), cube).winding == pytest.approx(0.5, abs=1e-12)
-
-
-def test_winding_number_does_not_depend_on_the_charge() -> None:
-    cube = surfaces.box((1.0, 1.0, 1.0)).corners
-    at = field(np.zeros(3), cube, triangle_charge=np.zeros(len(cube)))
-    assert at.winding == pytest.approx(1.0, abs=1e-12)
-    assert at.potential == 0.0

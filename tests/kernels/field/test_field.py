@@ -40,30 +40,6 @@ def test_all_kinds_of_charge_add_up(points: list[np.ndarray]) -> None:
         assert winding[i] == pytest.approx(sum(at.winding for at in kinds), abs=1e-12)
 
 
-def test_nothing_charged_has_no_field() -> None:
-    potential, gradient, _, winding = field_at_points(field_tables(), np.zeros((3, 3)))
-    assert not potential.any()
-    assert not gradient.any()
-    assert not winding.any()
-
-
-@pytest.mark.parametrize("points", [np.zeros(3), np.zeros((2, 4)), np.array([[0.0, np.nan, 0.0]])])
-def test_points_that_are_none_are_refused(points: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="`points` must"):
-        field_at_points(field_tables(TRIANGLES), points)
-
-
-def test_the_number_of_points_does_not_matter() -> None:
-    tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES)
-    points = np.random.default_rng(1).uniform(-2.0, 2.0, (37, 3))
-    together = field_at_points(tables, points)
-    for i in (0, 7, 8, 16, 36):
-        alone = field_at_points(tables, points[i : i + 1])
-        # Which form a face is evaluated in depends on all points of a vector.
-        assert alone.potential[0] == pytest.approx(together.potential[i], rel=1e-14)
-        assert alone.gradient[0] == pytest.approx(together.gradient[i], rel=1e-12)
-
-
 BOXES = [[0.3, -0.2, 0.5, 1, 0, 0, 0, 0.6, 0.8, 0, -0.8, 0.6, 0.3, 0.7, 0.2, 1.3]]
 
 
@@ -82,17 +58,3 @@ def test_single_precision_agrees(point: np.ndarray) -> None:
     assert potential_at_points(single_precision(tables, np.zeros(3)), point[None])[0] == pytest.approx(
         exact.potential[0], rel=3e-5
     )
-
-
-@pytest.mark.parametrize("precise", [True, False])
-def test_finite_on_every_surface(precise: bool) -> None:
-    tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES, boxes=BOXES, cloud=[[0, 0, 0, 1e-4, 0.01]])
-    centre, axes, half = np.array(BOXES[0][:3]), np.array(BOXES[0][3:12]).reshape(3, 3), 0.5 * np.array(BOXES[0][12:15])
-    signs = np.array([(a, b, c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1)], float)
-    points = [*(centre + (signs * half) @ axes), *TRIANGLES.reshape(-1, 3), *TRIANGLES.mean(axis=1)]
-    points += [[1.2, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 1.0], [0.0, 0.5, 1.1], [0.3, 0.4, -1.0], [0.0, 0.0, 0.0]]
-    at = field_at_points(tables if precise else single_precision(tables, np.zeros(3)), np.array(points))
-    for values in at:
-        assert np.isfinite(values).all()
-    assert (at.potential > 0.0).all()
-    assert (at.curvature >= 0.0).all()

@@ -9,12 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from guidefield import kernels
-from guidefield.first_start import kernel_compiler
-from guidefield.kernels.jit.cache import Sources, sources, uncompiled
+from guidefield.kernels.jit.cache import sources, uncompiled
 from tests.kernels.jit.copies import compiling_package
-
-KERNELS = Path(kernels.__file__).parent
 
 KERNEL = """
 from numba import int64
@@ -23,30 +19,6 @@ from guidefield.kernels.jit.decorators import compiled
 @compiled(int64())
 def {}():
     return {}
-"""
-
-REPORT = """
-from pathlib import Path
-from guidefield.kernels.jit.cache import cache_folder
-from guidefield.kernels.caller import caller
-caller()
-print(cache_folder(), caller._cache.cache_path)
-"""
-
-READ_ONLY = """
-import tempfile
-def refused(*_, **__):
-    raise OSError("read-only file system")
-tempfile.TemporaryFile = refused
-"""
-
-READ_AGAIN = """
-import os
-from guidefield.kernels.callee import callee
-os.environ['NUMBA_OPT'] = '2'
-import numba
-numba.njit(lambda: 1)()
-assert not numba.config.CACHE_LOCATOR_CLASSES
 """
 
 
@@ -76,18 +48,6 @@ CALLED = (
     "print(caller(), *(sum(kernel.stats.cache_hits.values()) for kernel in (caller, callee)))"
 )
 """Tells what the caller returns, and for both kernels whether they were loaded."""
-
-
-def test_folder_is_below_the_one_that_the_user_chose(package: Path, tmp_path: Path) -> None:
-    """From there kernels are loaded where nothing can be written, too; numba forgets it where it is read again."""
-    reports = {"NUMBA_CACHE_DIR": (REPORT, READ_ONLY + REPORT), "XDG_CACHE_HOME": (READ_AGAIN + REPORT,)}
-    sources = Sources(package / "guidefield/kernels", "guidefield.kernels")
-    for chosen, scripts in reports.items():
-        for script in scripts:
-            whole, used = run(script, package, **{chosen: str(tmp_path / chosen)}).split()
-            assert Path(whole) == tmp_path / chosen / "guidefield" / "kernels"
-            assert Path(used) == Path(whole) / f"caller-{sources.fingerprint('caller', kernel_compiler())}"
-            assert any(Path(used).glob("*.nbi"))
 
 
 def test_machine_code_is_that_of_the_sources_wherever_they_are(package: Path, tmp_path: Path) -> None:
@@ -126,23 +86,6 @@ def test_kernels_of_another_package_are_kept_by_what_they_depend_on(package: Pat
     assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["6", "0"]
     kept = {path.name.partition("-")[0] for path in (tmp_path / "guidefield/kernels").iterdir()}
     assert module in kept
-
-
-def test_kernels_of_a_package_that_nobody_keeps_leave_no_machine_code(package: Path, tmp_path: Path) -> None:
-    """numba by itself would know it by the file alone, and miss an edit of what they call; functions it keeps."""
-    other, theirs = tmp_path / "other.py", tmp_path / "theirs.py"
-    other.write_text(KERNEL.format("from guidefield.kernels.callee import callee\n", "mine", "callee() + 1"))
-    theirs.write_text("import numba\n@numba.njit(numba.int64(), cache=True)\ndef f():\n    return 1\n")
-    script = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\nfrom other import mine; from theirs import f\n"
-    told = run(script + "print(mine(), f._cache.cache_path)", package, HOME=str(tmp_path)).split()
-    assert told == ["2", str(tmp_path / "__pycache__")]
-    assert not any("mine" in path.name for path in tmp_path.rglob("*.nbi"))
-
-
-def test_plain_machine_code_is_kept_apart(package: Path, tmp_path: Path) -> None:
-    for plain, hits in (("1", "0"), ("", "0"), ("1", "1")):
-        told = run(CALLED, package, NUMBA_CACHE_DIR=str(tmp_path), GUIDEFIELD_PLAIN_NUMBA=plain)
-        assert told.split() == ["1", hits, hits]
 
 
 def test_every_kernel_is_known_to_be_compiled_once_it_is_imported() -> None:

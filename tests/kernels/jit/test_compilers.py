@@ -12,20 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numba import types
-from numba.core.compiler import Flags
 from numba.core.registry import cpu_target
 from numba.core.targetconfig import TargetConfig
 from numba.core.types.functions import BaseFunction
 from numba.np import arrayobj
 
-from guidefield import kernels
 from guidefield.kernels.jit import patched_compiler
 from guidefield.kernels.jit.arrays import SCALAR, VECTOR, VECTOR_OUT
 from guidefield.kernels.jit.decorators import inlined
-from guidefield.kernels.jit.patched_compiler import kernel, part, quicken
+from guidefield.kernels.jit.patched_compiler import kernel, quicken
 from tests.kernels.jit.copies import compiling_package
-
-HERE = Path(kernels.__file__).parent
 
 KERNEL = """
 from guidefield.kernels.jit.arrays import VECTOR, VECTOR_OUT
@@ -46,11 +42,6 @@ out = np.zeros(3)
 caller(np.array([1.0, 2.0, 3.0]), out)
 print(*out, *(sum(kernel.stats.cache_hits.values()) for kernel in (caller, callee)))
 """
-
-
-@kernel(SCALAR(VECTOR), no_cpython_wrapper=True)
-def first(values: np.ndarray) -> float:
-    return float(values[0])
 
 
 @inlined
@@ -83,12 +74,6 @@ def test_a_kernel_calls_parts_and_kernels() -> None:
     defined = {function.name for function in calling.library.get_defined_functions()}
     assert calling.fndesc.mangled_name in defined
     assert called.fndesc.mangled_name not in defined
-
-
-def test_a_part_has_no_machine_code_and_runs_as_its_source_does() -> None:
-    assert doubled(3.0) == 6.0
-    assert doubled(4) == 8.0
-    assert part(lambda x: x * x, False, None)(3) == 9
 
 
 def test_arrays_of_other_shapes_are_not_assigned(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,23 +112,6 @@ def test_kept_machine_code_finds_what_another_process_compiled(tmp_path: Path) -
         assert ran(seed) == ["2.0", "4.0", "6.0", "1", "0"]
 
 
-def test_a_program_that_imports_kernels_has_numba_as_it_is() -> None:
-    assert TargetConfig.__hash__ is not patched_compiler._hash
-    assert BaseFunction.get_call_type is patched_compiler._ask
-
-
-def test_options_are_the_same_whether_set_or_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(TargetConfig, "values", patched_compiler._values)
-    monkeypatch.setattr(TargetConfig, "__hash__", patched_compiler._hash)
-    plain, told, other = Flags(), Flags(), Flags()
-    told.forceinline = False
-    other.forceinline = True
-    assert plain == told
-    assert hash(plain) == hash(told)
-    assert plain != other
-    assert plain.values() == {name: getattr(plain, name) for name in plain.options}
-
-
 @pytest.mark.parametrize("asked", [operator.add, operator.mul, operator.truediv, operator.getitem, operator.lt, abs])
 def test_remembered_signatures_are_those_that_numba_finds(asked: object) -> None:
     context = cpu_target.typing_context
@@ -154,8 +122,3 @@ def test_remembered_signatures_are_those_that_numba_finds(asked: object) -> None
     for arguments in of.get(asked, both):
         found = [patched_compiler._call_type(function, context, arguments, {}) for _ in range(2)]
         assert found[0] == found[1] == patched_compiler._ask(function, context, arguments, {})
-
-
-def test_what_only_kernels_call_says_so_to_python() -> None:
-    with pytest.raises(TypeError, match="No matching definition"):
-        first(np.ones(1))

@@ -63,31 +63,6 @@ def test_what_a_file_does_while_it_is_imported_counts_for_all_who_import_it(tmp_
     assert fingerprint(tmp_path) != before
 
 
-def test_words_for_people_are_no_dependency(tmp_path: Path) -> None:
-    (tmp_path / "first.py").write_text("from guidefield.kernels.second import second\nfirst = second\n")
-    second = tmp_path / "second.py"
-    second.write_text('"""A file."""\ndef second():\n    """Docs."""\n    return 1\n')
-    before = fingerprint(tmp_path)
-    second.write_text('"""Another."""\n\n# a comment\ndef second():\n    """More docs."""\n    return 1\n')
-    assert fingerprint(tmp_path) == before
-
-
-def test_the_file_itself_and_what_else_is_asked_for_count(tmp_path: Path) -> None:
-    (tmp_path / "first.py").write_text("x")
-    before = fingerprint(tmp_path)
-    assert fingerprint(tmp_path) == before
-    assert fingerprint(tmp_path, also="another numba") != before
-    (tmp_path / "first.py").write_text("x  # its lines are numba's names for kernels\n")
-    assert fingerprint(tmp_path) != before
-
-
-def test_files_that_import_one_another_are_read_once_and_to_the_end(tmp_path: Path) -> None:
-    (tmp_path / "first.py").write_text("from guidefield.kernels.second import b\na = b\n")
-    (tmp_path / "second.py").write_text("from guidefield.kernels.first import a\nb = a\n")
-    assert Sources(tmp_path, "guidefield.kernels").imported("first") == {"first", "second"}
-    assert len(fingerprint(tmp_path)) == 16
-
-
 def test_a_number_in_forward_kinematics_is_no_reason_to_compile_everything() -> None:
     sources = Sources(Path(kernels.__file__).parent, "guidefield.kernels")
     for file, name in (

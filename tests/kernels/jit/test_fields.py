@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-import pytest
 
-from guidefield.kernels.field.field_tables import TABLES, TABLES_32, FieldTables, frozen
+from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.jit.arrays import (
     Bits,
     Indices,
@@ -64,12 +63,3 @@ def test_the_type_is_the_one_that_numba_finds_of_a_value() -> None:
     assert array_types(Outer) == {
         name: array.dtype for name, array in value._asdict().items() if isinstance(array, np.ndarray)
     }
-
-
-@pytest.mark.parametrize(("kind", "precision"), [(TABLES, np.float64), (TABLES_32, np.float32)])
-def test_charged_tables_have_one_declaration_for_both_precisions(kind: object, precision: type) -> None:
-    arrays = {}
-    for name, field in zip(FieldTables._fields, numba_type(FieldTables).types, strict=True):
-        exact = name == "origin" or field.dtype == numba.int64
-        arrays[name] = frozen(np.zeros((1,) * field.ndim, array_types(FieldTables)[name] if exact else precision))
-    assert kind == numba.typeof(FieldTables(**arrays))

@@ -34,12 +34,3 @@ def test_equal_types_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(abstract, "_typecache", SlowLookUp(abstract._typecache))
     made = made_at_once(70_001)
     assert all(one is made[0] for one in made)
-
-
-def test_numbas_own_gives_one_type_two_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Else the change is needed no more."""
-    monkeypatch.setattr(abstract, "_typecache", SlowLookUp(abstract._typecache))
-    monkeypatch.setattr(_TypeMetaclass, "_intern", patched_compiler._intern)
-    made = made_at_once(70_002)
-    assert made[0] == made[1]
-    assert len({one._code for one in made}) > 1

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import subprocess
-import sys
 import threading
 
 import numpy as np
 import pytest
 
 from guidefield.first_start import plain_numba
-from guidefield.kernels.jit import compilers, patched_compiler
+from guidefield.kernels.jit import patched_compiler
 from guidefield.kernels.jit.arrays import SCALAR, VECTOR
 from guidefield.kernels.jit.cache import sources
 from guidefield.kernels.jit.patched_compiler import Kernel, kernel
@@ -79,39 +77,3 @@ def test_what_a_kernel_calls_by_name_is_loaded_before_it() -> None:
             assert used <= loaded, f"{one.__name__} calls {[o.__name__ for o in used - loaded]}"
             count += len(used)
     assert count > 100
-
-
-LOADED = """
-import sys
-from guidefield.kernels.distance.distance import box_distance
-from guidefield.kernels.field.field import field_at_points
-from guidefield.kernels.jit.patched_compiler import Kernel
-import guidefield.kernels.field.field as field
-print(sum(bool(one.overloads) for one in vars(field).values() if isinstance(one, Kernel)))
-print("scipy.linalg" in sys.modules)
-"""
-
-
-def test_importing_kernels_loads_none_and_no_scipy() -> None:
-    told = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
-    assert told.stdout.split() == ["0", "False"], told.stderr
-
-
-ALL_LOADED = """
-import importlib, sys
-from guidefield.kernels.jit.cache import sources
-from guidefield.kernels.jit.compilers import load_imported
-for name in sources().names:
-    importlib.import_module(f"guidefield.kernels.{name}")
-load_imported()
-print("scipy.linalg" in sys.modules, "numba.np.arraymath" in sys.modules)
-"""
-
-
-def test_loading_kernels_imports_nothing_of_what_they_were_compiled_of() -> None:
-    """The modules of numba's own functions that are compiled into them: those of arrays import scipy."""
-    for name in sources().names:
-        importlib.import_module(f"guidefield.kernels.{name}")
-    compilers.load_imported()  # and compile what isn't
-    told = subprocess.run([sys.executable, "-c", ALL_LOADED], capture_output=True, text=True, check=True)
-    assert told.stdout.split() == ["False", "False"], told.stderr

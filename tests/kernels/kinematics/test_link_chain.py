@@ -12,7 +12,6 @@ from guidefield.kernels.kinematics.link_chain import (
     close_chain,
     end_force,
     turn_from,
-    turn_towards,
 )
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.link_chain import SerialChain, link_chain
@@ -57,25 +56,6 @@ def test_a_closed_chain_ends_where_it_has_to_and_keeps_its_links(seed: int, m: i
     np.testing.assert_array_equal(closed[0], places[0])
     np.testing.assert_array_equal(closed[m + 1 :], places[m + 1 :])
     np.testing.assert_allclose(lengths(closed)[:m], lengths(places)[:m], rtol=1e-9)
-
-
-def test_out_of_reach_is_said() -> None:
-    places = random_places(3)
-    assert not close_chain(places.copy(), 5, places[0] + 10.0)
-
-
-@pytest.mark.parametrize("m", [1, 2, 4])
-def test_closing_turns_links_no_more_than_any_other_way(m: int) -> None:
-    """To first order: turns l x lambda are the least squares solution of sum(omega_i x l_i) = e."""
-    places, e = random_places(11), 1e-5 * np.array([0.3, -0.5, 0.8])
-    if m == 1:
-        e = np.cross(e, places[1] - places[0])
-    closed = places.copy()
-    assert close_chain(closed, m, places[m] + e)
-    links = np.diff(places, axis=0)[:m]
-    matrix = np.hstack([-pin.skew(link) for link in links])
-    omega = np.linalg.lstsq(matrix, e, rcond=None)[0].reshape(m, 3)
-    np.testing.assert_allclose(np.diff(closed, axis=0)[:m] - links, np.cross(omega, links), atol=1e-8)
 
 
 @pytest.mark.parametrize("m", [1, 3, 5])
@@ -128,26 +108,3 @@ def test_the_configuration_of_places_has_its_joints_there(name: str) -> None:
         np.testing.assert_allclose(places_by_pinocchio(planned, chain, there), moved, atol=1e-9)
         np.testing.assert_allclose(chain.places(there)[1], turned_rotations, atol=1e-9)
         assert np.linalg.norm(pin.difference(planned.model, q, there)) < 12.0
-
-
-@pytest.mark.parametrize("name", CHAINS)
-def test_places_that_stay_leave_the_configuration_as_it_is(name: str) -> None:
-    planned = group(name)
-    chain = link_chain(planned)
-    q, places, rotations = at_random(chain, 4)
-    same = np.empty_like(q)
-    assert chain_configuration(chain.table, places, q, rotations, same, np.empty_like(rotations))
-    np.testing.assert_allclose(pin.difference(planned.model, q, same), 0.0, atol=1e-7)
-
-
-def test_a_link_turns_about_its_far_end_and_those_before_it_follow() -> None:
-    places, axis = random_places(5), np.array([0.0, 0.6, 0.8])
-    turned = np.empty_like(places)
-    assert turn_towards(places, 4, axis, 0.05, turned)
-    np.testing.assert_array_equal(turned[4:], places[4:])
-    near_end = places[4] + pin.AngleAxis(0.05, axis).matrix() @ (places[3] - places[4])
-    np.testing.assert_allclose(turned[3], near_end, atol=2e-7)
-    np.testing.assert_allclose(lengths(turned), lengths(places), rtol=1e-6)
-    assert turn_towards(places, 2, axis, 0.3, turned)
-    np.testing.assert_array_equal(np.delete(turned, 1, axis=0), np.delete(places, 1, axis=0))
-    np.testing.assert_allclose(lengths(turned), lengths(places), rtol=1e-12)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given, strategies as st
 
 from guidefield.kernels.linalg.bordered_band import (
     COUPLED,
-    TILE,
     BorderedFactor,
     factorize_bordered,
     room_for_factor,
@@ -61,18 +59,6 @@ def test_agrees_with_a_dense_solution(blocks: int, size: int, more: int, seed: i
         np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("more", [1, 2])
-@pytest.mark.parametrize("place", [(2, 1), None])
-def test_what_is_not_positive_definite_is_refused(place: tuple[int, int] | None, more: int) -> None:
-    of_blocks, _, matrix = system(5, 3, more, 0)
-    assert factorized(of_blocks, matrix, 0.0) is not None
-    if place is None:
-        matrix[-1, -1] -= 10.0  # less than what the border takes
-    else:
-        of_blocks[place[0], place[1], COUPLED * 3 + place[1]] = -1.0
-    assert factorized(of_blocks, matrix, 0.0) is None
-
-
 @given(st.integers(2, 8), st.integers(1, 20), st.integers(0, 1000), st.floats(0.0, 1.0))
 def test_what_is_not_coupled_makes_no_difference(blocks: int, size: int, seed: int, share: float) -> None:
     of_blocks, right, matrix = system(blocks, size, 1, seed)
@@ -90,33 +76,3 @@ def test_what_is_not_coupled_makes_no_difference(blocks: int, size: int, seed: i
     assert factor is not None
     solve_factorized(factor, len(of_blocks), right, solution)
     np.testing.assert_allclose(matrix @ solution, right, atol=1e-8 * np.abs(matrix).max())
-
-
-@pytest.mark.parametrize("places", [(0, 1, 2, 3), (0, 2, 3), (0, 1, 3)])
-@pytest.mark.parametrize("last", [1, 5, TILE])
-def test_groups_that_are_not_coupled_are_solved_apart(places: tuple[int, ...], last: int) -> None:
-    blocks, size = 6, 2 * TILE + last
-    groups = (*(TILE * place for place in places[:-1]), size)
-    of_blocks, right, matrix = system(blocks, size, 2, 7)
-    group = np.searchsorted(groups, np.arange(size), "right")
-    apart = np.tile(group[:, None] != group, COUPLED + 1)
-    of_blocks[:, apart] = 0.0
-    n = blocks * size
-    matrix[:n, :n][np.tile(group, blocks)[:, None] != np.tile(group, blocks)] = 0.0
-    matrix[n:, n:] += matrix[n:, :n] @ np.linalg.solve(matrix[:n, :n], matrix[:n, n:])
-    of_blocks[:, apart] = np.nan  # isn't looked at
-    factor, solution = factorized(of_blocks, matrix, 0.1, groups), np.empty(len(right))
-    assert factor is not None
-    for one in (right, right[::-1].copy()):
-        solve_factorized(factor, blocks, one, solution)
-        expected = np.linalg.solve(matrix + 0.1 * np.diag(np.diag(matrix)), one)
-        np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
-
-
-def test_inputs_are_left_alone() -> None:
-    of_blocks, right, matrix = system(6, 2, 2, 3)
-    for array in (of_blocks, right, matrix):
-        array.setflags(write=False)
-    factor = factorized(of_blocks, matrix, 0.0)
-    assert factor is not None
-    solve_factorized(factor, len(of_blocks), right, np.empty(len(right)))

@@ -11,11 +11,10 @@ from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.clearance_samples import (
     CONSTRAINT_ROOM,
     CONSTRAINT_WEIGHT,
-    TIGHT,
     Sections,
     constraint_samples,
 )
-from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
+from guidefield.robot.group.path_constraints import ConstrainedFrames
 from tests.kernels.tree.test_path_constraints import random_frames
 
 PIECES, SAMPLES = 7, 2
@@ -81,51 +80,3 @@ def test_the_gradient_is_that_of_finite_differences(name: str) -> None:
         ahead, behind = (constraint_penalty(kept, spline.points + by * along) for by in (h, -h))
         scale = np.abs(gradient * along).sum()
         assert (ahead - behind) / (2.0 * h) == pytest.approx((gradient * along).sum(), abs=1e-5 * scale)
-
-
-def test_the_hessian_is_gauss_and_newtons_and_knows_of_tight_limits_that_are_kept() -> None:
-    frames, spline, kept = motion("panda", 0.2)
-    shares, rows = looked_at(frames, spline)
-    tight = np.minimum(TIGHT / frames.limits, 1.0) ** 2
-    factors = np.where(shares > CONSTRAINT_ROOM, 1.0, tight)
-    expected = np.einsum("sk,ska,skb->ab", factors, rows, rows) * CONSTRAINT_WEIGHT / len(PLACES)
-    np.testing.assert_allclose(of(kept, spline.points)[2], expected, atol=1e-9 * np.abs(expected).max())
-
-
-def alternatives(kept: KeptSamples) -> KeptSamples:
-    """The first of six constraints all along; then two, one and two as alternatives, one of them not everywhere."""
-    asked = kept.asked.copy()
-    asked[:5, 3] = 0
-    groups = np.array([-1, 0, 0, 2, 3, 3])
-    for row in (asked, groups):
-        row.setflags(write=False)
-    return kept._replace(groups=groups, asked=asked)
-
-
-def test_of_alternatives_the_cheapest_counts_at_each_sample() -> None:
-    frames, spline, plain = motion("panda", 0.2)
-    shares, kept = looked_at(frames, spline)[0], alternatives(plain)
-    beyond = np.maximum(shares - CONSTRAINT_ROOM, 0.0) ** 2
-    one = np.where(kept.asked[:, 3] == 1, beyond[:, 3], np.inf)
-    each = np.column_stack([beyond[:, 1] + beyond[:, 2], one, beyond[:, 4] + beyond[:, 5]])
-    assert len(set(each.argmin(axis=1))) > 1
-    expected = 0.5 * CONSTRAINT_WEIGHT / len(PLACES) * (beyond[:, 0] + each.min(axis=1)).sum()
-    assert constraint_penalty(kept, spline.points) == pytest.approx(expected, rel=1e-9)
-    value, gradient, _ = of(kept, spline.points)
-    assert value == pytest.approx(expected, rel=1e-9)
-    along, h = np.random.default_rng(2).normal(size=spline.points.shape), 1e-6
-    ahead, behind = (constraint_penalty(kept, spline.points + by * along) for by in (h, -h))
-    scale = np.abs(gradient * along).sum()
-    assert (ahead - behind) / (2.0 * h) == pytest.approx((gradient * along).sum(), abs=1e-5 * scale)
-
-
-def test_what_is_kept_costs_nothing() -> None:
-    frames, spline, kept = motion("panda", 0.05)
-    wide = keep_frames(frames)._replace(limits=np.full(6, 10.0))
-    wide.limits.setflags(write=False)
-    value, gradient, hessian = of(kept._replace(frames=wide), spline.points)
-    assert value == 0.0
-    assert not gradient.any()
-    assert np.linalg.eigvalsh(hessian).min() > -1e-9 * np.abs(hessian).max()
-    none = constraint_samples(Sections.whole(ConstrainedFrames(frames.group, ())), spline.pieces, (), 1)
-    assert of(none, spline.points)[0] == constraint_penalty(none, spline.points) == 0.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given, strategies as st
 
 from guidefield.kernels.linalg.bordered_band import TILE
@@ -37,8 +36,3 @@ def test_a_group_ends_exactly_where_nothing_is_coupled_across(nv: int, coupled: 
     found = groups_of(nv, within)
     bounds = [b for b in range(TILE, nv, TILE) if not any(min(pair) < b <= max(pair) for pair in within)]
     assert found == [0, *bounds, nv]
-
-
-@pytest.mark.parametrize("nv", [1, TILE, TILE + 1, 5 * TILE])
-def test_path_constraints_couple_all(nv: int) -> None:
-    assert groups_of(nv, [], constrained=True) == [0, nv]

@@ -96,16 +96,6 @@ def test_its_gradient_is_that_of_its_value(kind) -> None:
     assert np.linalg.eigvalsh(hessian).min() > -1e-9 * np.abs(hessian).max()
 
 
-def test_a_step_knows_of_loads_that_are_within_their_limits_yet() -> None:
-    spline, limit = some_motion(), torque_limit()
-    samples = LoadSamples.of((limit.scaled(1.6),), PIECES, ARM.nv)
-    samples.measure(spline)
-    model = samples.expand(spline, 1, WEIGHT)
-    nearly = moved(spline, np.random.default_rng(2).normal(size=spline.inner.size + 1), 3e-3)
-    expected = 0.5 * samples.weight(WEIGHT) * samples.measure(nearly)
-    assert load_penalty(model, nearly.points, nearly.step) == pytest.approx(expected, rel=0.05)
-
-
 @settings(max_examples=20)
 @given(KINDS, st.integers(0, 2**32 - 1))
 def test_derivatives_of_torques_are_pinocchios(kinds, seed) -> None:

@@ -259,15 +259,6 @@ def test_in_time_a_model_from_elsewhere_is_consistent_and_its_hessian_positive_d
         assert (ahead[0] - behind[0]) / (2.0 * h) == pytest.approx(gradient @ along, abs=error)
 
 
-def test_departures_and_arrivals_out_of_their_window_have_no_finite_objective() -> None:
-    made_for, spline, limits = in_time("box")
-    model = look_at(made_for, spline.points, spline.step, spline.begin)
-    for begin, finite in ((0.0, False), (1e-6, True), (1.999, True), (2.0, False)):
-        assert math.isfinite(of("panda", dataclasses.replace(spline, begin=begin), limits, model, WINDOW)[0]) == finite
-    late = WINDOW._replace(earliest=spline.begin + spline.duration)
-    assert math.isinf(of("panda", spline, limits, model, late)[0])
-
-
 @pytest.mark.parametrize("name", ["panda", "planar"])
 def test_a_model_is_the_quadratic_form_of_its_look(name: str) -> None:
     spline, limits = motion(name, moving=False)
@@ -286,21 +277,6 @@ def test_a_model_is_the_quadratic_form_of_its_look(name: str) -> None:
     empty.gradient.setflags(write=False)
     rest = of(name, far, limits, empty)[0]
     assert of(name, far, limits, model)[0] - rest == pytest.approx(model.value + change, rel=1e-10)
-
-
-def test_a_coordinate_without_room_is_cut_out() -> None:
-    spline, limits = motion("panda", moving=False)
-    held = frozen(MotionLimits, *(row.copy() for row in limits))
-    for row in held[3:]:
-        row.setflags(write=True)
-        row[2] = spline.points[0, 2]
-        row.setflags(write=False)
-    points = spline.points.copy()
-    points[:, 2] = spline.points[0, 2]
-    _, gradient, hessian = of("panda", dataclasses.replace(spline, points=points), held)
-    rows = np.arange(2, len(gradient) - 1, 7)
-    assert (gradient[rows] == 0.0).all()
-    np.testing.assert_array_equal(hessian[rows], np.eye(len(gradient))[rows])
 
 
 @pytest.mark.parametrize("name", ["panda", "ball joints"])
@@ -326,25 +302,3 @@ def test_the_barrier_of_limits_is_the_formula(name: str) -> None:
         expected = plain_limits(spline.points, step, limits)
         assert limit_barrier(spline.points, step, limits) == pytest.approx(expected, rel=1e-12)
     assert math.isinf(expected), "so fast it exceeds a limit"
-
-
-@pytest.mark.parametrize(
-    ("place", "speed", "finite"),
-    [(1, 1.0, True), (1, 1.001, False), (0, 3.0, True), (2, 1.001, False), (-2, -1.0, True), (-3, 1.001, False)],
-    ids=["begins at the limit", "beyond it", "before its start", "goes on at the limit", "ends at it", "near its end"],
-)
-def test_a_motion_may_begin_and_end_at_a_velocity_limit(place: int, speed: float, finite: bool) -> None:
-    velocities = np.full(PIECES + 2, 0.9)
-    velocities[place] = speed
-    points = 0.4 * 2.0 * np.concatenate([[0.0], np.cumsum(velocities)])[:, None]
-    limits = frozen(MotionLimits, *(np.array([limit]) for limit in (2.0, 1e3, 1e5, -np.inf, np.inf, 1.0)))
-    assert math.isfinite(limit_barrier(points, 0.4, limits)) == finite
-
-
-def test_an_inner_point_beyond_a_position_limit_has_no_finite_barrier() -> None:
-    spline, limits = motion("panda", moving=False)
-    inner = spline.inner.copy()
-    inner[2, 1] = limits.upper[1] + 1e-9
-    beyond = dataclasses.replace(spline, points=np.concatenate([spline.points[:3], inner, spline.points[-3:]]))
-    assert math.isfinite(limit_barrier(spline.points, 10.0, limits))
-    assert math.isinf(limit_barrier(beyond.points, 10.0, limits))

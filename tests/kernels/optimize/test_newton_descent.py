@@ -78,56 +78,6 @@ def test_each_step_lowers_the_objective() -> None:
     assert (np.diff(values) < 0.0).all()
 
 
-@pytest.mark.parametrize("rules", [{"steps": 1}, {"trusted": 0.0}, {"little": 1.0}], ids=["steps", "trusted", "little"])
-def test_it_ends_after_a_step_where_it_is_told_to(rules: dict[str, float]) -> None:
-    spline, limits = motion("panda", moving=False)
-    model = look("panda", spline.points)
-    assert descended(spline, limits, model, **rules)[1] == 1
-
-
-@pytest.mark.parametrize("settled", [1e-2, 1e-3, 1e-4])
-def test_what_it_leaves_undone_is_as_little_as_it_was_told(settled: float) -> None:
-    spline, limits = motion("panda", moving=False)
-    model = look("panda", spline.points)
-    (patient, most), (soon, fewer) = (descended(spline, limits, model, settled=one) for one in (1e-12, settled))
-    least, reached = (of("panda", one, limits, model)[0] for one in (patient, soon))
-    assert fewer < most
-    assert least <= reached < least + settled * abs(least)
-
-
-@pytest.mark.parametrize("rules", [{"steps": 0}, {"settled": 1e6}, {"tries": 0}], ids=["steps", "settled", "tries"])
-def test_it_stays_where_it_is_told_to(rules: dict[str, float]) -> None:
-    spline, limits = motion("panda", moving=False)
-    after, taken = descended(spline, limits, look("panda", spline.points), **rules)
-    assert (taken, after.step) == (0, spline.step)
-    np.testing.assert_array_equal(after.points, spline.points)
-
-
-def test_no_coordinate_moves_further_than_allowed_in_a_step() -> None:
-    spline, limits = motion("panda", moving=False)
-    model = look("panda", spline.points)
-    after, taken = descended(spline, limits, model, steps=1, longest=1e-3)
-    assert taken == 1
-    assert np.abs(after.inner - spline.inner).max() <= 1e-3 + 1e-15
-
-
-def test_time_changes_no_more_than_allowed_in_a_step() -> None:
-    spline, limits = motion("panda", moving=False)
-    model = look("panda", spline.points)
-    free, after = (descended(spline, limits, model, steps=1, **most)[0] for most in ({}, {"most_stretched": 1e-3}))
-    assert abs(math.log(free.step / spline.step)) > 2e-3, "else it doesn't matter"
-    assert abs(math.log(after.step / spline.step)) <= 1e-3 + 1e-15
-
-
-def test_pieces_stay_as_short_as_asked() -> None:
-    spline, limits = motion("panda", moving=True)
-    model = look("panda", spline.points)
-    most = 1.01 * spline.step
-    free, kept = (descended(spline, limits, model, 100.0, longest)[0].step for longest in (math.inf, most))
-    assert free > most, "time is cheap, else it doesn't matter"
-    assert spline.step < kept <= most
-
-
 def test_it_keeps_to_a_constraint_that_bends_and_is_tight() -> None:
     wild, limits = motion("panda", moving=False)
     spline = BSpline.between(wild.start, wild.start, wild.inner, wild.step)

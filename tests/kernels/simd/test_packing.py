@@ -1,11 +1,10 @@
-"""Words that stand for tuples: what kernels read back, and what can't be pack."""
+"""Words that stand for tuples: what kernels read back."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 from numba import njit, types
 
 from guidefield.kernels.simd.packing import pack, pointers, unpacked
@@ -39,9 +38,3 @@ def test_a_kernel_reads_and_writes_what_was_packed() -> None:
     value = Outside(3, Inside(np.arange(5, dtype=np.float32) + 0.5, -4), np.array([11, 12]))
     assert _everything(pack(value)) == (3, 2.5, -4, 11)
     np.testing.assert_array_equal(value.numbers, [11, 7])
-
-
-@pytest.mark.parametrize("value", [(1.5,), ("text",), (np.eye(3)[:, :2],)])
-def test_what_kernels_could_not_read_is_refused(value: tuple) -> None:
-    with pytest.raises(TypeError, match="can't be packed"):
-        pack(value)

@@ -46,22 +46,6 @@ def spread(kind: str, count: int, rng: np.random.Generator) -> np.ndarray:
     return points
 
 
-def test_the_nearest_of_few_nodes_is_brute_forces() -> None:
-    """However many nodes there are beside a multiple of four or sixteen, what lies behind the last is not looked at."""
-    rng = np.random.default_rng(1)
-    points, targets = rng.uniform(-3.0, 3.0, (40, 5)).astype(np.float32), rng.uniform(-3.0, 3.0, (32, 5))
-    room, sampling, nodes = _Room.build(5, 64), sampling_of(WRAPS), np.zeros(32, np.int64)
-    nodes_held = held_by(room.search)[0]
-    nodes_held[:] = targets[0][:, None]
-    nodes_held[0, :, :40] = points.T
-    for size in range(1, 41):
-        room.search.counters[lane_nodes.SIZE] = size
-        least = apart(points[None, :size], targets[:, None], WRAPS).argmin(axis=1)
-        for asked in (nearest_nodes, nearest_nodes_of_samples):
-            asked(room.words, pack(sampling), 0, targets.astype(np.float32), nodes)
-            np.testing.assert_array_equal(nodes, least)
-
-
 @pytest.mark.parametrize("kind", ["even", "one place", "turns"])
 @pytest.mark.parametrize("wraps", [WRAPS, 0.0 * WRAPS], ids=["wraps", "straight"])
 def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:

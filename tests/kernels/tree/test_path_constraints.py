@@ -52,24 +52,6 @@ def test_the_numbers_are_those_of_pinocchio(name: str) -> None:
         assert largest_share(keep_frames(frames), z) == pytest.approx(expected, abs=1e-10)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_the_first_step_back_is_that_of_pinocchio(name: str) -> None:
-    rng = np.random.default_rng(1)
-    for _ in range(20):
-        whole = random_frames(name, rng)
-        frames = ConstrainedFrames(whole.group, (whole.constraints[rng.integers(6)],))
-        z = frames.group.chart(frames.group.random(rng))
-        values, rows = frames.values_and_rows(z)
-        excess = values - ROOM * frames.limits
-        expected = z
-        if excess[0] > 0.0:
-            step = rows[0] * excess[0] / (rows[0] @ rows[0] + 1e-12)
-            expected = np.clip(z - step, frames.group.lower, frames.group.upper)
-        found = z.copy()
-        bring_back(keep_frames(frames), ROOM, 1, found)
-        np.testing.assert_allclose(found, expected, atol=1e-6 * (1.0 + np.abs(expected).max()))
-
-
 def test_it_comes_back_where_pinocchio_does() -> None:
     rng, came = np.random.default_rng(2), 0
     for _ in range(40):
