@@ -1,7 +1,5 @@
 """Balls contain bodies, and the lower bounds of distances are below them."""
 
-from types import SimpleNamespace
-
 import coal
 import numpy as np
 import pinocchio as pin
@@ -62,21 +60,6 @@ def test_placements_are_read_where_pinocchio_keeps_them(name):
         assert read == pytest.approx(np.array([placement.homogeneous[:3] for placement in data.oMi]), abs=0)
     with pytest.raises(ValueError, match="read-only"):
         read[0] = 0.0
-
-
-def test_placements_that_lie_elsewhere_are_refused():
-    apart = [pin.SE3.Random() for _ in range(4)]
-    with pytest.raises(RuntimeError, match="one behind the other"):
-        joint_placements(SimpleNamespace(oMi=[apart[0], apart[2], apart[1], apart[3]]))
-
-
-def test_centres_move_with_the_bodies():
-    world = panda_in("bookshelf")
-    q = random_configuration(world.group, 1)
-    moved = centres(world, q)
-    for body, shape in enumerate(world.group.geometry.geometryObjects):
-        local = bounding_ball(shape.geometry)[0]
-        assert moved[body] == pytest.approx((world.data.oMi[shape.parentJoint] * shape.placement).act(local))
 
 
 def swollen(shape, by):

@@ -10,7 +10,6 @@ from tests.collision.plain import panda_among
 from tests.collision.scenery import box, panda_in, world_of
 from tests.collision.test_world import SCENES, pair_distances
 from tests.robots import group, random_configuration, rest
-from tests.scene.solids import l_prism, mesh_message
 
 ACCURACY = 2e-6
 """Coal's, for distances of convex bodies."""
@@ -66,28 +65,3 @@ def test_hulls_are_as_far_away_as_the_meshes():
         distances = plain.distances(q)[plain.self_pairs :]
         if distances.min() > 0:
             assert 0 <= distances.min() - clearance_at(world, q).obstacle_distance + ACCURACY <= HULL
-
-
-def test_contact_with_a_surface_is_zero():
-    arm = group("panda")
-    vertices, triangles = l_prism()
-    world = world_of(arm, [mesh_message(0.1 * vertices, triangles, position=(0.25, -0.05, 0.55))])
-    assert clearance_at(world, rest(arm)).obstacle_distance == 0.0
-
-
-def test_depth_counts_where_both_are_convex():
-    arm = group("panda")
-    world = world_of(arm, [box("crate", (0.4, 0.4, 0.4), (0.307, 0, 0.5))])
-    at = clearance_at(world, rest(arm))
-    assert at.obstacle_distance == pytest.approx(
-        pair_distances(world, rest(arm))[world.pairs.n_self :].min(), abs=ACCURACY
-    )
-    assert at.obstacle_distance < -0.1
-
-
-def test_without_obstacles_the_distance_is_infinite():
-    at = clearance_at(world_of(group("panda"), []), rest(group("panda")))
-    assert at.obstacle_distance == np.inf
-    assert at.obstacle_pair is None
-    assert at.witness is None
-    assert at.self_distance == pytest.approx(clearance_at(panda_in("table"), rest(group("panda"))).self_distance)

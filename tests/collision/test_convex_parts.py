@@ -5,10 +5,9 @@ from __future__ import annotations
 import coal
 import numpy as np
 import pinocchio as pin
-import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.convex_parts import PartsTable, UnservedError
+from guidefield.collision.convex_parts import PartsTable
 from guidefield.geometry.mesh_tree import mesh_tree
 
 
@@ -56,28 +55,3 @@ def test_every_triangle_is_once_in_the_tree_and_within_the_balls_above(count: in
             assert node == root or apart.min(axis=1).max() < 1e-6
     look(root, [])
     assert sorted(map(np.ndarray.tolist, found)) == sorted(corners.tolist())
-
-
-def test_an_unknown_shape_is_refused() -> None:
-    with pytest.raises(UnservedError, match="Cone"):
-        PartsTable().add_shape(coal.Cone(0.1, 0.2), pin.SE3.Identity())
-
-
-def test_a_mesh_that_is_known_has_the_same_tables_behind_other_bodies() -> None:
-    rng = np.random.default_rng(4)
-    corners = rng.normal(size=(90, 1, 3)) + 0.1 * rng.normal(size=(90, 3, 3))
-    mesh, placement = mesh_tree(corners), pin.SE3.Random()
-    alone, both = PartsTable(), PartsTable()
-    assert alone._mesh(mesh, placement) == 0
-    root = both.add_shape(coal.Box(0.1, 0.2, 0.3), placement)
-    assert both._mesh(mesh, placement) == root + 1
-    one, two = alone.tables(), both.tables()
-    np.testing.assert_array_equal(two.balls[4:], one.balls)
-    np.testing.assert_array_equal(two.numbers[16:], one.numbers)
-    np.testing.assert_array_equal(two.vertices[48:], one.vertices)
-    links = one.links.reshape(-1, 3)
-    np.testing.assert_array_equal(two.links[3:].reshape(-1, 3), np.where(links >= 0, links + 1, -1))
-    np.testing.assert_array_equal(two.shapes[3:].reshape(-1, 3) - [0, 1, 0], one.shapes.reshape(-1, 3))
-    moved = PartsTable()
-    moved._mesh(mesh, pin.SE3.Identity())
-    assert not np.allclose(moved.tables().balls, one.balls)

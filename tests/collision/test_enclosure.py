@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from guidefield.collision.enclosure import enclosed, find_enclosed_each
+from guidefield.collision.enclosure import enclosed
 from guidefield.geometry import cache
 from guidefield.geometry.convex import bvh
 from guidefield.kernels.jit.cache import cache_folder
@@ -82,23 +82,3 @@ def test_an_obstacle_inside_a_robots_mesh_is_noticed():
         world = world_of(hollowed, [pebble])
         assert not world.in_collision(q)
         assert (enclosed(world, q) is not None) is expected
-
-
-def test_allowed_pairs_may_be_enclosed():
-    arm = group("panda")
-    vertices, triangles = l_prism()
-    around = mesh_message(4.0 * vertices, triangles, position=(-1.5, -1.5, -1.0))
-    allowed = [(link, "m") for link in arm.robot.links]
-    assert enclosed(world_of(arm, [around], allowed), rest(arm)) is None
-
-
-def test_many_configurations_are_told_as_one_by_one():
-    arm = group("panda")
-    vertices, triangles = l_prism()
-    world = world_of(arm, [mesh_message(0.8 * vertices, triangles, position=(0.2, 0.0, 0.1))])
-    rng = np.random.default_rng(7)
-    qs = [arm.expand_from_chart(rng.uniform(arm.lower, arm.upper)) for _ in range(60)]
-    one_by_one = [enclosed(world, q) for q in qs]
-    assert find_enclosed_each(world, qs) == one_by_one
-    assert {one is None for one in one_by_one} == {True, False}
-    assert find_enclosed_each(world, []) == []

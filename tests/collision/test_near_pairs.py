@@ -8,14 +8,13 @@ from hypothesis import given, settings, strategies as st
 from guidefield.collision.clearance import clearance_at, separations
 from guidefield.collision.obstacle_boxes import CHILDREN, BoxTree, obstacle_boxes, own_boxes
 from guidefield.collision.pairs import Pairs
-from guidefield.collision.world import ROOM, TOUCHING
+from guidefield.collision.world import TOUCHING
 from guidefield.messages import scene as messages
-from guidefield.prove.certificate import certify
 from guidefield.scene.scene import build
 from tests.collision.listed import part_separations, touching
 from tests.collision.scenery import box, scattered, world_of
 from tests.collision.test_world import pair_distances
-from tests.robots import group, rest
+from tests.robots import group
 from tests.scene.solids import l_prism, mesh_message
 
 FLOOR = messages.HalfSpace(name="floor", normal=(0.1, 0.0, 1.0), offset=-0.4)
@@ -35,15 +34,6 @@ def test_a_tree_finds_the_boxes_that_overlap(count, asked, seed):
     expected = ((low[None] <= last[:, None]) & (high[None] >= first[:, None])).all(axis=2)
     found = BoxTree.of(np.hstack([low, high])).overlapping(first, last)
     assert list(zip(*(part.tolist() for part in found), strict=True)) == list(zip(*np.nonzero(expected), strict=True))
-
-
-def test_a_tree_finds_all_of_many_that_overlap_one():
-    low, high = boxes(np.random.default_rng(5), 3000)
-    asked, found = BoxTree.of(np.hstack([low, high])).overlapping(
-        np.full((2, 3), -np.inf), np.array([[np.inf] * 3, [-20.0] * 3])
-    )
-    assert not asked.any()
-    np.testing.assert_array_equal(found, np.arange(3000))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -121,23 +111,6 @@ def test_among_hundreds_of_obstacles_answers_are_those_of_all_pairs(seed):
         )
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_far_obstacles_change_no_verdict(seed):
-    """The same motion among the near obstacles alone, and among them and hundreds that are far."""
-    rng = np.random.default_rng(seed)
-    arm, near = group("panda"), scattered(rng, 8)
-    directions = rng.normal(size=(500, 3))
-    places = directions / np.linalg.norm(directions, axis=1, keepdims=True) * rng.uniform(2.5, 9.0, (500, 1))
-    far = [box(f"far{k}", (0.05, 0.05, 0.05), place) for k, place in enumerate(places.tolist())]
-    few, many = world_of(arm, near), world_of(arm, [*far[:250], *near, *far[250:]])
-    z = rest(arm)
-    for _ in range(6):
-        pieces = np.array([[z + rng.uniform(-0.3, 0.3, 7) for _ in range(4)]])
-        one, other = certify(few, pieces, 0.02), certify(many, pieces, 0.02)
-        assert (one.reason, one.pair) == (other.reason, other.pair)
-        assert one.place == pytest.approx(other.place, abs=1e-3)
-
-
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
 def test_near_pairs_are_those_that_bounds_of_all_pairs_leave(name):
     planned, rng = group(name), np.random.default_rng(11)
@@ -152,11 +125,3 @@ def test_near_pairs_are_those_that_bounds_of_all_pairs_leave(name):
         close = np.maximum(bounds, part_separations(world, placements, pairs)) <= margin
         assert near == np.flatnonzero(close).tolist() == world.near(q)
         assert 0 < len(near) < len(pairs)
-
-
-def test_there_is_room_for_all_pairs():
-    crumbs = [box(f"c{k}", (0.5, 0.5, 0.5), (0.1, 0.0, 0.3 + 1e-3 * k)) for k in range(2 * ROOM)]
-    world = world_of(group("panda"), crumbs)
-    near = world.near(world.group.expand(rest(world.group)))
-    assert len(near) > ROOM
-    assert near == sorted(set(near))

@@ -9,12 +9,11 @@ from pathlib import Path
 import pytest
 
 from guidefield.bounded_map import MESH_TREES, BoundedMap
-from guidefield.collision import convex_parts, preparation
+from guidefield.collision import convex_parts
 from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.engine import Engine
 from guidefield.kernels.jit.cache import cache_folder
-from guidefield.memo import MemoSet
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfFile
 from guidefield.messages.scene import Scene
@@ -113,20 +112,3 @@ def test_over_the_wire_preparing_counts_and_is_told(cold: Path) -> None:
     assert [told for told in dict.fromkeys(prepared) if told in pieces] == pieces
     assert heard.told[-1]["preparing"] is None
     assert 0.0 < reply.timing.load <= reply.timing.total
-
-
-def test_in_this_process_preparing_does_not_count(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [0.0]
-    monkeypatch.setattr(preparation, "_prepared", MemoSet())
-    found = parts_room.decompose
-
-    def slow(*asked: object) -> object:
-        clock[0] += 1000.0
-        return found(*asked)
-
-    monkeypatch.setattr(parts_room, "decompose", slow)
-    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
-    reply = Engine().answer(request_for(bent(cold), 600.0))
-    assert clock[0] == 1000.0
-    assert isinstance(reply, PlanReply)
-    assert reply.status.name == "SUCCESS"

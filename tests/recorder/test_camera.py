@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
 
@@ -37,14 +36,6 @@ def hidden(eye: np.ndarray, points: np.ndarray, obstacles: tuple) -> dict[str, n
     return found
 
 
-def test_looks_past_a_wall_on_either_side():
-    for side in (-1.0, 1.0):
-        obstacles = walls(("wall", (4.0, 0.02, 4.0), (0.5, 0.3 * side, 0.5)))
-        eye = choose_eye(WAY, JOINTS, NONE, obstacles)
-        assert not hidden(eye.position, WAY, obstacles)["wall"].any()
-        assert eye.hiding == frozenset()
-
-
 def test_names_what_hides_the_way_in_a_closed_room():
     room = walls(
         *((f"x{s}", (0.02, 1.5, 1.5), (0.35 + 0.5 * s, 0.0, 0.3)) for s in (-1, 1)),
@@ -74,21 +65,9 @@ def test_what_hides_nothing_is_not_named(seed):
     assert all(shares[name] > 0.0 for name in eye.hiding)
 
 
-def test_an_empty_scene_and_a_robot_at_rest_have_a_view_too():
-    eye = choose_eye(WAY[:1], JOINTS[:1], NONE, ())
-    assert np.linalg.norm(eye.position - eye.target) > 0.3
-
-
 def test_landmarks_are_in_the_picture():
     far = np.array([[3.0, 2.0, 1.0]])
     near, wide = (choose_eye(WAY, JOINTS, points, ()) for points in (NONE, far))
     assert np.linalg.norm(wide.position - wide.target) > 2.0 * np.linalg.norm(near.position - near.target)
     middle = 0.5 * (np.vstack([WAY, JOINTS, far]).min(axis=0) + far[0])
     assert np.allclose(wide.target, middle)
-
-
-def test_a_small_robot_is_seen_from_as_much_nearer() -> None:
-    tip = np.linspace([0.4, -0.3, 0.5], [0.4, 0.3, 0.5], 20)
-    robot, none = np.vstack([tip, [[0.0, 0.0, 0.0]]]), np.empty((0, 3))
-    usual, small = choose_eye(tip, robot, none, []), choose_eye(0.1 * tip, 0.1 * robot, none, [], 0.1)
-    assert small.position == pytest.approx(0.1 * usual.position)

@@ -19,10 +19,6 @@ def test_what_is_short_is_plain_json(value):
     assert json.loads(readable(value)) == value
 
 
-def test_a_row_of_numbers_stays_on_a_line_with_six_digits():
-    assert readable({"q": [[0.123456789, 1.0], [2, 1e-9]]}) == '{\n  "q": [[0.123457, 1], [2, 1e-09]]\n}'
-
-
 def test_long_lists_and_texts_say_how_much_they_leave_out():
     rows = [[float(i), 0.0] for i in range(100)]
     shown = readable(rows)

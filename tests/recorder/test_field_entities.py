@@ -1,4 +1,4 @@
-"""The picture of the field: of the scene planned in, on the plane of the tip's way, only where there is one."""
+"""The picture of the field: of the scene planned in, on the plane of the tip's way."""
 
 from __future__ import annotations
 
@@ -39,20 +39,6 @@ def test_there_is_a_flat_picture_with_the_way_and_one_at_its_place() -> None:
         / longest,
         rtol=0.05,
     )
-
-
-def test_a_picture_among_moving_obstacles_is_told_from_others() -> None:
-    route = messages.ObstacleTrajectory(times=[0.0, 1.0], placements=[Placement(), Placement(position=(0.0, 1.0, 0.0))])
-    ball = messages.Sphere(name="ball", radius=0.1, trajectory=route)
-    paths = {
-        chunk.entity_path
-        for chunk in picture_of_plane(build(messages.Scene(name="s", obstacles=[ball])), TIP, (0.0, 0.0, 0.0))
-    }
-    assert paths == {"/field/picture_at_start", "/field/slice"}
-
-
-def test_where_nothing_is_charged_there_is_none() -> None:
-    assert list(picture_of_plane(build(messages.Scene(name="s")), TIP, (0.0, 0.0, 0.0))) == []
 
 
 BESIDE_THE_HAND = (0.72, -0.02, 0.8)

@@ -1,4 +1,4 @@
-"""Recordings of judgements: the motion, the bodies that touch, the verdict, and request and reply to the last bit."""
+"""Recordings of judgements: request and reply to the last bit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from guidefield.recorder.reading import read_recording
 from tests.recorder.runs import Recording
 
 HOME = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
-INTO = [0.0, 0.9, 0.0, -1.2, 0.0, 1.571, 0.785]
 TURN = [0.4, *HOME[1:]]
 
 
@@ -27,19 +26,6 @@ def recorded(engine: Engine, file: Path, **request) -> tuple[CertifyReply, Recor
     assert isinstance(reply, CertifyReply)
     assert reply.recording == str(file), reply.warnings
     return reply, Recording(file)
-
-
-def test_a_contact_is_shown_where_it_is(engine: Engine, tmp_path: Path) -> None:
-    reply, recording = recorded(engine, tmp_path / "r.rrd", path=[HOME, INTO])
-    assert reply.status.name == "INVALID_MOTION_PLAN"
-    assert {"/path/failure", "/path/closest_pair", "/path/tip", "/plots/clearance"} <= recording.entities
-    assert any(entity.startswith("/robot/at_fault") for entity in recording.entities)
-    (label,) = recording.one("/path/failure", "Points3D:labels")
-    assert label == f"invalid motion plan: {reply.certificate.pair[0]} - {reply.certificate.pair[1]}"
-    (summary,) = recording.one("/documents/summary", "TextDocument:text")
-    assert "contact" in summary
-    assert "an even pace" in summary
-    assert "/plots/velocity" not in recording.entities
 
 
 def test_messages_are_read_back_to_the_last_bit(engine: Engine, tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -19,32 +18,6 @@ def test_reads_a_replys_rows_back(name):
         assert np.allclose(run.group.difference(q, run.group.from_chart(z)), 0.0, atol=1e-9)
     rows = motion.position_rows(run.group, read)
     assert rows.shape == (len(run.reply.path), len(run.reply.position_names))
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_a_trajectory_without_samples_is_shown_through_its_knots(name):
-    run = made_up(name)
-    shown = motion.shown_motion(run.group, run.reply, None, None)
-    assert shown.timed
-    for knot, z in zip(run.trajectory.times, run.trajectory.positions, strict=True):
-        row = int(np.argmin(np.abs(shown.times - knot)))
-        assert np.allclose(run.group.difference(shown.configurations[row], run.group.from_chart(z)), 0.0, atol=1e-8)
-    if run.group.is_euclidean:
-        expected = [run.group.from_chart(z) for z in run.trajectory.evaluate(shown.times)[0]]
-        assert np.allclose(shown.configurations, expected, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_a_path_without_times_is_shown_at_an_even_pace(name):
-    run = made_up(name)
-    shown = motion.shown_motion(run.group, msgspec.structs.replace(run.reply, trajectory=None), None, None)
-    assert not shown.timed
-    rows = run.group.chart_path(list(shown.configurations))
-    assert np.abs(np.diff(rows, axis=0)).max() <= motion.SHOWN_STEP * 1.001
-    assert np.allclose(np.diff(shown.times), shown.times[1])
-    ends = motion.configurations_of(run.group, [run.reply.path[0], run.reply.path[-1]])
-    for end, q in zip(ends, shown.configurations[[0, -1]], strict=True):
-        assert np.allclose(run.group.difference(end, q), 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

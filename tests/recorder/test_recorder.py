@@ -14,13 +14,11 @@ import pytest
 import rerun as rr
 
 from guidefield.messages import replies
-from guidefield.messages.requests import PlanRequest, PoseGoal
-from guidefield.planner.task import trace
+from guidefield.messages.requests import PlanRequest
 from guidefield.planner.task.trace import Step
 from guidefield.recorder.documents import unpack
 from guidefield.recorder.motion import SHOWN_STEP
-from tests.journeys.service import await_that
-from tests.recorder.runs import MIN_CLEARANCE, PLACEMENT, MadeUp, Recording, made_up
+from tests.recorder.runs import PLACEMENT, MadeUp, Recording, made_up
 
 SINGLE = 1e-6
 """Recordings keep lengths and quaternions in single precision: what rounding may cost near 1 m."""
@@ -164,14 +162,6 @@ def matrix(rotation: np.ndarray, translation: list[float]) -> np.ndarray:
     return whole
 
 
-def test_bodies_hang_on_their_links(recording):
-    for entity in recording.entities:
-        for tree in ("visual", "collision"):
-            if entity.startswith(f"/robot/{tree}/"):
-                link = entity.removeprefix(f"/robot/{tree}/").rpartition("_")[0]
-                assert recording.one(entity, "CoordinateFrame:frame") == [f"link {link}"]
-
-
 def test_shows_the_planners_steps(run, recording):
     steps = [event for event in run.events if isinstance(event, Step)]
     assert recording.times("/planner/tip", "step").tolist() == list(range(len(steps)))
@@ -188,30 +178,6 @@ def test_shows_the_planners_steps(run, recording):
     assert recording.times("/planner/potential", "step").tolist() == evaluated
     potentials = recording.values("/planner/potential", "Scalars:scalars", "step")
     assert np.ravel(potentials).tolist() == [steps[index].potential for index in evaluated]
-
-
-def test_tells_every_event_and_the_end(run, recording):
-    lines = [text for (text,) in recording.values("/planner/log", "TextLog:text", "step")]
-    levels = [level for (level,) in recording.values("/planner/log", "TextLog:level", "step")]
-    assert len(lines) == len(run.events) + 1
-    assert "step 2" in lines[3]
-    assert levels[-3] == "WARN"
-    assert "something odd" in lines[-3]
-    assert lines[-1] == f"SUCCESS: {run.reply.status.message}"
-
-
-def test_plots_what_was_measured(run, recording):
-    times = recording.times("/plots/clearance", "path_time")
-    assert np.allclose(times, run.profile.times, atol=1e-9)
-    assert recording.one("/plots/clearance", "SeriesLines:names") == ["to obstacles", "to itself", "asked for"]
-    shown = np.array(recording.values("/plots/clearance", "Scalars:scalars", "path_time"))
-    finite = np.isfinite(run.profile.obstacle_distance)
-    assert np.array_equal(shown[finite, 0], run.profile.obstacle_distance[finite])
-    assert np.isnan(shown[~finite, 0]).all()
-    assert np.array_equal(shown[:, 1], run.profile.self_distance)
-    assert (shown[:, 2] == MIN_CLEARANCE).all()
-    potential = recording.values("/plots/potential", "Scalars:scalars", "path_time")
-    assert np.array_equal(np.ravel(potential), run.profile.potential[1])
 
 
 def test_plots_the_trajectory_and_its_limits(run, recording):
@@ -249,17 +215,6 @@ def test_plots_the_trajectory_and_its_limits(run, recording):
     assert np.allclose(way, expected, atol=5e-3)
 
 
-def test_shows_the_closest_pair_where_there_is_one(run, recording):
-    strips = recording.values("/path/closest_pair", "LineStrips3D:strips", "path_time")
-    for row, pair in enumerate(run.profile.obstacle_pair):
-        if pair is None:
-            assert strips[row] == []
-        else:
-            assert np.allclose(strips[row][0], run.profile.witness[row], atol=SINGLE)
-    labels = recording.values("/path/closest_pair", "LineStrips3D:labels", "path_time")
-    assert labels[0] == [f"{1e3 * run.profile.obstacle_distance[0]:.0f} mm  panda_hand - box / lid"]
-
-
 def test_draws_obstacles_where_they_are(run, recording):
     named = {obstacle.name: obstacle for obstacle in run.scene.obstacles}
     colors = []
@@ -288,18 +243,6 @@ def test_draws_obstacles_where_they_are(run, recording):
     assert len(set(colors)) == len(run.scene.obstacles)
 
 
-def test_draws_guide_planes_with_their_names(run, recording):
-    outlines = recording.one("/guide_planes", "LineStrips3D:strips")
-    for plane, outline in zip(run.scene.guide_planes, outlines, strict=True):
-        assert np.allclose(outline, [*plane.vertices, plane.vertices[0]], atol=SINGLE)
-    assert recording.one("/guide_planes", "Points3D:labels") == [plane.name for plane in run.scene.guide_planes]
-    corners = np.array(recording.one("/guide_planes", "Mesh3D:vertex_positions"))
-    assert np.allclose(corners, np.concatenate([plane.vertices for plane in run.scene.guide_planes]), atol=SINGLE)
-    triangles = np.array(recording.one("/guide_planes", "Mesh3D:triangle_indices"))
-    area = np.linalg.norm(np.cross(*np.diff(corners[triangles], axis=1).transpose(1, 0, 2)), axis=1).sum() / 2
-    assert area == pytest.approx(2 * 0.5 * 0.4 * 0.3, rel=1e-5)
-
-
 def test_keeps_request_and_reply_to_the_last_digit(run, recording):
     assert unpack(bytes(recording.one("/documents/request", "message")), PlanRequest) == run.request
     assert unpack(bytes(recording.one("/documents/reply", "message")), replies.PlanReply) == run.reply
@@ -307,34 +250,6 @@ def test_keeps_request_and_reply_to_the_last_digit(run, recording):
     assert run.reply.status.message in summary
     assert "31.0 mm" in summary
     assert "the start was clamped" in summary
-
-
-def test_can_be_asked_for_by_what_it_is_about(recording):
-    assert recording.one("/__properties/plan", "status") == ["SUCCESS"]
-    assert recording.one("/__properties/plan", "robot") == ["panda"]
-    assert recording.one("/__properties/plan", "clearance") == [0.031]
-    (made_with,) = recording.one("/__properties/plan", "made_with")
-    assert "coal 3" in made_with
-
-
-def test_ghosts_lie_along_the_way_in_grey(recording):
-    colors = np.array(recording.one("/ghosts", "Mesh3D:vertex_colors"), np.uint32)
-    red, green, blue = (colors >> 24) & 255, (colors >> 16) & 255, (colors >> 8) & 255
-    assert (red == green).all()
-    assert (green == blue).all()
-    assert len(set(red.tolist())) >= 5
-
-
-def test_a_summary_leaves_out_the_field_and_the_planners_life(run, recording, tmp_path):
-    request = msgspec.structs.replace(run.request, recording="summary")
-    summary = record(replace(run, request=request), tmp_path / "run.rrd")
-    verify(tmp_path / "run.rrd")
-    left_out = recording.entities - summary.entities
-    assert {path.split("/")[1] for path in left_out} >= {"field", "planner"}
-    assert not any(path.startswith(("/field", "/planner")) for path in summary.entities)
-    assert {"/robot/model/frames", "/robot/visual/panda_hand_0", "/ghosts", "/obstacles/boxes"} <= summary.entities
-    assert {"/path/tip", "/plots/position", "/plots/velocity", "/documents/summary"} <= summary.entities
-    assert unpack(bytes(summary.one("/documents/request", "message")), PlanRequest) == request
 
 
 def test_records_a_failure_with_its_partial_motion(run, tmp_path):
@@ -377,61 +292,6 @@ def test_a_goal_that_is_refused_is_shown(run, tmp_path):
     assert np.allclose(recording.one("/path/failure", "Points3D:positions"), [tip], atol=SINGLE)
 
 
-def test_a_pose_to_reach_is_shown(run, tmp_path):
-    goal = PoseGoal(position=(0.5, 0.1, 0.4), quaternion_xyzw=(0.0, 1.0, 0.0, 0.0))
-    asked = replace(run, request=msgspec.structs.replace(run.request, goal=goal))
-    recording = record(asked, tmp_path / "run.rrd")
-    assert np.allclose(recording.one("/path/goal", "Transform3D:translation"), [goal.position], atol=SINGLE)
-    assert np.allclose(recording.one("/path/goal", "Transform3D:quaternion"), [goal.quaternion_xyzw], atol=SINGLE)
-    assert "/path/failure" not in recording.entities
-
-
-def test_the_robot_is_there_at_each_step_of_a_plan_without_steps(run, tmp_path):
-    events = tuple(event for event in run.events if not isinstance(event, Step))
-    recording = record(replace(run, events=events), tmp_path / "run.rrd")
-    frames = Frames(recording, "step")
-    assert frames.times.tolist() == [0]
-    assert np.allclose(frames.placement("panda_hand", 0), Frames(recording, "path_time").placement("panda_hand", 0))
-
-
-def test_records_a_failure_without_any_motion(run, tmp_path):
-    status = replies.Outcome(code=-10, name="START_STATE_IN_COLLISION", message="the hand is in the can")
-    reply = msgspec.structs.replace(run.reply, status=status, path=[], trajectory=None)
-    replace(run, events=(), reply=reply, profile=None).record(tmp_path / "run.rrd")
-    verify(tmp_path / "run.rrd")
-    recording = Recording(tmp_path / "run.rrd")
-    (position,) = recording.values("/plots/position", "Scalars:scalars", "path_time")
-    whole = [run.group.robot.joint(joint.name) for joint in run.group.joints]
-    assert np.allclose(position, [run.group.q_reference[joint.idx_q] for joint in whole])
-
-
-def test_a_motion_that_goes_nowhere_can_be_recorded(run, tmp_path):
-    row = run.reply.path[0]
-    still = replies.Trajectory(times=[0.0], positions=[row], velocities=[[0.0] * 7], accelerations=[[0.0] * 7])
-    recording = record(run, tmp_path / "run.rrd", path=[row], trajectory=still)
-    assert np.allclose(recording.values("/plots/position", "Scalars:scalars", "path_time"), [row])
-
-
-def test_keeps_so_many_events_and_counts_the_others(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(trace, "MAX_EVENTS", 4)
-    recording = record(run, tmp_path / "run.rrd")
-    lines = [text for (text,) in recording.values("/planner/log", "TextLog:text", "step")]
-    assert len(lines) == 6
-    assert lines[4] == f"{len(run.events) - 4} more events were not kept"
-
-
-def test_leaves_no_threads_behind(run, tmp_path):
-    def threads() -> int:
-        return len(list(Path("/proc/self/task").iterdir()))
-
-    for number in range(2):  # the first ones start what is kept for good: an allocator's thread, a pool
-        run.record(tmp_path / f"warm{number}.rrd")
-    before = threads()
-    for number in range(3):
-        run.record(tmp_path / f"run{number}.rrd")
-    await_that(lambda: threads() <= before)
-
-
 def test_a_folder_that_is_not_there_is_an_os_error(run, tmp_path):
     with pytest.raises(FileNotFoundError, match=r"run\.rrd"):
         run.record(tmp_path / "missing" / "run.rrd")
@@ -463,9 +323,3 @@ def test_a_full_disk_leaves_the_earlier_recording_alone(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=root)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["OSError", "OSError"]
-
-
-def test_the_layout_comes_before_the_recording_for_the_web_viewer(file: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "rerun", "rrd", "print", str(file)]
-    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
-    assert 0 <= said.index("BlueprintActivationCommand") < said.index("        Recording,")

@@ -59,13 +59,3 @@ def _corners(box: messages.Box) -> np.ndarray:
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners: np.ndarray = 0.5 * signs * box.size
     return corners
-
-
-def test_a_cloud_is_drawn_as_its_balls() -> None:
-    points = [(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)]
-    scene = build(messages.Scene(name="s", obstacles=[messages.PointCloud(name="scan", points=points, radius=0.02)]))
-    (chunk,) = scene_entities.obstacles(scene.obstacles, (), ())
-    assert chunk.entity_path == "/obstacles/single/scan"
-    drawn = chunk.to_record_batch()
-    np.testing.assert_allclose(drawn.column("Points3D:positions").to_pylist()[0], points, atol=1e-7)
-    np.testing.assert_allclose(drawn.column("Points3D:radii").to_pylist()[0], [0.02], atol=1e-7)

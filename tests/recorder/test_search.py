@@ -1,4 +1,4 @@
-"""How the planner searched: trees edge by edge, and motions as they were optimised, where Pinocchio has the tip."""
+"""How the planner searched: trees edge by edge, where Pinocchio has the tip."""
 
 from __future__ import annotations
 
@@ -8,12 +8,7 @@ import pytest
 
 from guidefield.planner.task.trace import (
     GROWTH_STEPS,
-    MAX_ITERATIONS,
-    MAX_NODES,
-    EventLog,
     LoggedTrees,
-    PathRelaxed,
-    TreeGrown,
 )
 from guidefield.recorder import planner_entities
 from tests.recorder.runs import MadeUp, grown_trees, made_up
@@ -53,30 +48,3 @@ def test_each_edge_of_a_tree_is_drawn_once_a_parent_before_its_children(run: Mad
     for start, end in drawn:
         assert min(np.linalg.norm(np.subtract(start, one)) for one in reached) < 1e-5
         reached.append(end)
-
-
-def test_a_long_tree_and_many_relaxed_paths_are_thinned_out(run: MadeUp) -> None:
-    many = 3 * MAX_NODES
-    points = np.random.default_rng(1).uniform(-0.5, 0.5, (many, run.group.nv))
-    edges = planner_entities.tree_edges(run.group, points, np.arange(-1, many - 1))
-    assert len(edges) == MAX_NODES - 1
-    paths = [(number, PathRelaxed(points, 1.0)) for number in range(40)]
-    (chunk,) = planner_entities.relaxed(run.group, paths)
-    batch = chunk.to_record_batch()
-    steps = batch.column("step").to_pylist()
-    assert (steps[0], steps[-1], len(steps)) == (0, 39, MAX_ITERATIONS)
-    ((strip,), *_) = batch.column("LineStrips3D:strips").to_pylist()
-    assert len(strip) == planner_entities.MOST_WAYPOINTS
-    assert np.allclose(strip[0], _tip(run, points[0]), atol=1e-6)
-    assert np.allclose(strip[-1], _tip(run, points[-1]), atol=1e-6)
-
-
-def test_trees_are_looked_at_while_they_are_told(run: MadeUp) -> None:
-    memory = [np.ones((3, run.group.nv)), np.array([-1, 0, 1])]
-    log = EventLog()
-    log.add(TreeGrown(lambda: ((memory[0].copy(), memory[1].copy()),)))
-    memory[0][:] = 7.0
-    (kept,) = log.events
-    assert isinstance(kept, LoggedTrees)
-    ((points, _),) = kept.trees
-    assert (points == 1.0).all()

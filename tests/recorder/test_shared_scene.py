@@ -11,8 +11,8 @@ import msgspec
 import pytest
 
 from guidefield.messages import scene as messages
-from guidefield.recorder.reading import LEFT_OUT, LINK, read_recording, self_contained
-from guidefield.recorder.stored import FOLDER, Place, shared_scene
+from guidefield.recorder.reading import LINK, read_recording, self_contained
+from guidefield.recorder.stored import FOLDER, Place
 from guidefield.scene.scene import build
 from guidefield.stores.recordings import SCENE_LINK
 from tests.recorder.runs import MadeUp, Recording, every_kind, made_up
@@ -91,18 +91,3 @@ def test_where_a_disk_has_no_links_the_scene_is_in_the_recording(
     file = record(run, tmp_path, "one")
     assert Recording(file).entities > OBSTACLES
     assert read_recording(file).request == run.request
-
-
-def test_a_small_scene_is_in_the_recording(tmp_path: Path) -> None:
-    small = made_up("xarm7")
-    assert Recording(record(small, tmp_path, "one")).entities > {*OBSTACLES, LEFT_OUT}
-    assert not (tmp_path / FOLDER).exists()
-
-
-def test_a_small_scene_is_drawn_once_for_the_same_colours() -> None:
-    made = made_up("xarm7")
-    first, again = (shared_scene(made.scene, made.request, (), ()) for _ in range(2))
-    hit = shared_scene(made.scene, made.request, (), [made.scene.obstacles[0].name])
-    assert not first.is_large
-    assert first.chunks() is again.chunks()
-    assert [chunk.entity_path for chunk in hit.chunks()] != [chunk.entity_path for chunk in first.chunks()]

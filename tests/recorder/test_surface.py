@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
-from PIL import Image
 
 from guidefield.recorder import surface
 from guidefield.recorder.surface import Surface
@@ -75,32 +74,6 @@ def test_creases_part_the_corners_at_a_vertex(seed, crease):
     assert trimesh.Trimesh(drawn.vertices, drawn.triangles).area == pytest.approx(mesh.area, rel=1e-4)
 
 
-def test_shading_forgets_triangles_without_an_area():
-    drawn = surface.shaded(
-        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 1, 0]], float), np.array([[0, 1, 2], [1, 2, 3]])
-    )
-    assert len(drawn.triangles) == 1
-
-
-def test_a_sketch_is_a_hull_of_few_points_inside_the_shape():
-    drawn = surface.of_shape(coal.Capsule(0.1, 0.5))
-    mesh = closed(surface.sketch(drawn))
-    assert len(mesh.vertices) <= surface.SKETCH_VERTICES
-    assert mesh.is_convex
-    assert 0.8 * closed(drawn).volume < mesh.volume <= closed(drawn).volume
-
-
-def test_a_flat_surface_is_its_own_sketch():
-    square = np.array([[0.0, 0.0, 0.3], [1.0, 0.0, 0.3], [1.0, 1.0, 0.3], [0.0, 1.0, 0.3]])
-    plate = surface.shaded(square, np.array([[0, 1, 2], [0, 2, 3]]))
-    assert surface.sketch(plate) is plate
-
-
-def test_a_shape_that_nobody_knows_is_refused():
-    with pytest.raises(ValueError, match="Halfspace"):
-        surface.of_shape(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0))
-
-
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".glb", ".dae", ".ply"])
 def test_reads_every_kind_of_mesh_file_at_its_scale(suffix, tmp_path):
     box = trimesh.creation.box((1.0, 2.0, 3.0))
@@ -118,31 +91,6 @@ def test_keeps_the_colours_of_the_file(tmp_path):
     box.export(tmp_path / "box.glb")
     drawn = surface.read_mesh(tmp_path / "box.glb", np.ones(3), None)
     assert np.abs(drawn.colors.astype(int) - (200, 100, 50, 255)).max() <= 1
-
-
-def test_keeps_colours_by_face(tmp_path):
-    box = trimesh.creation.box()
-    box.visual.face_colors = np.tile([[255, 0, 0, 255], [0, 0, 255, 255]], (6, 1))
-    box.export(tmp_path / "box.ply")
-    drawn = surface.read_mesh(tmp_path / "box.ply", np.ones(3), None)
-    assert {tuple(color) for color in drawn.colors.tolist()} == {(255, 0, 0, 255), (0, 0, 255, 255)}
-    assert trimesh.Trimesh(drawn.vertices, drawn.triangles).volume == pytest.approx(1.0)
-
-
-def test_a_textured_file_stays_what_it_is(tmp_path):
-    box = trimesh.creation.box()
-    image = Image.fromarray(np.random.default_rng(0).integers(0, 255, (8, 8, 3), np.uint8))
-    material = trimesh.visual.material.PBRMaterial(baseColorTexture=image)
-    box.visual = trimesh.visual.TextureVisuals(uv=np.random.default_rng(1).uniform(size=(8, 2)), material=material)
-    box.export(tmp_path / "box.glb")
-    content = surface.read_mesh(tmp_path / "box.glb", np.full(3, 2.0), None)
-    assert isinstance(content, bytes)
-    again = tmp_path / "again.glb"
-    again.write_bytes(content)
-    mesh = trimesh.load_scene(again).to_geometry()
-    assert np.allclose(np.ptp(mesh.bounds, axis=0), 2.0)
-    assert mesh.visual.material.baseColorTexture.size == (8, 8)
-    assert isinstance(surface.read_mesh(tmp_path / "box.glb", np.ones(3), (1, 2, 3, 255)), Surface)
 
 
 def test_a_file_with_nothing_to_draw_is_refused(tmp_path):

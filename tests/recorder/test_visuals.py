@@ -9,13 +9,10 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from guidefield.messages.requests import UrdfFile
 from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies import cover_spheres, visual_bodies
-from guidefield.recorder.surface import GREY, Surface
+from guidefield.recorder.surface import Surface
 from guidefield.robot.bodies.sphere_cover import coverage
-from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.model.model import RobotSource
 from tests.robots import robot
 
 MOST_DRAWN = 6
@@ -60,49 +57,6 @@ def in_shape_frame(body: bodies.Body, in_link: pin.SE3) -> np.ndarray:
         points, placement = scene.to_geometry().vertices, body.placement
     there = in_link.inverse() * placement
     return points @ there.rotation.T + there.translation
-
-
-def test_a_material_of_the_urdf_colours_a_mesh_over():
-    drawn, _ = visual_bodies(robot("xarm7").source)
-    by_name = {body.name: body for body in drawn}
-    assert (by_name["link1_0"].surface.colors == (255, 255, 255, 255)).all()
-    assert (by_name["link7_0"].surface.colors[:, :3] < 255).all()
-
-
-URDF = """<robot name="r">
-  <material name="blue"><color rgba="0 0 1 1"/></material>
-  <link name="base">
-    <visual><origin xyz="0 0 1" rpy="0 0 1.5707963"/><geometry><box size="0.2 0.4 0.6"/></geometry>
-      <material name="blue"/></visual>
-    <visual><geometry><capsule radius="0.1" length="0.3"/></geometry></visual>
-    <visual><geometry><mesh filename="/nowhere/at_all.stl"/></geometry></visual>
-    <visual><geometry><torus radius="1"/></geometry></visual>
-  </link></robot>"""
-
-
-def test_primitives_have_their_placement_and_their_material():
-    drawn, faults = visual_bodies(RobotSource(URDF, None))
-    box, capsule = drawn
-    assert np.allclose(box.surface.vertices.min(axis=0), [-0.2, -0.1, 0.7], atol=1e-6)
-    assert box.color == (0, 0, 255, 255)
-    assert np.allclose(np.ptp(capsule.surface.vertices, axis=0), [0.2, 0.2, 0.5], atol=1e-3)
-    assert capsule.color == GREY
-    assert [fault.split(":")[0] for fault in faults] == ["visual base_2 is not drawn", "visual base_3 is not drawn"]
-
-
-def test_a_robot_without_looks_is_drawn_as_it_is_judged(tmp_path):
-    path = tmp_path / "arm.urdf"
-    link = '<link name="{}"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
-    joint = (
-        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-    )
-    path.write_text(f'<robot name="arm">{link.format("a")}{link.format("b")}{joint}</robot>')
-    _, chunks = bodies.prepare(Catalog().load(UrdfFile(path=str(path))), tmp_path / "arm.rrd")
-    paths = {chunk.entity_path for chunk in chunks}
-    assert paths - {"/robot/spheres/a", "/robot/spheres/b"} == {
-        f"/robot/{tree}/{link}_0" for tree in ("visual", "collision") for link in "ab"
-    }
 
 
 def test_balls_that_are_drawn_contain_each_link():

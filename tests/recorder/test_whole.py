@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import logging
-import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -18,9 +16,6 @@ from guidefield.recorder.rrd_file import read_meshes
 from guidefield.recorder.stored import Place
 from guidefield.robot.bodies.sphere_cover import coverage
 from tests.recorder.runs import MadeUp, Recording, made_up
-
-MOST_STORED = 500_000
-"""Bytes that a run may cost beside its robot's meshes."""
 
 
 @pytest.fixture(scope="module")
@@ -62,16 +57,6 @@ def test_what_leaves_a_store_holds_what_a_whole_recording_does(run, stored, tmp_
     subprocess.run(command, check=True, capture_output=True)
 
 
-def test_what_is_whole_leaves_as_it_is(run, tmp_path):
-    run.record(tmp_path / "whole.rrd")
-    assert self_contained(tmp_path / "whole.rrd", tmp_path) == (tmp_path / "whole.rrd").read_bytes()
-
-
-def test_a_run_costs_little_beside_its_robots_meshes(stored):
-    assert stored[0].stat().st_size < MOST_STORED
-    assert len(self_contained(*stored)) < MOST_STORED + sum(file.stat().st_size for file in stored[1].iterdir())
-
-
 def test_meshes_are_kept_once_and_made_again_when_they_are_gone(run, tmp_path):
     file, robots = tmp_path / "run.rrd", tmp_path / "robots"
     run.record(file, Place(file, robots, whole=False))
@@ -106,35 +91,3 @@ def test_a_recording_whose_meshes_are_missing_leaves_without_them_and_says_so(st
     assert "the robot's meshes are not in this recording" in summary
     assert "the tip reaches GP 2" in summary
     assert {"/ghosts", "/obstacles/boxes", "/robot/model/frames"} <= left.entities
-
-
-def test_a_disk_that_refuses_the_meshes_is_told_in_the_summary(run, tmp_path):
-    (tmp_path / "robots").write_text("no folder")
-    file = tmp_path / "run.rrd"
-    run.record(file, Place(file, tmp_path / "robots", whole=False))
-    (summary,) = Recording(file).one("/documents/summary", "TextDocument:text")
-    assert "the robot's meshes could not be kept" in summary
-
-
-def test_so_many_robots_are_kept_and_the_one_used_longest_ago_is_dropped(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(bodies, "MOST_FILES", 3)
-    robots, now = tmp_path / "robots", time.time()
-    robots.mkdir()
-    for name, age in (
-        ("a.rrd", 50.0),
-        ("b.rrd", 900.0),
-        ("c.rrd", 100.0),
-        (".d.draft", 9e3),
-        (".e.draft", 9.0),
-    ):
-        (robots / name).write_text("")
-        os.utime(robots / name, (now - age, now - age))
-    drawn = bodies.prepared(run.group.robot, robots)
-    assert {file.name for file in robots.iterdir()} == {"a.rrd", "c.rrd", drawn.file.name, ".e.draft"}
-
-
-def test_what_a_service_needs_to_hand_recordings_out_is_there_quickly() -> None:
-    heavy = "{'numba', 'pinocchio', 'coal', 'trimesh', 'scipy'}"
-    code = f"import sys, guidefield.recorder.reading; print({heavy} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == "set()"

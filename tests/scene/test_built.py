@@ -9,8 +9,6 @@ from guidefield.bounded_map import BYTES_PER_FACE, BoundedMap, Limit
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.messages import scene as messages
 from guidefield.messages.frozen_scenes import freeze
-from guidefield.messages.request_reader import read_request
-from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene_changes import SceneDiff, apply_change
 from guidefield.messages.values import Float32Array, Placement
 from guidefield.scene import built, obstacle
@@ -30,15 +28,6 @@ def test_the_last_scenes_are_kept_by_content() -> None:
     kept.of(messages.Scene(name="a"))
     kept.of(messages.Scene(name="c"))
     assert kept.of(messages.Scene(name="a")) is first
-
-
-def test_numbers_of_numpy_mean_the_same() -> None:
-    kept, position = BuiltScenes(Limit(2, 2**29)), np.array([0.5, 0.25, 1.0])
-    plain, numpys = (
-        kept.of(messages.Scene(name="a", obstacles=[messages.Sphere(name="b", radius=0.5, position=given)]))
-        for given in (tuple(position.tolist()), tuple(position))
-    )
-    assert plain is numpys
 
 
 def test_a_scene_of_very_many_changes_is_built_though_all_before_are_held() -> None:
@@ -65,20 +54,6 @@ def test_large_clouds_are_kept_only_as_long_as_memory_allows(monkeypatch: pytest
     assert kept.of(scan("large", 600)) is not large
     assert 0 < obstacle._KNOWN.size <= memory
     assert kept.of(scan("huge", 5000)) is kept.of(scan("huge", 5000))  # one at least
-
-
-def test_a_scene_that_was_read_is_not_hashed_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = BuiltScenes(Limit(2, 2**29))
-    boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=(0.5 * k, 0.0, 0.0)) for k in range(200)]
-    scene = messages.Scene(name="a", obstacles=boxes)
-    asked = PlanRequest("panda", scene, JointsGoal({"panda_joint1": 0.8}))
-    first, again = read_request(asked), read_request(asked)
-    assert kept.of(scene).obstacles == kept.of(scene).obstacles  # anybody may change this one: it is hashed each time
-    with monkeypatch.context() as patched:
-        patched.setattr(built, "scene_content", lambda *_: pytest.fail("its bytes were hashed"))
-        assert kept.of(first.scene) is kept.of(again.scene)
-    scene.obstacles.pop()
-    assert len(kept.of(read_request(asked).scene).obstacles) == 199
 
 
 def test_a_large_scene_whose_time_is_up_is_not_even_hashed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,8 +1,7 @@
-"""Point clouds: distances of the balls, bodies that contain them, charges of the surface."""
+"""Point clouds: distances of the balls, bodies that contain them."""
 
 from __future__ import annotations
 
-import math
 import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -15,18 +14,14 @@ from hypothesis import given, settings, strategies as st
 from guidefield.geometry import surfaces
 from guidefield.geometry.charges import surface_points
 from guidefield.kernels.distance.distance import distance_at_points
-from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
-from guidefield.messages.values import Float32Array
 from guidefield.scene.cloud import (
     CORNERS,
     Cloud,
     CloudTables,
     cloud_surface,
     covering,
-    leak_limit,
     make_cloud_tables,
-    spacings,
 )
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.obstacle import build
@@ -94,46 +89,6 @@ def test_distances_are_those_of_the_balls() -> None:
     directions = apart[np.arange(60), nearest] / exact.min(axis=1)[:, None]
     assert away == pytest.approx(directions, abs=1e-6)
     assert np.isinf(distance_at_points(tables, points, 1e-3)[0]).sum() == (exact.min(axis=1) - RADIUS >= 1e-3).sum()
-
-
-def test_spacing_is_what_the_surface_has() -> None:
-    grid = np.stack(np.meshgrid(*[0.02 * np.arange(40)] * 2, [0.0]), axis=-1).reshape(-1, 3)
-    inner = (np.abs(grid[:, :2] - 0.39).max(axis=1) < 0.3).nonzero()[0]
-    assert spacings(grid, 1e-4, 1.0)[inner] == pytest.approx(np.full(len(inner), 0.02), rel=0.05)
-    random = np.random.default_rng(0).uniform(0.0, 1.0, (3000, 2))
-    spread = np.square(spacings(np.c_[random, np.zeros(3000)], 1e-4, 1.0))
-    middle = np.abs(random - 0.5).max(axis=1) < 0.4
-    assert spread[middle].sum() == pytest.approx(0.64, rel=0.25)
-    assert spacings(np.zeros((1, 3)), 1e-4, 0.1).tolist() == [0.1]
-    assert spacings(np.zeros((5, 3)), 1e-4, 0.1).tolist() == [1e-4] * 5
-
-
-def test_its_field_is_about_that_of_the_surface() -> None:
-    scan = build_scene(messages.Scene(name="s", obstacles=[cloud(SCAN, charge=2.0)]))
-    solid = build_scene(messages.Scene(name="s", obstacles=[messages.Box(name="b", size=(0.8, 0.6, 0.4), charge=2.0)]))
-    points = np.array([(0.6, 0.1, 0.0), (0.0, 0.5, 0.1), (0.2, -0.1, 0.35), (1.5, 1.0, 0.5), (-0.7, -0.6, -0.5)])
-    ours, exact = field_at_points(scan.tables, points), field_at_points(solid.tables, points)
-    assert ours.potential == pytest.approx(exact.potential, rel=0.2)
-    cosines = (ours.gradient * exact.gradient).sum(axis=1)
-    cosines /= np.linalg.norm(ours.gradient, axis=1) * np.linalg.norm(exact.gradient, axis=1)
-    assert (cosines > 0.98).all()
-
-
-def test_what_goes_through_its_surface_exceeds_the_leak_limit() -> None:
-    scan = build_scene(messages.Scene(name="s", obstacles=[cloud(SCAN)]))
-    limit = leak_limit(float(spacings(SCAN, 1e-4, 1.0).max()))
-    for y, z in np.random.default_rng(2).uniform(-0.15, 0.15, (20, 2)):
-        through = np.column_stack([np.linspace(0.3, 0.5, 201), np.full(201, y), np.full(201, z)])
-        assert field_at_points(scan.tables, through).potential.max() > limit
-
-
-def test_packed_points_mean_the_same_and_twins_count_once() -> None:
-    twice = np.concatenate([SCAN, SCAN]).astype("<f4")
-    packed = messages.PointCloud(name="scan", points=Float32Array(float32=twice.tobytes()), radius=RADIUS)
-    obstacle = build(packed, 0)
-    assert len(obstacle.charges.cloud) == len(SCAN)
-    assert obstacle.charges.cloud[:, 3].sum() == pytest.approx(2.0 * (0.48 + 0.32 + 0.24), rel=0.3)
-    assert math.isfinite(obstacle.charges.cloud.sum())
 
 
 def test_threads_that_ask_at_the_same_time_get_the_same_tables(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,8 +12,7 @@ from guidefield.messages.frozen_scenes import freeze
 from guidefield.messages.scene_changes import SceneDiff, apply_change
 from guidefield.messages.values import Placement
 from guidefield.scene.built import BuiltScenes
-from guidefield.scene.crop import MANY_MOVING, Ball, has_many, nearest_obstacles
-from guidefield.scene.incremental import MANY
+from guidefield.scene.crop import Ball, nearest_obstacles
 from guidefield.scene.scene import Scene, build
 from tests.scene.test_incremental import OTHERS, PLACED
 
@@ -67,15 +66,6 @@ def test_what_is_far_behind_something_near_is_left_out() -> None:
     assert 0 < len(kept.chosen) <= 50
 
 
-def test_what_may_be_touched_is_kept_and_nothing_is_left_out_for_it() -> None:
-    balls = [messages.Sphere(name=f"f{k}", radius=0.1, position=(2.0 + 2.0 * k, 0.0, 0.0)) for k in range(9)]
-    scene = build(messages.Scene("s", obstacles=balls))
-    ball = Ball(0, 0, 0, 0.5)
-    assert nearest_obstacles(scene, ball).chosen.tolist() == [0]
-    assert nearest_obstacles(scene, ball, frozenset({"f0"})).chosen.tolist() == [0, 1]
-    assert nearest_obstacles(scene, ball, frozenset({"f0", "f5"})).chosen.tolist() == [0, 1, 5]
-
-
 def passing(name: str, begin: tuple[float, float, float], end: tuple[float, float, float]) -> messages.Sphere:
     """A sphere that slides from a place to another."""
     slides = messages.ObstacleTrajectory([0.0, 1.0], [Placement(begin), Placement(end)])
@@ -109,15 +99,6 @@ def test_no_place_in_the_ball_has_lost_its_nearest_at_any_time(seed: int) -> Non
         for place in np.array(ball[:3]) + 0.3 * away / np.linalg.norm(away, axis=1)[:, None]:
             found = distances(held, place)
             assert min(found) == min(found[k] for k in kept.chosen.tolist())
-
-
-def test_few_are_not_looked_at() -> None:
-    balls = [messages.Sphere(name=f"f{k}", radius=0.1) for k in range(MANY)]
-    assert has_many(build(messages.Scene("s", obstacles=[*balls])))
-    assert not has_many(build(messages.Scene("s", obstacles=balls[1:])))
-    movers = [passing(f"m{k}", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)) for k in range(MANY_MOVING)]
-    assert has_many(build(messages.Scene("s", obstacles=movers)))
-    assert not has_many(build(messages.Scene("s", obstacles=[*balls[2:], movers[0]])))
 
 
 def test_where_nothing_is_another_what_is_left_is_the_very_same_scene() -> None:

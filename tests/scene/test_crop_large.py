@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import gc
-import weakref
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
-from guidefield.geometry import cache
 from guidefield.kernels.distance.distance import CROPPED_SOLID, distance_at_points
 from guidefield.kernels.distance.ray_winding import ROOM
-from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.scene import crop as room, cropped_surface
-from guidefield.scene.crop import Ball, crop, has_large
+from guidefield.scene.crop import Ball, crop
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
 
@@ -125,20 +121,6 @@ def test_a_cutoff_leaves_out_what_is_beyond_and_nothing_inside(ball: Ball, cutof
     np.testing.assert_allclose(near, np.where(far < cutoff, far, np.inf), atol=1e-12)
 
 
-def test_field_names_and_what_is_small_stay() -> None:
-    whole = build(everything())
-    met = crop(whole, BALL)[0]
-    points = places(BALL, 20)
-    np.testing.assert_array_equal(
-        field_at_points(met.tables, points).potential, field_at_points(whole.tables, points).potential
-    )
-    assert [one.name for one in met.obstacles] == [one.name for one in whole.obstacles]
-    assert met.obstacles[3] is whole.obstacles[3]
-    assert met.message is whole.message
-    surface = met.obstacles[1].whole_surface
-    np.testing.assert_array_equal(surface[1], whole.obstacles[1].recipe.surface(whole.obstacles[1].message)[1])
-
-
 def test_coal_sees_what_is_met() -> None:
     whole = build(everything())
     met = crop(whole, BALL)[0]
@@ -148,51 +130,3 @@ def test_coal_sees_what_is_met() -> None:
         assert part.shape.num_tris == part.faces == part.facets.count < one.faces
         assert (part.box[0] >= one.box[0]).all()
         assert (part.box[1] <= one.box[1]).all()
-
-
-def test_the_same_is_met_once_and_forgotten_with_the_scene() -> None:
-    whole = build(everything())
-    met = crop(whole, BALL)[0]
-    assert crop(whole, BALL)[0] is met
-    again = build(msgspec.structs.replace(everything(), name="other"))
-    assert crop(again, BALL)[0].obstacles[0] is met.obstacles[0]
-    gone = weakref.ref(whole)
-    del whole, again
-    gc.collect()
-    assert gone() is None
-
-
-def test_where_most_is_met_it_is_the_scene_itself() -> None:
-    whole = build(everything())
-    assert crop(whole, Ball(0.0, 0.0, 0.0, 20.0))[0] is whole
-
-
-def test_only_what_is_large_and_rests_is_asked() -> None:
-    scene = build(everything())
-    assert has_large(scene)
-    assert not has_large(build(messages.Scene(name="small", obstacles=[everything().obstacles[3]])))
-    moving = messages.ObstacleTrajectory([0.0, 1.0], [messages.Placement(), messages.Placement((0.0, 0.1, 0.0))])
-    ball = messages.Sphere(name="ball", radius=0.1, trajectory=moving)
-    beside = build(msgspec.structs.replace(everything(), obstacles=[*everything().obstacles, ball]))
-    assert has_large(beside)
-    met = crop(beside, BALL)[0]
-    assert met.obstacles[-1] is beside.obstacles[-1]
-    assert [one.faces for one in met.obstacles[:-1]] == [one.faces for one in crop(scene, BALL)[0].obstacles]
-    alone = [msgspec.structs.replace(one, trajectory=moving) for one in everything().obstacles]
-    assert not has_large(build(messages.Scene(name="hall", obstacles=alone)))
-    assert cache.LARGE == 10_000
-
-
-def test_what_has_no_area_hides_no_surface() -> None:
-    """A line near the ball is nearer to all of its places than the ground; kernels measure to the ground alone."""
-    vertices, triangles = grid((-6.0, -6.0, -5.0), (12.0, 0.0, 0.0), (0.0, 12.0, 0.0), 90)
-    line = np.array([[0.9, 0.2, 0.6], [0.9, 0.3, 0.6], [0.9, 0.4, 0.6]])
-    count = len(vertices)
-    with_line = np.concatenate([triangles, [[count, count + 1, count + 2]]])
-    whole = build(messages.Scene(name="yard", obstacles=[mesh("m", np.concatenate([vertices, line]), with_line)]))
-    met = crop(whole, Ball(0.0, 0.0, 0.3, 1.2))[0].obstacles[0]
-    assert met is not whole.obstacles[0]
-    assert met.cropped is not None
-    below = (met.vertices[met.triangles][:, :, 2] < -4.0).all(axis=1)
-    assert 0 < below.sum() < len(triangles)
-    assert (~below).sum() == 1

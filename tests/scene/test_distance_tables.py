@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.distance_bodies import FEW, primitive
-from guidefield.geometry.surface_rows import NO_TRIANGLES, few_surfaces, surface_rows
+from guidefield.geometry.distance_bodies import primitive
 from guidefield.kernels.distance.distance import HALF_SPACE
 from guidefield.messages import scene as messages
 from guidefield.scene.distance_tables import bodies_of, distance_tables
@@ -63,11 +62,6 @@ def test_rows_are_those_of_coals_shapes(chosen: tuple[str, ...], count: int) -> 
     assert not any(array.flags.writeable for array in tables[:7])
 
 
-def test_a_scene_without_obstacles_has_no_rows() -> None:
-    tables = distance_tables(build(messages.Scene("empty")))
-    assert len(tables.kinds) == len(tables.nodes) == len(tables.boxes) == 0
-
-
 def test_boxes_about_slanted_polygons_are_as_thin_as_these() -> None:
     rng = np.random.default_rng(11)
     for _ in range(20):
@@ -83,53 +77,3 @@ def test_boxes_about_slanted_polygons_are_as_thin_as_these() -> None:
         placed = np.concatenate([a, a + u, a + w]) @ body.placement[:, :3].T + body.placement[:, 3]
         apart = np.linalg.norm(placed[:, None] - corners, axis=2)
         assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-12, "each is a corner, and each is there"
-
-
-def test_a_bent_surface_keeps_its_axes() -> None:
-    corners = np.array([(0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.4, 0.3, 0.1), (0.0, 0.3, 0.0)])
-    triangles = np.array([[0, 1, 2], [0, 2, 3]])
-    np.testing.assert_array_equal(few_surfaces([(corners, triangles)]).axes(), np.eye(3)[None])
-
-
-def test_a_flat_surface_of_many_triangles_keeps_its_axes() -> None:
-    fan = [(0.0, 0.0, 0.0), *((np.cos(a), 0.6 * np.sin(a), 0.8 * np.sin(a)) for a in np.linspace(0.0, 1.0, FEW + 2))]
-    triangles = [(0, k, k + 1) for k in range(1, FEW + 2)]
-    mesh = messages.Mesh(name="m", vertices=[tuple(map(float, corner)) for corner in fan], triangles=triangles)
-    (body,) = bodies_of(build(messages.Scene("s", obstacles=[mesh])).obstacles[0])
-    np.testing.assert_array_equal(body.placement[:, :3], np.eye(3))
-
-
-def test_rows_of_many_small_surfaces_are_those_of_each_alone() -> None:
-    rng = np.random.default_rng(5)
-    surfaces = []
-    for count in (1, 1, 2, 3, 5, 9, 20, 32):
-        vertices = rng.normal(size=(count + 2, 3)) * 10.0 ** rng.uniform(-3.0, 3.0)
-        surfaces.append((vertices, np.array([(0, k, k + 1) for k in range(1, count + 1)])))
-    surfaces[3] = (surfaces[3][0], np.concatenate([surfaces[3][1], [[1, 1, 2]]]))  # one without an area
-    for (vertices, triangles), found in zip(surfaces, few_surfaces(surfaces).rows(), strict=True):
-        expected = surface_rows((vertices, triangles, NO_TRIANGLES))
-        np.testing.assert_array_equal(found.bounds, expected.bounds)
-        for name, array in expected.tables._asdict().items():
-            np.testing.assert_allclose(getattr(found.tables, name), array, rtol=1e-14, atol=1e-15, err_msg=name)
-
-
-def test_polygons_together_are_where_each_is_alone() -> None:
-    rng = np.random.default_rng(6)
-    declared: list[messages.Obstacle] = []
-    for k in range(40):
-        if k % 4 == 3:
-            declared.append(obstacle(rng, str(rng.choice(KINDS)), f"o{k}"))
-            continue
-        count = int(rng.integers(3, 12))
-        angles = 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
-        flat = rng.uniform(0.2, 1.0, (count, 1)) * np.column_stack([np.cos(angles), np.sin(angles)])
-        corners = flat @ np.linalg.qr(rng.normal(size=(3, 3)))[0][:2] + rng.uniform(-2.0, 2.0, 3)
-        declared.append(messages.Polygon(name=f"o{k}", vertices=[tuple(map(float, corner)) for corner in corners]))
-    tables = distance_tables(build(messages.Scene("s", obstacles=declared)))
-    assert sorted(tables.obstacles.tolist()) == list(range(40))
-    for row, owner in enumerate(tables.obstacles.tolist()):
-        alone = distance_tables(build(messages.Scene("s", obstacles=[declared[owner]])))
-        np.testing.assert_allclose(tables.boxes[row], alone.boxes[0], atol=1e-12)
-        np.testing.assert_allclose(tables.placements[row], alone.placements[0], atol=1e-12)
-        first, count = tables.spans[row, 2:4]
-        np.testing.assert_allclose(tables.surfaces.corners[first : first + count], alone.surfaces.corners, atol=1e-12)

@@ -61,15 +61,6 @@ def test_coinciding_corners_are_told(corners):
     assert "coincide" in flatness_fault(flat_polygon(np.array(corners, float)))
 
 
-def test_a_line_is_told():
-    assert "line" in flatness_fault(flat_polygon(np.array([[0, 0, 0], [1, 1, 1], [3, 3, 3]], float)))
-
-
-def test_a_spike_folds_back():
-    spike = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [2, 3, 0], [2, 1.5, 0], [0, 1, 0]], float)
-    assert crossing_edges(flat_polygon(spike)) == (2, 3)
-
-
 def first_meeting(corners: np.ndarray, gap: float) -> tuple[int, int] | None:
     """The oracle: each edge against each that is no neighbour, the segments sampled by their closest points."""
     count, ends = len(corners), np.roll(corners, -1, axis=0)

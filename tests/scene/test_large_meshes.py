@@ -7,11 +7,9 @@ import errno
 import hashlib
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -20,8 +18,7 @@ from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.geometry import cache
 from guidefield.handlers.preparation import prepare_plan
 from guidefield.kernels.jit.cache import cache_folder
-from guidefield.messages.scene import Mesh, PointCloud, Scene as Message
-from guidefield.prove import tables
+from guidefield.messages.scene import Mesh, Scene as Message
 from guidefield.scene import distance_tables as of_scene, obstacle, recipe
 from guidefield.scene.crop import Ball, crop
 from guidefield.scene.scene import Scene, build
@@ -122,46 +119,6 @@ def test_what_is_kept_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None
     assert any("cross" in warning for warning in new_scene().warnings)
 
 
-def test_patches_are_read_as_they_were_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def patches() -> list[bytes]:
-        found = new_scene().obstacles[0].recipe.facets.patches
-        return [array.tobytes() for array in (found._triangles, found._low, found._high)]
-
-    first = patches()
-    assert "patches" in kinds()
-    nothing_is_written(monkeypatch)
-    assert patches() == first
-    monkeypatch.setattr(cache, "LARGE", 10**9)
-    assert patches() == first, "without a file too"
-
-
-def test_what_is_seen_is_read_alone_and_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, (whole, read) = everything(met(new_scene())), (everything(new_scene()), list[str]())
-    reading = cache.read_arrays
-    nothing_is_written(monkeypatch)
-    monkeypatch.setattr(cache, "read_arrays", lambda path: (read.append(path.name.partition("-")[0]), reading(path))[1])
-    part = met(new_scene())
-    assert everything(part) == found
-    assert {"mesh", "seen"} <= set(read)
-    assert "surface" not in read, "most of it is met by nobody"
-    vertices, triangles = part.obstacles[0].whole_surface
-    assert "surface" in read
-    alone = new_scene().obstacles[0]
-    assert vertices.tobytes() == alone.whole_surface[0].tobytes()
-    assert triangles.tobytes() == alone.whole_surface[1].tobytes()
-    assert everything(new_scene()) == whole
-
-
-def test_another_ball_or_shape_sees_something_else() -> None:
-    scene = new_scene()
-    parts = [crop(scene, Ball(x, 0.1, 0.5, 0.25))[0].obstacles[0] for x in (0.2, 0.3)]
-    moved = msgspec.structs.replace(message().obstacles[0], position=[0.1, 0.1, 0.2])
-    parts.append(crop(build(Message(name="kept", obstacles=[moved])), Ball(0.2, 0.1, 0.5, 0.25))[0].obstacles[0])
-    assert len({part.recipe.content for part in parts}) == 3
-    assert len(list(cache.folder().glob("seen-*"))) == 3
-    assert len({part.recipe.surface(part.message)[0].tobytes() for part in parts}) == 3
-
-
 def test_a_full_disk_costs_time_alone(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     scene = new_scene()
     found = everything(met(scene)), everything(scene)
@@ -178,28 +135,6 @@ def test_a_full_disk_costs_time_alone(monkeypatch: pytest.MonkeyPatch, caplog: p
         assert (everything(met(scene)), everything(scene)) == found
     assert "no space left" in caplog.text
     assert kinds() == set()
-
-
-def test_entries_that_go_one_by_one_are_made_again() -> None:
-    scene = new_scene()
-    found = everything(met(scene)), everything(scene)
-    for kind in sorted(kinds()):
-        known = new_scene()
-        for path in cache.folder().glob(f"{kind}-*"):
-            path.unlink()
-        assert (everything(met(known)), everything(known)) == found, "it went after it was known to be there"
-        again = new_scene()
-        assert (everything(met(again)), everything(again)) == found
-
-
-def test_a_mesh_without_area_is_refused_from_disk_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache, "LARGE", 1)
-    for corners in ([0, 1, 2], [0, 0, 1]):
-        flat = Mesh(name="flat", vertices=[[0, 0, 0], [1, 0, 0], [2, 0, 0]], triangles=[corners])
-        for _ in range(2):
-            with pytest.raises(obstacle.SceneInvalid, match="no triangle with an area"):
-                build(Message(name="thin", obstacles=[flat]))
-    assert kinds() == {"mesh"}
 
 
 def test_damaged_entries_are_made_again(caplog: pytest.LogCaptureFixture) -> None:
@@ -247,52 +182,3 @@ def test_two_processes_at_once_find_the_same() -> None:
         told = other.communicate(timeout=600)[0]
     assert (other.returncode, told) == (0, hashlib.sha256(own).hexdigest() + "\n")
     assert kinds() == {"mesh", "surface", "seen", "lanes", "bodies"}
-
-
-def test_meshes_keep_the_folders_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    new = everything(new_scene())
-    size = sum(path.stat().st_size for path in cache.folder().iterdir())
-    monkeypatch.setattr(cache, "MOST_BYTES", size // 2)
-    moved = msgspec.structs.replace(message().obstacles[0], position=[0.5, 0.5, 0.5])
-    everything(build(Message(name="elsewhere", obstacles=[moved])))
-    monkeypatch.setattr(cache, "LOOK_SHARE", 0.0)
-    everything(build(Message(name="elsewhere", obstacles=[msgspec.structs.replace(moved, position=[0.7, 0.5, 0.5])])))
-    assert sum(path.stat().st_size for path in cache.folder().iterdir()) <= size // 2
-    assert everything(new_scene()) == new
-
-
-POINTS = np.random.default_rng(3).uniform([-3.0, -3.0, -0.1], [3.0, 3.0, 0.0], (20_000, 3)).tolist()
-
-
-def of_cloud(one: obstacle.Obstacle) -> list[bytes]:
-    """What is made of a cloud, and of what is met of it, as bytes."""
-    scene = build(Message(name="kept", obstacles=[one.message]))
-    parts = [replace(scene, obstacles=(one,))]
-    parts.append(crop(parts[0], Ball(0.2, 0.1, 0.5, 0.25))[0])
-    assert parts[1].obstacles[0].faces < 0.7 * len(POINTS)
-    made = [array for part in parts for array in tables._obstacle_parts(part)[1]]
-    return [array.tobytes() for array in (*made, *(part.obstacles[0].cloud.points for part in parts))]
-
-
-def test_a_cloud_is_kept_with_what_is_met_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    message = PointCloud(name="points", points=POINTS, radius=0.01)
-    made = obstacle.build(message, 0)
-    alone = of_cloud(replace(made, recipe=made.recipe._replace(content=b"")))
-    assert kinds() == set()
-    assert of_cloud(made) == alone
-    assert kinds() == {"points", "balls"}
-    obstacle._KNOWN.clear()
-    again, wider = (obstacle.build(msgspec.structs.replace(message, radius=r), 0) for r in (0.01, 0.02))
-    assert of_cloud(wider) != alone
-    nothing_is_written(monkeypatch)
-    assert of_cloud(again) == alone
-
-
-def test_a_cloud_that_moves_is_not_known_by_its_points() -> None:
-    pose = {"position": (0.1, 0.0, 0.0), "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0)}
-    declared = {"type": "point_cloud", "points": POINTS, "radius": 0.01}
-    moving = {**declared, "name": "moving", "trajectory": {"times": [0.0, 1.0], "placements": [pose, pose]}}
-    both = [{**declared, "name": "resting"}, moving]
-    scene = build(msgspec.convert({"name": "kept", "obstacles": both}, Message, strict=False))
-    assert scene.obstacles[0].recipe.content
-    assert not scene.obstacles[1].recipe.content

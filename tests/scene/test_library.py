@@ -8,7 +8,6 @@ import pytest
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
-from guidefield.errors import SceneInvalid
 from guidefield.scene import library, recipe
 from guidefield.scene.scene import build
 from tests.robots import group, rest
@@ -31,12 +30,6 @@ def test_names_are_those_that_can_be_read():
     assert set(OURS) < set(library.names())
     for name in library.names():
         assert library.read(name).name == name
-
-
-def test_an_unknown_name_lists_those_there_are():
-    with pytest.raises(SceneInvalid, match="bookshelf") as caught:
-        library.read("attic")
-    assert caught.value.details["available"] == list(library.names())
 
 
 TRIANGLES = {

@@ -28,22 +28,6 @@ def test_a_hull_is_convex_and_solid(seed, count):
     assert volume(surface.vertices, surface.triangles) == pytest.approx(hull.volume, rel=1e-9)
 
 
-def test_an_l_is_solid_but_not_convex():
-    surface = mesh_surface(*l_prism())
-    assert surface.solid
-    assert surface.hull is None
-    assert volume(surface.vertices, surface.triangles) == pytest.approx(3.0)
-    assert trimesh.Trimesh(surface.vertices, surface.triangles).is_winding_consistent
-
-
-def test_a_shallow_dent_makes_a_mesh_not_convex():
-    sphere = trimesh.creation.icosphere(subdivisions=2, radius=0.5)
-    vertices = np.array(sphere.vertices)
-    vertices[7] *= 0.94
-    assert mesh_surface(vertices, np.array(sphere.faces)).hull is None
-    assert mesh_surface(np.array(sphere.vertices), np.array(sphere.faces)).hull is not None
-
-
 @pytest.mark.parametrize("dented", [0, -1])
 def test_a_dent_anywhere_in_a_large_mesh_is_found(dented):
     sphere = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
@@ -52,12 +36,6 @@ def test_a_dent_anywhere_in_a_large_mesh_is_found(dented):
     assert not _is_dented(vertices, faces, 1e-7)
     vertices[faces[dented, 0]] *= 0.999
     assert _is_dented(vertices, faces, 1e-7)
-
-
-def test_vertices_at_one_place_are_one():
-    surface = mesh_surface(*soup(*box_mesh()))
-    assert len(surface.vertices) == 8
-    assert surface.hull is not None
 
 
 @pytest.mark.parametrize("width", [1e-9, 1e-5, 9e-4])
@@ -85,34 +63,12 @@ def test_cracks_and_triangles_that_face_inwards_are_mended_together():
     assert "cracks" in surface.warnings[1]
 
 
-def test_a_hull_with_corners_apart_by_rounding_only_is_judged_as_a_hull():
-    vertices, triangles = soup(*box_mesh())
-    vertices *= 1.0 + 1e-12 * np.arange(len(vertices))[:, None]
-    surface = mesh_surface(vertices, triangles)
-    assert surface.hull is not None
-    assert surface.hull.computeVolume() == pytest.approx(1.0)
-
-
-def test_unused_vertices_do_not_enter_the_hull():
-    vertices, triangles = box_mesh()
-    surface = mesh_surface(np.vstack([vertices, [[9.0, 9.0, 9.0]]]), triangles)
-    assert surface.hull.computeVolume() == pytest.approx(1.0)
-
-
 def test_an_open_mesh_is_a_thin_wall():
     vertices, triangles = box_mesh()
     surface = mesh_surface(vertices, triangles[:-2])
     assert not surface.solid
     assert surface.hull is None
     assert "open (4 edges" in surface.warnings[0]
-
-
-def test_a_mesh_inside_out_is_turned():
-    vertices, triangles = l_prism()
-    surface = mesh_surface(vertices, triangles[:, ::-1])
-    assert surface.solid
-    assert volume(surface.vertices, surface.triangles) == pytest.approx(3.0)
-    assert "clockwise" in surface.warnings[0]
 
 
 @settings(deadline=None, max_examples=15)
@@ -140,27 +96,6 @@ def test_a_surface_with_one_side_is_a_thin_wall(mesh):
     surface = mesh_surface(*mesh)
     assert not surface.solid
     assert surface.warnings
-
-
-def test_a_plate_of_two_faces_encloses_nothing():
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
-    surface = mesh_surface(vertices, np.array([[0, 1, 2], [2, 1, 0]]))
-    assert not surface.solid
-    assert "no volume" in surface.warnings[0]
-
-
-def test_a_mesh_without_area_is_none():
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]], float)
-    assert mesh_surface(vertices, np.array([[0, 1, 2]])) is None
-    assert mesh_surface(vertices, np.array([[0, 0, 2]])) is None
-
-
-def test_two_cubes_that_share_an_edge_are_solid_but_no_hull():
-    vertices, triangles = box_mesh()
-    beside = vertices + np.array([1.0, 1.0, 0.0])
-    surface = mesh_surface(np.vstack([vertices, beside]), np.vstack([triangles, triangles + 8]))
-    assert surface.solid
-    assert surface.hull is None
 
 
 @settings(deadline=None, max_examples=18)

@@ -11,9 +11,7 @@ from guidefield.geometry.mesh_surface import find_boxes
 from guidefield.kernels.distance.distance import BOX, SOLID, distance_at_points
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
-from guidefield.scene.cropped_surface import crop_surface
 from guidefield.scene.distance_tables import distance_tables
-from guidefield.scene.mesh import solids_of
 from guidefield.scene.scene import build
 from tests.geometry import solids
 
@@ -39,21 +37,6 @@ def test_a_box_is_found_however_it_stands(size: tuple[float, float, float]) -> N
         assert np.linalg.det(found.rotation) == pytest.approx(1.0)
 
 
-def test_what_has_eight_corners_and_is_no_box_is_none() -> None:
-    vertices, triangles = solids.box((0.3, 0.2, 0.1))
-    for change in ("corner", "sheared", "tapered", "dented"):
-        changed = vertices.copy()
-        if change == "corner":
-            changed[0, 0] += 1e-5
-        elif change == "sheared":
-            changed[:, 0] += 0.01 * changed[:, 1]
-        elif change == "tapered":
-            changed[changed[:, 2] > 0.0, :2] *= 0.9
-        else:
-            changed[0] = 0.0
-        assert find_boxes(changed, [triangles]) == [None], change
-
-
 def test_distances_from_a_mesh_of_boxes_are_those_from_the_boxes() -> None:
     rng = np.random.default_rng(5)
     meshes = [placed(solids.box(size), rng, 0.4) for size in SIZES[:2]]
@@ -73,26 +56,6 @@ def test_distances_from_a_mesh_of_boxes_are_those_from_the_boxes() -> None:
     assert np.allclose(found[0], expected[0], atol=1e-12)
 
 
-def test_of_many_solids_those_out_of_reach_go_and_those_around_stay() -> None:
-    rng = np.random.default_rng(7)
-    near = [solids.box((0.1, 0.1, 0.1), (0.4 * np.cos(a), 0.4 * np.sin(a), 0.0)) for a in np.arange(6)]
-    far = [solids.box((0.1, 0.1, 0.1), tuple(5.0 + rng.uniform(0.0, 5.0, 3))) for _ in range(40)]
-    around = solids.box((90.0, 90.0, 90.0))
-    vertices, triangles = solids.together(*far, *near, around)
-    part = crop_surface(
-        lambda: (vertices, triangles),
-        lambda: solids_of(vertices, triangles),
-        b"",
-        np.zeros(3),
-        0.3,
-        solid=True,
-        most=0.7,
-    )
-    assert part is not None
-    assert len(part.parts) == len(near) + 1
-    assert part.count == 12 * (len(near) + 1)
-
-
 @pytest.mark.parametrize("shape", ["box", "channel", "torus"])
 def test_the_field_of_paired_faces_is_that_of_the_triangles(shape: str) -> None:
     rng = np.random.default_rng(11)
@@ -106,10 +69,3 @@ def test_the_field_of_paired_faces_is_that_of_the_triangles(shape: str) -> None:
     expected = field_at_points(field_tables(vertices[triangles]), points)
     for value, other in zip(paired, expected, strict=True):
         assert np.allclose(value, other, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("turned", [False, True])
-def test_a_sliver_across_does_not_turn_the_triangle_beside_it(turned: bool) -> None:
-    vertices = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.5, 1.0, 0.0), (0.5, -1e-6, 9e-8)])
-    triangles = np.array([(0, 1, 2), (1, 0, 3)])[:: -1 if turned else 1]
-    assert not len(pair_faces(vertices, triangles)[0])

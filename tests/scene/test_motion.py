@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -36,17 +35,6 @@ KINDS = [
     messages.HalfSpace(name="o", normal=(0.2, -0.4, 2.0), offset=-0.3, trajectory=SWING),
     messages.PointCloud(name="o", points=[(0.1, 0, 0), (0.3, 0, 0.2), (0.2, 0.4, 0)], radius=0.05, trajectory=SWING),
 ]
-
-
-def test_it_rests_before_and_after_and_turns_about_one_axis_between() -> None:
-    motion = ObstacleMotion.of(SWING)
-    np.testing.assert_allclose(motion.at(0.0).translation, [1, 0, 0])
-    np.testing.assert_allclose(motion.at(9.0).translation, [0, 1, 2])
-    for time in (1.0, 1.3, 1.9):  # a quarter turn about the z axis
-        angle = 0.5 * np.pi * (time - 1.0)
-        np.testing.assert_allclose(motion.at(time).translation, [np.cos(angle), np.sin(angle), 0.0], atol=1e-12)
-    np.testing.assert_allclose(motion.at(3.0).translation, [0, 1, 1], atol=1e-12)
-    assert motion.end == 4.0
 
 
 @given(st.floats(0.0, 5.0), st.floats(1e-4, 0.5), st.integers(0, 2**31))
@@ -118,10 +106,3 @@ def test_a_scene_since_a_time_has_its_obstacles_where_they_are_then(message: mes
         resting = scene.since(last)
         assert not resting.moves
         np.testing.assert_allclose(resting.obstacles[0].vertices, scene.at(9.0).obstacles[0].vertices)
-
-
-def test_a_scene_at_rest_is_itself_at_any_time() -> None:
-    scene = build(messages.Scene(name="s", obstacles=[messages.Sphere(name="o", radius=0.1)]))
-    assert not scene.moves
-    assert scene.at(3.0) is scene.resting is scene
-    assert isinstance(scene.obstacles[0].placement_at(3.0), pin.SE3)

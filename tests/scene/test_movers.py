@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.scene.movers import EVERYWHERE, gaps_from_boxes, moving_ball, sweep_obstacles
+from guidefield.scene.movers import gaps_from_boxes, moving_ball, sweep_obstacles
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import build
 from tests.scene.test_motion import KINDS
@@ -50,39 +50,6 @@ def test_it_stays_in_the_box_of_each_stretch(kind: messages.Obstacle, seed: int)
             assert (np.linalg.norm(placed - middle, axis=1) + one.rounding <= radius + 1e-9).all()
             assert (placed - one.rounding >= box[:3] - 1e-12).all()
             assert (placed + one.rounding <= box[3:] + 1e-12).all()
-
-
-def test_boxes_of_what_slides_straight_are_no_wider_than_it() -> None:
-    slides = messages.ObstacleTrajectory([0.0, 1.0], [Placement(), Placement((2.0, 0.0, 0.0))])
-    one = build(messages.Scene("s", obstacles=[messages.Sphere(name="o", radius=0.1, trajectory=slides)])).obstacles[0]
-    expected = [[-0.1, -0.1, -0.1, 0.1, 0.1, 0.1], [-0.1, -0.1, -0.1, 2.1, 0.1, 0.1], [1.9, -0.1, -0.1, 2.1, 0.1, 0.1]]
-    corner = 0.1 * (np.sqrt(3.0) - 1.0)  # the ball is about the box about it
-    np.testing.assert_allclose(boxes_of(one), expected, atol=corner + 1e-5)
-
-
-def test_what_is_endless_is_everywhere() -> None:
-    floor = next(one for one in KINDS if isinstance(one, messages.HalfSpace))
-    one = build(messages.Scene("s", obstacles=[floor])).obstacles[0]
-    assert moving_ball(one) is None
-    assert (boxes_of(one) == EVERYWHERE).all()
-
-
-def test_several_at_once_are_each_alone() -> None:
-    """Of those with one placement too."""
-    once = messages.ObstacleTrajectory([1.0], [Placement((1.0, 2.0, 3.0))])
-    stays = build(messages.Scene("s", obstacles=[messages.Sphere(name="o", radius=0.1, trajectory=once)])).obstacles[0]
-    several = [*(moving(kind, seed) for seed, kind in enumerate(KINDS)), stays, moving(KINDS[0], 9)]
-    together = sweep_obstacles(several, list(map(moving_ball, several)))
-    for one, begin, end in zip(several, together.first, [*together.first[1:], None], strict=True):
-        alone, ball = sweep_obstacles([one], [moving_ball(one)]), moving_ball(one)
-        assert (together.boxes[begin:end] == alone.boxes).all()
-        assert (together.speeds[begin:end] == alone.speeds).all()
-        assert len(alone.boxes) == len(one.motion.times) + 1
-        if ball is not None:
-            np.testing.assert_allclose(alone.speeds, one.motion.rates(*ball)[0], rtol=1e-12)
-    nobody = sweep_obstacles([], [])
-    assert not len(nobody.boxes)
-    assert not len(nobody.first)
 
 
 @pytest.mark.parametrize("seed", range(4))

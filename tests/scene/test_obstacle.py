@@ -10,9 +10,8 @@ from hypothesis import example, given, settings, strategies as st
 
 from guidefield.errors import SceneInvalid
 from guidefield.messages import scene as messages
-from guidefield.messages.values import Float32Array, Placement, Uint32Array
-from guidefield.scene.obstacle import BUILDERS, build, build_all
-from tests.scene.solids import box_mesh, l_prism, mesh_message
+from guidefield.scene.obstacle import build, build_all
+from tests.scene.solids import l_prism, mesh_message
 
 LAWS = settings(deadline=None, max_examples=18)
 seeds = st.integers(0, 2**32 - 1)
@@ -185,33 +184,6 @@ def test_polygon_that_is_not_convex_is_judged_as_its_area(seed):
     assert agrees(distance(obstacle, placement.act(point)), expected)
 
 
-def test_a_packed_mesh_means_the_same():
-    vertices, triangles = l_prism()
-    packed = messages.Mesh(
-        name="m",
-        vertices=Float32Array(float32=vertices.astype("<f4").tobytes()),
-        triangles=Uint32Array(uint32=triangles.astype("<u4").tobytes()),
-    )
-    built, plain = build(packed, 0), build(mesh_message(vertices, triangles), 0)
-    assert built.vertices == pytest.approx(plain.vertices)
-    assert (built.triangles == plain.triangles).all()
-
-
-def test_arrays_are_read_only():
-    for message in (
-        messages.Box(name="b", size=(1, 1, 1)),
-        mesh_message(*l_prism()),
-        messages.Sphere(name="s", radius=1.0),
-    ):
-        obstacle = build(message, 0)
-        for array in (obstacle.vertices, obstacle.triangles, *vars(obstacle.charges).values()):
-            assert not array.flags.writeable
-
-
-def test_every_kind_of_message_has_a_builder():
-    assert set(BUILDERS) == set(messages.Obstacle.__args__)
-
-
 def polygon(*vertices):
     return messages.Polygon(name="bad", vertices=[tuple(map(float, v)) for v in vertices])
 
@@ -238,14 +210,6 @@ def test_bad_obstacles_are_refused_with_name_and_path(message, field, words):
     assert caught.value.details == {"obstacle": "bad", "path": f"$.obstacles[3]{field}"}
 
 
-def test_odd_meshes_are_kept_with_a_warning_that_names_them():
-    vertices, triangles = box_mesh()
-    obstacle = build(mesh_message(vertices, triangles[1:], name="crate"), 0)
-    assert "crate" in obstacle.warnings[0]
-    assert "open" in obstacle.warnings[0]
-    assert 2 * len(obstacle.charges.quads) + len(obstacle.charges.triangles) == 11
-
-
 def test_the_first_fault_of_a_scene_is_told_whatever_is_judged_together():
     good, bad = polygon((0, 0, 0), (1, 0, 0), (0, 1, 0)), polygon((0, 0, 0), (1, 0, 0), (2, 0, 0))
     flat_mesh = messages.Mesh(name="flat", vertices=[*POINTS, (2.0, 0.0, 0.0)], triangles=[(0, 1, 2)])
@@ -255,16 +219,6 @@ def test_the_first_fault_of_a_scene_is_told_whatever_is_judged_together():
             build_all(named, {})
         assert told.value.details["obstacle"] == f"o{index}"
         assert told.value.details["path"].startswith(f"$.obstacles[{index}].")
-
-
-def test_a_polygon_that_is_known_is_the_same_object_and_a_moving_one_is_built_alone():
-    rest = polygon((0, 0, 0), (1, 0, 0), (0, 1, 0.5))
-    path = messages.ObstacleTrajectory(times=[0.0, 1.0], placements=[Placement(), Placement(position=(1.0, 0.0, 0.0))])
-    moving = msgspec.structs.replace(rest, name="moving", trajectory=path)
-    first, others = build_all([rest, moving], {})
-    assert build_all([rest], {}) == (first,)
-    assert others.motion is not None
-    np.testing.assert_array_equal(others.vertices, first.vertices)
 
 
 def test_polygons_that_are_built_together_are_covered_once_each():

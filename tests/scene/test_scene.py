@@ -5,7 +5,6 @@ import weakref
 
 import msgspec
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from guidefield.errors import SceneInvalid
@@ -48,36 +47,6 @@ def test_charge_multiplies_the_field(obstacle):
     assert field([triple])[0] == pytest.approx(3.0 * field([single])[0], rel=1e-12)
 
 
-def test_closed_forms_of_round_obstacles():
-    r = np.linalg.norm(POINTS - [0, 0.6, 0], axis=1)
-    assert field([OBSTACLES[1]])[0] == pytest.approx(2.0 * 4 * np.pi * 0.01 / (r * (r**2 - 0.01)), rel=1e-9)
-    assert field([OBSTACLES[6]])[0] == pytest.approx(0.25 * 2 * np.pi / (POINTS[:, 2] + 0.8), rel=1e-9)
-
-
-def test_the_field_moves_with_an_obstacle():
-    for obstacle in (OBSTACLES[0], OBSTACLES[3], OBSTACLES[4]):
-        x, y, z, w = obstacle.quaternion_xyzw
-        placement = pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(obstacle.position))
-        home = msgspec.structs.replace(obstacle, position=(0.0, 0.0, 0.0), quaternion_xyzw=(0.0, 0.0, 0.0, 1.0))
-        at_home = np.array([placement.actInv(point) for point in POINTS])
-        moved, expected = field([obstacle]), field([home], at_home)
-        assert moved[0] == pytest.approx(expected[0], rel=1e-8)
-        assert moved[1] == pytest.approx(expected[1] @ placement.rotation.T, rel=1e-6, abs=1e-6)
-
-
-def test_winding_tells_inside_from_outside():
-    inside = np.array([[1.2, 1.2, 0.0], [0.5, 0.0, 0.0], [0.0, -0.5, 0.05]])
-    assert field([OBSTACLES[0], OBSTACLES[2], OBSTACLES[4]], inside)[2] == pytest.approx(1.0, abs=1e-9)
-    assert field([OBSTACLES[0], OBSTACLES[2], OBSTACLES[4]])[2] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_obstacles_are_found_by_name():
-    scene = build(messages.Scene(name="s", obstacles=OBSTACLES))
-    assert [obstacle.name for obstacle in scene.obstacles] == [message.name for message in OBSTACLES]
-    assert scene.obstacle("pill") is scene.obstacles[3]
-    assert scene.obstacle("nobody") is None
-
-
 HUGE = box_mesh(200.0)
 
 
@@ -99,13 +68,6 @@ def test_an_obstacle_in_millimetres_is_told(message: messages.Obstacle, large: s
     told = [warning for warning in build(messages.Scene(name="s", obstacles=[message])).warnings if "large" in warning]
     wanted = [f"obstacle 'b' is {large} large: are its numbers millimetres? Lengths are in metres"] if large else []
     assert told == wanted
-
-
-def test_warnings_of_obstacles_are_the_scenes():
-    vertices, triangles = box_mesh()
-    open_box = mesh_message(vertices, triangles[1:], name="crate")
-    scene = build(messages.Scene(name="s", obstacles=[OBSTACLES[0], open_box]))
-    assert scene.warnings == scene.obstacles[1].warnings != ()
 
 
 def test_a_fault_names_its_place_in_the_scene():

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.scene.field_slice import LEAST_MARGIN, SlicePlane, planes_along
-from tests.scene.slices import horizontal
 
 LAWS = settings(deadline=None, max_examples=15)
 paths = st.integers(0, 2**32 - 1).map(
@@ -47,30 +46,3 @@ def test_a_straight_path_lies_in_both(direction: tuple[float, float, float]) -> 
     if direction[2] == 0.0:
         assert level.pose.rotation[:, 2] == pytest.approx([0.0, 0.0, 1.0])
         assert upright.pose.rotation[:, 1] == pytest.approx([0.0, 0.0, 1.0])
-
-
-def test_a_path_of_one_point_is_seen_from_above_and_from_the_front() -> None:
-    above, front = planes_along(np.array([[0.1, 0.2, 0.3]]))
-    assert above.pose.rotation[:, 2] == pytest.approx([0.0, 0.0, 1.0])
-    assert front.pose.rotation[:, 1] == pytest.approx([0.0, 0.0, 1.0])
-    assert above.pose.translation == pytest.approx([0.1, 0.2, 0.3])
-
-
-@pytest.mark.parametrize("path", [np.zeros((0, 3)), np.zeros(3), np.full((2, 3), np.nan)])
-def test_a_path_that_is_none_is_refused(path: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="`path`"):
-        planes_along(path)
-
-
-def test_points_and_pixels_belong_together() -> None:
-    plane = horizontal((0.5, -0.5, 0.2), 2.0)
-    points = plane.points(4, 8)
-    assert points[0, 0] == pytest.approx([-0.375, 0.25, 0.2])
-    columns, rows = np.meshgrid(np.arange(8) + 0.5, np.arange(4) + 0.5)
-    assert plane.projected(points.reshape(-1, 3), 4, 8) == pytest.approx(np.c_[columns.ravel(), rows.ravel()])
-    assert plane.corners[[0, 2]] == pytest.approx(np.array([[-0.5, 0.5, 0.2], [1.5, -1.5, 0.2]]))
-
-
-def test_a_picture_needs_pixels() -> None:
-    with pytest.raises(ValueError, match="resolution"):
-        horizontal((0, 0, 0), 1.0).pixels(0)

@@ -18,7 +18,6 @@ from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import HalfSpace, Mesh, PointCloud
 from guidefield.messages.values import Float32Array
 from guidefield.robot.catalog.catalog import Catalog
-from guidefield.scene_files.reading import SUFFIXES
 from tests.robot.mesh_files import written
 from tests.robot.mesh_files.written import part
 from tests.robots import box_arm
@@ -246,8 +245,3 @@ def test_a_scene_in_json_is_read_as_everything_else(tmp_path: Path) -> None:
     assert Scene.read(path, name="mine").name == "mine"
     with pytest.raises(SceneInvalid, match=r"cell.json: a scene in JSON is read as it is"):
         Scene.read(path, scale=2.0)
-
-
-def test_every_suffix_is_read_by_somebody(tmp_path: Path) -> None:
-    written_here = {suffix.lower() for suffix, _ in (*worlds.WRITERS.values(), *written.WRITERS.values())}
-    assert set(SUFFIXES) - written_here == {".json", ".xacro", ".world", ".pcd", ".xyz", ".npz"}

@@ -97,26 +97,6 @@ def test_a_submesh_is_read_alone_and_about_its_middle(tmp_path: Path) -> None:
         Scene.read(wrong)
 
 
-def test_what_decides_nothing_is_passed_over(tmp_path: Path) -> None:
-    text = f"""<?xml version="1.0"?><sdf version="1.5"><world name="w"><gz:odd>1</gz:odd><light name="l" type="point"/>
-      <scene><ambient>1 1 1 1</ambient></scene><physics type="ode"/><gui/><plugin name="p" filename="f"/>
-      <actor name="walker"><skin><filename>walk.dae</filename></skin></actor>
-      <include><uri>model://sun</uri></include><include><uri>model://ground_plane</uri></include>
-      <model name="m"><static>1</static><pose frame="">1 0 0 0 0 0</pose><link name="l"><inertial/>
-      <visual name="v"><geometry><heightmap/></geometry></visual>{BOX}</link></model>
-      <state world_name="w"><model name="m"><pose>9 9 9 0 0 0</pose></model></state></world></sdf>"""
-    with pytest.warns(UserWarning, match="w.world: line") as said:
-        floor, box = Scene.read(save(tmp_path / "w.world", text)).obstacles
-    assert (floor.normal, floor.offset) == ((0.0, 0.0, 1.0), 0.0)
-    assert box.position == (1.0, 0.0, 0.0)
-    assert sorted(str(one.message).split(": ", 2)[2].split()[0] for one in said) == [
-        "<state>",
-        "model://ground_plane",
-        "model://sun",
-        "the",
-    ]
-
-
 @pytest.mark.parametrize(("shape", "inside", "height"), [("cone", 1.0, 0.5), ("ellipsoid", 1.0, 2.0)])
 def test_round_shapes_are_meshes_that_contain_them(shape: str, inside: float, height: float, tmp_path: Path) -> None:
     sizes = {"cone": "<radius>1</radius><length>1</length>", "ellipsoid": "<radii>1 1 2</radii>"}[shape]
@@ -131,14 +111,3 @@ def test_round_shapes_are_meshes_that_contain_them(shape: str, inside: float, he
         rim = np.column_stack([radius * np.cos(turns), radius * np.sin(turns), np.full(200, z)])
         assert (np.einsum("ij,ikj->ik", normals, rim[None] - a[:, None]) < 1e-12).all(), "it is on no side outside"
     assert np.linalg.norm(vertices[:, :2], axis=1).max() < 1.02 * inside
-
-
-def test_what_is_left_out_is_not_looked_for(tmp_path: Path) -> None:
-    lost = "<include><uri>model://lost</uri></include><include><uri>gone/model.sdf</uri><name>mine</name></include>"
-    world = save(
-        tmp_path / "w.sdf", f'<sdf version="1.9">{lost}<model name="m"><link name="l">{BOX}</link></model></sdf>'
-    )
-    (tmp_path / ".git").mkdir()
-    assert len(Scene.read(world, without=["lost", "mine"]).obstacles) == 1
-    with pytest.raises(SceneInvalid, match=r"'gone/model.sdf' was not found .*or leave the model out: --without"):
-        Scene.read(world, without=["lost"])

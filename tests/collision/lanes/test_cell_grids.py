@@ -7,7 +7,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.lanes.cell_grids import MOST_LARGEST, ROOM
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import (
@@ -23,7 +22,6 @@ from guidefield.kernels.collide.layout import (
 )
 from guidefield.kernels.collide.self_narrowphase import APART, TOUCHING, UNJUDGED, UNKNOWN
 from guidefield.messages import scene as messages
-from guidefield.messages.requests import UrdfText
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import build
 from tests.collision.lanes.test_lanes import draw
@@ -127,31 +125,3 @@ def test_answers_do_not_depend_on_what_was_asked_before(robot: str) -> None:
     assert judged(lanes.tables.bodies) == known
     assert APART in known.values()
     assert UNKNOWN not in known.values() or robot != "panda"
-
-
-@pytest.mark.parametrize("room", [0, 10 * CHILDREN + 1])
-def test_without_room_for_more_cells_the_bodies_decide(room: int) -> None:
-    world, lanes = alone(arm("boxes"))
-    zs = draw(world.group, 400, 4)
-    touching = lanes.touching(zs)
-    unjudge(lanes, room)
-    np.testing.assert_array_equal(lanes.touching(zs), touching)
-    cells = lanes.tables.bodies.cells
-    assert len(cells) - CHILDREN < cells[0] <= len(cells), "no room is left"
-    assert UNKNOWN in judged(lanes.tables.bodies).values()
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("kind", ["prismatic", "revolute"])
-@pytest.mark.parametrize("factor", ["0", "1e-12"])
-def test_a_follower_that_hardly_moves_has_an_end(kind: str, factor: str) -> None:
-    text = box_arm("continuous slide y", 3).text.replace(
-        '<joint name="j2" type="prismatic">',
-        f'<joint name="j2" type="{kind}"><mimic joint="j1" multiplier="{factor}"/>',
-    )
-    world, lanes = alone(grouped(UrdfText(text=text)))
-    assert len(lanes.tables.bodies.cells) <= MOST_LARGEST + ROOM
-    zs = draw(world.group, 200, 3)
-    np.testing.assert_array_equal(
-        lanes.touching(zs), [world.in_collision(world.group.expand_from_chart(z)) for z in zs]
-    )

@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.lanes.lanes import BatchCollision
@@ -94,31 +93,6 @@ def test_close_to_contact_too(robot: str) -> None:
             assert narrowest(world, row) <= BAND or enclosed(world, world.group.expand_from_chart(row)) is not None
 
 
-def test_a_cloud_is_as_so_many_spheres() -> None:
-    rng = np.random.default_rng(4)
-    points = (rng.normal(size=(60, 3)) * 0.25 + (0.4, 0.0, 0.5)).astype(np.float32).astype(float)
-    balls = [messages.Sphere(name=f"b{k}", radius=0.03, position=tuple(at)) for k, at in enumerate(points.tolist())]
-    cloud, spheres = (
-        World.build(group("panda"), build(messages.Scene(name="s", obstacles=obstacles)))
-        for obstacles in ([packed("cloud", points, 0.03)], balls)
-    )
-    zs = draw(cloud, 300, 5)
-    zs = zs[[abs(narrowest(spheres, z)) > BAND for z in zs]]
-    np.testing.assert_array_equal(BatchCollision.build(cloud).touching(zs), BatchCollision.build(spheres).touching(zs))
-    for z in zs[:100]:
-        q = cloud.group.from_chart(z)
-        assert cloud.in_collision(q) == spheres.in_collision(q)
-        of_cloud, of_spheres = clearance_at(cloud, q), clearance_at(spheres, q)
-        assert of_cloud.obstacle_distance == pytest.approx(max(of_spheres.obstacle_distance, 0.0), abs=1e-5)
-        if of_cloud.obstacle_distance > 0.0:
-            between = np.subtract(*of_cloud.witness)
-            assert np.linalg.norm(between) == pytest.approx(of_cloud.obstacle_distance, abs=1e-5)
-        links = {
-            contact.pair[0] for contact in contacts_at(spheres, q) if contact.pair[1] not in cloud.group.robot.links
-        }
-        assert {contact.pair[0] for contact in contacts_at(cloud, q) if contact.pair[1] == "cloud"} == links
-
-
 def test_a_clearance_is_kept() -> None:
     world, lanes = world_of("panda")
     zs = draw(world, 300, 6)
@@ -126,18 +100,6 @@ def test_a_clearance_is_kept() -> None:
         clearance = clearance_at(world, world.group.expand_from_chart(z))
         if min(abs(clearance.obstacle_distance - 0.05), abs(clearance.self_distance)) > BAND:
             assert touches == (clearance.obstacle_distance < 0.05 or clearance.self_distance < 0.0)
-
-
-def test_answers_do_not_depend_on_what_was_asked_before() -> None:
-    """Cells of the grid that are known already tell what they tell to one who asks first."""
-    world, _ = world_of("panda")
-    zs = draw(world, 200, 7)
-    scene = build(messages.Scene(name="again", obstacles=[packed("again", scan(0.021))]))
-    lanes = BatchCollision.build(World.build(group("panda"), scene))
-    first = lanes.touching(zs)
-    np.testing.assert_array_equal(lanes.touching(zs[::-1])[::-1], first)
-    motion = np.array([zs[~first][0], zs[~first][1]])
-    assert lanes.free_until(motion, 32.0) == lanes.free_until(motion, 32.0)
 
 
 def test_a_point_inside_a_link_is_told_though_it_touches_nothing() -> None:

@@ -125,11 +125,3 @@ def test_touching_is_what_coal_says(name: str) -> None:
     assert 0 < coal.sum() < len(zs)
     for z in zs[mine != coal]:
         assert abs(narrowest(world, z)) <= BAND
-
-
-@pytest.mark.usefixtures("own_memory")
-def test_groups_that_start_elsewhere_share_what_carries_over() -> None:
-    model = of(BALLS[1])
-    first, second = (BatchCollision.build(World.build(away(model, seed), zoo())) for seed in (1, 2))
-    assert first.tables.bodies is second.tables.bodies
-    assert not np.array_equal(first.tables.joints.numbers, second.tables.joints.numbers)

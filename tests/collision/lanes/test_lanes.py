@@ -17,7 +17,6 @@ from guidefield.kernels.collide.layout import BAND
 from guidefield.kernels.kinematics.poses import POSE
 from guidefield.messages import scene as messages
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.reduced_model import select
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
 from tests.kernels.collide.lane_callers import placements_of_configurations
@@ -163,14 +162,6 @@ def test_sixteen_samples_at_once_are_as_one_by_one() -> None:
         assert bool(lanes.free_until(np.array([z0, z1]), 32.0)) == (not lanes.touching(samples).any())
 
 
-def test_free_until_counts_motions() -> None:
-    world, lanes = world_of("panda", "zoo")
-    free = next(z for z in draw(world.group, 200, 6) if not world.in_collision(z))
-    hit = next(z for z in draw(world.group, 200, 7) if world.in_collision(z))
-    assert lanes.free_until(np.array([free, free, free, hit, free]), 32.0) == 2
-    assert lanes.free_until(np.array([free, free]), 32.0) == 1
-
-
 def test_a_shortened_path_is_free_where_it_was_and_no_longer() -> None:
     world, lanes = world_of("panda", "zoo")
     zs = draw(world.group, 400, 10)
@@ -187,49 +178,3 @@ def test_a_shortened_path_is_free_where_it_was_and_no_longer() -> None:
     before, after = (np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in (path, short))
     assert after < 0.9 * before
     np.testing.assert_array_equal(short, lanes.shorten(path, 32.0))
-
-
-def test_a_straight_path_loses_its_inner_points() -> None:
-    _, lanes = world_of("panda", "bookshelf")
-    free = draw(lanes.world.group, 200, 11)
-    z = free[~lanes.touching(free)][0]
-    line = z + np.linspace(0.0, 0.02, 7)[:, None]
-    np.testing.assert_array_equal(lanes.shorten(line, 32.0), line[[0, -1]])
-    # however it lies in memory, and where nothing can be left out
-    np.testing.assert_array_equal(lanes.shorten(np.asfortranarray(line), 32.0), line[[0, -1]])
-    for few in (line[:1], line[:2]):
-        np.testing.assert_array_equal(lanes.shorten(few, 32.0), few)
-
-
-def test_allowed_contacts_are_allowed() -> None:
-    planned = group("panda")
-    box = messages.Box(name="cage", size=(3.0, 3.0, 3.0))
-    names = [(link, "cage") for link in planned.robot.links]
-    world = World.build(planned, build(messages.Scene(name="test", obstacles=[box])), names)
-    zs = draw(planned, 50, 8)
-    np.testing.assert_array_equal(BatchCollision.build(world).touching(zs), [world.in_collision(z) for z in zs])
-    assert not BatchCollision.build(world).touching(zs).all()
-
-
-def test_an_empty_scene() -> None:
-    world = World.build(group("panda"), build(messages.Scene(name="test")))
-    zs = draw(world.group, 200, 9)
-    np.testing.assert_array_equal(BatchCollision.build(world).touching(zs), [world.in_collision(z) for z in zs])
-
-
-@pytest.mark.usefixtures("own_memory")
-def test_groups_of_one_robot_share_their_tables_if_these_are_the_same() -> None:
-    robot, names = group("panda").robot, [joint.name for joint in group("panda").joints]
-    scene = build(messages.Scene(name="test"))
-
-    def tables(x: float, q: np.ndarray) -> BatchCollision:
-        placement = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
-        return BatchCollision.build(World.build(select(robot, names, None, q, placement), scene))
-
-    bent = robot.rest.copy()
-    bent[group("panda").model.idx_qs[1]] += 0.3
-    first = tables(0.0, robot.rest)
-    assert tables(0.0, bent).tables.bodies is first.tables.bodies
-    moved = tables(0.1, robot.rest)
-    assert moved.tables.bodies is not first.tables.bodies
-    assert not np.array_equal(moved.tables.bodies.cover, first.tables.bodies.cover)  # what stands still went along

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.collision.lanes.lanes import BatchCollision, prune_pairs
+from guidefield.collision.lanes.lanes import prune_pairs
 from guidefield.collision.lanes.robot_tables import lane_robot
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import LaneBodies
@@ -59,13 +59,3 @@ def test_what_comes_within_a_millimetre_is_kept(x: float, touch: bool) -> None:
     _, every, out = left_out(grouped(UrdfText(text=TWO_BALLS.format(x=x))))
     assert len(every) == 1
     assert out == (set() if touch else every)
-
-
-@pytest.mark.usefixtures("own_memory")
-def test_worlds_with_other_pairs_share_the_shapes() -> None:
-    """Megabytes of parts are there once, whatever may touch."""
-    planned, scene = group("panda"), build(messages.Scene(name="nothing"))
-    worlds = [World.build(planned, scene, pairs) for pairs in ((), [("panda_link1", "panda_link5")])]
-    one, other = (BatchCollision.build(world).robot for world in worlds)
-    assert one.bodies.n_meetings > other.bodies.n_meetings
-    assert one.parts is other.parts

@@ -1,4 +1,4 @@
-"""A scene as tables for lanes: a kernel's tables of primitives against the general ones, boxes, order, words."""
+"""A scene as tables for lanes: a kernel's tables of primitives against the general ones, and boxes."""
 
 from __future__ import annotations
 
@@ -9,20 +9,15 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.collision.lanes.lanes import BatchCollision
-from guidefield.collision.lanes.scene_tables import _clusters, lane_scene, prepare_scene
-from guidefield.collision.lanes.surface_tables import boxes_about
-from guidefield.collision.world import World
+from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
-from guidefield.kernels.collide.parts import LINK, PART
-from guidefield.kernels.collide.primitive import BOX, CENTRE, HALF_SPACE, HALVES, ROUND
-from guidefield.kernels.simd.packing import BLOCK, pack
+from guidefield.kernels.collide.parts import PART
+from guidefield.kernels.collide.primitive import HALF_SPACE
+from guidefield.kernels.simd.packing import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import Scene, build
-from tests.collision.listed import listed
 from tests.collision.scenery import scattered
-from tests.robots import group
 from tests.scene.solids import l_prism, mesh_message
 
 RING = messages.Mesh(
@@ -113,54 +108,6 @@ def _skeleton(shape) -> tuple[np.ndarray, float]:
     return np.concatenate([end + rim for end in ends]), 0.0
 
 
-def test_every_stand_in_is_tested_as_its_obstacle_is() -> None:
-    made = scene(3, 7)
-    world = World.build(group("panda"), made, [("panda_link5", "o2"), ("panda_hand", "wall")])
-    lanes = BatchCollision.build(world)
-    obstacles, owners = lanes.tables.obstacles, lane_scene(made).owners
-    tested = 1 - obstacles.may_touch.reshape(-1, obstacles.size)
-    pairs = {(a, b - len(tested)) for a, b in listed(world)[world.pairs.n_self :].tolist()}
-    for body, row in enumerate(tested):
-        assert [(body, owner) in pairs for owner in owners.tolist()] == row.astype(bool).tolist()
-
-
-def test_a_scenes_words_are_those_of_its_tables() -> None:
-    for count in (0, 5):
-        lanes = BatchCollision.build(World.build(group("panda"), scene(1, count)))
-        np.testing.assert_array_equal(lanes.words, pack(lanes.tables))
-
-
-def test_known_obstacles_give_the_same_tables_in_another_scene() -> None:
-    first = scene(5, 9)
-    lane_scene(first)
-    obstacles = [*first.message.obstacles]
-    obstacles[4] = messages.Sphere(name="new", radius=0.1, position=(0.5, 0.0, 0.5))
-    del obstacles[0]
-    changed = build(messages.Scene(name="test", obstacles=obstacles))
-    known, fresh = lane_scene(changed).tables, lane_scene.__wrapped__(changed).tables
-    for some, others in zip((*known[0], *known[1]), (*fresh[0], *fresh[1]), strict=True):
-        np.testing.assert_array_equal(some, others)
-
-
-def test_half_spaces_have_no_end() -> None:
-    obstacles, parts = lane_scene(build(messages.Scene(name="test", obstacles=[FLOOR]))).tables
-    assert obstacles.kinds.tolist() == [HALF_SPACE]
-    normal = np.array([0.1, 0.0, 1.0]) / np.hypot(0.1, 1.0)
-    np.testing.assert_allclose(parts.numbers[:4], [*normal, -0.2 / np.hypot(0.1, 1.0)], rtol=0, atol=1e-12)
-    assert parts.balls[3] == np.inf
-
-
-def test_lanes_ask_for_no_shape_of_a_primitive() -> None:
-    new = [
-        msgspec.structs.replace(one, name=f"never met {i}")
-        for i, one in enumerate((FLOOR, *scattered(np.random.default_rng(11), 8)))
-    ]
-    made = build(messages.Scene(name="test", obstacles=[*new, WALL]))
-    BatchCollision.build(World.build(group("panda"), made))
-    assert [bool(one.placed) for one in made.obstacles] == [True] * len(new) + [False]
-    assert not any("_body" in vars(one) for one in made.obstacles[:-1])
-
-
 def test_preparing_a_scene_stops_when_time_is_up_and_goes_on_later() -> None:
     solids = [
         msgspec.structs.replace(mesh_message(*l_prism(), position=(0.41, 0.13, 0.07 + k)), name=f"m{k}")
@@ -174,40 +121,3 @@ def test_preparing_a_scene_stops_when_time_is_up_and_goes_on_later() -> None:
     prepare_scene(made, UNLIMITED)
     prepare_scene(made, Deadline(0.0))  # nothing is left to do
     assert len(lane_scene(made).owners) > 0
-
-
-def test_preparing_polygons_stops_when_time_is_up_and_goes_on_later() -> None:
-    corners = np.random.default_rng(8).normal(size=(300, 3, 3)).tolist()
-    polygons = [messages.Polygon(name=f"p{k}", vertices=one) for k, one in enumerate(corners)]
-    made = build(messages.Scene(name="s", obstacles=[*polygons, WALL]))
-    answers = iter([False, True])
-    with pytest.raises(DeadlineExpired, match=r"^obstacle p256$"):
-        prepare_scene(made, Deadline(is_cancelled=lambda: next(answers)))
-    prepare_scene(made, UNLIMITED)
-    prepare_scene(made, Deadline(0.0))  # nothing is left to do
-
-
-@pytest.mark.parametrize("count", [1, 2, 21, 22, 300])
-def test_boxes_of_a_surface_hold_its_triangles_each_once(count: int) -> None:
-    rng = np.random.default_rng(count)
-    corners = rng.normal(size=(count, 1, 3)) + 0.1 * rng.normal(size=(count, 3, 3))
-    table = PartsTable()
-    places, rows = _clusters(corners, table)
-    parts = table.tables()
-    links, numbers = parts.links.reshape(-1, LINK), parts.numbers.reshape(-1, PART)
-    seen = []
-    for (kind, whole, root), row, box in zip(places.tolist(), rows, boxes_about(rows), strict=True):
-        assert (kind, whole) == (BOX, 0)
-        waiting = [root]
-        while waiting:
-            left, right, part = links[waiting.pop()].tolist()
-            if left >= 0:
-                waiting += [left, right]
-                continue
-            triangle = numbers[part, :9].reshape(3, 3)
-            seen.append(triangle)
-            local = (triangle - row[CENTRE:HALVES]) @ row[:CENTRE].reshape(3, 3).T
-            assert (np.abs(local) <= row[HALVES:ROUND] + 1e-9).all()
-            assert (triangle >= box[:3] - 1e-9).all()
-            assert (triangle <= box[3:] + 1e-9).all()
-    np.testing.assert_array_equal(np.sort(np.ravel(seen)), np.sort(corners.ravel()))

@@ -59,13 +59,3 @@ def test_boxes_hold_what_is_below_their_nodes(mesh: solids.Mesh) -> None:
         assert ((box @ ways.T).max(axis=0) >= (held @ ways.T).max(axis=0)).all()
         assert np.ptp(box, axis=0).max() < 3.0 * np.ptp(held, axis=0).max() + 1e-3, "it is no larger than it has to be"
     assert boxed == count_boxed(obstacle.faces) > 0
-
-
-def test_what_is_open_has_none() -> None:
-    vertices, triangles = SOLIDS["ring"]
-    meshes = [mesh_message(vertices, triangles[1:], "open"), mesh_message(vertices, triangles, "closed")]
-    obstacle, other = build(messages.Scene(name="s", obstacles=meshes)).obstacles
-    assert (obstacle.solid, other.solid) == (False, True)
-    closed = large_surface(other)
-    made = large_surface(obstacle)
-    assert len(closed["shapes"]) - len(made["shapes"]) > SHAPE * count_boxed(obstacle.faces)
