@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import itertools
 
-import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import ends
@@ -61,12 +59,6 @@ def test_a_pose_has_free_configurations_far_from_each_other() -> None:
     assert np.array_equal(goals, find_goal_points(problem("panda", "table", pose())))
 
 
-def test_a_clearance_is_kept_by_every_one() -> None:
-    made = problem("panda", scene_of(ball(0.1, 0.45, 0.5, 0.5)), pose(), min_clearance=0.1)
-    for z in find_goal_points(made):
-        assert clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance >= 0.1
-
-
 def test_a_pose_in_an_obstacle_names_what_its_solutions_meet() -> None:
     made = problem("panda", scene_of(ball(0.1, *DOWN.translation)), pose())
     failure = refused(made)
@@ -100,20 +92,6 @@ def test_a_pose_at_which_the_hand_all_but_touches_is_reached() -> None:
         assert 0.0 < clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance < GRAZING_DISTANCE
 
 
-def test_a_search_that_is_stopped_says_so() -> None:
-    made = problem(
-        "panda", scene_of(ball(0.1, *DOWN.translation)), pose(), deadline=Deadline(is_cancelled=lambda: True)
-    )
-    assert refused(made).status is Status.PREEMPTED
-
-
-def test_a_pose_that_is_too_close_says_how_close() -> None:
-    made = problem("panda", scene_of(ball(0.05, 0.45, 0.1, 0.3)), pose(), min_clearance=0.3)
-    failure = refused(made)
-    assert "too close" in failure.message
-    assert 0.0 <= failure.details["clearance"] < 0.3
-
-
 def test_a_pose_inside_a_hollow_mesh_is_in_collision() -> None:
     made = problem("panda", scene_of(closed_shell(2.0)), pose())
     assert not made.world.in_collision(made.q_start)
@@ -121,17 +99,6 @@ def test_a_pose_inside_a_hollow_mesh_is_in_collision() -> None:
     assert failure.details["pair"][1] == "shell"
     with pytest.raises(StageFailed, match="inside"):
         check_start(made)
-
-
-@pytest.mark.parametrize("half", [0.4, 0.6, 0.8])
-def test_those_that_are_chosen_are_the_same_if_all_were_looked_at(half: float) -> None:
-    """Elbows may be inside of a shell, wholly or not, while the hand is outside: it stands beside the arm."""
-    shell = msgspec.structs.replace(closed_shell(half), position=(-0.3 - half, 0.0, 0.6))
-    made = problem("panda", scene_of(shell), pose(), planes=())
-    goals = find_goal_points(made)
-    each = find_tip_points(made, made.goal.target, _sample_about_start(made), CANDIDATES)
-    assert len(each) > len(goals)
-    assert np.array_equal(goals, _soonest(made, each))
 
 
 def test_where_one_that_is_wanted_is_inside_of_something_others_are(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,6 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.planner.finish import STRAIGHT_MARGIN, remove_waypoints
 from guidefield.planner.motion.waypoints import length_of, subdivide
 from guidefield.planner.task.problem import Problem
-from guidefield.robot.group.path_constraints import plane
 from tests.planner.problems import problem, scene_of
 from tests.planner.walls import over_the_wall
 
@@ -50,11 +49,3 @@ def least_distance(made: Problem, path: np.ndarray) -> float:
     return min(
         clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance for z in subdivide(path, 0.02)
     )
-
-
-def test_a_path_that_keeps_constraints_stays_as_it_is() -> None:
-    tip = FREE.kinematics.tip_position(FREE.group.expand(FREE.q_start))
-    flat = plane(FREE.group.tip, tip, np.array([0.0, 0.0, 1.0]), 0.01)
-    made = problem("panda", scene_of(), path_constraints=(flat,))
-    path = wandering(3, 6)
-    np.testing.assert_array_equal(remove_waypoints(made, path, {0: 2}), path)

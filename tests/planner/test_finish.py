@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 
-from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import finish as module, optimized_motion
-from guidefield.planner.finish import LOST, REPAIRS, STOPPING, certify_found_path, finish
+from guidefield.planner.finish import REPAIRS, STOPPING, certify_found_path, finish
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import subdivide
-from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
+from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.passages import REACHED
 from guidefield.planner.optimize.settings import (
     BALANCED,
@@ -28,9 +26,8 @@ from guidefield.planner.optimize.settings import (
     guided,
     guided_of_many,
     in_few_pieces,
-    of_many,
 )
-from guidefield.planner.optimized_motion import HURRIED, LOOKS
+from guidefield.planner.optimized_motion import LOOKS
 from guidefield.planner.path_so_far import PathSoFar, time_path_ignoring_jerk
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.stages import Stages, make_refusal
@@ -74,23 +71,6 @@ def test_a_refused_motion_is_optimised_again_looking_closer(monkeypatch: pytest.
     assert [stage.outcome for stage in stages.left if stage.name == "certify"] == ["contact", "free"]
 
 
-def test_a_motion_of_many_coordinates_is_optimised_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path = over_the_wall()
-    monkeypatch.setattr(optimized_motion.presets, "MANY", made.group.nv - 1)
-    asked = misled(monkeypatch, [through_the_wall(made, path)])
-    assert finish(made, PathSoFar(path, proven=False), Stages(made)).verdict.free
-    assert asked == [of_many(BALANCED), closer(of_many(BALANCED))]
-
-
-def test_a_motion_whose_optimisation_had_no_time_says_so() -> None:
-    made, path = over_the_wall()
-    hurried = dataclasses.replace(made, deadline=Deadline(time.monotonic() - 1.0))
-    aside = path[0] + 0.05 * np.eye(len(path[0]))[0]
-    finished = finish(hurried, PathSoFar(np.array([path[0], aside]), proven=False), Stages(hurried))
-    assert finished.verdict.free
-    assert finished.warnings == (HURRIED,)
-
-
 def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     made, path = over_the_wall()
     misled(monkeypatch, 2 * (2 + LOOKS) * [through_the_wall(made, path)])
@@ -100,17 +80,6 @@ def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: py
     assert "the optimised motion was not certified (contact)" in finished.warnings[0]
     assert "as it was found" in finished.warnings[0]
     assert not finish(made, PathSoFar(path, proven=False), Stages(made)).verdict.free
-
-
-def test_without_iterations_it_is_the_path_as_fast_as_it_can_be_executed() -> None:
-    made, path = over_the_wall()
-    asked = dataclasses.replace(made, optimization_iterations=0)
-    finished = finish(asked, PathSoFar(path), Stages(asked))
-    assert finished.verdict.free
-    for waypoint in path:
-        assert np.linalg.norm(finished.trajectory.positions - waypoint, axis=1).min() < 0.05
-    optimised = finish(made, PathSoFar(path), Stages(made))
-    assert optimised.trajectory.duration < finished.trajectory.duration
 
 
 def guided_over_the_wall() -> tuple[Problem, np.ndarray, dict[int, int]]:
@@ -163,45 +132,6 @@ def test_guided_motions_keep_a_higher_floor_and_none_a_lower_one(objective: Obje
     for made in (guided(settings), guided_of_many(settings)):
         assert settings.floor < made.floor <= made.farthest_floor
         assert made.farthest_floor >= settings.farthest_floor
-
-
-def test_planes_at_the_ends_are_crossed_there() -> None:
-    made, path, _ = guided_over_the_wall()
-    several = dataclasses.replace(made, guide_planes=3 * made.guide_planes)
-    crossings = {0: 0, 1: len(path) // 2, 2: len(path) - 1}
-    finished = finish(several, PathSoFar(path, crossings, proven=False), Stages(several))
-    assert finished.crossings[0] == 0
-    assert finished.crossings[2] == len(finished.path) - 1
-    assert 0 < finished.crossings[1] < len(finished.path) - 1
-
-
-def test_where_a_plane_is_lost_it_is_the_motion_as_it_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path, crossings = guided_over_the_wall()
-    asked: list[OptimizationSettings] = []
-
-    def lose(
-        problem: Problem, motion: Trajectory, settings: OptimizationSettings, *others: Any, **rest: Any
-    ) -> Optimized:
-        asked.append(settings)
-        optimized = optimize(problem, motion, settings, *others, **rest)
-        return dataclasses.replace(optimized, outcome=Shaping.NOT_PASSING)
-
-    monkeypatch.setattr(optimized_motion, "optimize", lose)
-    finished = finish(made, PathSoFar(path, crossings), Stages(made))
-    assert asked == [guided(BALANCED), closer(guided(BALANCED))]
-    assert finished.verdict.free
-    assert LOST in finished.warnings[0]
-    assert np.linalg.norm(finished.path[finished.crossings[0]] - path[crossings[0]]) < 0.05
-
-
-def test_without_iterations_a_guided_motion_crosses_its_plane_where_its_knot_says() -> None:
-    made, path, crossings = guided_over_the_wall()
-    asked = dataclasses.replace(made, optimization_iterations=0)
-    finished = finish(asked, PathSoFar(path, crossings), Stages(asked))
-    assert finished.verdict.free
-    tip = made.kinematics.tip_position(made.group.expand_from_chart(finished.path[finished.crossings[0]]))
-    assert abs(made.guide_planes[0].signed_height(tip)) <= REACHED
-    assert made.guide_planes[0].contains(tip)
 
 
 def test_what_is_refused_round_corners_is_drawn_closer_and_stops_at_them_in_the_end(

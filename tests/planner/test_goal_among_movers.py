@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ import guidefield
 from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
-from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.goals import JointsGoal
@@ -133,42 +131,12 @@ def test_among_what_moves_torques_keep_their_limits(jerk: float | None) -> None:
     assert 0.7 < shares.max() <= 1.0
 
 
-def test_what_comes_to_where_it_waits_is_met_by_leaving_before() -> None:
-    """A bar sweeps over the start; behind it, where it rests in the end, the way would be closed."""
-    bar = messages.Box(
-        name="bar", size=(0.9, 0.1, 1.2), trajectory=flight([0.6, 2.5], (0.8, 1.4, 0.6), (0.8, 0.35, 0.6))
-    )
-    made = asked(bar)
-    found = plan(made)
-    require_free(made, found)
-    assert found.trajectory.times[-1] < 2.5
-
-
 def test_where_it_may_not_wait_it_gives_way_and_waits_elsewhere() -> None:
     made = asked(*post_and_door())
     assert any(contacts_at(made.at(t).world, PANDA.expand_from_chart(LEFT)) for t in np.arange(1.0, 3.1, 0.05))
     found = plan(made)
     require_free(made, found)
     assert 6.0 < found.trajectory.times[-1] < 10.0
-
-
-def test_a_goal_that_something_passes_later_is_reached_when_it_has_passed() -> None:
-    late = messages.Sphere(name="late", radius=0.1, trajectory=flight([2.0, 3.0], (0.4, -2.0, 0.6), (0.4, 0.5, 1.9)))
-    bar = messages.Box(
-        name="bar", size=(1.5, 0.1, 1.5), trajectory=flight([2.0, 4.0], (0.8, -2.0, 0.6), (2.5, -0.3, 0.6))
-    )
-    made = asked(bar, late)
-    found = plan(made)
-    require_free(made, found)
-
-
-def test_where_the_search_ends_before_all_rest_it_waits_until_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    shortened = dataclasses.replace(SCHEDULE, most_steps=8)
-    monkeypatch.setattr("guidefield.planner.schedule.schedule.SCHEDULE", shortened)
-    made = asked(DOOR, optimization_iterations=0)
-    found = plan(made)
-    require_free(made, found)
-    assert found.trajectory.times[1] == made.scene.end
 
 
 def test_poses_and_sets_are_goals() -> None:
@@ -228,11 +196,6 @@ def test_a_start_that_is_free_at_first_is_judged_as_it_is_at_time_0() -> None:
     require_free(asked(gone), plan(asked(gone)))
     come = messages.Sphere(name="ball", radius=0.1, trajectory=flight([-2.0, -1.0], (0.0, 3.0, 0.5), at))
     assert plan(asked(come)).status is Status.START_STATE_IN_COLLISION
-
-
-def test_time_that_is_up_and_a_cancelled_run_are_told() -> None:
-    assert plan(asked(DOOR, deadline=Deadline(time.monotonic() - 1.0))).status is Status.TIMED_OUT
-    assert plan(asked(DOOR, deadline=Deadline(is_cancelled=lambda: True))).status is Status.PREEMPTED
 
 
 # ---- what is kept besides

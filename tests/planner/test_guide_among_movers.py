@@ -100,16 +100,6 @@ def test_jerk_limits_are_kept_in_time(jerk: float, steps: int | None) -> None:
         assert abs(plane.signed_height(tip)) <= 1e-4
 
 
-def test_what_is_no_better_in_time_stays_as_it_was_scheduled(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = seed_problem("door")
-    monkeypatch.setattr("guidefield.planner.optimized_motion.better", lambda *_: False)
-    kept = planned(made)
-    assert kept.status is Status.SUCCESS
-    assert kept.verdict.free
-    assert not touches(made, kept)
-    assert kept.crossings.keys() == set(range(len(made.guide_planes)))
-
-
 def test_a_plane_is_the_goal_where_nothing_comes_to_the_robot_any_more() -> None:
     """A ball passes where the arm ends: it is there before that, or after."""
     still = problem("panda", scene_of(planes=[plane_at(0.6)]))

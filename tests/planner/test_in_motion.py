@@ -10,7 +10,6 @@ import pytest
 
 from guidefield.errors import Status
 from guidefield.messages.scene import Sphere
-from guidefield.planner.in_motion import STOPS
 from guidefield.planner.motion.limit_load import measure_limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
@@ -74,36 +73,6 @@ def test_a_joint_may_begin_at_its_velocity_limit() -> None:
     check(made, result)
 
 
-def test_the_rest_of_a_motion_planned_anew_takes_no_longer() -> None:
-    made = asked()
-    whole = check(made, plan(made, Planner.TREE))
-    half = 0.5 * whole.duration
-    q, v, a = whole.evaluate(np.array([half]))
-    there = dataclasses.replace(made, q_start=made.group.from_chart(q[0]), start_velocity=v[0], start_acceleration=a[0])
-    assert check(there, plan(there, Planner.TREE)).duration < 1.05 * half
-
-
-def test_what_is_not_optimised_stops_and_goes_on() -> None:
-    made = asked(optimization_iterations=0)
-    made = dataclasses.replace(
-        made, start_velocity=0.4 * made.group.velocity_limits, end_velocity=0.2 * made.group.velocity_limits
-    )
-    result = plan(made, Planner.TREE)
-    motion = check(made, result)
-    assert result.warnings == ()
-    at_rest = (np.abs(motion.velocities) < 1e-9).all(axis=1)
-    assert at_rest.sum() == 2
-
-
-def test_where_no_motion_within_limits_is_found_it_says_that_it_stops(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.planner.optimize.optimization.brought_within", lambda *_: None)
-    made = asked()
-    made = dataclasses.replace(made, start_velocity=0.4 * made.group.velocity_limits)
-    result = plan(made, Planner.TREE)
-    check(made, result)
-    assert STOPS in result.warnings
-
-
 def test_a_joint_that_is_too_near_its_limit_cannot_stop_in_time() -> None:
     made = asked()
     group, z = made.group, made.z_start.copy()
@@ -159,28 +128,3 @@ def test_rates_beyond_limits_are_refused(field: str, share: float, status: Statu
     result = plan(dataclasses.replace(made, **{field: rates}), Planner.TREE)
     assert result.status is status
     assert says in result.message
-
-
-def test_an_acceleration_that_leads_beyond_a_velocity_limit_is_refused() -> None:
-    made = asked()
-    one = np.eye(made.group.nv)[0]
-    fast = dataclasses.replace(
-        made,
-        jerk_limits=np.full(made.group.nv, 10.0),
-        start_velocity=0.9 * made.group.velocity_limits * one,
-        start_acceleration=0.9 * made.group.acceleration_limits * one,
-    )
-    result = plan(fast, Planner.TREE)
-    assert result.status is Status.START_STATE_INVALID
-    assert "panda_joint1 can't keep its velocity limit" in result.message
-
-
-def test_without_a_jerk_limit_a_joint_may_rise_to_its_velocity_limit() -> None:
-    made = asked()
-    one = np.eye(made.group.nv)[0]
-    rising = dataclasses.replace(
-        made,
-        start_velocity=0.99 * made.group.velocity_limits * one,
-        start_acceleration=made.group.acceleration_limits * one,
-    )
-    check(rising, plan(rising, Planner.TREE))

@@ -21,10 +21,8 @@ from guidefield.planner.optimized_motion import LOOKS
 from guidefield.planner.path_so_far import time_path_ignoring_jerk
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
-from guidefield.planner.task.trace import StageEntered, StageLeft
 from guidefield.prove.certificate import certify
 from guidefield.robot.ik.pose_search import PoseTarget
-from guidefield.scene.guide_plane import build
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import closed_shell, problem, scene_of, to_configuration
 from tests.robots import box_arm, grouped
@@ -133,47 +131,12 @@ def test_other_arms_reach_a_configuration(name: str) -> None:
     check_success(made, plan(made))
 
 
-def test_the_start_may_be_the_goal() -> None:
-    made = problem("panda", scene_of())
-    made = problem("panda", made.scene, to_configuration(made.group.chart(made.q_start), made.group))
-    result = plan(made)
-    assert result.status is Status.SUCCESS
-    assert result.trajectory.duration == 0.0
-    assert result.verdict.free
-
-
-def test_a_start_in_collision_names_pair_and_depth() -> None:
-    made = problem("panda", scene_of(messages.Sphere(name="ball", radius=0.1, position=(0.31, 0.0, 0.59))))
-    result = plan(made)
-    assert result.status is Status.START_STATE_IN_COLLISION
-    assert "ball" in result.details["pair"]
-    assert result.details["depth"] > 0.0
-    assert not result.verdict.free
-    assert result.trajectory is None
-
-
-def test_a_goal_in_collision_names_pair_and_depth() -> None:
-    made = problem("panda", "table")
-    goal = to_configuration([0.0, 1.2, 0.0, -1.2, 0.0, 1.571, 0.785], made.group)
-    result = plan(problem("panda", made.scene, goal))
-    assert result.status is Status.GOAL_IN_COLLISION
-    assert result.details["pair"] is not None
-    assert result.verdict.free  # of the path as far as it goes: the start
-
-
 def test_a_start_wholly_inside_a_hollow_mesh_is_a_collision() -> None:
     # a closed but not convex shell around the whole robot: Coal sees no contact, the start is inside all the same
     shell = closed_shell(2.0)
     result = plan(problem("panda", scene_of(shell)))
     assert result.status is Status.START_STATE_IN_COLLISION
     assert "inside" in result.message
-
-
-def test_out_of_reach_is_said_so() -> None:
-    target = PoseTarget(pin.SE3(np.eye(3), np.array([3.0, 0.0, 0.5])), np.zeros(3), np.full(3, np.inf))
-    result = plan(problem("panda", scene_of(), TipGoal(target)))
-    assert result.status is Status.NO_IK_SOLUTION
-    assert "out of reach" in result.message
 
 
 def test_guided_alone_gives_up_honestly_with_the_motion_so_far() -> None:
@@ -275,47 +238,8 @@ def test_time_up_returns_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.verdict.free
 
 
-def test_a_motion_that_had_no_time_to_be_relaxed_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    goal = ConfigurationGoal((np.array([0.6, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]),))
-    _stop_clock(monkeypatch)
-    hurried, whole = (
-        plan(problem("panda", "table", goal, planes=(), deadline=Deadline(deadline)))
-        for deadline in (STOPPED_AT, float("inf"))
-    )
-    assert hurried.status is whole.status is Status.SUCCESS
-    assert "time was up while the motion was optimised" in hurried.warnings[0]
-    assert whole.warnings == ()
-
-
-def test_the_observer_hears_every_stage_enter_and_leave() -> None:
-    made = problem("panda", "wall_with_window")
-    plan(made)
-    entered = [event.name for event in made.observer.events if isinstance(event, StageEntered)]
-    left = [event.name for event in made.observer.events if isinstance(event, StageLeft)]
-    assert entered == left
-    assert entered[0] == "ends"
-    assert {"guide", "relax", "parameterize", "certify"} <= set(entered)
-
-
-def test_the_same_problem_gives_the_same_trajectory_bit_for_bit() -> None:
-    results = [plan(problem("panda", "bookshelf")) for _ in range(2)]
-    np.testing.assert_array_equal(*(result.trajectory.positions for result in results))
-    np.testing.assert_array_equal(*(result.trajectory.times for result in results))
-
-
 def test_a_refused_plan_still_carries_a_verdict_about_its_start() -> None:
     made = problem("panda", scene_of())
     result = make_refused_plan(made, Status.START_STATE_INVALID, "because", {"joint": "j"})
     assert result.verdict.free
     assert result.path.shape == (1, 7)
-
-
-def test_a_plane_given_twice_is_reached_twice() -> None:
-    plane = build(
-        messages.GuidePlane(name="A", vertices=[(0.4, -0.2, 0.4), (0.4, 0.2, 0.4), (0.4, 0.2, 0.8), (0.4, -0.2, 0.8)]),
-        0,
-    )
-    made = problem("panda", scene_of(), planes=(plane, plane))
-    result = plan(made)
-    assert result.status is Status.SUCCESS
-    assert set(result.crossings) == {0, 1}

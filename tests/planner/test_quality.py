@@ -191,21 +191,6 @@ def measuring() -> bool:
     return any(frame.function == "measure_clearance" and "quality" in frame.filename for frame in inspect.stack())
 
 
-def test_a_panda_that_rests_has_the_distances_of_its_place() -> None:
-    made = problem("panda", "bookshelf")
-    z = made.group.chart(rest(group("panda")))
-    still = Trajectory(np.array([0.0]), z[None], np.zeros_like(z[None]))
-    measured = measure_clearance(still, made)
-    there = clearance_at(made.world, made.q_start)
-    assert measured.obstacle.distance == pytest.approx(there.obstacle_distance, abs=1e-5)
-    assert measured.own.distance == pytest.approx(there.self_distance, abs=1e-5)
-    assert measured.mean == measured.ends == measured.obstacle.distance
-    assert measured.inner is None
-    profile = measure_clearance_profile((measured, made, made.scene))
-    assert profile.obstacle_pair[0] == there.obstacle_pair
-    np.testing.assert_allclose(profile.witness[0], there.witness)
-
-
 def test_a_profile_has_the_distances_of_each_sample_among_what_rests_and_what_moves() -> None:
     """By Coal alone, in a world of its own for each sample."""
     planned = group("panda")

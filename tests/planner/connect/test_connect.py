@@ -31,22 +31,6 @@ def wall_between() -> tuple:
     return made, start, goal
 
 
-def test_a_free_straight_motion_is_taken() -> None:
-    made = problem("panda", scene_of())
-    z = made.group.chart(made.q_start)
-    goal = z + 0.2
-    connection = connect(made, z, np.array([goal]), np.random.default_rng(0))
-    assert connection.status is Status.SUCCESS
-    np.testing.assert_array_equal(connection.path, [z, goal])
-
-
-def test_of_several_goals_the_nearest_straight_one_is_taken() -> None:
-    made = problem("panda", scene_of())
-    z = made.group.chart(made.q_start)
-    goals = np.array([z + 0.5, z + 0.1, z - 0.4])
-    np.testing.assert_array_equal(connect(made, z, goals, np.random.default_rng(0)).path[-1], goals[1])
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_tree_finds_a_way_round(seed: int) -> None:
     made, start, goal = wall_between()
@@ -96,28 +80,6 @@ def test_a_body_that_flies_free_gets_there_turned_the_other_way_round_too() -> N
     assert np.linalg.norm(other[3:6]) == pytest.approx(2.0 * np.pi - 2.5)
 
 
-def test_what_need_not_be_proven_is_what_lanes_found() -> None:
-    made, start, goal = wall_between()
-    proven, proposed = (
-        connect(made, start, np.array([goal]), np.random.default_rng(3), prove=prove) for prove in (True, False)
-    )
-    assert proven.proven
-    assert proposed.status is Status.SUCCESS
-    assert not proposed.proven
-    np.testing.assert_array_equal(proposed.path[[0, -1]], [start, goal])
-    assert not any(made.world.in_collision(made.group.expand_from_chart(z)) for z in proposed.path)
-
-
-def test_a_continuous_joint_goes_the_short_way_round() -> None:
-    made = problem("kinova", scene_of())
-    z = made.group.chart(made.q_start)
-    goal = z.copy()
-    goal[0] += 2.0 * np.pi - 0.3
-    connection = connect(made, z, np.array([goal]), np.random.default_rng(0))
-    assert connection.status is Status.SUCCESS
-    assert np.abs(connection.path[-1] - z).max() == pytest.approx(0.3)
-
-
 def test_no_way_in_time_is_said_so() -> None:
     made, start, goal = wall_between()
     stopped = problem("panda", made.scene, deadline=Deadline(time.monotonic()))
@@ -134,16 +96,6 @@ def test_min_clearance_is_kept_all_along() -> None:
     for a, b in zip(connection.path, connection.path[1:], strict=False):
         for t in np.linspace(0, 1, 20):
             assert clearance_at(careful.world, a + t * (b - a)).obstacle_distance >= 0.03
-
-
-def test_a_body_that_flies_free_goes_round_a_wall_far_from_where_it_starts() -> None:
-    wall = messages.Box(name="wall", size=(0.1, 3.0, 3.0), position=(5.0, 0.0, 0.0))
-    made = problem(grouped(box_arm("floating", 1)), scene_of(wall))
-    start = made.group.chart(made.q_start)
-    goal = start + np.array([10.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    connection = connect(made, start, goal[None], np.random.default_rng(0))
-    assert connection.status is Status.SUCCESS
-    assert np.abs(connection.path[:, 1:3]).max() > 1.0
 
 
 @pytest.mark.parametrize("title", ["seed_e_L_3", "seed_e_S_3", "seed_e_L_6_planar", "seed_d_passage_3"])

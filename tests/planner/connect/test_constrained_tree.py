@@ -1,4 +1,4 @@
-"""Trees within path constraints: angles that wrap go the short way round, paths don't jump, constraints are kept."""
+"""Trees within path constraints: paths don't jump, constraints are kept."""
 
 from __future__ import annotations
 
@@ -32,25 +32,6 @@ def upright(arm: str, half_angle: float, *obstacles: messages.Obstacle) -> tuple
 def apart(made: Problem, one: np.ndarray, other: np.ndarray) -> float:
     """By the group's metric, with no turn taken back."""
     return float(np.linalg.norm((other - one) / made.group.units))
-
-
-def test_a_walk_goes_the_short_way_round() -> None:
-    made, keeper = upright("continuous", 6.0)  # wide enough for any angle
-    origin, target = np.array([3.0]), np.array([-3.0])
-    found = connect_constrained(made, keeper, origin, target[None], np.random.default_rng(0))
-    assert len(found.path) <= 4  # shortened: as few strides as reach around
-    assert all(apart(made, a, b) <= STRIDE + 1e-6 for a, b in pairwise(found.path))
-    np.testing.assert_allclose(found.path[-1], 2.0 * np.pi - 3.0, atol=1e-12)
-    np.testing.assert_allclose(made.group.from_chart(found.path[-1]), made.group.from_chart(target), atol=1e-12)
-
-
-def test_the_same_seed_finds_the_same_path() -> None:
-    made, keeper = upright("continuous y oblique-continuous y", 0.7)
-    rng = np.random.default_rng(5)
-    ends = [keeper.bring_back(made.group.chart(made.group.random(rng))) for _ in range(20)]
-    start, goal = [z for z in ends if z is not None and not made.lanes.touching(z[None])[0]][:2]
-    paths = [connect_constrained(made, keeper, start, goal[None], np.random.default_rng(7)).path for _ in range(2)]
-    np.testing.assert_array_equal(*paths)
 
 
 def test_what_can_not_be_reached_is_told() -> None:

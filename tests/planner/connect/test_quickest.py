@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.errors import Status
-from guidefield.planner.connect.connect import WAYS, connect, estimate_time, find_quickest_path
+from guidefield.planner.connect.connect import estimate_time, find_quickest_path
 from guidefield.planner.task.problem import Objective
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import densely_free, problem, scene_of
@@ -25,17 +24,6 @@ def test_a_time_is_between_the_straight_ones_and_that_of_waiting_for_the_slowest
     waiting = sum(max(np.abs(b - a) / velocities) for a, b in pairwise(path))
     assert straight * (1 - 1e-12) <= time <= waiting * (1 + 1e-12)
     assert estimate_time(path[[0, -1]], velocities) == pytest.approx(straight)
-
-
-def test_of_several_goals_the_soonest_is_taken_though_another_is_nearer() -> None:
-    made = problem("panda", scene_of())
-    slow = made.group.with_limits({made.group.joints[0].name: 0.1}, {}, 1.0, 1.0)
-    z = made.group.chart(made.q_start)
-    by_the_slow, by_others = z + 0.3 * np.eye(7)[0], z + 0.4 * (1.0 - np.eye(7)[0])
-    for goals in (np.array([by_the_slow, by_others]), np.array([by_others, by_the_slow])):
-        path = connect(dataclasses.replace(made, group=slow), z, goals, np.random.default_rng(0)).path
-        np.testing.assert_array_equal(path, [z, by_others])
-        np.testing.assert_array_equal(connect(made, z, goals, np.random.default_rng(0)).path, [z, by_the_slow])
 
 
 def test_a_goal_behind_a_wall_is_passed_by_for_one_that_is_farther_but_reached_sooner() -> None:
@@ -64,42 +52,3 @@ def test_of_two_goals_as_soon_the_one_with_the_shorter_way_is_taken_unless_time_
         way = find_quickest_path(dataclasses.replace(made, objective=objective), z, goals, np.random.default_rng(0))
         assert way is not None
         np.testing.assert_array_equal(way.path, [z, taken])
-
-
-def test_for_time_alone_more_ways_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.planner.connect.connect.ENOUGH", 0.0)
-    made, start, behind = wall_between()
-    hurried = dataclasses.replace(made, objective=Objective.TIME)
-    once, often = (find_quickest_path(one, start, behind[None], np.random.default_rng(1)) for one in (made, hurried))
-    assert once is not None
-    assert often is not None
-    assert once.others == ()
-    assert 1 <= len(often.others) < WAYS
-    scores = [estimate_time(way, made.group.velocity_limits) for way in (often.path, *often.others)]
-    assert scores == sorted(scores)
-    assert scores[0] <= estimate_time(once.path, made.group.velocity_limits)
-    for way in often.others:
-        np.testing.assert_array_equal(way[[0, -1]], [start, behind])
-        assert densely_free(made, way)
-    connection = connect(hurried, start, behind[None], np.random.default_rng(1), prove=False)
-    assert len(connection.others) == len(often.others)
-
-
-def test_no_more_are_tried_than_can_be_better() -> None:
-    made = problem("panda", scene_of())
-    z = made.group.chart(made.q_start)
-    way = find_quickest_path(made, z, z + np.array([0.4, 0.1, 0.2])[:, None], np.random.default_rng(0))
-    assert way is not None
-    assert way.tried == 1
-
-
-def test_where_a_few_motions_do_not_lead_to_any_all_are_tried_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, start, goal = wall_between()
-    monkeypatch.setattr("guidefield.planner.connect.connect.find_quickest_path", lambda *_: None)
-    other = goal.copy()
-    other[6] += 0.2
-    goals = np.array([goal, other])
-    connection = connect(made, start, goals, np.random.default_rng(0))
-    assert connection.status is Status.SUCCESS
-    assert (connection.path[-1] == goals).all(axis=1).any()
-    assert densely_free(made, connection.path)

@@ -1,25 +1,17 @@
-"""Trees on lanes: the sequence, room that grows, the deadline, whole turns; what they find is free at its samples."""
+"""Trees on lanes: the sequence, whole turns; what they find is free at its samples."""
 
 from __future__ import annotations
 
-import time
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from numba import int64, void
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
-from guidefield.kernels.jit.arrays import INDICES, INDICES_OUT
-from guidefield.kernels.jit.compilers import kernel
-from guidefield.kernels.simd.packing import Words, pointers
-from guidefield.kernels.simd.vector_model import LANES
-from guidefield.kernels.tree.nodes import PLANTED, RANGE, search_of
-from guidefield.kernels.tree.rrt_connect import way_of
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.planner.connect import tree_search
@@ -74,45 +66,6 @@ def test_the_same_seed_gives_the_same_path_in_a_world_that_has_answered_before()
     assert not np.array_equal(paths[0], search(4)[0].path)
 
 
-@pytest.mark.parametrize("joints", ["slide y y", "slide x slide"])
-def test_trees_grow_in_chart_points_by_steps_of_the_metric(joints: str) -> None:
-    arm = grouped(box_arm(joints, 3))
-    post = messages.Sphere(name="ball", radius=0.15, position=(0.0, 0.0, 1.2))
-    lanes = BatchCollision.build(World.build(arm, scene_of(post)))
-    rng, free = np.random.default_rng(1), []
-    while len(free) < 12:
-        zs = np.array([arm.chart(arm.random(rng)) for _ in range(64)])
-        free += list(zs[~lanes.touching(zs)])
-    grown, longest = 0, 0.0
-    for start, goal in zip(free[:12:2], free[1:12:2], strict=True):
-        found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Deadline(), most_motions=2000)
-        if found.path is not None:
-            np.testing.assert_array_equal(found.path[[0, -1]], [start, goal])
-            assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
-        for (nodes, parents), root in zip(found.trees(), (start, goal), strict=True):
-            np.testing.assert_allclose(nodes[0], root, atol=1e-6)
-            steps = (nodes[1:] - nodes[parents[1:]]) / arm.units
-            lengths = np.linalg.norm(steps, axis=1)
-            assert (lengths <= RANGE * (1.0 + 1e-5)).all()
-            grown, longest = grown + len(steps), max(longest, lengths.max(initial=0.0))
-    assert grown > 6
-    assert longest > 0.9 * RANGE
-
-
-def test_trees_get_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    plenty = search(1)[0]
-    monkeypatch.setattr(tree_search, "FIRST_CAPACITY", 3)
-    scarce = search(1)[0]
-    assert scarce.path is not None
-    assert plenty.path is not None
-    np.testing.assert_array_equal(scarce.path[[0, -1]], plenty.path[[0, -1]])
-
-
-def test_a_spent_budget_ends_it() -> None:
-    assert search(at=time.monotonic())[0].path is None
-    assert search(is_cancelled=lambda: True)[0].path is None
-
-
 def test_angles_that_wrap_go_the_short_way_round() -> None:
     planned = grouped(box_arm("continuous", 1))
     lanes = BatchCollision.build(World.build(planned, scene_of()))
@@ -137,47 +90,12 @@ def test_one_of_several_goals_is_reached() -> None:
     np.testing.assert_array_equal(across.path, found.path)
 
 
-def test_roots_have_as_many_coordinates_as_the_robot() -> None:
-    made, start, goal = wall_between()
-    for starts, goals in ((start[None, :-1], goal[None]), (start[None], np.append(goal, 0.0)[None])):
-        with pytest.raises(ValueError, match="coordinates"):
-            tree_search.grow(made.lanes, starts, goals, 32.0, 0.0, np.random.default_rng(0), Deadline())
-
-
-def test_what_is_found_says_what_was_counted_whatever_is_searched_next() -> None:
-    first = search(0)[0]
-    told = first.iterations, first.motions, first.sizes, first.tried
-    assert first.sizes == tuple(len(points) for points, _ in first.trees())
-    assert sum(first.tried) <= first.motions
-    assert min(first.sizes) >= 1
-    search(5)
-    assert told == (first.iterations, first.motions, first.sizes, first.tried)
-
-
-def test_a_search_without_time_holds_its_roots() -> None:
-    _, start, goal = wall_between()
-    found = search(at=0.0)[0]
-    assert found.sizes == (1, 1)
-    assert found.iterations == found.motions == 0
-    for (points, parents), root in zip(found.trees(), (start, goal), strict=True):
-        np.testing.assert_array_equal(points, root[None].astype(np.float32))
-        np.testing.assert_array_equal(parents, [-1])
-
-
 def test_searches_of_two_threads_do_not_share_memory() -> None:
     alone = [search(seed)[0].path for seed in range(4)]
     with ThreadPoolExecutor(4) as threads:
         together = [found.path for found, _ in threads.map(search, range(4))]
     for one, other in zip(alone, together, strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def test_what_a_path_was_read_from_may_be_used_again() -> None:
-    first = search(0)[0].path
-    assert first is not None
-    kept = first.copy()
-    search(1)
-    np.testing.assert_array_equal(first, kept)
 
 
 def sliding_box() -> UrdfText:
@@ -200,25 +118,3 @@ def test_a_way_that_leads_far_round_is_found(seed: int) -> None:
     assert found.path[:, 1].max() > 6.0
     assert found.motions < 5000
     assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
-
-
-@kernel(void(INDICES, int64, INDICES_OUT))
-def ways(search: Words, capacity: int, pairs_out: np.ndarray) -> None:
-    trees = search_of(pointers(search))
-    for turn in range(len(pairs_out) // 2):
-        way = way_of(trees, turn)
-        pairs_out[2 * turn] = way.start
-        pairs_out[2 * turn + 1] = way.goal - trees.nv * capacity
-
-
-def test_every_pair_of_roots_has_its_turns() -> None:
-    """At the samples sixteen by sixteen, and at all of them."""
-    room = tree_search._Room.build(2, 64)
-    room.search.counters[PLANTED : PLANTED + 2] = 3, 16
-    pairs = np.empty(2 * 16 * 480, np.int64)
-    ways(room.words, 64, pairs)
-    for rows in (pairs.reshape(-1, 2), pairs.reshape(-1, 2)[::LANES]):
-        counts = np.bincount(rows @ np.array([16, 1]), minlength=48)
-        assert len(counts) == 48
-        assert counts.min() >= 0.5 * counts.mean()
-        assert counts.max() <= 1.5 * counts.mean()

@@ -7,14 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import connect, explain_failed_search
-from guidefield.planner.connect.tree_search import can_be_left
 from guidefield.robot.group.group import PlanningGroup
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import problem, scene_of
@@ -46,14 +44,6 @@ def test_a_joint_that_is_stopped_on_every_way_is_known_not_to_get_there(kind: st
     assert made.counters.iterations == 0
 
 
-def test_a_joint_that_is_stopped_on_one_way_takes_the_other() -> None:
-    planned, boxes = one_joint("continuous", 0.0)
-    made = problem(planned, scene_of(*boxes))
-    connection = connect(made, np.array([-1.0]), np.array([[1.0]]), np.random.default_rng(0))
-    assert connection.status is Status.SUCCESS
-    assert connection.path[-1] == pytest.approx(1.0 - 2.0 * np.pi)
-
-
 def enclosed(gap: float) -> tuple[PlanningGroup, World, np.ndarray, np.ndarray]:
     """Two links that stand upright, the upper one between four walls, and a goal elsewhere."""
     planned, away = grouped(box_arm("x y", 2)), 0.02 + gap + 0.01
@@ -75,14 +65,6 @@ def test_an_end_that_can_not_be_left_is_told_early() -> None:
         connection = connect(made, ends[0], ends[1][None], np.random.default_rng(0))
         assert connection.status is Status.PLANNING_FAILED
         assert f"the {name} can't be left" in connection.message
-
-
-def test_an_end_that_can_be_left_is_not_called_enclosed() -> None:
-    _, world, start, goal = enclosed(0.01)
-    lanes, rng = BatchCollision.build(world), np.random.default_rng(0)
-    assert can_be_left(lanes, start[None], 0.0, 32.0, rng)
-    assert can_be_left(lanes, goal[None], 0.0, 32.0, rng)
-    assert not can_be_left(BatchCollision.build(enclosed(0.001)[1]), start[None], 0.0, 32.0, rng)
 
 
 def test_what_was_not_found_in_time_comes_with_numbers() -> None:

@@ -16,7 +16,6 @@ from guidefield.planner.guide.auto_planes import (
     LONGEST_RAY,
     derive_planes,
     find_free_section,
-    find_tip_way,
     is_in_passage,
     measure_point_clearances,
 )
@@ -26,7 +25,7 @@ from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import build
 from tests.examples import example
 from tests.planner.problems import library_scene, problem, scene_of, seed_problem
-from tests.robots import rest, robot
+from tests.robots import robot
 
 NINE = (
     *("seed_a_gates", "seed_b_tapered", "seed_c_blocked", "seed_d_passage_3", "seed_d_passage_6"),
@@ -39,35 +38,6 @@ WALL = [
     messages.Box(name="below", size=(0.1, 0.4, 0.8), position=(0.5, 0.0, -0.6)),
 ]
 """A window of 0.4 by 0.4 m about (0.5, 0, 0)."""
-
-
-def way_through(scene, start, goal, **kw):
-    options = {"radius": 0.02, "centre": np.zeros(3), "reach": np.inf, **kw}
-    return find_tip_way(distance_tables(scene), np.array(start, float), np.array(goal, float), **options)
-
-
-def test_the_way_leads_through_the_window() -> None:
-    way = way_through(scene_of(*WALL), (0.0, 0.1, 0.1), (1.0, -0.1, 0.0), reach=1.1)
-    assert way is not None
-    np.testing.assert_allclose(way.points[0], (0.0, 0.1, 0.1))
-    np.testing.assert_allclose(way.points[-1], (1.0, -0.1, 0.0))
-    assert way.clearances.min() > 0.12
-    np.testing.assert_allclose(np.linalg.norm(way.tangents, axis=1), 1.0)
-    in_wall = np.abs(way.points[:, 0] - 0.5) < 0.05
-    assert np.all(np.abs(way.points[in_wall, 1:]) < 0.2)
-
-
-def test_no_wall_is_too_thin() -> None:
-    """A closed room of sheets: no wave gets out of it."""
-    box = np.array([[x, y, z] for x in (-0.4, 0.4) for y in (-0.4, 0.4) for z in (-0.4, 0.4)])
-    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    sheets = [messages.Polygon(name=f"s{i}", vertices=box[list(side)].tolist()) for i, side in enumerate(sides)]
-    assert way_through(scene_of(*sheets), (0, 0, 0), (1.0, 0.2, 0.1)) is None
-    assert way_through(scene_of(*sheets[1:]), (0, 0, 0), (1.0, 0.2, 0.1)) is not None
-
-
-def test_out_of_reach_is_no_way() -> None:
-    assert way_through(scene_of(*WALL), (0.0, 0.1, 0.1), (1.0, 0.0, 0.0), reach=0.8) is None
 
 
 def test_a_section_is_convex_free_and_as_large_as_the_window() -> None:
@@ -84,14 +54,6 @@ def test_a_section_is_convex_free_and_as_large_as_the_window() -> None:
     assert np.all(edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0] > -1e-9)
     open_air = find_free_section(tables, np.array([-3.0, 0.0, 0.0]), across)
     np.testing.assert_allclose(np.linalg.norm(open_air, axis=1), LONGEST_RAY)
-
-
-def test_what_is_enclosed_by_the_window_is_what_is_in_it() -> None:
-    tables = distance_tables(scene_of(*WALL))
-    in_window, across = np.array([0.5, 0.05, 0.0]), np.array([[1.0, 0.0, 0.0]])
-    assert is_in_passage(tables, in_window, across)
-    assert not is_in_passage(tables, in_window, np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
-    assert not is_in_passage(tables, np.array([0.3, 0.05, 0.0]), across)
 
 
 @pytest.mark.parametrize("title", ["seed_d_passage_3", "seed_d_passage_6"])
@@ -120,16 +82,6 @@ def test_the_seeds_scenes_are_solved_with_the_goal_plane_alone(title: str) -> No
         crossing = cross_plane(made, q, plane, index, ATTEMPTS["projected"](made.group))
         assert crossing.status is Status.SUCCESS, crossing.message
         q = crossing.path[-1]
-
-
-def test_it_is_deterministic_and_silent_where_the_goal_is_in_sight() -> None:
-    made = seed_problem("seed_e_S_3")
-    twice = [derive_planes(made, made.guide_planes[-1]) for _ in range(2)]
-    for a, b in zip(*twice, strict=True):
-        np.testing.assert_array_equal(a.vertices, b.vertices)
-    empty = problem("panda", scene_of())
-    tip = empty.kinematics.tip_position(rest(empty.group))
-    assert derive_planes(empty, tip + np.array([-0.1, 0.2, 0.1])) == ()
 
 
 def ask(title: str, **changes):

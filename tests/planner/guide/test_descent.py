@@ -90,18 +90,6 @@ def test_run_to_convergence_the_projected_gradient_vanishes() -> None:
     assert np.linalg.norm(projected) < 1e-3 * np.linalg.norm(start)
 
 
-def test_no_step_is_taken_that_is_not_free_or_leaves_the_guard() -> None:
-    made = problem("ur5", "table")
-    q = rest(made.group)
-    constraint = constraints(made, q)["plane"]
-    far = GuidedPath(made, q, 10.0, 0)  # nothing keeps ten metres from the table
-    nowhere = ANYWHERE._replace(depth=1e9)
-    double = RobotField(made.group, made.scene, Precision.DOUBLE)
-    for refused in (descend(far, constraint, ANYWHERE), descend(GuidedPath(made, q, 2e-3, 0), constraint, nowhere)):
-        assert refused.path == ()
-        assert refused.potential == pytest.approx(double.potential(q), rel=1e-6)
-
-
 def test_motions_that_capsules_cannot_tell_are_judged_by_the_certificate() -> None:
     """Where nearly all of the distance at the start is to be kept, capsules about a Panda are too thick."""
     made = problem("panda", "bookshelf")

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
-from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.guide.guide import cross_plane
 from guidefield.planner.guide.guided_path import reach_point
 from guidefield.planner.guide.rounds import ON_PLANE
-from guidefield.planner.guide.tip_reach import inset_of, tip_radius
-from guidefield.planner.task.trace import Step, StepKind
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
-from tests.robots import box_arm, grouped, rest
 
 
 def plane_at(x: float, half: float = 0.1, y: float = 0.0, z: float = 0.5) -> messages.GuidePlane:
@@ -55,14 +49,6 @@ def test_a_snake_on_a_plane_goes_round_the_corner_of_a_tube(title: str) -> None:
         assert tip[2] == 0.0
 
 
-def test_the_field_lowers_the_potential_on_the_way() -> None:
-    made = problem("panda", "bookshelf")
-    cross_plane(made, made.q_start, made.guide_planes[0], 0)
-    steps = [event for event in made.observer.events if isinstance(event, Step)]
-    assert {StepKind.START, StepKind.ADVANCE, StepKind.DESCEND} <= {step.kind for step in steps}
-    assert all(step.plane == 0 for step in steps)
-
-
 @pytest.mark.parametrize("name", ["ur5", "xarm7", "kinova"])
 def test_other_arms_cross_a_plane_in_front_of_them(name: str) -> None:
     made = problem(name, scene_of(planes=[]))
@@ -73,25 +59,6 @@ def test_other_arms_cross_a_plane_in_front_of_them(name: str) -> None:
     crossing = cross_plane(made, made.q_start, plane, 0)
     assert crossing.status is Status.SUCCESS, crossing.message
     assert abs(plane.signed_height(made.kinematics.tip_position(crossing.path[-1]))) <= ON_PLANE
-
-
-def test_a_chain_of_one_joint_kind_after_another_crosses_a_plane() -> None:
-    planned = grouped(box_arm("continuous x slide oblique y", 0, size=0.25))
-    made = problem(planned, scene_of())
-    start = planned.integrate(rest(planned), np.full(planned.nv, 0.3))
-    tip = made.kinematics.tip_position(start)
-    corners = [tip + np.array([0.15, dy, dz]) for dy, dz in ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))]
-    plane = build(messages.GuidePlane(name="GP", vertices=[tuple(c) for c in corners]), 0)
-    assert cross_plane(made, start, plane, 0).status is Status.SUCCESS
-
-
-def test_the_tip_heads_for_the_polygon_inset_by_its_own_radius() -> None:
-    made = problem("panda", scene_of())
-    plane = build(plane_at(0.45, half=0.1), 0)
-    assert tip_radius(made) > 0.005
-    assert inset_of(made, plane) == pytest.approx(1.6 * tip_radius(made))
-    narrow = build(plane_at(0.45, half=0.012), 0)
-    assert inset_of(made, narrow) == pytest.approx(0.8 * narrow.inradius)
 
 
 def test_a_plane_inside_an_obstacle_is_refused_at_once() -> None:
@@ -118,23 +85,6 @@ def test_a_plane_that_joint_limits_keep_out_of_reach_is_unreachable() -> None:
     crossing = cross_plane(made, made.q_start, build(plane_at(0.0, half=0.05, z=-0.75), 0), 0)
     assert crossing.status in (Status.GUIDE_PLANE_UNREACHABLE, Status.STUCK_IN_MINIMUM)
     assert crossing.details["distance"] > 0.01
-
-
-def test_the_budget_ends_it() -> None:
-    made = problem("panda", "bookshelf", deadline=Deadline(time.monotonic() - 1.0))
-    late = cross_plane(made, made.q_start, made.guide_planes[0], 0)
-    assert late.status is Status.TIMED_OUT
-    assert late.message.startswith(f"time was up {1000 * late.details['distance']:.0f} mm before guide plane 'GP1'")
-    made = problem("panda", "bookshelf", deadline=Deadline(is_cancelled=lambda: True))
-    assert cross_plane(made, made.q_start, made.guide_planes[0], 0).status is Status.PREEMPTED
-
-
-def test_the_same_problem_gives_the_same_path_bit_for_bit() -> None:
-    paths = []
-    for _ in range(2):
-        made = problem("panda", "wall_with_window")
-        paths.append(cross_plane(made, made.q_start, made.guide_planes[0], 0).path)
-    np.testing.assert_array_equal(*paths)
 
 
 def test_reach_point_moves_the_tip_exactly_and_within_limits() -> None:

@@ -8,11 +8,9 @@ import pytest
 from guidefield.planner.guide.guide import FIRST_STEP, margin_at
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
-from guidefield.planner.guide.rounds import AT_ONCE, Aim, Attempt, Made, Round, approach, rounds
+from guidefield.planner.guide.rounds import Aim, Attempt, Made, Round, approach, rounds
 from guidefield.planner.guide.tip_reach import inset_of
-from guidefield.planner.task.trace import Step, StepKind
-from guidefield.potential import Precision, RobotField
-from tests.planner.problems import problem, scene_of, seed_problem
+from tests.planner.problems import seed_problem
 
 ATTEMPT = Attempt(Projected(), FIRST_STEP)
 
@@ -35,29 +33,3 @@ def test_the_same_way_to_a_plane(title: str) -> None:
     for a, b in zip(at_once, one_by_one, strict=True):
         np.testing.assert_allclose((a.before, a.after), (b.before, b.after), atol=1e-9)
     np.testing.assert_allclose(walkers[0].path, walkers[1].path, atol=1e-8)
-
-
-def test_steps_are_told_as_they_were_taken_and_one_kernel_makes_no_more_rounds_than_it_may() -> None:
-    made = seed_problem("seed_d_passage_3")
-    told: list[Step] = []
-    object.__setattr__(made, "observer", type("Observer", (), {"observe": staticmethod(told.append)}))
-    plane = made.guide_planes[0]
-    guided = GuidedPath(made, made.q_start, margin_at(made, made.q_start), 0)
-    ended = list(rounds(guided, Aim(plane, inset_of(made, plane)), ATTEMPT))
-    assert len(ended) == AT_ONCE
-    assert [step.kind for step in told].count(StepKind.ADVANCE) == AT_ONCE
-    assert told[0].kind is StepKind.ADVANCE
-    group, field = made.group, RobotField(made.group, made.scene, Precision.DOUBLE)
-    for step in told:
-        if step.kind is StepKind.DESCEND:
-            assert step.potential == pytest.approx(field.potential(step.q), rel=1e-6)
-    assert {tuple(q) for q in guided.path[1:]} <= {tuple(step.q) for step in told}
-    assert guided.path[-1] is told[-1].q
-    assert len(guided.path[0]) == group.nq
-
-
-def test_robots_that_capsules_dont_tell_exactly_go_round_by_round() -> None:
-    made = problem("panda", scene_of())
-    plane = seed_problem("seed_d_passage_3").guide_planes[0]
-    guided = GuidedPath(made, made.q_start, 2e-3, 0)
-    assert len(list(rounds(guided, Aim(plane, 0.0), ATTEMPT))) == 1

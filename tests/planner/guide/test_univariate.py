@@ -11,13 +11,13 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.errors import InvalidGroup, Status
 from guidefield.planner.guide.guide import ATTEMPTS, Univariate, cross_plane
 from guidefield.planner.guide.guided_path import GuidedPath
-from guidefield.planner.guide.projected import Projected, descend, on_plane
+from guidefield.planner.guide.projected import Projected
 from guidefield.planner.guide.rounds import ON_PLANE, Minimizer
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.link_chain import link_chain
 from tests.planner.guide.guards import ANYWHERE
 from tests.planner.problems import densely_free, seed_problem
-from tests.robots import ARMS, box_arm, group, grouped
+from tests.robots import ARMS, group
 
 SCENES = ("seed_a_gates", "seed_d_passage_3", "seed_a_gates_universal", "seed_d_passage_6_universal")
 NORMAL = np.array([0.6, 0.0, 0.8])
@@ -37,18 +37,6 @@ def test_settling_lowers_the_potential_on_the_plane_and_every_step_is_free(title
     assert made.robot_field.potential(guided.q) < 0.99 * made.robot_field.potential(made.q_start)
     assert abs(NORMAL @ (guided.tip - tip)) < 1e-6
     assert densely_free(made, made.group.chart_path(list(guided.path)), step=0.02)
-
-
-@pytest.mark.parametrize(("title", "left"), [("seed_a_gates", 0.02), ("seed_e_L_3", 0.06)])
-def test_where_it_ends_no_axis_leads_on(title: str, left: float) -> None:
-    """Descending on from there, over all axes at once, brings little: its accuracy is half a degree.
-
-    A chain that nothing holds follows each link's own torque, which comes to rest a little above the least U.
-    """
-    made = seed_problem(title)
-    guided = settled(made, Univariate(link_chain(made.group)))
-    lowest = descend(guided, on_plane(guided.tip, NORMAL), ANYWHERE).potential
-    assert made.robot_field.potential(guided.q) <= (1.0 + left) * lowest
 
 
 @pytest.mark.parametrize("title", SCENES[:3])
@@ -93,12 +81,3 @@ def test_arms_are_refused_by_name(name: str) -> None:
     with pytest.raises(InvalidGroup, match=r"univariate.*ball joints.*projected"):
         ATTEMPTS["univariate"](group(name))
     assert len(ATTEMPTS["projected"](group(name))) == 3
-
-
-def test_why_a_chain_does_not_fit_is_said() -> None:
-    with pytest.raises(InvalidGroup, match="different places"):
-        link_chain(grouped(box_arm("x y x y", 0)))
-    with pytest.raises(InvalidGroup, match="is prismatic"):
-        link_chain(grouped(box_arm("slide x y", 0)))
-    with pytest.raises(InvalidGroup, match="other joints follow"):
-        link_chain(grouped(box_arm("x mimic y", 0)))

@@ -11,7 +11,7 @@ from scipy.interpolate import BPoly, CubicHermiteSpline
 from guidefield.errors import MalformedRequest
 from guidefield.messages.scene import Box
 from guidefield.planner.motion.drawn_motion import deviations, draw_plan
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, QuinticMotion
+from guidefield.planner.motion.given_motion import CurveKind
 from guidefield.planner.motion.limit_load import measure_limit_shares
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import judge, settle_execution
@@ -133,31 +133,11 @@ def test_commands_are_at_ticks_and_end_at_the_goal(kind, rate):
     np.testing.assert_allclose(drawn.positions[:-1], inside, atol=1e-12)
 
 
-def test_a_motion_that_goes_nowhere_is_drawn_where_it_is():
-    still = Trajectory(np.zeros(1), np.ones((1, NV)), np.zeros((1, NV)))
-    for kind in Interpolation:
-        drawn = draw_plan(still, execution(kind.value, 10.0), 1)
-        assert (drawn.positions == 1.0).all()
-        assert (drawn.motion.pieces == 1.0).all()
-        assert deviations(still, drawn.motion).values.max() == 0.0
-
-
 def test_too_many_rows_are_refused_by_name():
     plan = planned(0)
     slow = Trajectory(1e6 * plan.times, plan.positions, plan.velocities / 1e6)
     with pytest.raises(MalformedRequest, match=r"`execution` makes .* at 1000 Hz; at most 100000 are sent"):
         draw_plan(slow, execution("quintic", 1000.0), 1)
-
-
-def test_the_deviation_of_many_rows_is_found_in_parts(monkeypatch):
-    plan = planned(3, 40)
-    for kind in Interpolation:
-        drawn = draw_plan(plan, execution(kind.value, 50.0), 1).motion
-        whole = deviations(plan, drawn)
-        monkeypatch.setattr("guidefield.planner.motion.drawn_motion.AT_ONCE", 7)
-        parts = deviations(plan, drawn)
-        monkeypatch.undo()
-        np.testing.assert_array_equal(parts.values, whole.values)
 
 
 def test_steps_have_a_tube_from_each_command_to_the_next():
@@ -206,10 +186,3 @@ def test_more_rows_are_sent_until_what_is_drawn_is_free(width, free):
     assert len(settled.drawn.times) == settled.drawn.parts + 1
     refused = dataclasses.replace(posed, execution=ControllerModel(Interpolation.FIRST_ORDER_HOLD, 0.2, np.zeros(2)))
     assert settle_execution(refused, plan).verdict.reason is Reason.CONTACT
-
-
-def test_a_given_motion_is_quintic_only_with_two_knots():
-    still = np.zeros((1, 2))
-    point = GivenMotion(CurveKind.QUINTIC, still, np.zeros(1), np.zeros(1), still, still)
-    assert point.quintic is None
-    assert isinstance(draw_plan(planned(0), execution("quintic"), 1).motion.quintic, QuinticMotion)

@@ -86,13 +86,6 @@ def test_shares_of_limits_are_those_of_dense_samples(seed: int, kind: CurveKind)
         assert uses.jerk.share == pytest.approx(jerks, rel=0.05)
 
 
-def test_jerk_has_no_share_where_nothing_limits_it() -> None:
-    assert measure_limit_shares(random_motion(1), ARM, None).jerk.share is None
-    unlimited = measure_limit_shares(random_motion(1, CurveKind.SPLINE), ARM, np.full(ARM.nv, np.inf))
-    assert unlimited.jerk.share is None
-    assert unlimited.jerk.is_within
-
-
 @settings(max_examples=18, deadline=None)
 @given(seed=SEEDS, kind=st.sampled_from(CurveKind), share=st.floats(0.0, 1.0))
 def test_a_place_that_is_measured_is_found_along_the_rows(seed: int, kind: CurveKind, share: float) -> None:
@@ -123,8 +116,3 @@ def test_straight_pieces_are_straight(seed: int) -> None:
         along = np.clip(np.einsum("ij,ij->i", place - motion.positions[:-1], lines) / (lines**2).sum(axis=1), 0.0, 1.0)
         gaps = np.linalg.norm(motion.positions[:-1] + along[:, None] * lines - place, axis=1)
         assert gaps.min() < 1e-9
-
-
-def test_a_path_has_no_schedule() -> None:
-    with pytest.raises(ValueError, match="no times"):
-        dataclasses.replace(random_motion(1, CurveKind.LINEAR), times=None).scheduled  # noqa: B018

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as arrays
 
 from guidefield.planner.motion.timing import PathCurve
-from guidefield.planner.motion.waypoints import REPEATED, length_of, remove_repetitions, subdivide
+from guidefield.planner.motion.waypoints import length_of, remove_repetitions, subdivide
 from guidefield.planner.path_so_far import CURVE_SPACING
 from tests.planner.motion.paths import curve_along, walk
 
@@ -81,22 +81,6 @@ def test_places_along_a_path_are_on_it_and_close(waypoints: np.ndarray, spacing:
     assert distances_to_polyline(places, path).max() <= 1e-12
     assert length_of(places) == pytest.approx(length_of(path))
     assert all((places == waypoint).all(axis=1).any() for waypoint in path)
-
-
-def test_repeated_waypoints_are_left_out() -> None:
-    a, b, c = walk(1, 3)
-    np.testing.assert_array_equal(remove_repetitions(np.array([a, a, b, b + REPEATED / 10, b, c, c])), [a, b, c])
-
-
-def test_the_goal_is_kept_rather_than_what_it_repeats() -> None:
-    a, b = walk(2, 2)
-    goal = b + REPEATED / 10
-    np.testing.assert_array_equal(remove_repetitions(np.array([a, b, goal])), [a, goal])
-
-
-def test_a_waypoint_between_two_that_repeat_each_other_is_no_trap() -> None:
-    a, step = walk(3, 2)[0], np.eye(7)[0] * REPEATED
-    assert len(remove_repetitions(np.array([a, a + 1.2 * step, a + 0.6 * step]))) == 1
 
 
 def test_a_path_that_goes_nowhere_is_a_point_and_there_and_back_is_none() -> None:

@@ -1,11 +1,11 @@
-"""The Hermite curve against scipy's; its ends, its samples, and a motion that goes nowhere."""
+"""The Hermite curve against scipy's, and its samples."""
 
 import numpy as np
 import pytest
 import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
-from guidefield.planner.motion.trajectory import Trajectory, concatenate
+from guidefield.planner.motion.trajectory import Trajectory
 from tests.knots import random_knots
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -38,36 +38,6 @@ def test_bezier_points_are_the_same_curve(seed):
     np.testing.assert_allclose(np.einsum("k,mkj->mj", bernstein, points), expected, atol=1e-12)
 
 
-def test_is_at_rest_before_and_after():
-    times, positions, velocities = random_knots(7)
-    trajectory = Trajectory(times, positions, velocities)
-    q, v, a = trajectory.evaluate(np.array([-1.0, trajectory.duration + 1.0]))
-    np.testing.assert_array_equal(q, positions[[0, -1]])
-    assert not v.any()
-    assert not a.any()
-
-
-def test_positions_at_the_knots_are_exact():
-    times, positions, velocities = random_knots(8)
-    np.testing.assert_array_equal(Trajectory(times, positions, velocities).evaluate(times)[0], positions)
-
-
-def standing():
-    return Trajectory(np.zeros(1), np.array([[0.5, -1.0]]), np.zeros((1, 2)))
-
-
-def test_a_motion_that_goes_nowhere_is_a_piece_of_equal_points():
-    trajectory = standing()
-    assert trajectory.duration == trajectory.peak_jerk == 0.0
-    np.testing.assert_array_equal(trajectory.bezier(), np.tile([0.5, -1.0], (1, 4, 1)))
-    q, v, a = trajectory.evaluate(np.array([-1.0, 0.0, 2.0]))
-    np.testing.assert_array_equal(q, np.tile([0.5, -1.0], (3, 1)))
-    assert not v.any()
-    assert not a.any()
-    assert not trajectory.accelerations.any()
-    np.testing.assert_array_equal(trajectory.resample(100.0).times, [0.0])
-
-
 @pytest.mark.parametrize("rate", [1.0, 7.3, 50.0, 1000.0])
 def test_resampling_is_uniform_and_includes_the_end(rate):
     trajectory = Trajectory(*random_knots(9))
@@ -81,38 +51,3 @@ def test_resampling_is_uniform_and_includes_the_end(rate):
         (samples.positions, samples.velocities, samples.accelerations), trajectory.evaluate(samples.times), strict=True
     ):
         np.testing.assert_array_equal(mine, expected)
-
-
-def test_resampling_does_not_repeat_an_end_that_is_a_tick():
-    trajectory = Trajectory(np.array([0.0, 0.3]), np.array([[0.0], [1.0]]), np.zeros((2, 1)))
-    np.testing.assert_allclose(trajectory.resample(10.0).times, [0.0, 0.1, 0.2, 0.3], atol=1e-15)
-
-
-@pytest.mark.parametrize("rate", [0.0, -1.0, np.inf, np.nan])
-def test_refuses_a_rate_that_is_none(rate):
-    with pytest.raises(ValueError, match="sample rate"):
-        standing().resample(rate)
-
-
-def test_arrays_are_read_only():
-    trajectory = Trajectory(*random_knots(10))
-    samples = trajectory.resample(10.0)
-    for value in (trajectory, samples):
-        for array in (value.times, value.positions, value.velocities, value.accelerations):
-            with pytest.raises(ValueError, match="read-only"):
-                array[...] = 0.0
-
-
-def test_joined_motions_are_each_where_they_were() -> None:
-    rng = np.random.default_rng(1)
-    first = Trajectory(np.array([0.0, 0.5, 1.0]), rng.normal(size=(3, 2)), rng.normal(size=(3, 2)))
-    second = Trajectory(
-        np.array([0.0, 2.0]), np.vstack([first.positions[-1:], rng.normal(size=(1, 2))]),
-        np.vstack([first.velocities[-1:], rng.normal(size=(1, 2))]),
-    )  # fmt: skip
-    still = Trajectory(np.zeros(1), first.positions[:1], np.zeros((1, 2)))
-    both = concatenate([still, first, second])
-    assert both.duration == 3.0
-    times = np.linspace(0.0, 1.0, 9)
-    np.testing.assert_allclose(both.evaluate(times)[0], first.evaluate(times)[0], atol=1e-12)
-    np.testing.assert_allclose(both.evaluate(1.0 + 2.0 * times)[0], second.evaluate(2.0 * times)[0], atol=1e-12)

@@ -52,12 +52,3 @@ def test_bounded_slopes_keep_a_curve_within(seed):
     assert (np.abs(bounded) <= np.abs(slopes)).all()
     assert not leaving(knots, values, bounded, lower, upper).any()
     np.testing.assert_allclose(bounded_slopes(knots, values, 0.1 * bounded, lower, upper), 0.1 * bounded)
-
-
-def test_a_smooth_curve_that_keeps_its_limits_is_left_as_it_is():
-    waypoints, _, _ = clamped_walk(3)
-    knots, slopes = smooth_curve(waypoints)
-    free = np.full(3, np.inf)
-    values, rates = smoothly_within(knots, waypoints, slopes, -free, free)
-    np.testing.assert_allclose(values, waypoints, atol=1e-13)
-    np.testing.assert_allclose(rates, slopes, atol=1e-11)

@@ -3,43 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-import time
-from collections.abc import Iterator
-from typing import Any
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-import guidefield
-from guidefield.collision.clearance import clearance_at
-from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.constrained import Keeper
-from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.timing import stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.optimize import interior_point
-from guidefield.planner.optimize.interior_point import Descent, Look
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import REACHED, Passage, PlanePlace
 from guidefield.planner.optimize.settings import (
     BALANCED,
-    MANY,
     OPTIMIZATION,
-    closer,
     constrained,
-    free,
-    in_few_pieces,
-    of_many,
 )
 from guidefield.planner.path_so_far import limits_of, retime_motion, time_path_ignoring_jerk
 from guidefield.planner.task.motion_limits import frame_limit
 from guidefield.planner.task.problem import Objective, Problem
-from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.prove.certificate import certify, certify_constraints
-from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import Cone, PathConstraint, plane
 from guidefield.scene.guide_plane import GuidePlane, build
 from tests.planner.problems import problem, scene_of
@@ -97,57 +80,6 @@ def test_it_is_faster_keeps_away_and_is_certified() -> None:
     check_limits(made, after.trajectory)
 
 
-def test_a_free_motion_takes_fewer_looks_to_as_good_a_motion(monkeypatch: pytest.MonkeyPatch) -> None:
-    looks, look = list[float](), Descent.look
-
-    def counted(
-        self: Descent, spline: BSpline, passed: tuple = (), stiffness: float = 1.0, *rest: float | Look
-    ) -> Look:
-        looks.append(stiffness)
-        return look(self, spline, passed, stiffness, *rest)
-
-    monkeypatch.setattr(Descent, "look", counted)
-    made, path = over_the_wall()
-    patient, most = optimized(made, path).trajectory, len(looks)
-    assert set(looks) == {1.0}
-    looks.clear()
-    soon = optimize(made, time_path_ignoring_jerk(made, path), free(BALANCED)).trajectory
-    assert len(looks) < most
-    assert min(looks) < 1.0
-    assert soon.duration < 1.01 * patient.duration
-    kept = [smallest_clearance(made, one.positions, 0.3) for one in (patient, soon)]
-    assert kept[1] > kept[0] - 2e-3
-    check_limits(made, soon)
-
-
-def test_a_look_leaves_the_one_beside_it_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    beside_others, look = list[int](), Descent.look
-
-    def watched(self: Descent, spline: BSpline, *given: object) -> Look:
-        beside = given[-1] if given and isinstance(given[-1], Look) else None
-        before = beside and beside.model.hessians.copy()
-        found = look(self, spline, *given)  # type: ignore[arg-type]
-        if beside is not None:
-            kept = slice(beside.model.places)  # beyond, nobody wrote
-            assert (beside.model.hessians[kept] == before[kept]).all()
-            assert not np.shares_memory(beside.model.hessians, found.model.hessians)
-            beside_others.append(id(beside))
-        return found
-
-    monkeypatch.setattr(Descent, "look", watched)
-    made, path = over_the_wall()
-    optimize(made, time_path_ignoring_jerk(made, path), free(BALANCED))
-    assert len(beside_others) > len(set(beside_others)) > 5, "some more than once"
-
-
-def test_it_reaches_a_limit_exactly() -> None:
-    made, path = over_the_wall()
-    trajectory = optimized(made, path).trajectory
-    _, v, a = trajectory.evaluate(np.linspace(0.0, trajectory.duration, 20_001))
-    used = (np.abs(v) / made.group.velocity_limits).max(), (np.abs(a) / made.group.acceleration_limits).max()
-    assert max(used) == pytest.approx(1.0, abs=1e-4)
-
-
 @pytest.mark.parametrize("jerk", [5.0, 50.0])
 def test_jerk_limits_are_kept_and_cost_time(jerk: float) -> None:
     made, path = over_the_wall()
@@ -191,16 +123,6 @@ def test_every_motion_is_within_limits_and_no_slower_than_one_joint_needs(
     np.testing.assert_array_equal(trajectory.positions[[0, -1]], path[[0, -1]])
 
 
-def test_far_from_everything_it_is_nearly_the_fastest_there_is() -> None:
-    made = problem("panda", scene_of(), planes=())
-    z = made.group.chart(made.q_start)
-    goal = z + np.linspace(0.1, 0.8, made.group.nv)
-    trajectory = optimized(made, np.array([z, goal])).trajectory
-    way, top, rise = np.abs(goal - z), made.group.velocity_limits, made.group.acceleration_limits
-    bound = np.where(way > top**2 / rise, way / top + top / rise, 2.0 * np.sqrt(way / rise)).max()
-    assert trajectory.duration < 1.1 * bound
-
-
 @pytest.mark.parametrize("size", [1e-5, 1e-3])
 def test_a_tiny_motion_stays_within_limits(size: float) -> None:
     made = problem("panda", scene_of(), planes=(), jerk_limits=np.full(7, 100.0))
@@ -219,41 +141,6 @@ def test_position_limits_are_kept_between_samples_too() -> None:
     assert (kept >= lower).all()
 
 
-def test_a_coordinate_without_room_stays_where_it_is() -> None:
-    made, path = over_the_wall()
-    lower, upper = made.group.lower.copy(), made.group.upper.copy()
-    held = path.copy()
-    held[:, 6] = lower[6] = upper[6] = path[0, 6]
-    fixed = dataclasses.replace(made, group=dataclasses.replace(made.group, lower=lower, upper=upper))
-    trajectory = optimized(fixed, held).trajectory
-    np.testing.assert_allclose(trajectory.positions[:, 6], path[0, 6], atol=1e-15)
-    assert trajectory.duration < time_path_ignoring_jerk(fixed, held).duration
-
-
-def test_iterations_are_counted_and_it_may_stop_at_any() -> None:
-    made, path = over_the_wall()
-    whole = optimized(made, path)
-    durations = []
-    for most in (1, 5, 12):
-        asked = dataclasses.replace(made, optimization_iterations=most)
-        one = optimized(asked, path)
-        assert (one.steps, one.outcome) == (most, Outcome.OUT_OF_ITERATIONS)
-        check_limits(asked, one.trajectory)
-        durations.append(one.trajectory.duration)
-    assert whole.trajectory.duration < durations[-1] < durations[0]
-
-
-def test_without_time_it_is_the_first_motion_within_limits() -> None:
-    made, path = over_the_wall()
-    for deadline, outcome in (
-        (Deadline(time.monotonic() - 1.0), Outcome.OUT_OF_TIME),
-        (Deadline(is_cancelled=lambda: True), Outcome.STOPPED),
-    ):
-        one = optimized(dataclasses.replace(made, deadline=deadline), path)
-        assert (one.steps, one.outcome) == (0, outcome)
-        check_limits(made, one.trajectory)
-
-
 @pytest.mark.parametrize("asked", [0.05, 0.1])
 def test_the_clearance_asked_for_is_kept(asked: float) -> None:
     made, path = over_the_wall()
@@ -261,13 +148,6 @@ def test_the_clearance_asked_for_is_kept(asked: float) -> None:
     assert not certify(made.world, plain.bezier(), asked).free
     assert certify(made.world, kept.bezier(), asked).free
     assert plain.duration < kept.duration < 1.3 * plain.duration
-
-
-def test_looking_closer_keeps_further_away() -> None:
-    made, path = over_the_wall()
-    closely = optimize(made, time_path_ignoring_jerk(made, path), closer(BALANCED)).trajectory
-    usual = optimized(made, path).trajectory
-    assert smallest_clearance(made, closely.positions, 0.3) > smallest_clearance(made, usual.positions, 0.3)
 
 
 def test_each_objective_is_better_at_what_it_is_for() -> None:
@@ -289,33 +169,6 @@ def test_for_time_too_the_clearance_asked_for_is_kept() -> None:
         optimize(asked, time_path_ignoring_jerk(asked, path), OPTIMIZATION[Objective.TIME]).trajectory.bezier(),
         0.08,
     ).free
-
-
-def test_of_several_first_motions_the_best_goes_on() -> None:
-    made, path = over_the_wall()
-    aside = path[len(path) // 2] + 1.2 * np.eye(made.group.nv)[6]
-    detour = np.concatenate([path[: len(path) // 2], aside[None], path[len(path) // 2 :]])
-    thorough = dataclasses.replace(BALANCED, enough=1.0)
-    alone = optimize(made, time_path_ignoring_jerk(made, path), thorough)
-    for first, second in ((path, detour), (detour, path)):
-        both = optimize(
-            made, time_path_ignoring_jerk(made, first), thorough, iter([time_path_ignoring_jerk(made, second)])
-        )
-        assert both.trajectory.duration < 1.02 * alone.trajectory.duration
-        assert both.steps > alone.steps
-
-
-def test_where_the_first_is_as_fast_as_can_be_no_other_is_looked_at() -> None:
-    made = problem("panda", scene_of(), planes=())
-    z = made.group.chart(made.q_start)
-    way = np.array([z, z + np.linspace(0.5, 1.0, made.group.nv)])
-
-    def others() -> Iterator[Trajectory]:
-        raise AssertionError("asked for another")
-        yield time_path_ignoring_jerk(made, way)
-
-    lenient = dataclasses.replace(BALANCED, enough=1.5)
-    assert optimize(made, time_path_ignoring_jerk(made, way), lenient, others()).outcome is Outcome.OPTIMISED
 
 
 def square(middle: np.ndarray, half: float) -> GuidePlane:
@@ -355,36 +208,6 @@ def test_a_guided_motion_crosses_its_plane_though_a_shorter_way_leads_past_it(tu
     tip = made.kinematics.tip_position(made.group.expand_from_chart(q))
     assert place.plane.distance(tip, place.inset) <= REACHED
     assert place.plane.contains(tip)
-
-
-def test_a_long_chain_passes_its_plane_in_few_pieces() -> None:
-    made = problem("chain_fixed_10x168_r22", scene_of(), planes=())
-    rng, nv = np.random.default_rng(6), made.group.nv
-    start = made.group.chart(made.q_start)
-    path = start + np.array([0.0, 0.1, 0.1])[:, None] * rng.normal(size=(3, nv))
-    place = PlanePlace.through(made, square(made.kinematics.tip_positions(path[1:2])[0], 0.05), path[1])
-    motion = time_path_ignoring_jerk(made, path)
-    found = optimize(made, motion, of_many(BALANCED), passages=(Passage(place, path[1]),))
-    assert nv > MANY
-    assert found.outcome is Outcome.OPTIMISED
-    assert found.trajectory.duration < motion.duration
-    assert len(found.trajectory.times) - 1 <= 2 * BALANCED.least_pieces + 1
-    check_limits(made, found.trajectory)
-    tip = made.kinematics.tip_positions(found.trajectory.positions[[found.passed[0]]])[0]
-    assert place.plane.distance(tip, place.inset) <= REACHED
-
-
-def test_a_plane_crossed_twice_is_crossed_twice_and_out_of_iterations_too() -> None:
-    made, path, place = by_way_of(1.0)
-    twice = (Passage(place, path[1]), Passage(place, path[1]))
-    for most in (None, 1, 4):
-        asked = dataclasses.replace(made, optimization_iterations=most)
-        found = optimize(asked, time_path_ignoring_jerk(made, path), BALANCED, passages=twice)
-        assert len(found.passed) == 2
-        for knot in found.passed:
-            tip = made.kinematics.tip_positions(found.trajectory.positions[[knot]])[0]
-            assert place.plane.distance(tip, place.inset) <= REACHED
-        check_limits(made, found.trajectory)
 
 
 def test_a_plane_that_can_not_be_reached_is_told() -> None:
@@ -435,85 +258,6 @@ def test_every_joint_kind_moves_away_from_a_post(joints: str) -> None:
     assert smallest_clearance(made, after.positions) > smallest_clearance(made, path) + 0.01
 
 
-def test_links_are_not_driven_together() -> None:
-    planned = group("panda")
-    made = problem(planned, scene_of(), planes=())
-    rng = np.random.default_rng(2)
-    free = [q for q in (planned.random(rng) for _ in range(50)) if not made.world.in_collision(q)][:2]
-    path = np.array([planned.chart(q) for q in free])
-    after = optimized(made, path).trajectory.positions
-    straight, own = (_own_distance(made.group, made, points) for points in (np.linspace(*path, 60), after))
-    assert own >= min(straight, 0.02) - 1e-3
-
-
-def _own_distance(planned: PlanningGroup, made: Problem, points: np.ndarray) -> float:
-    return min(clearance_at(made.world, planned.expand_from_chart(z)).self_distance for z in points)
-
-
-def test_the_observer_hears_of_each_step() -> None:
-    made, path = over_the_wall()
-    made.observer.events.clear()
-    after = optimized(made, path)
-    steps = [event for event in made.observer.events if isinstance(event, PathRelaxed)]
-    notes = [event.text for event in made.observer.events if isinstance(event, Note)]
-    assert len(steps) == after.steps > 0
-    assert len(notes) == 1
-    assert f"{after.trajectory.duration:.3f} s" in notes[0]
-    assert all((event.path[[0, -1]] == path[[0, -1]]).all() for event in steps)
-
-
-def test_a_free_motion_begins_with_few_pieces_and_is_as_good() -> None:
-    made, path = over_the_wall()
-    motion, settings = time_path_ignoring_jerk(made, path), free(BALANCED)
-    of_all = optimize(made, motion, settings).trajectory
-    made.observer.events.clear()
-    begun_with_few = optimize(made, motion, in_few_pieces(settings)).trajectory
-    counts = [len(event.path) - 1 for event in made.observer.events if isinstance(event, PathRelaxed)]
-    least = counts[0]
-    assert sorted(set(counts)) == list(dict.fromkeys(counts)) == [least, 2 * least, 4 * least]
-    assert len(begun_with_few.times) == len(of_all.times)
-    check_limits(made, begun_with_few)
-    assert begun_with_few.duration == pytest.approx(of_all.duration, rel=0.02)
-    assert smallest_clearance(made, begun_with_few.positions) > smallest_clearance(made, of_all.positions) - 2e-3
-
-
-def test_steps_are_counted_at_every_number_of_pieces() -> None:
-    made, path = over_the_wall()
-    motion, settings = time_path_ignoring_jerk(made, path), in_few_pieces(free(BALANCED))
-    whole = optimize(made, motion, settings)
-    for steps in (1, whole.steps - 1):
-        after = optimize(dataclasses.replace(made, optimization_iterations=steps), motion, settings)
-        assert after.steps == steps
-        assert after.outcome is Outcome.OUT_OF_ITERATIONS
-        check_limits(made, after.trajectory)
-
-
-def test_a_look_is_given_up_where_the_clearance_is_more_than_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path = over_the_wall()
-    motion, settings, looks = time_path_ignoring_jerk(made, path), in_few_pieces(free(BALANCED)), []
-    look = Descent.look
-
-    def wholly(
-        descent: Descent,
-        spline: BSpline,
-        passed: tuple = (),
-        stiffness: float = 1.0,
-        most: float = np.inf,
-        beside: Look | None = None,
-    ) -> Look:
-        found = look(descent, spline, passed, stiffness, most, beside)
-        whole = look(descent, spline, passed, stiffness, np.inf, beside)  # the last one, as it is the one that is used
-        looks.append((whole.model.value, found.model.value, most))
-        return whole
-
-    one = optimize(made, motion, settings)
-    monkeypatch.setattr(Descent, "look", wholly)
-    other = optimize(made, motion, settings)
-    assert np.array_equal(one.trajectory.positions, other.trajectory.positions)
-    assert all(found == (whole if whole <= most else np.inf) for whole, found, most in looks)
-    assert any(found == np.inf for _, found, _ in looks)
-
-
 def kept_way(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:
     """A Panda beside a post whose tip stays near a level plane, or upright, and a way through random places there."""
     post = messages.Box(name="post", size=(0.1, 0.1, 1.2), position=(0.6, 0.6, 0.6))
@@ -546,53 +290,3 @@ def test_path_constraints_are_kept_between_samples_too(of: str, tolerance: float
     zs = trajectory.evaluate(np.linspace(0.0, trajectory.duration, 1000))[0]
     assert max(float(made.constrained_frames.values(z)[0]) for z in zs) <= tolerance
     np.testing.assert_array_equal(trajectory.positions[[0, -1]], path[[0, -1]])
-
-
-UPRIGHT = {
-    "type": "orientation_cone",
-    "frame": "panda_hand_tcp",
-    "axis": [0, 0, 1],
-    "target_axis": [0, 0, -1],
-    "half_angle": 0.9,
-}
-POST = {"type": "box", "name": "post", "size": [0.06, 0.06, 1.0], "position": [0.55, 0.0, 0.5]}
-PASSING = {
-    **POST,
-    "trajectory": {
-        "times": [0.0, 4.0],
-        "placements": [{"position": [0.55, -0.6, 0.5]}, {"position": [0.55, 0.6, 0.5]}],
-    },
-}
-
-
-@pytest.mark.parametrize(
-    "more",
-    [
-        {"scene": {"name": "post", "obstacles": [POST]}},
-        {"scene": {"name": "post", "obstacles": [POST]}, "path_constraints": [UPRIGHT]},
-        {"scene": {"name": "passing", "obstacles": [PASSING]}},
-        {
-            "scene": {"name": "post", "obstacles": [POST]},
-            "cartesian_limits": [{"frame": "panda_hand_tcp", "speed": 0.5}],
-            "limits": {"panda_joint1": {"effort": 20.0}},
-        },
-    ],
-    ids=["still", "constrained", "moving", "limited"],
-)
-def test_a_kernel_that_checks_its_arguments_once_gets_them_of_the_same_types_each_time(
-    more: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    taken: dict[str, set[tuple]] = {}
-    call = interior_point._CheckedOnce.__call__
-
-    def noted(kernel: Any, *arguments: Any) -> Any:
-        types = tuple(numba.typeof(argument) for argument in arguments)
-        taken.setdefault(kernel._kernel.__name__, set()).add(types)
-        return call(kernel, *arguments)
-
-    monkeypatch.setattr(interior_point._CheckedOnce, "__call__", noted)
-    start = {f"panda_joint{i + 1}": q for i, q in enumerate([-0.7, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8])}
-    goal = {"type": "joints", "positions": {**start, "panda_joint1": 0.7}}
-    reply = guidefield.answer({"robot": "panda", "start": start, "goal": goal, "allowed_planning_time": 60.0, **more})
-    assert reply.status.name == "SUCCESS"
-    assert {name: len(types) for name, types in taken.items()} == {"clearance_along": 1, "newton_descent": 1}

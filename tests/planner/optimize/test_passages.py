@@ -9,18 +9,14 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.planner.motion.bspline import BSpline, End
-from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.passages import (
     REACHED,
     Passage,
     add_passage,
-    first_places,
     nearest,
     passing,
-    with_knots,
 )
 from guidefield.planner.optimize.settings import BALANCED
-from tests.planner.motion.paths import soonest
 
 PIECES = 10
 
@@ -114,32 +110,3 @@ def test_a_motion_is_brought_exactly_to_all_places_and_its_ends_stay(seed: int, 
         assert passage.place.missed(moved.at(np.array([where]))).max() <= REACHED
     np.testing.assert_array_equal(moved.points[:3], spline.points[:3])
     np.testing.assert_array_equal(moved.points[-3:], spline.points[-3:])
-
-
-def test_what_an_end_would_have_to_reach_is_given_up() -> None:
-    spline = curve(2)
-    z = spline.at(np.array([0.0]))[0]
-    assert passing(spline, [Passage(Waypoint(z - [1.0, 0.0, 0.0], 0.0), z)], [0.0], np.ones(len(z))) is None
-
-
-def test_knots_at_places_leave_the_curve_as_it_is() -> None:
-    spline = curve(3)
-    places = [2.0, 3.7, 3.7, 8.25]
-    (times, positions, velocities), at = with_knots(spline, places)
-    np.testing.assert_allclose(times[list(at)], spline.step * np.array(places), atol=1e-12)
-    assert len(times) == PIECES + 1 + 2
-    dense = np.linspace(0.0, spline.duration, 1001)
-    plain, denser = Trajectory(*spline.knots()), Trajectory(times, positions, velocities)
-    for one, other in zip(plain.evaluate(dense), denser.evaluate(dense), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-9)
-
-
-def test_passages_begin_where_the_motion_is_at_their_waypoints_also_on_the_way_back() -> None:
-    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 0.5], [1.0, 0.0], [0.0, 0.0]])
-    motion = soonest(path, np.ones(2), np.ones(2))
-    passages = [Passage(Waypoint(path[k], 0.0), path[k]) for k in (1, 2, 3)]
-    there, turned, back = first_places(passages, motion, 20, np.ones(2))
-    assert 0.0 < there < turned < back < 20.0
-    assert turned == pytest.approx(10.0, abs=0.5)
-    times = motion.duration / 20 * np.array([there, turned, back])
-    np.testing.assert_allclose(motion.evaluate(times)[0], path[1:4], atol=0.1)

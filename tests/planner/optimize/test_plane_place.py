@@ -63,14 +63,6 @@ def test_nothing_is_missed_exactly_where_the_tip_is_on_the_inset_polygon(name: s
         assert np.linalg.norm(missed) == pytest.approx(place.plane.distance(tip, place.inset), abs=1e-9)
 
 
-def test_the_inset_is_what_the_crossing_had_where_that_is_less() -> None:
-    made_for, z, tip = made("panda")
-    near_edge = PlanePlace.through(made_for, plane_through(tip, shift=-0.98), z)
-    assert near_edge.inset == pytest.approx(0.02 * 0.1, rel=1e-6)
-    assert PlanePlace.through(made_for, plane_through(tip), z).inset > 0.004
-    assert PlanePlace.through(made_for, plane_through(tip, shift=-1.1), z).inset == 0.0
-
-
 @dataclass(frozen=True)
 class Plainly:
     """A place as `passages` looks at any that kernels know nothing of."""

@@ -17,7 +17,6 @@ from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.path_so_far import time_path, time_path_ignoring_jerk
 from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
-    Occupancy,
     Schedule,
     Stuck,
     at_any_rate,
@@ -25,7 +24,7 @@ from guidefield.planner.schedule.schedule import (
     slices_in,
     step_of,
 )
-from guidefield.planner.schedule.slices import SCHEDULE, Slices, build_held_world, find_free_from, find_meeting
+from guidefield.planner.schedule.slices import SCHEDULE, Slices, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
 from tests.planner.problems import closed_shell, problem, scene_of
 from tests.robots import group, rest
@@ -58,12 +57,6 @@ def swing(made: Problem) -> Any:
     return time_path_ignoring_jerk(made, np.array([START, moved(1.2, 0.3, 0.0, 0.4, 0.0, 0.0, 0.0)]))
 
 
-def occupancy(made: Problem, motion: Any, leave_by: float = np.inf, arrive_from: float = 0.0) -> Occupancy:
-    step = step_of(made.group)
-    slices = Slices(made, step / slices_in(step))
-    return Occupancy(made.group, motion, slices, leave_by, arrive_from, free_at_rest=False)
-
-
 # ---- slices
 
 
@@ -93,24 +86,6 @@ def test_what_a_slice_says_is_free_is_free_at_all_times_in_it(kind: str, monkeyp
     assert 0 < free < 5 * len(zs)
 
 
-def test_once_all_rest_a_slice_is_the_scene_at_rest() -> None:
-    made = asked(ball(trajectory=PASSING))
-    slices, zs = Slices(made, 0.05), START + np.random.default_rng(5).uniform(-1.0, 1.0, (60, 7))
-    end = World.build(PANDA, made.scene.at(made.scene.end))
-    obstacle = np.array([clearance_at(end, PANDA.expand_from_chart(z)).obstacle_distance for z in zs])
-    clear = np.abs(obstacle) > 1e-3
-    np.testing.assert_array_equal(slices.touching(10_000, zs)[clear], obstacle[clear] < 0.0)
-
-
-def test_what_may_touch_an_obstacle_may_touch_it_wherever_it_is_held() -> None:
-    allowed = tuple((link, "ball") for link in PANDA.robot.links)
-    scene = scene_of(ball(0.3, trajectory=flight([0.0, 1.0], (0.3, 0.0, 0.5), (0.3, 0.0, 0.6))))
-    made = dataclasses.replace(problem(PANDA, scene, planes=()), world=World.build(PANDA, scene, allowed))
-    assert contacts_at(asked(*scene.message.obstacles).at(0.0).world, PANDA.expand_from_chart(START))
-    assert not contacts_at(build_held_world(made, {0: (0.0, 0.5, 1.0)}), PANDA.expand_from_chart(START))
-    assert not Slices(made, 0.05).touching(0, START[None])[0]
-
-
 # ---- standing
 
 
@@ -132,26 +107,6 @@ def test_until_when_and_from_when_on_a_place_is_free_is_what_dense_times_say() -
 
 
 # ---- schedules
-
-
-def test_a_schedule_at_one_rate_is_the_motion_later() -> None:
-    made = asked(ball(trajectory=flight([1.5, 2.5], (0.25, 0.35, 0.6), (0.25, 1.6, 0.6))))
-    motion = swing(made)
-    schedule = at_one_rate(made, motion, occupancy(made, motion, *_ends(made, motion)))
-    assert isinstance(schedule, Schedule)
-    found = retime(made, schedule)
-    assert found is not None
-    rate = schedule.rates[0]
-    times = np.linspace(0.0, schedule.duration, 300)
-    np.testing.assert_allclose(
-        found.evaluate(schedule.departure + times)[0], motion.evaluate(times * rate)[0], atol=1e-12
-    )
-    assert touches(made, motion)
-    assert not touches(made, found)
-
-
-def _ends(made: Problem, motion: Any) -> tuple[float, float]:
-    return find_meeting(made, motion.positions[0])[0], find_free_from(made, motion.positions[-1])
 
 
 def touches(made: Problem, motion: Trajectory) -> bool:

@@ -48,16 +48,3 @@ def test_a_corner_leaves_its_lines_within_the_radius_and_along_them(seed: int, r
         for line, chord in ((corners, bend[:2]), (corners, bend[-2:])):
             lines = [beside(np.array(one), chord) for one in pairwise(line)]
             assert min(one.max() for one in lines) < 0.05 * np.linalg.norm(chord[1] - chord[0])
-
-
-def test_a_step_that_goes_nowhere_has_no_corner() -> None:
-    arm = group("ur5")
-    z = np.zeros((3, arm.nv))
-    z[1:] += 0.3
-    asked = problem(arm, scene_of(), goal=to_configuration(z[1], arm), q_start=arm.from_chart(z[0]))
-    standing = Trajectory(np.zeros(1), z[1:2], np.zeros((1, arm.nv)))
-    found = round_corners(
-        [CurveByLength(straight(z[0], z[1])), CurveByLength(standing)], [PassedGoal(asked, z[1], 0.1)], [0.1], 0.05
-    )
-    assert np.abs(found.path[-1] - z[1]).max() < 1e-12
-    assert beside(z[:2], found.path).max() < 1e-12

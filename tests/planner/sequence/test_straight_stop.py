@@ -10,7 +10,6 @@ import pytest
 
 from guidefield.engine import answer
 from guidefield.messages.replies import PlanReply
-from guidefield.planner.sequence.straight_way import format_rounded_down
 
 UR5 = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 TURN = {"type": "relative", "quaternion_xyzw": [0, 0, math.sin(0.25), math.cos(0.25)]}
@@ -65,11 +64,3 @@ def test_a_line_just_beyond_reach_says_so_and_never_that_all_of_it_was_gone() ->
     )
     last = np.array(reply.path[-1])
     assert abs(last[2]) < 0.05  # the elbow is all but stretched there
-
-
-def test_words_never_round_a_share_up() -> None:
-    assert [format_rounded_down(99.97, 0.1), format_rounded_down(0.9999, 0.001), format_rounded_down(56.637, 0.1)] == [
-        "99.9",
-        "0.999",
-        "56.6",
-    ]

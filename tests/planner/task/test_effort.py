@@ -7,11 +7,9 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.messages.requests import UrdfText
 from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
-from guidefield.planner.task import motion_limits
 from guidefield.planner.task.effort import (
     EffortLimit,
     holding_torques,
@@ -169,22 +167,3 @@ _BARE = (
 
 def load_group(effort: str) -> PlanningGroup:
     return grouped(UrdfText(text=_BARE.replace('effort="40"', f'effort="{effort}"')))
-
-
-def test_torques_end_where_no_bound_is_close_and_time_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A limit far below what is found asks for no more than a bound close to that."""
-    planned, motion = group("panda"), random_motion(group("panda"), 7)
-    tree = tree_of(planned)
-    assert not isinstance(tree, str)
-    dense = np.abs(dense_torques(planned, motion)).max(axis=0)
-    whole, work = largest_efforts(tree, motion, np.full(7, 1e-300))
-    for most, one in zip(dense, whole, strict=True):
-        assert most <= one.bound + 1e-9
-        assert one.bound <= one.found * (1.0 + 2e-4)
-    monkeypatch.setattr(motion_limits, "AT_ONCE", 2)
-    parts = measure_efforts(planned, None, motion)
-    assert parts.energy == pytest.approx(work)
-    assert [use.reached.found for use in parts.uses] == pytest.approx([one.found for one in whole], rel=0.02)
-    assert all(use.reached.bound >= most - 1e-9 for use, most in zip(parts.uses, dense, strict=True))
-    with pytest.raises(DeadlineExpired, match="the whole motion was looked at"):
-        measure_efforts(planned, None, motion, Deadline(0.0))

@@ -7,20 +7,16 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.errors import MalformedRequest, UnknownFrame
 from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.task import motion_limits
 from guidefield.planner.task.motion_limits import (
     ACCURACY,
     CartesianLimit,
     frame_limit,
     link_limit,
-    measure_cartesian,
     polynomials_of,
-    slower,
 )
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tangents import tangent_accelerations, tangents
@@ -116,13 +112,6 @@ def _acceleration_share(planned: PlanningGroup, motion: Trajectory) -> float:
     return float((np.abs(motion.accelerations) / planned.acceleration_limits).max())
 
 
-def test_the_slower_of_two_limits_counts() -> None:
-    planned = group("ur5")
-    one, other = frame_limit(planned, "tool0", 0.5, 3.0), frame_limit(planned, "tool0", 0.7, 2.0)
-    (both,) = slower([one, other])
-    assert (both.speed, both.acceleration) == (0.5, 2.0)
-
-
 def test_what_has_no_speed_is_refused_by_name() -> None:
     planned = group("ur5")
     with pytest.raises(UnknownFrame, match="no frame 'nose'"):
@@ -131,17 +120,3 @@ def test_what_has_no_speed_is_refused_by_name() -> None:
         link_limit(planned, "nose", 1.0, 1.0)
     with pytest.raises(MalformedRequest, match="'tool0' has no collision geometry"):
         link_limit(planned, "tool0", 1.0, 1.0)
-
-
-def test_speeds_end_where_no_bound_is_close_and_time_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    planned, motion = group("panda"), random_motion(group("panda"), 7)
-    limit = frame_limit(planned, "panda_hand_tcp", 1e-9, 1e-9)
-    dense = dense_rates(planned, limit, motion)
-    exact = limit.reached(motion, 0.0)
-    monkeypatch.setattr(motion_limits, "AT_ONCE", 2)
-    (parts,) = measure_cartesian([limit], motion)
-    for most, whole, part in zip(dense, exact, (parts.speed, parts.acceleration), strict=True):
-        assert most <= min(whole.bound, part.bound) + 1e-9
-        assert part.found == pytest.approx(whole.found, rel=2e-3)
-    with pytest.raises(DeadlineExpired, match="the whole motion was looked at"):
-        measure_cartesian([limit], motion, Deadline(0.0))

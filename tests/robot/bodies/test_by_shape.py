@@ -18,13 +18,11 @@ from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.bodies import by_shape
-from guidefield.robot.bodies.convex_parts import convex_parts, recall_parts
 from guidefield.robot.bodies.sphere_cover import coverage, recall_coverage
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model import shapes
 from tests.geometry import solids
 from tests.robot.odd_meshes import odd, stl
-from tests.robots import box_arm, load
 
 PATIENCE = 300.0
 
@@ -164,27 +162,3 @@ def test_processes_that_are_killed_or_race_leave_what_is_right(tmp_path: Path) -
     racing.communicate(timeout=PATIENCE)
     assert racing.returncode == 0
     assert {name: content for name, content in kept(tmp_path).items() if not name.startswith(".")} == whole
-
-
-def test_where_nothing_can_be_kept_all_is_found_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    urdf = many(tmp_path, 2)
-    expected = coverage(Catalog().load(urdf)).spheres
-    (tmp_path / "a file").write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "a file"))
-    trees._KNOWN.clear()
-    robot = Catalog().load(urdf)
-    prepare(robot)
-    assert coverage(robot).spheres == expected
-    assert all(part is not None for part in recall_parts(robot)[-3:])
-
-
-def test_a_robot_without_meshes_needs_few_tasks() -> None:
-    told: list[str] = []
-    robot = load(box_arm("y", 4, size=0.2468))
-    prepare(robot, told=told.append)
-    assert told == [
-        "covering l0, shape 1 of 5",
-        f"laying out the surfaces of {robot.name}",
-        f"spreading points on {robot.name}",
-    ]
-    assert convex_parts(robot) == (None,) * 5

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import coal
 import numpy as np
 import pytest
 
-from guidefield.kernels.jit.cache import cache_folder
-from guidefield.messages.requests import UrdfText
-from guidefield.robot.bodies import sphere_cover as module
 from guidefield.robot.bodies.charges import surface
-from guidefield.robot.bodies.sphere_cover import DELTA, Coverage, coverage, recall_coverage
+from guidefield.robot.bodies.sphere_cover import DELTA, coverage
 from guidefield.robot.model.shapes import triangulation
 from tests.geometry import solids
-from tests.robots import ARMS, box_arm, load, robot
+from tests.robots import ARMS, robot
 
 SHAPES = [("panda", "panda_link5_0"), ("panda", "panda_hand_0"), ("ur5", "forearm_link_0"), ("xarm7", "link5_0")]
 
@@ -79,15 +74,6 @@ def test_inner_balls_touch_what_coal_says_is_there(name: str) -> None:
     assert hulls == sum(choice.judged_as == "convex hull" for choice in model.geometry_choices)
 
 
-@pytest.mark.parametrize("name", ARMS)
-def test_counts_stay_small(name: str) -> None:
-    found = coverage(robot(name))
-    assert found.delta == DELTA
-    assert found.spheres == sum(len(one.cover.spheres) for one in found.shapes) <= 270
-    assert found.inner >= 4 * len(found.shapes) - 8
-    assert np.concatenate([one.cover.overhangs for one in found.shapes]).mean() < found.overhang <= DELTA
-
-
 def test_whatever_touches_a_mesh_touches_its_cover_and_what_touches_inside_touches_it() -> None:
     body, found = shape("ur5", "upper_arm_link_0")
     rng = np.random.default_rng(3)
@@ -111,54 +97,3 @@ def test_whatever_touches_a_mesh_touches_its_cover_and_what_touches_inside_touch
             outer_gaps = np.linalg.norm(np.maximum(np.abs(outer) - [0.015, 0.025, 0.04], 0.0), axis=1)
             assert (outer_gaps <= found.cover.groups[:, 3])[np.unique(groups[reached])].all()
     assert touched > 50
-
-
-def test_it_is_computed_once_and_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    model = load(box_arm("y", 3))
-    told: list[str] = []
-    first = coverage(model, 0.0123, lambda piece: told.append(piece.told))
-    assert told == ["covering l0, shape 1 of 4"], "all links are the same box"
-    assert coverage(model, 0.0123, lambda _: pytest.fail("nothing is left to do")) is first
-    assert coverage(model, 0.02) is not first
-    assert isinstance(first, Coverage)
-
-
-@pytest.mark.parametrize("delta", [0.0, -1.0, np.nan])
-def test_delta_must_be_positive(delta: float) -> None:
-    with pytest.raises(ValueError, match="delta"):
-        coverage(robot("panda"), delta)
-
-
-def test_what_is_known_is_told_without_computing_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    model, unheard_of = load(box_arm("y", 2, size=0.234567)), 0.0123456
-    assert recall_coverage(model, unheard_of) == (None, None, None)
-    found = coverage(model, unheard_of)
-    assert recall_coverage(model, unheard_of) is found.shapes
-    # another process, or another robot of the same shapes, finds it on disk
-    twin = load(box_arm("x", 2, size=0.234567))
-    for kept, one in zip(recall_coverage(twin, unheard_of), found.shapes, strict=True):
-        assert kept is not None
-        assert (kept.cover.spheres == one.cover.spheres).all()
-
-
-def test_a_large_shape_is_covered_as_closely_as_is_worth_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(module, "LARGE", 300.0)
-    floor, arm = coverage(load(UrdfText(text=LARGE_TABLE)), 0.05).shapes
-    assert arm.cover.overhang <= 0.05
-    size = (4.0, 3.0, 0.5)
-    area = 2.0 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
-    assert 0.05 < floor.cover.overhang <= np.sqrt(area / 300.0)
-    assert solids.in_balls(
-        solids.on_surface(solids.box(size), 2000, np.random.default_rng(0)), floor.cover.spheres
-    ).all()
-
-
-LARGE_TABLE = """<robot name="table">
-<link name="arm"><collision><geometry><box size="0.1 0.1 0.5"/></geometry></collision></link>
-<link name="floor"><collision><geometry><box size="4 3 0.5"/></geometry></collision></link>
-<joint name="j" type="continuous"><parent link="floor"/><child link="arm"/><origin xyz="0 0 1"/><axis xyz="0 0 1"/>
-</joint></robot>"""

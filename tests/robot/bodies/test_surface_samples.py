@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import coal
 import numpy as np
 import pytest
 
@@ -35,16 +34,6 @@ def test_every_surface_is_covered_to_within_its_spacing(name: str) -> None:
         gaps = np.linalg.norm(anywhere[:, None] - points[None], axis=2).min(axis=1)
         assert gaps.max() <= 1.6 * spacing
         assert not points.flags.writeable
-
-
-def test_points_lie_on_the_shapes() -> None:
-    model = load(box_arm("y x", 0))
-    for shape, points in zip(model.geometry.geometryObjects, surface_samples(model), strict=True):
-        for point in points:
-            at, here = coal.Transform3s(np.eye(3), point), coal.Transform3s.Identity()
-            result = coal.DistanceResult()
-            request = coal.DistanceRequest()
-            assert abs(coal.distance(coal.Sphere(1e-9), at, shape.geometry, here, request, result)) < 1e-6
 
 
 def test_a_robot_with_much_surface_gets_a_bounded_number() -> None:

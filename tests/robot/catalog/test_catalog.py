@@ -99,13 +99,3 @@ def test_a_robot_of_a_file_is_kept_until_the_file_changes_or_a_link_leads_elsewh
     assert len(catalog.load(reference).joints) == 3
     three.write_text(box_arm("y", 4).text)
     assert len(catalog.load(reference).joints) == 4
-
-
-def test_a_file_is_looked_for_in_the_folder_of_the_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    catalog, reference = Catalog(), UrdfFile(path="arm.urdf")
-    for joints in (2, 3):
-        folder = tmp_path / str(joints)
-        folder.mkdir()
-        (folder / "arm.urdf").write_text(box_arm("y", joints).text)
-        monkeypatch.chdir(folder)
-        assert len(catalog.load(reference).joints) == joints

@@ -29,8 +29,6 @@ PART = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property nam
 <joint name="j_${name}" type="revolute"><parent link="${parent}"/><child link="${name}"/><axis xyz="0 1 0"/>
 <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></xacro:macro></robot>"""
 
-REACHLESS = ["arm.urdf.xacro", "'reach' has no value", "--xacro-arg reach:=VALUE"]
-
 
 @pytest.fixture
 def main(tmp_path: Path) -> Path:

@@ -76,14 +76,6 @@ def test_it_is_tested_against_what_it_may_not_touch():
     assert robot("panda").links == tuple(link for link in holding.links if link != "rod")
 
 
-def test_what_is_held_may_hold_and_two_that_move_as_one_are_not_tested():
-    second = Held("flag", coal.Box(0.1, 0.1, 0.01), pin.SE3.Identity(), "rod")
-    third = Held("bag", coal.Sphere(0.05), pin.SE3.Identity(), "panda_link4")
-    holding = with_held(robot("panda"), [rod(), second, third])
-    assert "rod" not in against(holding, "flag")
-    assert {"rod", "flag"} <= against(holding, "bag")
-
-
 def test_names_must_fit():
     with pytest.raises(UnknownFrame, match="no_link"):
         with_held(robot("panda"), [rod(link="no_link")])

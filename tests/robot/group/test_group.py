@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import InvalidGroup, UnknownFrame
-from guidefield.messages.requests import UrdfText
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.followers import follow
-from tests.robots import ARMS, box_arm, group, grouped, load, random_configuration, rest, robot
+from tests.robots import ARMS, box_arm, group, grouped, random_configuration, rest, robot
 
 HERE = pin.SE3.Identity()
 
@@ -54,33 +53,6 @@ def test_the_tip_jacobian_is_the_derivative_of_the_tip(name: str) -> None:
         np.testing.assert_allclose(J[3:, column], pin.log3(ahead.rotation @ behind.rotation.T) / (2 * h), atol=1e-6)
 
 
-def test_a_follower_moves_with_its_driver() -> None:
-    planned = grouped(box_arm("y x mimic y", 0))
-    assert planned.position_names == ["j1", "j2", "j4"]
-    q = np.array([0.6, -0.3, 0.9])
-    expanded = planned.expand(q)
-    follower = planned.model.joints[planned.model.getJointId("j3")]
-    assert expanded[follower.idx_q] == pytest.approx(-0.5 * 0.6 + 0.2)
-    np.testing.assert_allclose(planned.expand_chart(planned.chart(q)), expanded, atol=1e-15)  # no joint wraps here
-    kinematics, h = Kinematics(planned), 1e-7
-    J = kinematics.tip_jacobian(planned.expand(q))
-    ahead, behind = (kinematics.tip_position(planned.expand(q + s * h * np.array([1.0, 0, 0]))) for s in (1, -1))
-    np.testing.assert_allclose(J[:3, 0], (ahead - behind) / (2 * h), atol=1e-7)
-
-
-def test_joints_outside_the_group_stay_where_they_are() -> None:
-    model = robot("panda")
-    q = model.rest.copy()
-    q[0] = 0.7
-    planned = select(model, ["panda_joint4", "panda_joint6"], None, q, HERE)
-    assert planned.position_names == ["panda_joint4", "panda_joint6"]
-    assert planned.nv == 2
-    tip = Kinematics(planned).tip_position(np.array([q[3], q[5]]))
-    data = model.model.createData()
-    pin.framesForwardKinematics(model.model, data, q)
-    np.testing.assert_allclose(tip, data.oMf[model.model.getFrameId(model.tip)].translation, atol=1e-12)
-
-
 def test_a_placement_moves_the_whole_robot_and_its_shapes() -> None:
     model = robot("ur5")
     placement = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.3])), np.array([1.0, -2.0, 0.5]))
@@ -98,14 +70,6 @@ def test_a_placement_moves_the_whole_robot_and_its_shapes() -> None:
     assert model.model.jointPlacements[1] == robot("ur5").model.jointPlacements[1]
 
 
-def test_groups_by_name_and_by_tip() -> None:
-    model = robot("panda")
-    assert select(model, "hand", None, model.rest, HERE).position_names == ["panda_finger_joint1"]
-    assert select(model, None, "panda_link4", model.rest, HERE).position_names == [
-        f"panda_joint{i}" for i in range(1, 5)
-    ]
-
-
 @pytest.mark.parametrize(
     ("asked", "match"),
     [
@@ -118,16 +82,6 @@ def test_what_cannot_be_planned_for_is_named(asked: str | list[str], match: str)
     model = robot("panda")
     with pytest.raises(InvalidGroup, match=match):
         select(model, asked, None, model.rest, HERE)
-
-
-def test_a_tip_that_nothing_moves_says_why() -> None:
-    """Its joint mimics one that can't move, so that no joint of the robot can."""
-    locked = box_arm("y mimic", 2).text.replace('lower="-2" upper="2"', 'lower="0" upper="0"', 1)
-    model = load(UrdfText(locked.replace('<parent link="l1"/>', '<parent link="l0"/>')))
-    with pytest.raises(
-        InvalidGroup, match=r"no joint moves 'l2' \('j2' mimics 'j1', whose limits are the same\).*no joint"
-    ):
-        select(model, None, "l2", model.rest, HERE)
 
 
 def test_an_unknown_tip_lists_the_frames() -> None:
@@ -156,25 +110,6 @@ def test_whole_turns_of_continuous_joints_change_nothing_but_the_chart(seed: int
     np.testing.assert_allclose(planned.from_chart(unwrapped), planned.from_chart(z), atol=1e-12)
 
 
-def test_a_path_in_the_chart_never_jumps() -> None:
-    planned = group("kinova")
-    q = rest(planned)
-    step = np.full(planned.nv, 0.1)
-    qs = [q]
-    for _ in range(100):
-        qs.append(planned.integrate(qs[-1], step))
-    path = planned.chart_path(qs)
-    np.testing.assert_allclose(np.diff(path, axis=0), np.tile(step, (100, 1)), atol=1e-9)
-
-
-def test_limits_by_request_and_scaling() -> None:
-    limited = group("panda").with_limits({"panda_joint1": 0.5}, {"panda_joint2": 1.0}, 0.5, 0.1)
-    assert limited.velocity_limits[0] == pytest.approx(0.25)
-    assert limited.velocity_limits[1] == pytest.approx(0.5 * 2.175)
-    assert limited.acceleration_limits[1] == pytest.approx(0.1)
-    assert limited.joints[0].velocity_source.value == "request"
-
-
 def test_links_and_fixed_joints_may_share_names() -> None:
     arm = robot("z1")
     assert sum(frame.name == "gripperStator" for frame in arm.model.frames) == 2
@@ -190,45 +125,6 @@ def test_links_and_fixed_joints_may_share_names() -> None:
         pin.framesForwardKinematics(arm.model, data, whole)
         there = data.oMf[arm.model.getFrameId(planned.tip, pin.BODY)]
         assert Kinematics(planned).frame_placement(planned.expand(q), planned.tip_id).isApprox(there, 1e-12)
-
-
-def test_links_and_joints_may_share_names() -> None:
-    """Pinocchio's own reduction refuses such robots."""
-    link = '<link name="{0}"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
-    joint = (
-        '<joint name="{0}" type="revolute"><origin xyz="0 0 0.5"/><parent link="{1}"/><child link="{0}"/>'
-        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-    )
-    parts = [link.format(name) for name in "abc"] + [joint.format("b", "a"), joint.format("c", "b")]
-    model = load(UrdfText(text=f'<robot name="r">{"".join(parts)}</robot>'))
-    planned = select(model, ["c"], None, model.rest, HERE)
-    assert planned.position_names == ["c"]
-    assert {frame.name for frame in planned.model.frames} >= {"a", "b", "c"}
-    np.testing.assert_allclose(Kinematics(planned).tip_position(np.zeros(1)), [0.0, 0.0, 1.0], atol=1e-12)
-
-
-def test_groups_that_differ_in_their_start_alone_are_alike() -> None:
-    panda, ur5 = robot("panda"), robot("ur5")
-    names = tuple(joint.name for joint in panda.joints[:7])
-    other = panda.rest.copy()
-    other[:7] += 0.1
-    one, two = (select(panda, names, None, q, HERE) for q in (panda.rest, other))
-    assert one.alike is two.alike
-    assert one.model is two.model
-    np.testing.assert_array_equal(two.q_origin, other[:7])
-    np.testing.assert_array_equal(one.q_origin, panda.rest[:7])
-    assert one.with_limits({}, {}, 0.5, 0.5).alike is one.alike
-    finger = panda.rest.copy()
-    finger[-1] += 0.01
-    elsewhere = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.1]))
-    for unlike in (
-        select(panda, names, None, finger, HERE),
-        select(panda, names[:6], None, panda.rest, HERE),
-        select(panda, names, panda.links[3], panda.rest, HERE),
-        select(panda, names, None, panda.rest, elsewhere),
-        select(ur5, None, None, ur5.rest, HERE),
-    ):
-        assert unlike.alike is not one.alike
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -11,7 +11,6 @@ import pytest
 from guidefield.referee import meshes
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import FARTHEST_VERTEX, READERS, companions, read_mesh
-from guidefield.robot.urdf.meshes import MESH_SUFFIXES
 from tests.robot.mesh_files import written
 from tests.robot.mesh_files.written import WRITERS, Part, corners_of, part
 
@@ -54,10 +53,6 @@ def file_of(folder: Path, kind: str, parts: list[Part]) -> Path:
     path = folder / f"mesh{suffix}"
     path.write_bytes(writer(parts))
     return path
-
-
-def test_every_kind_has_a_reader() -> None:
-    assert set(READERS) == set(MESH_SUFFIXES) == {suffix.lower() for suffix, _ in WRITERS.values()}
 
 
 @pytest.mark.parametrize("parts", PARTS.values(), ids=PARTS)

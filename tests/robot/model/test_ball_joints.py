@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.robot.model.model import JointKind
 from guidefield.robot.model.replaced_joints import with_ball_joints
 from tests.robots import box_arm, load, robot
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_marked_joints_only_turn_and_the_rest_stays_as_it_is() -> None:
@@ -46,14 +40,3 @@ def test_the_seeds_chains_are_balls(name: str) -> None:
     moving = "moving" in name
     assert kinds.count(JointKind.SPHERICAL) == (2 if moving else 6)
     assert (kinds[0] is JointKind.FLOATING) == moving
-
-
-def test_the_seeds_chains_start_where_the_seed_draws_them() -> None:
-    drawn = json.loads((ROOT / "robots" / "seed_robots.json").read_text())["seed_a_gates"]["joints"]
-    request = json.loads((ROOT / "tools" / "examples" / "requests" / "seed_a_gates.json").read_text())
-    chain = robot(request["robot"])
-    data = chain.model.createData()
-    pin.framesForwardKinematics(chain.model, data, configuration_from_wire(chain, request["start"]))
-    for joint, point in zip(chain.joints, drawn[:-1], strict=True):
-        np.testing.assert_allclose(data.oMi[joint.index].translation, point, atol=2e-5)
-    np.testing.assert_allclose(data.oMf[chain.frame_id("tip")].translation, drawn[-1], atol=2e-5)

@@ -90,13 +90,3 @@ def test_a_mesh_whose_triangles_are_one_line_is_a_thin_box_along_it(tmp_path: Pa
     assert np.allclose(np.sort(2.0 * shape.geometry.halfSide), [THICKNESS, THICKNESS, 0.6 + THICKNESS], atol=1e-9)
     ends = [shape.placement.act(side * np.array(shape.geometry.halfSide)) for side in (-1.0, 1.0)]
     assert np.allclose(sorted(map(tuple, ends)), [(0.5, 0, 0), (0.7, 0.4, 0.4)], atol=1e-5)
-
-
-@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
-@pytest.mark.parametrize("shape", ['<sphere radius="0"/>', ""])
-def test_a_robot_that_is_a_point_has_the_usual_size(shape: str, kind: str) -> None:
-    body = f"<collision><geometry>{shape}</geometry></collision>" if shape else ""
-    text = f"""<robot name="p"><link name="w"/><link name="b">{body}</link><joint name="j" type="{kind}">
-    <parent link="w"/><child link="b"/><axis xyz="0 0 1"/>
-    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
-    assert Catalog().load(UrdfText(text)).size == 1.0

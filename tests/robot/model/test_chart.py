@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.messages.requests import UrdfText
@@ -73,29 +72,6 @@ def test_a_rotation_turns_at_most_by_the_distance_of_the_vectors(seed: int, scal
     b = a + scale * rng.normal(size=3)
     turned = np.linalg.norm(pin.log3(pin.exp3(a).T @ pin.exp3(b)))
     assert turned <= np.linalg.norm(a - b) + 1e-12
-
-
-def test_the_long_way_round_is_taken_where_it_is_nearer() -> None:
-    group = planned()
-    vector = np.array([0.0, 0.0, 3.1])
-    z = np.zeros(group.nv)
-    root = next(joint for joint in group.joints if joint.name == "root_joint")
-    at = slice(root.idx_v + 3, root.idx_v + 6)
-    z[at] = -vector
-    near = np.zeros(group.nv)
-    near[at] = vector
-    np.testing.assert_allclose(group.unwrapped(z, near)[at], [0.0, 0.0, 2 * np.pi - 3.1], atol=1e-12)
-
-
-def test_columns_are_named_as_the_wire_names_them() -> None:
-    group = planned()
-    assert group.position_names[:7] == [f"root_joint.{c}" for c in ("x", "y", "z", "qx", "qy", "qz", "qw")]
-    assert group.velocity_names[:6] == [f"root_joint.{c}" for c in ("vx", "vy", "vz", "wx", "wy", "wz")]
-    assert "j1.theta" in group.position_names
-    row = group.wire_positions(random_chart(3, group.nv))
-    assert len(row) == len(group.position_names)
-    assert np.linalg.norm(row[3:7]) == pytest.approx(1.0)
-    assert not group.is_euclidean
 
 
 @given(seed=st.integers(0, 10_000), short=st.floats(-3.0, -0.5))

@@ -11,22 +11,6 @@ from guidefield.robot.model.configuration import clamp, configuration_from_wire,
 from tests.robots import box_arm, load, robot
 
 
-def test_joints_left_out_keep_the_rest_value() -> None:
-    model = robot("panda")
-    q = configuration_from_wire(model, {"panda_joint3": 0.4})
-    changed = np.flatnonzero(q != model.rest)
-    assert changed.tolist() == [2]
-    assert q[2] == 0.4
-
-
-def test_followers_follow() -> None:
-    model = robot("panda")
-    q = configuration_from_wire(model, {"panda_finger_joint1": 0.03})
-    follower = model.joint("panda_finger_joint2")
-    assert follower is not None
-    assert q[follower.idx_q] == pytest.approx(0.03)
-
-
 @given(angle=st.floats(-50, 50))
 @settings(deadline=None, max_examples=15)
 def test_continuous_angles_survive_up_to_whole_turns(angle: float) -> None:
@@ -35,15 +19,6 @@ def test_continuous_angles_survive_up_to_whole_turns(angle: float) -> None:
     back = configuration_to_wire(model.joints, q)["j2s6s200_joint_1"]
     assert np.cos(back) == pytest.approx(np.cos(angle), abs=1e-9)
     assert np.sin(back) == pytest.approx(np.sin(angle), abs=1e-9)
-
-
-def test_joints_of_several_values() -> None:
-    model = load(box_arm("y planar floating", 0))
-    quaternion = [0.5, -0.5, 0.5, 0.5]
-    q = configuration_from_wire(model, {"j2": [1.0, 2.0, 0.3], "j3": [0.1, 0.2, 0.3, *quaternion]})
-    wire = configuration_to_wire(model.joints, q)
-    assert wire["j2"] == pytest.approx([1.0, 2.0, 0.3])
-    assert wire["j3"] == pytest.approx([0.1, 0.2, 0.3, *quaternion])
 
 
 @pytest.mark.parametrize(
@@ -70,11 +45,6 @@ def test_bad_values_are_named(positions: dict, match: str) -> None:
 def test_bad_joints_of_several_values_are_named(positions: dict, match: str) -> None:
     with pytest.raises(InvalidConfiguration, match=match):
         configuration_from_wire(load(box_arm("y planar floating", 0)), positions)
-
-
-def test_a_goal_raises_its_own_error() -> None:
-    with pytest.raises(InvalidGoal, match="no joint 'nose'"):
-        configuration_from_wire(robot("panda"), {"nose": 1.0}, error=InvalidGoal)
 
 
 def test_limit_faults_name_joint_value_and_limits() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,15 +9,12 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.engine import Engine
 from guidefield.handlers.kinematics import clearance, forward_kinematics, inverse_kinematics
-from guidefield.handlers.robots import robot as describe
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements
 from guidefield.messages import requests
 from guidefield.messages.replies import PlanReply
-from guidefield.messages.requests import GuidePlaneGoal, JointsGoal, PlanRequest, PoseGoal, TargetPose, UrdfText
+from guidefield.messages.requests import GuidePlaneGoal, PlanRequest, PoseGoal, TargetPose, UrdfText
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
 from guidefield.planner.guide.tip_reach import arm_reach
-from guidefield.robot.catalog.catalog import summarize_sent
-from guidefield.robot.catalog.library import SentRobot
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.group.tip_chain import chain_to_tip
@@ -29,8 +24,8 @@ from guidefield.robot.model.model import JointKind
 from guidefield.scene.scene import build
 from tests.robot.by_formula import ByFormula, given_by
 from tests.robot.random_chains import KINDS, WOUND, chains
-from tests.robot.winding import OFFSET, PITCH, nearest, place, winding
-from tests.robots import box_arm, grouped, load
+from tests.robot.winding import OFFSET, nearest, place, winding
+from tests.robots import grouped, load
 
 ENGINE = Engine()
 EXACT = 1e-12
@@ -210,18 +205,6 @@ def test_a_plan_to_a_pose_ends_there_by_the_formula() -> None:
     )
 
 
-def test_a_start_beyond_half_a_turn_stays_as_it_is() -> None:
-    urdf = winding()
-    reply = plan(
-        urdf, scene=Scene(name="empty"), start={"turn": 3.5}, goal=JointsGoal({"turn": 10.0, "lift": 0.1}), tip="tool"
-    )
-    assert reply.status.name == "SUCCESS"
-    rows = rows_of(reply)
-    assert rows[0]["turn"] == pytest.approx(3.5, abs=1e-12)
-    assert rows[-1]["turn"] == pytest.approx(10.0, abs=1e-9)
-    assert max(abs(b["turn"] - a["turn"]) for a, b in itertools.pairwise(rows)) < 0.1
-
-
 def gate(turn: float) -> GuidePlane:
     """A plane through the mast that the hand crosses at an angle."""
     out, up = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([0.0, 0.0, 0.5])
@@ -276,17 +259,3 @@ def test_a_slide_that_never_moves_is_in_reach_and_moves_nothing() -> None:
     assert chain.moving.tolist() == [True]
     other = select(load(BESIDE), ["j1", "j3"], "tool", load(BESIDE).rest, pin.SE3.Identity())
     assert chain_to_tip(other).moving.tolist() == [False, True]
-
-
-def test_clients_are_told_what_the_joint_is() -> None:
-    told = describe(load(winding()))
-    joints = {joint.name: joint for joint in told.joints}
-    turn, slide = joints["turn"], joints["slide"]
-    assert turn.kind == "revolute"
-    assert (turn.lower, turn.upper) == ([pytest.approx((-5 - OFFSET) / PITCH)], [pytest.approx((5 - OFFSET) / PITCH)])
-    assert (slide.mimics, slide.multiplier, slide.offset) == ("turn", PITCH, OFFSET)
-    assert any("'turn' is continuous, but 'slide'" in warning for warning in told.warnings)
-    sent = SentRobot("winding", "", winding().text, None, {}, "fixed")
-    assert summarize_sent(sent, []).joint_kinds == {"prismatic": 1, "revolute": 2}
-    endless = describe(load(box_arm("continuous half-gear", 0)))
-    assert (endless.joints[0].kind, endless.joints[0].lower, endless.joints[0].upper) == ("revolute", [None], [None])

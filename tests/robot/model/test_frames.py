@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.model.frames import frame_index, moving_joint
-from tests.robots import load, robot
+from guidefield.robot.model.frames import frame_index
+from tests.robots import load
 
 SHARED = (
     '<robot name="r"><link name="a"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
@@ -20,11 +20,3 @@ def test_the_link_is_meant() -> None:
     assert index is not None
     assert model.frames[index].type.name == "BODY"
     assert load(UrdfText(text=SHARED)).frame_id("b") == index
-
-
-def test_what_is_missing_is_none_and_does_not_move() -> None:
-    model = robot("ur5").model
-    assert frame_index(model, "nose") is None
-    assert moving_joint(model, "nose") == 0
-    assert moving_joint(model, "base_link") == 0
-    assert moving_joint(model, "forearm_link") == 3

@@ -13,8 +13,7 @@ import trimesh
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile, UrdfText
 from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.model.model import JointKind, LimitSource
-from tests.robots import ARMS, box_arm, load, robot
+from tests.robots import box_arm, load, robot
 
 
 @pytest.mark.parametrize(("name", "nq", "nv"), [("panda", 9, 9), ("ur5", 6, 6), ("xarm7", 7, 7), ("kinova", 9, 6)])
@@ -23,39 +22,6 @@ def test_arms_have_pinocchios_dimensions(name: str, nq: int, nv: int) -> None:
     assert (model.model.nq, model.model.nv) == (nq, nv)
     assert sum(joint.nq for joint in model.joints) == nq
     assert model.model.existFrame(model.tip)
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_no_arm_touches_itself_at_rest(name: str) -> None:
-    model = robot(name)
-    data, geometry_data = model.model.createData(), model.geometry.createData()
-    assert not pin.computeCollisions(model.model, data, model.geometry, geometry_data, model.rest, True)
-
-
-def test_kinova_has_continuous_joints() -> None:
-    kinds = [joint.kind for joint in robot("kinova").joints]
-    assert kinds.count(JointKind.CONTINUOUS) == 3
-    assert robot("kinova").model.nq != robot("kinova").model.nv
-
-
-def test_the_panda_takes_its_limits_from_card_and_urdf() -> None:
-    joint = robot("panda").joint("panda_joint2")
-    assert joint is not None
-    assert (joint.velocity_source, joint.acceleration_source) == (LimitSource.URDF, LimitSource.CARD)
-    assert joint.velocity == pytest.approx(2.175)
-    assert joint.acceleration == pytest.approx(7.5)
-    finger = robot("panda").joint("panda_finger_joint2")
-    assert finger is not None
-    assert finger.mimic is not None
-    assert finger.mimic.driver == "panda_finger_joint1"
-
-
-def test_limits_nobody_names_have_defaults() -> None:
-    continuous = load(box_arm("continuous", 1)).joints[0]
-    assert continuous.velocity_source is LimitSource.DEFAULT
-    assert continuous.velocity == pytest.approx(1.0)
-    assert continuous.acceleration == pytest.approx(2.0)
-    assert np.isinf([continuous.lower[0], continuous.upper[0]]).all()
 
 
 def test_the_pairs_of_an_srdf_are_left_out_with_its_reasons() -> None:
@@ -74,15 +40,6 @@ def test_without_an_srdf_adjacent_links_are_left_out_and_others_tested() -> None
     assert {pair.reason for pair in arm.pairs_left_out} == {"adjacent"}
     tested = {(arm.link_of_geometry(p.first), arm.link_of_geometry(p.second)) for p in arm.geometry.collisionPairs}
     assert tested == {("l0", "l2"), ("l0", "l3"), ("l1", "l3")}
-
-
-def test_a_mesh_is_judged_by_its_hull_only_where_that_is_as_tight() -> None:
-    judged = {choice.name: choice for choice in robot("panda").geometry_choices}
-    assert judged["panda_link3_0"].judged_as == "convex hull"
-    assert judged["panda_leftfinger_0"].judged_as == "primitive"
-    hand = {choice.name: choice for choice in robot("kinova").geometry_choices}["j2s6s200_link_6_0"]
-    assert hand.judged_as == "triangle mesh"
-    assert all(choice.stand_off <= 0.005 for choice in judged.values())
 
 
 def test_an_unknown_name_lists_the_known() -> None:
@@ -137,15 +94,6 @@ def test_what_is_odd_about_many_links_alike_is_one_warning() -> None:
     assert told[0].endswith(" more likewise)")
 
 
-def test_a_file_and_its_text_make_the_same_robot(tmp_path) -> None:
-    text = box_arm("y", 2)
-    path = tmp_path / "arm.urdf"
-    path.write_text(text.text)
-    from_file = Catalog().load(UrdfFile(path=str(path)))
-    assert from_file.model == load(text).model
-    assert from_file.name == "arm"
-
-
 def test_a_file_that_changes_is_read_again(tmp_path: Path) -> None:
     def reach(catalog: Catalog) -> float:
         (hand,) = catalog.load(reference).geometry.geometryObjects
@@ -178,15 +126,6 @@ def test_what_is_taken_for_a_robots_text_or_name_is_told() -> None:
         Catalog().load("arm.urdf")
     with pytest.raises(RobotInvalid, match="did you mean panda"):
         Catalog().load("Panda")
-
-
-def test_root_joints_add_their_freedom() -> None:
-    fixed = load(box_arm("y", 2))
-    for root, kind in (("planar", JointKind.PLANAR), ("free", JointKind.FLOATING)):
-        moved = load(UrdfText(text=box_arm("y", 2).text, root_joint=root))
-        assert moved.joints[0].name == "root_joint"
-        assert moved.joints[0].kind is kind
-        assert len(moved.joints) == len(fixed.joints) + 1
 
 
 def test_every_summary_says_what_can_be_planned_or_what_is_wrong() -> None:

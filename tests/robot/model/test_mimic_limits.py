@@ -42,22 +42,6 @@ def test_a_driver_goes_only_where_its_follower_keeps_its_limits():
     assert any("'j1', which 'j2' follows, only goes from -0.25 to 0.5" in warning for warning in robot.warnings)
 
 
-def test_a_follower_that_narrows_by_next_to_nothing_keeps_its_limits_too():
-    robot = load(arm(("revolute", -2, 1, ""), ("revolute", -2, 0.9999995, mimic(1, 1.0, 0.0))))
-    assert robot.joints[0].upper == [0.9999995]
-    assert not any("only goes" in warning for warning in robot.warnings)
-
-
-def test_a_chain_of_followers_binds_the_first():
-    robot = load(
-        arm(("revolute", -2, 2, ""), ("revolute", -9, 9, mimic(1, 2.0, 0.0)), ("prismatic", 0, 0.3, mimic(2, 0.1, 0.1)))
-    )
-    assert robot.joints[0].lower == pytest.approx([-0.5])
-    assert robot.joints[0].upper == pytest.approx([1.0])
-    group = select(robot, ["j1"], None, robot.rest, pin.SE3.Identity())
-    assert group.upper == pytest.approx([1.0])
-
-
 def test_a_driver_that_turns_on_and_on_goes_where_its_followers_keep_their_limits():
     robot = load(
         arm(("continuous", 0, 0, ""), ("revolute", -1, 4, mimic(1, 0.5, 1.0)), ("prismatic", 0, 1, mimic(1, 0.1, 0)))
@@ -92,13 +76,6 @@ def test_a_follower_of_a_fixed_joint_is_refused():
     fixed = arm(("fixed", 0, 0, ""), ("revolute", -1, 1, mimic(1, 1.0, 0.0)))
     with pytest.raises(RobotInvalid):
         load(fixed)
-
-
-def test_limits_that_stand_for_none_are_brought_within_what_can_be_judged():
-    robot = load(arm(("revolute", -1e16, 1e16, ""), ("prismatic", -1e9, 1, "")))
-    assert (robot.joints[0].lower[0], robot.joints[0].upper[0]) == (-200.0, 200.0)
-    assert (robot.joints[1].lower[0], robot.joints[1].upper[0]) == (-1000.0, 1.0)
-    assert sum("are taken for" in warning for warning in robot.warnings) == 2
 
 
 RANGE = st.tuples(st.floats(-3, 0), st.floats(0, 3))
@@ -159,13 +136,6 @@ def test_velocity_limits_of_followers_bind_the_joint_that_is_planned():
     assert 0.9 / 2.4 < velocity <= 1 / 2.4 + 1e-9
 
 
-def test_a_velocity_that_nobody_stated_binds_nothing():
-    robot = load(UrdfText(text=geared(0.0)["text"]))
-    group = select(robot, ["a"], None, robot.rest, pin.SE3.Identity())
-    assert group.velocity_limits == [0.5]
-    assert group.joints[0].velocity_owner is None
-
-
 def test_a_request_may_limit_a_follower():
     velocity, acceleration = fastest(limits={"b": {"velocity": 0.5, "acceleration": 0.3}})
     assert 0.9 * 0.5 / 2.4 < velocity <= 0.5 / 2.4 + 1e-9
@@ -190,28 +160,11 @@ def test_certify_judges_the_follower_and_names_it():
     assert reply.status.name == "SUCCESS"
 
 
-def test_a_jerk_limit_of_a_follower_binds_its_source():
-    velocity, acceleration = fastest(limits={"b": {"jerk": 1.2}})
-    assert acceleration**2 <= 0.5 * velocity + 1e-3, "with a jerk j a velocity v takes an acceleration of sqrt(j v)"
-
-
 def test_a_stream_keeps_the_limits_of_followers():
     robot, scene = load(UrdfText(text=geared()["text"])), build(Scene("empty", obstacles=[]))
     for limits, velocity in (({}, 1 / 2.4), ({"b": JointLimits(velocity=0.5)}, 0.5 / 2.4)):
         request = StreamOpen(robot=UrdfText(text=geared()["text"]), scene="empty", start={"a": 0.0}, limits=limits)
         assert read_opening(request, robot, scene).group.velocity_limits == pytest.approx([velocity])
-
-
-def test_the_listing_has_the_limits_that_hold():
-    described = {joint.name: joint for joint in answer({"type": "robot", "robot": geared()}).joints}
-    assert described["a"].velocity == pytest.approx([1 / 2.4])
-    assert described["b"].velocity == [1.0]
-
-
-def test_a_limit_that_follows_from_another_is_no_negative_zero():
-    robot = load(arm(("revolute", -2, 2, ""), ("revolute", 0, 1, mimic(1, -1.0, 0.0))))
-    assert any("only goes from -1 to 0," in told for told in robot.warnings), robot.warnings
-    assert str(load(arm(("revolute", -2, "-0", ""))).joints[0].upper[0]) == "0.0"
 
 
 def test_a_follower_that_would_let_nothing_move_has_no_limits():

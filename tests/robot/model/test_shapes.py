@@ -31,27 +31,6 @@ def test_choices_follow_the_stand_off(name: str) -> None:
             assert _farthest_probe(one.geometry) > HULL_STAND_OFF
 
 
-def test_a_hull_from_the_disk_collides_as_one_of_coal() -> None:
-    body = next(one.geometry for one in robot("panda").geometry.geometryObjects if one.name == "panda_link5_0")
-    vertices, triangles = triangulation(body)
-    other = coal.Convex.convexHull(_points(vertices), True, "Qt")
-    assert body.num_points == other.num_points
-    assert body.computeVolume() == pytest.approx(other.computeVolume())
-    assert solids.winding(vertices.mean(axis=0)[None], (vertices, triangles)) == pytest.approx([1.0])
-    rng = np.random.default_rng(0)
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    for _ in range(200):
-        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-        here = coal.Transform3s(turn * np.sign(np.linalg.det(turn)), rng.uniform(-0.4, 0.4, 3))
-        found = []
-        for shape in (body, other):
-            result.clear()
-            found.append(
-                coal.distance(shape, coal.Transform3s.Identity(), coal.Box(0.1, 0.2, 0.1), here, request, result)
-            )
-        assert found[0] == pytest.approx(found[1], abs=1e-5)
-
-
 def _points(vertices: np.ndarray) -> coal.StdVec_Vec3s:
     points = coal.StdVec_Vec3s()
     for vertex in vertices:
@@ -128,11 +107,6 @@ def test_a_mesh_in_millimetres_is_told(tmp_path: Path) -> None:
     told = "link 'arm': mesh 'shell.stl' is 200 m large: are its numbers millimetres?"
     assert any(told in warning for warning in _arm_of(solids.box((200.0, 20.0, 30.0)), tmp_path).warnings)
     assert not any("large" in warning for warning in _arm_of(solids.box((2.0, 0.2, 0.3)), tmp_path).warnings)
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_tight_hulls_fill_nothing(name: str) -> None:
-    assert not any("fills" in warning for warning in robot(name).remarks)
 
 
 def test_a_link_of_an_open_mesh_is_told_to_be_a_thin_wall(tmp_path: Path) -> None:

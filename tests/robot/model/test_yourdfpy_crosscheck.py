@@ -7,11 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from lxml import etree
 
 from guidefield.messages.conditions import UrdfText
 from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.model import yourdfpy_crosscheck
 from guidefield.robot.model.yourdfpy_crosscheck import MOST_TOLD, crosscheck
 from tests.robot.random_chains import chains
 
@@ -52,12 +50,6 @@ def test_what_is_placed_otherwise_is_told() -> None:
     assert told[-1].endswith(" more things otherwise")
 
 
-def test_a_joint_that_follows_one_of_another_name_is_told() -> None:
-    robot = Catalog().load("alex_psyonic_hands")  # its `mimic` names a joint without the prefix of its hand
-    told = [warning for warning in crosscheck(robot).warnings if "yourdfpy" in warning]
-    assert any("'Left_index_L2'" in warning for warning in told)
-
-
 @settings(max_examples=15, deadline=None)
 @given(chains(8))
 def test_random_chains_are_read_alike(sent: UrdfText) -> None:
@@ -77,18 +69,3 @@ def test_capsules_are_told() -> None:
         assert [words in told for told in Catalog().load(UrdfText(text=text)).warnings] == [True]
     plain = f'<robot name="k"><link name="b">{cylinder.removesuffix(checked)}</link></robot>'
     assert not Catalog().load(UrdfText(text=plain)).warnings
-
-
-def test_placements_joint_by_joint_are_those_from_the_root() -> None:
-    joints = "".join(
-        f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{max(0, k - 1 - k % 3)}"/>'
-        f'<child link="l{k}"/><origin xyz="0.1 {0.01 * k} 0.2" rpy="0.{k} 0.3 0"/><axis xyz="0 {k % 2} 1"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-        for k in range(9, 0, -1)  # children stand before their parents
-    )
-    other = yourdfpy_crosscheck._read(etree.fromstring(f'<robot name="r"><link name="l0"/>{joints}</robot>'))
-    other.update_cfg({f"j{k}": 0.1 * k for k in range(1, 10)})
-    placed = yourdfpy_crosscheck._placements(other)
-    assert placed.keys() == other.link_map.keys()
-    for link, placement in placed.items():
-        np.testing.assert_allclose(placement, other.get_transform(link, "l0"), atol=1e-14)

@@ -151,16 +151,6 @@ def test_a_mesh_of_another_robot_is_not_taken_but_its_package_is_found_deeper(ho
     refused(given, "package://arm/meshes/visual/base.stl")
 
 
-def test_several_meshes_of_a_folder_are_one_warning(home):
-    for name in ("a.stl", "b.stl", "c.stl"):
-        file_with(home / f"ws/arm/meshes/collision/{name}")
-    resolver = MeshResolver.for_file(home / "ws/arm/urdf/arm.urdf")
-    for name in ("a.stl", "b.stl", "c.stl"):
-        resolver.resolve(f"package://collision/{name}")
-    (said,) = resolver.warnings()
-    assert "2 more" in said
-
-
 def test_different_files_are_refused_with_their_list_and_equal_ones_are_one(home):
     first = file_with(home / "ws/arm/meshes/left/hand.stl", "hand")
     second = file_with(home / "ws/arm/meshes/right/hand.stl", "another")
@@ -195,27 +185,6 @@ def test_a_package_is_found_by_its_manifest_and_two_of_one_name_are_told(home):
     assert str(other) in said
 
 
-def test_two_package_dirs_with_one_package_are_told(home):
-    first = file_with(home / "one/arm/meshes/x.stl", "one")
-    second = file_with(home / "two/arm/meshes/x.stl", "two")
-    dirs = [home / "one", home / "two"]
-    resolver = MeshResolver.for_file(home / "elsewhere/robot.urdf", dirs)
-    assert resolver.resolve("package://arm/meshes/x.stl") == first
-    (said,) = resolver.warnings()
-    assert str(second) in said
-    second.write_text("one")
-    equal = MeshResolver.for_file(home / "elsewhere/robot.urdf", dirs)
-    assert equal.resolve("package://arm/meshes/x.stl") == first
-    assert equal.warnings() == []
-
-
-def test_letters_case_is_no_matter_in_a_package_dir(home):
-    mesh = file_with(home / "far/arm/meshes/Link1.stl")
-    resolver = MeshResolver.for_file(home / "deep/er/robot.urdf", [home / "far"])
-    assert resolver.resolve("package://arm/meshes/link1.STL") == mesh
-    assert str(mesh) in resolver.warnings()[0]
-
-
 def test_the_search_ends_at_the_repository_the_package_and_the_home_folder(home, monkeypatch):
     urdf = home / "user/ws/src/arm/urdf/arm.urdf"
     folder = urdf.parent
@@ -245,18 +214,6 @@ def test_a_search_that_reads_too_much_is_given_up_and_says_so(home, monkeypatch)
     assert MeshResolver.for_file(urdf).resolve("../meshes/m.stl") == mesh
     near = file_with(home / "ws/arm/urdf/parts/near.stl")
     assert MeshResolver.for_file(urdf).resolve("package://nowhere/parts/near.stl") == near
-
-
-def test_a_given_folder_is_searched_before_all_that_is_about_the_package(home, monkeypatch):
-    mesh = file_with(home / "arm/shapes/m.stl")
-    for number in range(30):
-        file_with(home / f"data/{number}.txt")
-    urdf = home / "arm/urdf/arm.urdf"
-    monkeypatch.setattr("guidefield.robot.urdf.nearby_files.MAX_ENTRIES", 20)
-    assert "too much to search" in refused(MeshResolver.for_file(urdf), "package://nowhere/m.stl").message
-    resolver = MeshResolver.for_file(urdf, [mesh.parent])
-    assert resolver.resolve("package://nowhere/m.stl") == mesh
-    assert f"'package://nowhere/m.stl' is not there; '{mesh}' is taken" in resolver.warnings()[0]
 
 
 def test_the_search_follows_no_link_to_a_folder_and_none_that_leads_outside(home):
@@ -313,24 +270,6 @@ def test_over_the_wire_nothing_is_searched(home, monkeypatch):
     assert wire.warnings() == []
 
 
-def test_package_dirs_hold_packages_or_are_packages(home):
-    urdf = home / "ws/arm/urdf/arm.urdf"
-    for folder in ("ws", "ws/other"):
-        assert MeshResolver.for_file(urdf, [home / folder]).resolve("package://other/o.dae") == home / "ws/other/o.dae"
-
-
-def test_a_ros_environment_names_package_dirs(home, monkeypatch):
-    urdf = home / "elsewhere/arm.urdf"
-    monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{home}/ws")
-    assert MeshResolver.for_file(urdf).resolve("package://other/o.dae") == home / "ws/other/o.dae"
-    monkeypatch.setenv("ROS_PACKAGE_PATH", "")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(home / "prefix"))
-    (home / "prefix").mkdir()
-    (home / "ws").rename(home / "prefix/share")
-    assert MeshResolver.for_file(urdf).resolve("package://other/o.dae") == home / "prefix/share/other/o.dae"
-    refused(MeshResolver.for_wire(), "package://other/o.dae")
-
-
 @pytest.mark.parametrize(
     ("uri", "words"),
     [
@@ -374,11 +313,6 @@ def test_an_error_about_a_missing_mesh_says_what_to_do(home):
     lost = "package://nowhere/lost.stl"
     assert "`meshes` of `Client.store_robot`" in refused(MeshResolver.for_wire(), lost).message
     assert "`package_dirs`" in refused(MeshResolver.for_file(home / "ws" / "arm" / "arm.urdf"), lost).message
-
-
-def test_a_folder_is_no_mesh(home):
-    (home / "ws/arm/folder.stl").mkdir()
-    assert "was not found" in refused(MeshResolver.for_wire([home / "ws"]), "package://arm/folder.stl").message
 
 
 PARTS = st.lists(

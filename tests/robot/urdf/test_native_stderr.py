@@ -5,12 +5,11 @@ import subprocess
 import sys
 import threading
 from contextlib import suppress
-from pathlib import Path
 
 import pinocchio as pin
 import pytest
 
-from guidefield.robot.model.neutral_names import MAX_CAUGHT_BYTES, capture_stderr
+from guidefield.robot.model.neutral_names import capture_stderr
 
 NAMELESS = "<robot><link name='a'/></robot>"
 
@@ -39,23 +38,6 @@ def test_stderr_is_itself_again_also_after_an_error(capfd):
     assert capfd.readouterr().err == "outside"
 
 
-def test_captures_may_be_nested():
-    with capture_stderr() as outer:
-        os.write(2, b"a")
-        with capture_stderr() as inner:
-            os.write(2, b"b")
-        os.write(2, b"c")
-    assert (outer.text(), inner.text()) == ("ac", "b")
-
-
-def test_what_python_had_buffered_stays_outside():
-    with capture_stderr() as outer:
-        sys.__stderr__.write("x")
-        with capture_stderr() as inner:
-            pass
-    assert (outer.text(), inner.text()) == ("x", "")
-
-
 def test_captures_of_threads_wait_for_each_other():
     seen = []
 
@@ -72,15 +54,6 @@ def test_captures_of_threads_wait_for_each_other():
         thread.join()
     assert len(seen) == 60
     assert all(written == caught for written, caught in seen)
-
-
-def test_only_the_beginning_is_kept_and_no_descriptor_leaks():
-    before = len(list(Path("/proc/self/fd").iterdir()))
-    for _ in range(5):
-        with capture_stderr() as stderr:
-            os.write(2, b"x" * (MAX_CAUGHT_BYTES + 10))
-    assert len(stderr.text()) == MAX_CAUGHT_BYTES
-    assert len(list(Path("/proc/self/fd").iterdir())) <= before
 
 
 def test_a_process_without_stderr_has_none_afterwards_either():

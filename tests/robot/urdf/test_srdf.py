@@ -84,25 +84,6 @@ def test_a_state_beyond_the_limits_is_not_the_rest_configuration_where_another_i
     assert "the rest configuration has the limit instead" in told[0]
 
 
-def test_a_state_of_an_unknown_group_comes_last_and_is_told() -> None:
-    values, name, told = rested(GROUP + state("home", "0.3", "ghost") + state("up", "0.4"))
-    assert (values, name) == ([0.4, 0.0], "up")
-    assert told == ["the SRDF's states name group 'ghost', which the SRDF doesn't have"]
-    assert rested(GROUP + state("home", "0.3", "ghost"))[1] == "home"
-
-
-def test_states_of_several_groups_with_one_name_are_one() -> None:
-    second = '<group_state name="home" group="h"><joint name="j2" value="0.2"/></group_state>'
-    values, name, _ = rested(GROUP + '<group name="h"><joint name="j2"/></group>' + state("home", "0.3") + second)
-    assert (values, name) == ([0.3, 0.2], "home")
-
-
-def test_values_that_do_not_fit_are_told() -> None:
-    values, _, told = rested(GROUP + state("home", "0.3 0.4"))
-    assert values == [0.0, 0.0]
-    assert told == ["the SRDF's state 'home' gives joint 'j1' 2 values, not 1: left out"]
-
-
 def test_a_virtual_joint_stands_for_the_root_joint() -> None:
     virtual = '<virtual_joint name="floor" type="planar" parent_frame="odom" child_link="l0"/>'
     placed = '<group_state name="home" group="g"><joint name="floor" value="1 2 0.5"/></group_state>'
@@ -133,10 +114,3 @@ def test_groups_that_are_left_out_are_told_with_their_reason() -> None:
     assert "the SRDF: line 1: a second group 'g' is left out" in told
     assert "the SRDF's group 'g' is left out: it is empty" in told
     assert "the SRDF's group 'h' is left out: no joint that moves is among what it names" in told
-
-
-def test_links_that_are_not_tested_by_default() -> None:
-    srdf = '<robot name="arm"><disable_default_collisions link="l3"/><enable_collisions link1="l1" link2="l3"/></robot>'
-    described = parse(srdf)
-    pairs = described.find_disabled(["l0", "l1", "l2", "l3"])
-    assert pairs.keys() == {frozenset(("l0", "l3")), frozenset(("l2", "l3"))}
