@@ -6,7 +6,7 @@ import gc
 
 import pytest
 
-from guidefield import Engine, Potential, collector, engine
+from guidefield import Engine, Potential, engine
 from guidefield.collector import pause_collector
 
 
@@ -19,16 +19,6 @@ def test_it_waits_within_and_runs_again_after_a_fault() -> None:
     with pytest.raises(RuntimeError):
         broken()
     assert gc.isenabled()
-
-
-def test_where_it_was_off_it_stays_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    enabled: list[bool] = []
-    monkeypatch.setattr(collector.gc, "isenabled", lambda: False)
-    monkeypatch.setattr(collector.gc, "enable", lambda: enabled.append(True))
-    monkeypatch.setattr(collector.gc, "disable", lambda: None)
-    with pause_collector():
-        pass
-    assert not enabled
 
 
 def test_it_waits_for_the_first_answer_that_needs_kernels_only(monkeypatch: pytest.MonkeyPatch) -> None:

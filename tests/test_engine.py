@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import logging
-import math
 import pkgutil
 import time
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 
-import guidefield
-from guidefield import engine as engine_room
-from guidefield.engine import Engine, LocalFiles, answer
+from guidefield.engine import Engine, LocalFiles
 from guidefield.errors import InternalFailure, MalformedRequest, RobotInvalid, SceneInvalid, TimedOut, UnknownObject
 from guidefield.handlers.recording import PackedMotion, PlainMotion
 from guidefield.messages import requests
-from guidefield.messages.replies import Done, InfoReply, PlanReply, PointPotentialReply, RobotReply, RobotsReply
+from guidefield.messages.replies import PlanReply, RobotReply
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.stores.recordings import Recordings
@@ -49,14 +44,6 @@ def _potential(scene: str | Scene, *points: tuple[float, float, float]) -> reque
     return requests.Potential(scene=scene, points=list(points))
 
 
-def test_a_request_is_the_same_in_all_its_forms(engine: Engine) -> None:
-    struct = _potential(BALL, (0.0, 0.0, 1.0))
-    plain: dict[str, Any] = msgspec.to_builtins(struct)
-    answers = [engine.answer(form) for form in (struct, plain, json.dumps(plain).encode())]
-    assert isinstance(answers[0], PointPotentialReply)
-    assert answers[0] == answers[1] == answers[2]
-
-
 @pytest.mark.parametrize(
     "asked",
     [
@@ -70,15 +57,6 @@ def test_the_time_that_a_request_waited_is_told(engine: Engine, asked: dict[str,
     request = {"robot": "panda", "scene": "table", "recording": "off", **asked}
     timing = engine.answer(request, received=time.monotonic() - 2.0).timing
     assert 2.0 <= timing.queue <= timing.total
-
-
-def test_what_was_read_of_a_request_counts_as_loading_once_its_robot_is_known(engine: Engine) -> None:
-    request = {"robot": "panda", "scene": "table", "recording": "off", "guide_planes": []}
-    asked = {**request, "goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}}
-    engine.answer(asked)
-    timing = engine.answer(asked, came=time.monotonic() - 2.0).timing
-    assert timing.queue == 0.0
-    assert 2.0 <= timing.load <= timing.total
 
 
 @pytest.mark.parametrize(
@@ -101,33 +79,6 @@ def test_a_robot_is_loaded_once_for_a_request(asked: dict[str, Any], monkeypatch
     for times in (1, 2):
         engine.answer(request)
         assert loaded == ["panda"] * times
-
-
-def test_the_time_that_a_request_was_checked_for_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Large requests take long to check; else their answers would come so much later than was allowed."""
-    read = engine_room.read_request
-
-    def slowly(request: Any) -> Any:
-        time.sleep(0.3)
-        return read(request)
-
-    monkeypatch.setattr(engine_room, "read_request", slowly)
-    request = {"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}}
-    reply = answer({**request, "guide_planes": [], "recording": "off"})
-    assert 0.3 <= reply.timing.load <= reply.timing.total
-    points = np.random.default_rng(1).uniform(2.0, 3.0, (2000, 3)).tolist()
-    cloud = {"type": "point_cloud", "name": "cloud", "points": points, "radius": 0.01}
-    request["scene"] = {"name": "far", "obstacles": [cloud]}
-    late = answer({**request, "guide_planes": [], "recording": "off", "allowed_planning_time": 0.2})
-    assert late.status.name == "TIMED_OUT"
-    assert late.trajectory is None
-
-
-def test_the_field_of_a_ball_is_the_integral_over_its_surface(engine: Engine) -> None:
-    # The integral of 1/d^3 over a sphere of radius a, seen from a distance R > a, is 4 pi a^2 / (R (R^2 - a^2)).
-    reply = engine.answer(_potential(BALL, (0.0, 0.0, 1.0)))
-    assert isinstance(reply, PointPotentialReply)
-    assert reply.potential[0] == pytest.approx(4.0 * math.pi * 0.1**2 / (1.0 - 0.1**2), rel=1e-9)
 
 
 @pytest.mark.parametrize("form", [None, 3, b"\x00", "[]", {"type": "nonsense"}, plan_reply("r1"), BALL])
@@ -185,20 +136,6 @@ def test_a_robot_is_described(engine: Engine) -> None:
     assert msgspec.json.encode(reply)
 
 
-def test_continuous_joints_have_no_limits_in_the_description(engine: Engine) -> None:
-    reply = engine.answer(requests.ReadRobot("kinova"))
-    assert isinstance(reply, RobotReply)
-    continuous = [joint for joint in reply.joints if joint.kind == "continuous"]
-    assert continuous
-    assert all(joint.lower == joint.upper == [None] for joint in continuous)
-
-
-def test_the_robots_are_listed(engine: Engine) -> None:
-    reply = engine.answer(requests.ReadRobots())
-    assert isinstance(reply, RobotsReply)
-    assert {"panda", "ur5", "xarm7", "kinova"} <= {robot.name for robot in reply.robots}
-
-
 def test_unknown_names_are_answered_with_those_there_are(engine: Engine) -> None:
     with pytest.raises(RobotInvalid, match="no robot 'r2d2'") as robot:
         engine.answer(requests.ReadRobot("r2d2"))
@@ -224,36 +161,11 @@ def test_a_bug_is_named_and_logged_with_its_trace(
     assert "raise ZeroDivisionError" in caplog.text
 
 
-def test_a_scene_is_built_once_for_its_content(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
-    from guidefield.scene import scene as scenes
-
-    built: list[str] = []
-
-    def build(message: Scene, *contents: Any) -> scenes.Scene:
-        built.append(message.name)
-        return original(message, *contents)
-
-    original = scenes.build
-    monkeypatch.setattr(scenes, "build", build)
-    for radius in (0.25, 0.26, 0.25):
-        engine.answer(_potential(Scene("same name", obstacles=[Sphere(name="s", radius=radius)]), (1.0, 0.0, 0.0)))
-    assert built == ["same name", "same name"]
-
-
 def test_files_of_this_machine_are_read_only_where_that_is_allowed() -> None:
     guarded = Engine(local_files=LocalFiles.REFUSED)
     request = requests.ForwardKinematics(requests.UrdfFile("/etc/hostname"), ["base"], [{}])
     with pytest.raises(RobotInvalid, match="local file"):
         guarded.answer(request)
-
-
-def test_scenes_are_stored_read_and_forgotten(keeping: Engine) -> None:
-    assert isinstance(keeping.answer(requests.StoreScene("ball", BALL)), Done)
-    by_name = keeping.answer(_potential("ball", (0.0, 0.0, 1.0)))
-    assert by_name == keeping.answer(_potential(BALL, (0.0, 0.0, 1.0)))
-    keeping.answer(requests.DeleteScene("ball"))
-    with pytest.raises(SceneInvalid):
-        keeping.answer(requests.ReadScene("ball"))
 
 
 def test_a_scene_that_cannot_be_built_is_not_stored(keeping: Engine) -> None:
@@ -262,14 +174,6 @@ def test_a_scene_that_cannot_be_built_is_not_stored(keeping: Engine) -> None:
         keeping.answer(requests.StoreScene("bad", Scene("bad", guide_planes=[bent])))
     with pytest.raises(SceneInvalid, match="no scene 'bad'"):
         keeping.answer(requests.ReadScene("bad"))
-
-
-def test_info_names_versions_and_schemas(engine: Engine) -> None:
-    reply = engine.answer(requests.ReadInfo())
-    assert isinstance(reply, InfoReply)
-    assert reply.version == guidefield.__version__
-    assert "PlanRequest" in reply.schemas["messages"]
-    assert set(reply.counters) == {"answered", "refused"}
 
 
 FINISHED: list[str | None] = []
@@ -327,20 +231,6 @@ def _refuse(*_: object) -> None:
     raise OSError(1, "Operation not permitted")
 
 
-def test_a_run_without_a_name_gets_one(keeping: Engine, planned: list[dict[str, Any]]) -> None:
-    first, second = keeping.answer(PLAN), keeping.answer(PLAN)
-    assert first.run_id != second.run_id
-
-
-def test_an_engine_keeps_no_run(keeping: Engine, planned: list[dict[str, Any]]) -> None:
-    """That is for the service, whose one process writes."""
-    keeping.answer(msgspec.structs.replace(PLAN, run_id="r1"))
-    assert keeping.answer(requests.ReadRuns()).runs == []
-    for asked in (requests.ReadRun("r1"), requests.DeleteRun("r1")):
-        with pytest.raises(UnknownObject, match="no run 'r1'"):
-            keeping.answer(asked)
-
-
 def test_a_full_disk_is_a_warning_and_the_plan_is_answered(
     keeping: Engine, planned: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -365,19 +255,6 @@ def test_a_recording_goes_where_the_caller_says(engine: Engine, planned: list[di
     reply = engine.answer(PLAN, record_to=tmp_path / "run.rrd")
     assert reply.recording == str(tmp_path / "run.rrd")
     assert (tmp_path / "run.rrd").read_bytes() == b"recording"
-
-
-def test_nothing_is_recorded_where_nobody_wants_it(
-    engine: Engine, planned: list[dict[str, Any]], tmp_path: Path
-) -> None:
-    assert engine.answer(PLAN).recording is None
-    off = msgspec.structs.replace(PLAN, recording="off")
-    assert engine.answer(off, record_to=tmp_path / "run.rrd").recording is None
-
-
-def test_only_plans_are_recorded(engine: Engine, tmp_path: Path) -> None:
-    with pytest.raises(MalformedRequest, match="only a plan or a judgement can be recorded"):
-        engine.answer(requests.ReadScenes(), record_to=tmp_path / "run.rrd")
 
 
 def test_two_of_one_name_in_a_change_of_a_stored_scene_are_refused(tmp_path: Path) -> None:

@@ -12,14 +12,11 @@ from pathlib import Path
 
 import pytest
 
-import guidefield
 from guidefield import first_start
 from guidefield.kernels.jit import cache as kernel_cache, compile_ahead
 from guidefield.kernels.timing import hermite
 from tests.journeys.service import await_death
 from tests.kernels.jit.copies import compiling_package
-
-HERE = Path(guidefield.__file__).parent
 
 KERNEL = """
 from guidefield.kernels.jit.decorators import compiled
@@ -85,31 +82,6 @@ def test_everything_is_compiled_once_for_a_processor_and_what_is_called_first(
     source.write_text(source.read_text() + "# an edit\n")
     _, only, _ = start(code, cache)
     assert "1 of 1 (a_caller)" in only
-
-
-CORE = """processor	: {number}
-vendor_id	: GenuineIntel
-cpu family	: 6
-model		: {model}
-cpu MHz		: {speed}
-flags		: {flags}
-
-"""
-
-
-def told_of(path: Path, *cores: tuple[int, int, str]) -> str:
-    """The processor of a machine whose cores have a model, a speed [MHz] and flags each."""
-    told = (dict(zip(("model", "speed", "flags"), core, strict=True)) for core in cores)
-    path.write_text("".join(CORE.format(number=number, **core) for number, core in enumerate(told)))
-    return first_start.name_processor(path)
-
-
-def test_the_processor_is_what_it_can_do_and_not_how_fast_it_runs(tmp_path: Path) -> None:
-    told = tmp_path / "cpuinfo"
-    one = told_of(told, (85, 2000, "sse avx avx512f"))
-    assert one == told_of(told, (85, 3100, "avx sse avx512f"), (85, 800, "sse avx avx512f"))
-    others = [told_of(told, (85, 2000, "sse avx")), told_of(told, (106, 2000, "sse avx avx512f"))]
-    assert len({one, *others, first_start.name_processor(tmp_path / "nowhere")}) == 4
 
 
 def test_a_kernel_that_cannot_be_compiled_ends_the_start_with_its_reason(tmp_path: Path) -> None:

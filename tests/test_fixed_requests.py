@@ -73,15 +73,6 @@ def test_a_difference_is_told_with_its_place(
     assert lines[3:] == ["0 of 1 are the same to the bit"]
 
 
-def test_a_request_that_one_file_lacks_differs(
-    comparing: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    lacking = tmp_path / "lacking.json"
-    lacking.write_text(json.dumps({"made_with": {}, "answers": {}}))
-    assert comparing.compare(lacking, _kept(tmp_path, "whole", ANSWER)) == 1
-    assert "only in the second file" in capsys.readouterr().out
-
-
 def test_answers_are_the_same_every_time(
     comparing: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -19,7 +19,6 @@ import pytest
 from packaging.requirements import Requirement
 
 import guidefield
-from guidefield.doctor.examination import State, packages, packages_found
 from tests.journeys.service import running_service
 
 HOUSE = Path(__file__).resolve().parent.parent
@@ -134,11 +133,3 @@ def test_both_in_one_folder_are_noticed(staged: Path, tmp_path: Path) -> None:
     done = _run("import guidefield; from guidefield import GuidefieldError; print('goes on')", [staged])
     assert "`pip uninstall guidefield-client`" in done.stderr
     assert done.stdout == "goes on\n"
-
-
-def test_the_doctor_notices_both() -> None:
-    assert packages_found("0.2.0", "0.1.0").state is State.WRONG
-    assert "guidefield-client 0.1.0" in packages_found("0.2.0", "0.1.0").found
-    assert packages_found("0.2.0", None).state is State.FINE
-    assert packages().state is State.FINE
-    assert guidefield.__version__ in packages().found

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.logs import Journal, JsonLines, is_journal
+from guidefield.logs import Journal, JsonLines
 
 
 def test_a_line_is_one_object_whatever_is_said() -> None:
@@ -33,15 +33,6 @@ def test_a_line_is_one_object_whatever_is_said() -> None:
 def test_a_line_in_the_journal_begins_with_its_level(level: int, number: int) -> None:
     record = logging.LogRecord("guidefield", level, __file__, 1, "one\ntwo", (), None)
     assert Journal(logging.Formatter("%(message)s")).format(record) == f"<{number}>one\n<{number}>two"
-
-
-def test_the_journal_is_known_by_its_stream(tmp_path: Path) -> None:
-    with (tmp_path / "log").open("w") as log:
-        there = (tmp_path / "log").stat()
-        assert is_journal(log.fileno(), f"{there.st_dev}:{there.st_ino}")
-        assert not is_journal(log.fileno(), f"{there.st_dev}:{there.st_ino + 1}")
-        assert not is_journal(log.fileno(), "")
-    assert not is_journal(-1, "1:1")
 
 
 @pytest.mark.parametrize("told", [True, False])

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import gc
-import pickle
 import weakref
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +15,7 @@ from guidefield.bounded_map import BoundedMap, Limit
 from guidefield.cli.demonstration import REQUESTS
 from guidefield.collision.world import World
 from guidefield.engine import Engine
-from guidefield.memo import MAX_PER_OBJECT, memoized, memoized_by_value
+from guidefield.memo import MAX_PER_OBJECT, memoized
 from guidefield.messages.replies import PlanReply
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.stores.recordings import Recordings
@@ -41,18 +38,6 @@ def test_finds_once_for_each_object_and_arguments() -> None:
     assert [name(one), name(one), name(one, "x"), name(one, "x")] == [str(id(one))] * 2 + [f"{id(one)}x"] * 2
     assert name(other) == str(id(other))
     assert asked == [(one, ""), (one, "x"), (other, "")]
-
-
-def test_of_values_those_asked_for_last_are_kept() -> None:
-    asked = []
-
-    @memoized_by_value(2)
-    def double(number: int, *, sign: int = 1) -> int:
-        asked.append((number, sign))
-        return 2 * sign * number
-
-    assert [double(1), double(2), double(1), double(1, sign=-1), double(1), double(2)] == [2, 4, 2, -2, 2, 4]
-    assert asked == [(1, 1), (2, 1), (1, -1), (2, 1)]
 
 
 def test_of_many_answers_about_an_object_those_asked_for_last_are_kept() -> None:
@@ -107,59 +92,6 @@ def test_what_is_found_for_all_objects_is_bounded_in_bytes(monkeypatch: pytest.M
     find(things[1], "b")
     assert asked == ["a", "b", "c", "b"]
     assert first() is None
-
-
-def test_a_copy_of_an_object_has_answers_of_its_own_and_none_travel() -> None:
-    @memoized
-    def find(thing: Thing) -> int:
-        return id(thing)
-
-    thing = Thing()
-    assert find(thing) == id(thing)
-    for other in (copy.copy(thing), pickle.loads(pickle.dumps(thing))):
-        assert find(other) == id(other)
-    assert find(thing) == id(thing)
-
-
-def test_sizes_are_those_of_arrays_each_counted_once() -> None:
-    rows = np.zeros((100, 3))
-
-    @dataclass
-    class Table:
-        rows: np.ndarray
-        some: tuple[np.ndarray, ...]
-
-    table = Table(rows, (rows[:50], np.zeros(10, np.float32)))
-    assert rows.nbytes + 40 <= memo.size_of(table) < rows.nbytes + 200
-    assert memo.size_of([table, table, b"12345678"]) < rows.nbytes + 300
-
-
-def test_what_answers_share_counts_once() -> None:
-    """A shared answer counts alone, and not in an answer that holds it."""
-
-    @dataclass(frozen=True)
-    class Shared(memo.SharedAnswer):
-        rows: np.ndarray
-
-    shared, rows = Shared(np.zeros(1000)), np.zeros(10)
-    assert memo.size_of(shared) >= shared.rows.nbytes
-    assert rows.nbytes <= memo.size_of((rows, shared)) < rows.nbytes + 200
-
-
-def test_what_fails_is_asked_again() -> None:
-    """An error is nothing to keep."""
-    tries = iter([ValueError("not yet"), None])
-
-    @memoized
-    def find(_thing: Thing) -> str:
-        if (error := next(tries)) is not None:
-            raise error
-        return "found"
-
-    thing = Thing()
-    with pytest.raises(ValueError, match="not yet"):
-        find(thing)
-    assert find(thing) == "found"
 
 
 def test_answers_are_the_same_where_everything_found_is_forgotten_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -69,20 +69,3 @@ def test_a_fault_ends_it_once_what_has_begun_is_done() -> None:
         run_queue(iter([slow, failing, *[lambda: done.append("later")] * 50]), 2)
     assert done.count("slow") == 1
     assert done.count("later") <= 50
-
-
-def test_no_more_are_begun_where_taking_one_raises() -> None:
-    done = []
-
-    def works() -> Iterator[Callable[[], None]]:
-        yield lambda: done.append("first")
-        raise TimeoutError("time was up")
-
-    for at_once in (1, 3):
-        with pytest.raises(TimeoutError, match="time was up"):
-            run_queue(works(), at_once)
-    assert done == ["first", "first"]
-
-
-def test_nothing_to_do_is_done_at_once() -> None:
-    run_queue(iter(()), 3)

@@ -10,7 +10,7 @@ from guidefield.kernels.field.box import capsule_at
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
-from guidefield.potential import Precision, RobotField
+from guidefield.potential import RobotField
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
@@ -119,26 +119,6 @@ def _self_repulsion_by_points(field: RobotField, q: np.ndarray) -> tuple[float, 
     return total, force
 
 
-@pytest.mark.parametrize("name", [*ARMS, "chain_fixed_6x300_r25"])
-def test_runs_are_all_pairs_of_points_and_capsules_once(name: str) -> None:
-    charged = RobotField(group(name), far_scene()).charged
-
-    def met(rows: np.ndarray) -> list[tuple[int, int]]:
-        return [(point, capsule) for first, past, capsule in rows.tolist() for point in range(first, past)]
-
-    assert sorted(met(charged.runs)) == sorted(met(charged.pairs))
-    assert len(set(met(charged.runs))) == len(met(charged.runs))
-    assert len(charged.runs) <= len(charged.pairs)
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_the_metric_is_symmetric_and_positive_semidefinite(name: str) -> None:
-    planned = group(name)
-    metric = RobotField(planned, far_scene()).evaluate(random_configuration(planned, 3)).metric
-    np.testing.assert_array_equal(metric, metric.T)
-    assert np.linalg.eigvalsh(metric).min() > -1e-9 * np.trace(metric)
-
-
 def test_the_metric_is_the_curvature_of_nearby_faces_seen_by_the_joints() -> None:
     planned = grouped(box_arm("oblique", 3))
     field = RobotField(planned, far_scene())
@@ -155,15 +135,6 @@ def test_the_metric_is_the_curvature_of_nearby_faces_seen_by_the_joints() -> Non
         linear = J[:3] - pin.skew(positions[i]) @ J[3:]
         expected += field.charged.weights[i] * curvature[i] * linear.T @ linear
     np.testing.assert_allclose(field.evaluate(q).metric, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
-
-
-def test_without_obstacles_only_the_robots_own_repulsion_is_left_and_forces_cancel() -> None:
-    planned = group("panda")
-    field = RobotField(planned, build(messages.Scene(name="empty")))
-    energy = field.evaluate(random_configuration(planned, 2))
-    # every push has its opposite; what acts on the fixed base is the rest
-    assert energy.potential > 0.0
-    np.testing.assert_allclose(energy.wrenches.sum(axis=0), 0.0, atol=1e-9 * np.abs(energy.wrenches).max())
 
 
 def test_moving_robot_and_scene_together_changes_nothing() -> None:
@@ -188,66 +159,8 @@ def test_moving_robot_and_scene_together_changes_nothing() -> None:
     np.testing.assert_allclose(there.evaluate(q).gradient, here.evaluate(q).gradient, rtol=1e-7, atol=1e-7)
 
 
-def test_link_wrenches_are_forces_and_torques_about_the_joints() -> None:
-    planned = group("panda")
-    field = RobotField(planned, far_scene())
-    none = np.empty((0, 3), np.int64)
-    none.setflags(write=False)
-    field.charged = field.charged._replace(pairs=none, runs=none)
-    q = random_configuration(planned, 5)
-    positions, data = world_points(field, q)
-    gradient = field_at_points(field.tables, positions).gradient
-    wrenches = field.link_wrenches(q)
-    on_link4 = field.charged.point_joints == 4
-    forces = -field.charged.weights[on_link4, None] * gradient[on_link4]
-    force, torque = wrenches["panda_link4"]
-    np.testing.assert_allclose(force, forces.sum(axis=0), rtol=1e-9)
-    arms = positions[on_link4] - data.oMi[4].translation
-    np.testing.assert_allclose(torque, np.cross(arms, forces).sum(axis=0), rtol=1e-9, atol=1e-12)
-
-
-def test_more_charge_is_more_potential_in_proportion() -> None:
-    planned = group("xarm7")
-    fields = []
-    for charge in (1.0, 3.0):
-        box = messages.Box(name="b", size=(0.2, 0.2, 0.2), position=(0.9, 0.9, 0.5), charge=charge)
-        fields.append(RobotField(planned, build(messages.Scene(name="s", obstacles=[box]))))
-    alone = RobotField(planned, build(messages.Scene(name="s"))).potential(rest(planned))
-    single, triple = (field.potential(rest(planned)) - alone for field in fields)
-    assert triple == pytest.approx(3.0 * single, rel=1e-9)
-
-
 def test_charged_points_carry_the_area_of_the_collision_shapes() -> None:
     arm = load(box_arm("y", 2, size=0.3))
     field = RobotField(select(arm, None, None, arm.rest, pin.SE3.Identity()), build(library.read("table")))
     side, length = 0.04, 0.27
     assert field.charged.weights.sum() == pytest.approx(3 * (2 * side * side + 4 * side * length), rel=1e-9)
-
-
-@pytest.mark.parametrize("name", ["panda", "mimic"])
-@pytest.mark.parametrize(("precision", "rounding"), [(Precision.DOUBLE, 1e-13), (Precision.SINGLE, 1e-5)])
-def test_potentials_of_many_configurations_are_those_of_each(name: str, precision: Precision, rounding: float) -> None:
-    planned = GROUPS[name]()
-    field = RobotField(planned, far_scene(), precision)
-    qs = np.array([random_configuration(planned, seed) for seed in range(5)])
-    values = field.potentials(qs)
-    assert field.evaluations == len(qs)
-    np.testing.assert_array_equal(values, [field.potential(q) for q in qs])
-    np.testing.assert_allclose(values, [field.evaluate(q).potential for q in qs], rtol=rounding)
-
-
-@pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_single_precision_agrees(name: str) -> None:
-    planned = group(name)
-    double, single = (RobotField(planned, far_scene(), precision) for precision in (Precision.DOUBLE, Precision.SINGLE))
-    q = planned.integrate(rest(planned), 0.2 * np.ones(planned.nv))
-    exact, rough = double.evaluate(q), single.evaluate(q)
-    assert rough.potential == pytest.approx(exact.potential, rel=1e-4)
-    assert single.potential(q) == pytest.approx(rough.potential, rel=1e-5)
-    for ours, theirs in (
-        (rough.gradient, exact.gradient),
-        (rough.metric, exact.metric),
-        (rough.wrenches, exact.wrenches),
-    ):
-        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-3 * np.abs(theirs).max())
-    np.testing.assert_array_equal(single.evaluate(q).gradient, rough.gradient)

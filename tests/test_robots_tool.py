@@ -86,11 +86,3 @@ def test_robots_with_faults_that_are_read_alike_are_judged(tmp_path: Path) -> No
     assert [plan["kind"] for plan in trial.line["plans"]] == ["planned", "planned"]
     assert any("taken for 'left_j1'" in warning for warning in trial.line["warnings"])
     assert any("exceeds" in warning for warning in trial.line["warnings"])
-
-
-def test_columns_are_split_into_joint_and_coordinate() -> None:
-    from doubting.columns import split_columns
-
-    names = ["base.x", "base.y", "base.theta", "joint_0.0", "arm.x", "ball.qx", "ball.qy", "ball.qz", "ball.qw"]
-    joints = ["base"] * 3 + ["joint_0.0", "arm.x"] + ["ball"] * 4
-    assert [joint for joint, _ in split_columns(names)] == joints

@@ -57,20 +57,6 @@ def test_every_page_is_in_the_navigation_once(pages: ModuleType) -> None:
     assert sorted(listed) == sorted(set(pages.make_pages()) - {"index"})
 
 
-def test_links_of_a_page_lead_to_the_same_things_on_the_site(pages: ModuleType) -> None:
-    text = "[a](../../tools/pictures/made/door.webp) [b](service/docs/wire.md#codes) [c](https://x.org/a) [d](#e)"
-    assert pages.adapt_page(text) == "[a](pictures/door.webp) [b](wire.md#codes) [c](https://x.org/a) [d](#e)"
-    assert pages.site_target("../../README.md").startswith("index.")
-    assert pages.adapt_page("```json PlanRequest request.json\n") == '```json title="request.json"\n'
-    assert pages.adapt_page("```json PlanRequest guidefield/local/plan\n") == "```json\n"
-
-
-def test_a_picture_without_a_caption_is_refused(pages: ModuleType) -> None:
-    assert pages.caption("seed_a_gates") == pages.CAPTIONS["seed"]
-    with pytest.raises(StopIteration):
-        pages.caption("moon")
-
-
 def test_every_link_within_the_site_leads_somewhere(site: Path) -> None:
     documents = {path: html.fromstring(path.read_bytes()) for path in site.glob("*.html")}
     names = {path: {*tree.xpath("//@id"), *tree.xpath("//a/@name"), ""} for path, tree in documents.items()}

@@ -26,8 +26,6 @@ from guidefield.messages.kinematics_requests import TargetPose
 from guidefield.messages.requests import OrientationCone, PlanStep
 from guidefield.messages.scene import GuidePlane, ObstacleTrajectory
 from guidefield.messages.values import Placement
-from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.model.size import LEAST_USUAL, USUAL_REACH
 from tests.robots import robot
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0")
@@ -110,11 +108,6 @@ def plan(request: PlanRequest, size: float) -> tuple[float, float]:
 @pytest.mark.parametrize("name", ["panda", "ur5", "chain_fixed_6x320_r25", "chain_moving_3x260_r25"])
 def test_robots_of_usual_reach_have_the_size_one(name: str) -> None:
     assert robot(name).size == 1.0
-
-
-@pytest.mark.parametrize("size", [0.02, 0.5 * LEAST_USUAL, 20.0])
-def test_a_size_is_the_reach_over_a_usual_one(size: float) -> None:
-    assert Catalog().load(arm(size)).size == pytest.approx(size * 4.9 * LINK / USUAL_REACH, rel=0.01)
 
 
 @functools.cache

@@ -30,24 +30,6 @@ def test_tests_that_are_named_exist(named: str) -> None:
     assert not test or test in functions
 
 
-def test_words_of_requests_that_are_named_are_in_some(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(TOOLS))
-    from fixed.requests import REQUESTS
-
-    (_, named) = SLICE.split("--only ")
-    words = re.findall(r"'([^']+)'|(\w+)", named.replace("\\\n", " "))
-    assert len(words) > 5
-    for quoted, plain in words:
-        assert any((quoted or plain) in name for name in REQUESTS), (quoted, plain)
-
-
-@pytest.mark.parametrize("tool", ["slice", "arm"])
-def test_usage_is_told_where_no_file_is_given(tool: str) -> None:
-    told = subprocess.run([str(TOOLS / tool)], check=False, capture_output=True, text=True, timeout=600)
-    assert told.returncode == 2
-    assert f"Usage: tools/{tool} FILE" in told.stderr
-
-
 def test_wheels_are_those_that_the_other_machine_needs() -> None:
     """Of these packages, yourdfpy's optional ones are not for every processor."""
     there = _wheels("aarch64", "3.11")

@@ -37,12 +37,6 @@ def test_the_time_of_processors_is_the_same_by_both_ways() -> None:
     assert system.processor_time(GONE) == system.psutil_processor_time(GONE) == 0.0
 
 
-def test_there_are_as_many_processors_as_the_system_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert system.usable_processors() == len(os.sched_getaffinity(0))
-    monkeypatch.delattr(os, "sched_getaffinity")
-    assert system.usable_processors() == os.cpu_count()
-
-
 def test_a_worker_ends_with_its_parent_where_the_system_does_not_see_to_it() -> None:
     with subprocess.Popen([sys.executable, "-c", ENDS_AFTER], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
         assert child.stdin is not None

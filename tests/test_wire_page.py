@@ -11,7 +11,6 @@ from typing import Any
 import msgspec
 import pytest
 
-from guidefield import Engine
 from guidefield.endpoint.endpoint import HEAVY_KEYS
 from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
@@ -62,15 +61,6 @@ def test_every_message_that_a_key_takes_or_gives_is_named_on_the_page_and_descri
 def test_every_field_of_a_plan_request_says_what_it_means() -> None:
     properties = make_schemas()["$defs"]["PlanRequest"]["properties"]
     assert [name for name, one in properties.items() if not one.get("description")] == []
-
-
-def test_a_page_without_its_tables_gets_them_and_one_with_others_is_mended(wire: ModuleType) -> None:
-    bare = re.sub(r"(<!-- made[^\n]+ -->\n).*?(<!-- end)", r"\1\2", PAGE, flags=re.DOTALL)
-    assert len(bare) < 0.8 * len(PAGE)
-    assert wire.filled(bare) == PAGE
-    assert wire.filled(PAGE.replace("| `queue`: 64", "| `queue`: 65")) == PAGE
-    with pytest.raises(KeyError, match="moons"):
-        wire.filled("<!-- made from the code: moons -->\n<!-- end -->")
 
 
 class Odd(msgspec.Struct):
@@ -127,9 +117,3 @@ def test_info_has_the_same() -> None:
     rules = [rule["name"] for rule in plain["delivery"]]
     assert rules == re.findall(r"^- \*\*([a-z ]+)\*\*: ", PAGE.partition("## Keys")[0], re.MULTILINE)
     assert {limit["name"]: limit["value"] for limit in plain["limits"]}["payload"] == plain["payload_limit"]
-
-
-def test_without_a_service_there_are_no_limits_of_one() -> None:
-    reply = Engine().answer({"type": "info"})
-    assert reply.limits == reply.delivery == []
-    assert len(reply.codes) == len(Status)

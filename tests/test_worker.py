@@ -7,15 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
-from guidefield.engine import Engine
-from guidefield.handlers.preparation import is_laid_out
-from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfText
-from guidefield.messages.scene import Scene
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Task
 from tests import worker_setups
-from tests.robots import box_arm
 
 PATIENCE = 60.0
 
@@ -41,14 +35,3 @@ def test_a_preparation_goes_on_until_the_next_query(asked_again: bool, tmp_path:
             assert len(parts.read_bytes()) == 30
     finally:
         pool.close(0.0)
-
-
-def test_an_engine_prepares_all_that_a_plan_needs_of_its_robot() -> None:
-    engine = Engine()
-    request = PlanRequest(
-        robot=UrdfText(box_arm("y x slide", 3).text), scene=Scene(name="s"), goal=JointsGoal({"j1": 0.1})
-    )
-    with pytest.raises(DeadlineExpired):
-        engine.prepare(request, Deadline(time.monotonic()))
-    engine.prepare(request, UNLIMITED)
-    assert is_laid_out(engine._load_robot(request.robot))

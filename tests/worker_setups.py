@@ -33,11 +33,6 @@ def broken() -> Work:
     raise ValueError("this worker cannot be prepared")
 
 
-def refusing() -> Work:
-    """A worker that cannot be prepared for a reason that a person can act on."""
-    raise RobotInvalid("there is no robot 'r2d2'")
-
-
 def _obey(job: tuple[str, str], call: Call) -> tuple[bool, bytes] | None:
     verb, value = job
     if verb in _TALKATIVE:

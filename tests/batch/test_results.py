@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -41,16 +39,6 @@ def test_requests_are_read_line_by_line(tmp_path: Path) -> None:
         assert found[1].content == hashlib.sha256(b'{"b": 2}').hexdigest()[:16]
     with pytest.raises(MalformedRequest, match="can't be read"):
         RequestFile(tmp_path / "nowhere")
-
-
-def test_requests_come_through_a_pipe(tmp_path: Path) -> None:
-    reader, writer = os.pipe()
-    os.write(writer, b'{"a": 1}\n{"b": 2}\n')
-    os.close(writer)
-    with RequestFile(Path(f"/dev/fd/{reader}")) as requests:
-        assert len(requests) == 2
-        assert [item.request for item in _items(requests)] == [b'{"a": 1}', b'{"b": 2}']
-    os.close(reader)
 
 
 def test_what_was_answered_stays_answered(tmp_path: Path) -> None:
@@ -92,23 +80,6 @@ def test_one_process_at_a_time_adds_to_results(tmp_path: Path) -> None:
             Results(tmp_path, requests)
         with Results(tmp_path, requests):
             pass
-
-
-def test_a_finished_batch_is_read_with_little_memory(tmp_path: Path) -> None:
-    reply = REPLY[:-1] + b', "path": [' + b"0.5, " * 20_000 + b"0.5]}"
-    with _requests(tmp_path, *[b"{}"] * 100) as requests, Results(tmp_path, requests) as results:
-        for item in _items(requests):
-            results.add(Outcome(item, True, reply))
-    before = (tmp_path / RESULTS).stat()
-    tracemalloc.start()
-    try:
-        with _requests(tmp_path, *[b"{}"] * 100) as requests, Results(tmp_path, requests) as again:
-            assert again.codes == {1: 100}
-        assert tracemalloc.get_traced_memory()[1] < 0.4 * before.st_size
-    finally:
-        tracemalloc.stop()
-    after = (tmp_path / RESULTS).stat()
-    assert (after.st_ino, after.st_size, after.st_mtime_ns) == (before.st_ino, before.st_size, before.st_mtime_ns)
 
 
 @pytest.mark.parametrize("text", ['{"speed": 1}\n', '{"speed": 1}'])

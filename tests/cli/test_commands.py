@@ -135,15 +135,6 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     assert "nothing.json" in done.stderr
 
 
-def test_a_place_that_cannot_be_written_is_said(request_file: Path, tmp_path: Path) -> None:
-    for option in ("--output", "--record"):
-        done = here("plan", str(request_file), option, str(tmp_path / "nowhere" / "file"))
-        assert done.returncode == 2
-        assert "there is no folder" in done.stderr
-        assert "Traceback" not in done.stderr
-    assert not (tmp_path / "nowhere").exists()
-
-
 def test_a_file_that_is_no_request_is_named_with_the_line(tmp_path: Path) -> None:
     file = tmp_path / "broken.json"
     file.write_text('{"robot": "panda",\n "scene": }')
@@ -320,14 +311,6 @@ def test_the_demo_plans_twice_and_leaves_recordings(tmp_path: Path) -> None:
     assert done.stdout.count("SUCCESS") == 2
     assert done.stdout.count("to open it") == 2
     assert {path.name for path in (tmp_path / "runs").iterdir()} == {"demo-guide-planes.rrd", "demo-pose.rrd"}
-
-
-def test_the_help_says_every_unit_and_version() -> None:
-    assert here("--version").stdout.startswith("guidefield ")
-    said = here("serve", "--help").stdout
-    assert "[MiB]" in said
-    assert "[GiB]" in said
-    assert " ." not in said  # words in brackets that the help's markup has swallowed
 
 
 def test_each_option_of_a_service_has_a_variable(monkeypatch: pytest.MonkeyPatch) -> None:

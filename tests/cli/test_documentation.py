@@ -1,12 +1,10 @@
-"""`guidefield docs`: the pages are listed, read and paged, and an unknown subject is told what may have been meant."""
+"""`guidefield docs`: pages are rendered, and an unknown subject is told what may have been meant."""
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 from typer.testing import CliRunner
 
 from guidefield.cli import app, documentation
@@ -25,15 +23,6 @@ def test_every_page_is_a_subject_that_begins_with_a_heading_and_a_sentence() -> 
         assert 4 <= len(sentence.split()) <= 40
 
 
-def test_the_pages_are_listed_with_their_first_sentence() -> None:
-    done = CliRunner().invoke(app, ["docs"])
-    assert done.exit_code == 0
-    assert "](" not in done.output
-    for subject in documentation.list_subjects():
-        first = documentation.first_sentence(documentation.read_page(subject)).replace("`", "").split()[:3]
-        assert any(line.split()[:4] == [subject, *first] for line in done.output.splitlines())
-
-
 @pytest.mark.parametrize("subject", documentation.list_subjects())
 def test_a_page_is_rendered(subject: str) -> None:
     done = CliRunner().invoke(app, ["docs", subject])
@@ -42,18 +31,6 @@ def test_a_page_is_rendered(subject: str) -> None:
     assert heading in done.output
     assert "```" not in done.output
     assert "\x1b" not in done.output
-
-
-def test_a_terminal_gets_it_page_by_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    paged: list[str] = []
-    monkeypatch.setattr("pydoc.pager", paged.append)
-    monkeypatch.delenv("LESS", raising=False)
-    terminal, plain = (Console(file=io.StringIO(), force_terminal=forced) for forced in (True, False))
-    documentation.show_page("glossary", plain)
-    assert paged == []
-    documentation.show_page("glossary", terminal)
-    assert len(paged) == 1
-    assert "guide plane" in paged[0]
 
 
 def test_an_unknown_subject_is_told_what_may_have_been_meant() -> None:

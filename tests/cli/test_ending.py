@@ -85,22 +85,6 @@ def test_a_second_signal_ends_the_process_at_once() -> None:
         assert process.wait(PATIENCE) == 128 + signal.SIGINT
 
 
-LEAVES = """
-import atexit, sys, threading, time
-from guidefield.cli import serving
-atexit.register(print, "cleaned up")
-threading.Thread(target=time.sleep, args=(300.0,)).start()
-sys.stdout.write("done, ")
-serving.leave()
-"""
-
-
-def test_who_leaves_cleans_up_and_waits_for_no_thread() -> None:
-    """Such as one of Zenoh's: at the interpreter's own end it could abort the process."""
-    done = _ended(LEAVES)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "done, cleaned up\n", "")
-
-
 def full_pipe() -> tuple[int, int]:
     """The two ends of a pipe that takes not one byte more."""
     reading, writing = os.pipe()

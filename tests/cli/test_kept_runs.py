@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 from guidefield.arrays import run_arrays
 from guidefield.cli.commands import app
 from guidefield.cli.found_run import find_plan, find_run
-from guidefield.cli.replaying import largest_step, list_differences, motion_hash
 from guidefield.engine import Engine
 from guidefield.errors import MalformedRequest, Status, UnknownObject
 from guidefield.messages.identities import PLAIN
@@ -25,7 +24,7 @@ from guidefield.messages.scene import Scene, Sphere
 from guidefield.recorder.reading import read_recording
 from guidefield.stores.runs import RunDatabase
 from guidefield.versions import versions
-from tests.kept_runs import begin, keep
+from tests.kept_runs import keep
 from tests.replies import plan_reply
 
 REQUEST = PlanRequest(
@@ -79,29 +78,6 @@ def test_runs_are_listed_and_filtered(data: Path) -> None:
     assert "must be one of SUCCESS" in _said(2, "runs", "list", "--data", str(data), "--status", "success")
 
 
-def test_a_run_is_listed_with_its_whole_id_however_narrow_the_terminal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("guidefield.cli.kept_runs.out", Console(width=60))
-    run_id = 32 * "f"
-    database = RunDatabase(tmp_path)
-    begin(database, run_id, REQUEST)
-    database.close()
-    assert run_id in _said(0, "runs", "list", "--data", str(tmp_path))
-
-
-def test_a_long_list_is_printed_page_by_page(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.cli.kept_runs.LARGEST_PAGE", 2)
-    listed = json.loads(_said(0, "runs", "list", "--data", str(data), "--json"))
-    assert [run["run_id"] for run in listed["runs"]] == ["alice:hers", "stuck", "same", "moved", "good"]
-    assert (listed["total"], listed["next"]) == (5, None)
-    lines = _said(0, "runs", "list", "--data", str(data)).splitlines()
-    assert sum("status" in line for line in lines) == 1, "columns are named once"
-    assert sum("panda" in line for line in lines) == 5
-    lines = _said(0, "runs", "list", "--data", str(data), "--limit", "3").splitlines()
-    assert sum("panda" in line for line in lines) == 3
-
-
 def test_recordings_that_are_owed_are_rendered_when_they_are_asked_for(tmp_path: Path) -> None:
     database = RunDatabase(tmp_path)
     for owner, run_id in ((PLAIN, "r1"), (PLAIN, "r2"), ("alice", "a1")):
@@ -147,15 +123,6 @@ def test_two_runs_are_compared(data: Path) -> None:
     assert "the same plan to the last bit" in _said(0, "runs", "compare", "good", "same", "--data", str(data))
 
 
-def test_the_sign_of_a_zero_is_a_bit() -> None:
-    first, second = (msgspec.structs.replace(plan_reply("a"), path=[[zero]]) for zero in (0.0, -0.0))
-    assert list_differences(first, second) == ["path"]
-    assert motion_hash(first) != motion_hash(second)
-    assert motion_hash(first) == motion_hash(msgspec.structs.replace(first, run_id="b"))
-    assert largest_step(first, second) == 0.0
-    assert largest_step(first, plan_reply("b")) is None
-
-
 def test_a_motion_is_exported_to_the_last_digit(data: Path, tmp_path: Path) -> None:
     reply = RunDatabase(data).of(PLAIN).read("good").reply
     assert reply is not None
@@ -186,9 +153,3 @@ def test_a_run_is_planned_again(data: Path) -> None:
     said = _said(1, "replay", "moved", "--data", str(data))
     assert "not the same: the plan differs in path; waypoints by at most 0.5" in said
     assert "the versions that it was made with were not recorded" in said
-
-
-def test_looking_leaves_no_folder_behind(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["runs", "list", "--data", str(tmp_path / "none")])
-    assert isinstance(done.exception, UnknownObject)
-    assert not (tmp_path / "none").exists()

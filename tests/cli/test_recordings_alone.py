@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 
 import guidefield
 from guidefield.cli.commands import app
-from guidefield.cli.replaying import describe_processor, describe_version, describe_versions
 from guidefield.errors import MalformedRequest, Status, UnknownObject
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
@@ -80,13 +79,6 @@ def test_arrays_are_those_of_the_reply(planned: tuple[PlanRequest, PlanReply, Pa
         read.positions[0, 0] = 1.0
 
 
-def test_a_file_alone_is_planned_again(planned: tuple[PlanRequest, PlanReply, Path], tmp_path: Path) -> None:
-    file = planned[2]
-    said = _said(0, "replay", file, "--data", tmp_path / "none")
-    assert "bit-identical: SUCCESS" in said
-    assert "sha256 " in said
-
-
 def test_a_file_is_compared_and_exported(planned: tuple[PlanRequest, PlanReply, Path], tmp_path: Path) -> None:
     _, reply, file = planned
     assert "the same plan to the last bit" in _said(0, "runs", "compare", file, file)
@@ -122,32 +114,6 @@ def test_a_plan_of_another_processor_says_so(kind: str, told: str, tmp_path: Pat
     assert told.format(here=here) in said
     assert "not the same" not in said
     assert f"it was made with processor {kind.format(here=here)} (here {here} " in said
-
-
-def test_the_kind_of_processor_is_known_if_it_was_recorded() -> None:
-    here = versions()
-    assert here["processor"].startswith(platform.machine())
-    assert describe_processor(here) == describe_processor({}) == ""
-    assert (
-        describe_processor({**here, "processor": "pdp11 01234567"}) == f"made on pdp11, this is {platform.machine()}: "
-    )
-
-
-def test_versions_are_told_where_they_differ() -> None:
-    here = versions()
-    assert describe_versions({**here, "numpy": "1.0"}) == f"it was made with numpy 1.0 (here {here['numpy']})"
-    assert describe_versions({**here, "ros": "2"}) == "it was made with ros 2 (here none)"
-    assert describe_versions(here) == "it was made with the same versions as are here"
-    earlier = {**here, "guidefield": "0.0.1"}
-    assert describe_versions(earlier) == "otherwise it was made with the same versions as are here"
-    assert describe_versions({**earlier, "numpy": "1.0"}) == f"it was made with numpy 1.0 (here {here['numpy']})"
-
-
-def test_another_version_of_guidefield_is_named_first() -> None:
-    here = versions()
-    assert describe_version(here) == describe_version({}) == ""
-    said = f"planned by guidefield 0.0.1, this is {here['guidefield']}: "
-    assert describe_version({**here, "guidefield": "0.0.1"}) == said
 
 
 def test_what_is_no_recording_is_said(planned: tuple[PlanRequest, PlanReply, Path], tmp_path: Path) -> None:

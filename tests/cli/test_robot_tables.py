@@ -2,13 +2,12 @@ from __future__ import annotations
 
 import io
 
-from msgspec.structs import replace
 from rich.console import Console, RenderableType
 
 from guidefield.cli.tables import robot_table, robots_table
 from guidefield.engine import answer
-from guidefield.messages.replies import CoverInfo, PartsInfo, RobotReply, RobotsReply, RobotSummary
-from guidefield.messages.requests import ReadRobot, UrdfText
+from guidefield.messages.replies import RobotReply, RobotsReply, RobotSummary
+from guidefield.messages.requests import ReadRobot
 
 
 def _text(shown: RenderableType) -> str:
@@ -56,24 +55,3 @@ def test_all_about_one_robot() -> None:
         "the SRDF disables panda_hand and panda_link5",
     ):
         assert told in text, told
-
-
-def test_covers_and_parts_are_told_where_they_are_known() -> None:
-    reply = answer(ReadRobot("panda"))
-    assert isinstance(reply, RobotReply)
-    cover, parts = CoverInfo(spheres=3, overhang=0.0125, inner_balls=2), PartsInfo(count=4, stand_off=0.007)
-    shapes = [replace(shape, cover=cover, parts=parts if k == 0 else None) for k, shape in enumerate(reply.geometry)]
-    reply = replace(reply, geometry=shapes)
-    text = _text(robot_table(reply))
-    assert f"covered by {3 * 17} spheres that stand out by at most 12.5 mm; {2 * 17} balls inside" in text
-    assert "1 mesh is contained in 4 convex parts that stand off by at most 7.0 mm" in text
-    unknown = replace(reply, geometry=[*shapes[1:], replace(shapes[0], cover=None)])
-    assert "covered by" not in _text(robot_table(unknown))
-
-
-def test_a_robot_without_collision_geometry_is_shown() -> None:
-    reply = answer(ReadRobot(UrdfText('<robot name="bare"><link name="a"/></robot>')))
-    assert isinstance(reply, RobotReply)
-    text = _text(robot_table(reply))
-    assert "collision shapes: none" in text
-    assert "no collision geometry" in text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import threading
 from collections.abc import Iterator
@@ -36,23 +35,6 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.
 def test_a_sentence_is_a_datagram(systemd: socket.socket, sentence: str, datagram: bytes) -> None:
     notify_supervisor(sentence)
     assert systemd.recv(4096) == datagram
-
-
-def test_a_socket_without_a_file_is_told_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = f"guidefield-{os.getpid()}"
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
-        listening.bind(f"\0{name}")
-        listening.settimeout(60.0)
-        monkeypatch.setenv("NOTIFY_SOCKET", f"@{name}")
-        notify_supervisor("ready")
-        assert listening.recv(4096) == b"STATUS=ready\nREADY=1"
-
-
-def test_nobody_is_told_where_nobody_listens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
-    notify_supervisor("ready")
-    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
-    notify_supervisor("ready")
 
 
 def test_a_supervisor_that_reads_nothing_keeps_nobody_waiting(systemd: socket.socket) -> None:

@@ -1,14 +1,9 @@
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import msgspec
-import pytest
 from rich.console import Console
 
 from guidefield.cli.tables import motion_table
-from guidefield.errors import Status
 from guidefield.messages.replies import (
     CertificateFigures,
     ClearanceFigures,
@@ -58,36 +53,3 @@ def test_a_plan_says_what_a_person_wants_to_know() -> None:
         "show runs/r1.rrd",
     ):
         assert said in text, said
-
-
-def test_what_a_certificate_is_about_is_told() -> None:
-    figures = CertificateFigures(collision_free=True, method="Coal", covers="path", evaluations=0)
-    failed = msgspec.structs.replace(plan_reply("r1", Status.GOAL_IN_COLLISION), certificate=figures)
-    refused = msgspec.structs.replace(failed, path=failed.path[:1])
-    assert "free: the start alone, 0 evaluations" in _text(motion_table(refused))
-    partly = msgspec.structs.replace(failed, path=[[0.0], [1.0], [2.0]])
-    assert "free: the motion as far as it got, 0 evaluations" in _text(motion_table(partly))
-
-
-def test_an_honest_no_is_a_table_too() -> None:
-    text = _text(motion_table(plan_reply("r1", Status.STUCK_IN_MINIMUM)))
-    assert "STUCK_IN_MINIMUM" in text
-    assert "nothing was judged" in text
-    assert "recording" not in text
-
-
-def _recorded(where: str) -> str:
-    return _text(motion_table(msgspec.structs.replace(plan_reply("r1"), recording=where)))
-
-
-def test_a_recording_in_a_file_is_said_how_to_open() -> None:
-    assert "to open it" not in _recorded("guidefield/local/runs/r1/recording")
-    assert "show 'over here.rrd'" in _recorded("over here.rrd")
-
-
-def test_the_command_to_type_is_one_that_exists(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("shutil.which", lambda _name: "/usr/bin/guidefield")
-    assert "guidefield show a.rrd" in _recorded("a.rrd")
-    monkeypatch.setattr("shutil.which", lambda _name: None)
-    monkeypatch.chdir(Path(sys.executable).parent.parent)
-    assert "bin/guidefield show a.rrd" in _recorded("a.rrd")

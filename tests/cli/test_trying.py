@@ -15,13 +15,11 @@ import numpy as np
 import pytest
 import viser
 from rich.console import Console
-from typer.testing import CliRunner
 
-from guidefield.cli import app, trying
+from guidefield.cli import trying
 from guidefield.cli.serving import free_port
 from guidefield.cli.trying import TryPage
 from guidefield.messages.scene import Box
-from guidefield.messages.values import Placement
 from guidefield.viewer import LOOPBACK
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -50,27 +48,6 @@ def test_a_goal_that_is_dragged_is_planned_for(page: tuple[TryPage, str]) -> Non
     assert "free: the trajectory" in tried._report.content
     assert len(tried._frames) > 10
     np.testing.assert_allclose(tried._frames[-1][-1, :3], tried._handle.position, atol=1e-3)
-
-
-def test_a_goal_out_of_reach_is_told(page: tuple[TryPage, str]) -> None:
-    tried, _ = page
-    before = tried._handle.position.copy()
-    tried._handle.position = np.array([9.0, 0.0, 0.5])
-    tried._aim()
-    tried._plan()
-    assert "NO_IK_SOLUTION" in tried._report.content
-    tried._handle.position = before
-    tried._aim()
-
-
-def test_an_obstacle_that_is_moved_counts(page: tuple[TryPage, str]) -> None:
-    tried, _ = page
-    tried._add_box()
-    assert tried._chosen.value == "box 1"
-    tried._move("box 1", Placement(tuple(tried._handle.position.tolist())))
-    tried._plan()
-    assert "GOAL_IN_COLLISION" in tried._report.content
-    assert "box 1" in tried._report.content
 
 
 def test_a_browser_shows_the_page_and_plans(page: tuple[TryPage, str]) -> None:
@@ -120,8 +97,3 @@ def test_the_page_tells_where_it_is_if_its_port_is_occupied(monkeypatch: pytest.
         port = other.getsockname()[1]
         trying.serve_page("ur5", "table", port, Console(file=out))
     assert not find_address(out.getvalue()).endswith(f":{port}")
-
-
-def test_a_run_or_the_page_has_to_be_named() -> None:
-    done = CliRunner().invoke(app, ["show"])
-    assert "name a run" in str(done.exception)

@@ -8,8 +8,7 @@ import pytest
 from guidefield.client import questions
 from guidefield.errors import InternalFailure, MalformedRequest, RequestTooLarge
 from guidefield.messages.codec import MAX_REQUEST_BYTES
-from guidefield.messages.replies import CertifyRunReply, RunReply
-from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest, Potential
+from guidefield.messages.requests import JointsGoal, PlanRequest, Potential
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.store_requests import ReadRuns
 
@@ -73,35 +72,3 @@ def test_a_name_is_a_name_and_nothing_else(name: str) -> None:
             ask(name)
     with pytest.raises(MalformedRequest, match="name"):
         questions.runs(ReadRuns(robot=name))
-
-
-def test_filters_are_parameters() -> None:
-    assert questions.runs(ReadRuns("SUCCESS", "panda", 1.5)).key == "runs?status=SUCCESS;robot=panda;since=1.5"
-    asked = questions.runs(ReadRuns(text="a/b? 10 % = c", limit=5, after="17")).key
-    assert asked == "runs?text=a/b? 10 % = c;limit=5;after=17"
-    assert questions.runs(ReadRuns()).key == "runs"
-    with pytest.raises(MalformedRequest, match="semicolon"):
-        questions.runs(ReadRuns(text="a;b"))
-
-
-def test_a_judgement_is_asked_for_with_a_request_or_with_its_fields() -> None:
-    request = CertifyRequest("panda", "table", path=[[0.0]], position_names=["panda_joint1"])
-    fields = {"robot": "panda", "scene": "table", "path": [[0.0]], "position_names": ["panda_joint1"]}
-    for question in (questions.certify(None, fields), questions.certify(request, {}), questions.certify(fields, {})):
-        sent = msgspec.msgpack.decode(question.payload, type=CertifyRequest)
-        assert msgspec.structs.replace(sent, run_id=None) == request
-        assert sent.run_id == question.run_id is not None
-        assert question.key == "certify"
-    with pytest.raises(MalformedRequest, match=r"not both.*path"):
-        questions.certify(request, {"path": [[0.0]]})
-    with pytest.raises(MalformedRequest, match="not with PlanRequest"):
-        questions.certify(PLAN, {})
-
-
-@pytest.mark.parametrize(("tag", "kind"), [({}, RunReply), ({"type": "certify"}, CertifyRunReply)])
-def test_a_run_is_read_as_what_was_asked(tag: dict[str, str], kind: type) -> None:
-    motion = {"path": [[0.0]]} if tag else {"goal": {"type": "guide_plane"}}
-    kept = {"run_id": "r", "began": 1.0, "request": {**tag, "robot": "panda", "scene": "table", **motion}}
-    assert type(questions.run("r").read(msgspec.msgpack.encode(kept))) is kind
-    with pytest.raises(InternalFailure, match="runs/r"):
-        questions.run("r").read(b"\xc1")

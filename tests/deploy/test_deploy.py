@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import configparser
 import json
 import re
 import shlex
@@ -16,8 +15,6 @@ import pytest
 from typer.main import get_command
 
 from guidefield.cli import app
-from guidefield.cli.serving import CHILD_END_TIME_S, END_TIME_S
-from guidefield.endpoint.service import DEFAULT_GRACE
 
 HOUSE = Path(__file__).resolve().parents[2]
 UNIT = HOUSE / "tools" / "deploy" / "guidefield.service"
@@ -46,18 +43,6 @@ def test_the_unit_starts_a_service_with_options_that_there_are() -> None:
     options = _options(words)
     assert options["data"] == Path("%S/guidefield")
     assert options["metrics"] == 9464
-
-
-def test_the_unit_gives_the_service_its_time() -> None:
-    (seconds,) = _service()["TimeoutStopSec"]
-    assert DEFAULT_GRACE + END_TIME_S < int(seconds) <= CHILD_END_TIME_S
-
-
-def test_the_unit_lets_machine_code_be_made_and_kept() -> None:
-    told = _service()
-    assert "MemoryDenyWriteExecute" not in told
-    assert told["CacheDirectory"] == told["StateDirectory"] == ["guidefield"]
-    assert "XDG_CACHE_HOME=%C/guidefield" in told["Environment"]
 
 
 def test_systemd_finds_nothing_wrong(tmp_path: Path) -> None:
@@ -120,9 +105,3 @@ def test_the_container_starts_a_service_and_asks_for_its_health() -> None:
     assert f"http://127.0.0.1:{options['metrics']}/health" in check[-1]
     compile(check[-1], "health", "exec")
     assert told["USER"].isdecimal()
-
-
-def test_the_unit_is_an_ini_file_with_its_three_sections() -> None:
-    parsed = configparser.ConfigParser(strict=False, interpolation=None)
-    parsed.read_string(UNIT.read_text())
-    assert parsed.sections() == ["Unit", "Service", "Install"]

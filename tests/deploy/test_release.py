@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-import shlex
 import tomllib
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
@@ -48,21 +46,3 @@ def test_one_version_stands_everywhere() -> None:
     told = {_read("CITATION.cff")["version"], _read("tools/deploy/recipe.yaml")["context"]["version"]}
     told.add(re.findall(r"^## (\S+)", (HOUSE / "CHANGELOG.md").read_text(), re.MULTILINE)[0])
     assert told == {PROJECT["version"]}
-
-
-def test_who_reads_the_repository_runs_the_tests_and_uses_the_wheels() -> None:
-    steps = [step for job in _read(".github/workflows/test.yml")["jobs"].values() for step in job["steps"]]
-    commands = [shlex.split(step["run"])[0] for step in steps if "run" in step]
-    assert commands == [".ci/run", "tools/wheel"]
-    hooks = [hook for one in _read(".pre-commit-config.yaml")["repos"] for hook in one["hooks"]]
-    assert {Path(shlex.split(hook["entry"])[0]).name for hook in hooks} == {"ruff", "lint-imports"}
-
-
-@pytest.mark.parametrize("name", ["false_certificate", "robot", "fault"])
-def test_an_issue_asks_what_a_maintainer_needs(name: str) -> None:
-    form = _read(f".github/ISSUE_TEMPLATE/{name}.yml")
-    asked = [field for field in form["body"] if field["type"] != "markdown"]
-    assert form["name"]
-    assert form["description"]
-    assert all(field["validations"]["required"] and field["attributes"]["label"] for field in asked)
-    assert "--version" in str(asked)

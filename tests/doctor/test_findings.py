@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import resource
-import shutil
 import sqlite3
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -19,24 +15,15 @@ from guidefield.cli.serving import free_port
 from guidefield.doctor import examination as doctor_examination
 from guidefield.doctor.examination import (
     SERVICE_TAKES,
-    SLACK,
-    UNSYNCHRONIZED,
     WORKER_TAKES,
     Finding,
     State,
-    clock,
-    clock_found,
-    cores,
-    cores_found,
     disk,
     examination,
-    graphics_found,
     kernels,
-    memory,
     memory_found,
     memory_limit,
     processor_quota,
-    room_found,
     runs,
     session,
     vectors,
@@ -74,48 +61,6 @@ def test_what_is_wrong_is_an_exit_code(tmp_path: Path) -> None:
     assert "disk     wrong" in done.output
 
 
-def test_processors_are_those_of_the_system() -> None:
-    listed = subprocess.run(["nproc"], check=True, capture_output=True, text=True).stdout
-    assert cores().found.split()[0] == listed.strip()
-
-
-@pytest.mark.parametrize(
-    ("allowed", "quota", "state", "advice"),
-    [
-        (8, None, State.FINE, ""),
-        (2, 2.0, State.FINE, ""),
-        (8, 2.5, State.REMARK, "--workers 2"),
-        (8, 0.5, State.REMARK, "--workers 1"),
-        (1, None, State.REMARK, "second core"),
-    ],
-)
-def test_cores(allowed: int, quota: float | None, state: State, advice: str) -> None:
-    finding = cores_found(allowed, quota)
-    assert finding.state is state
-    assert advice in finding.advice
-
-
-@pytest.mark.parametrize(
-    ("flags", "state"),
-    [
-        ("flags\t\t: fpu sse2 avx avx2 fma avx512f", State.FINE),
-        ("flags\t\t: fpu sse2 avx avx2 fma", State.FINE),
-        ("flags\t\t: fpu sse2 avx avx2", State.REMARK),
-        ("flags\t\t: fpu sse2 avx", State.REMARK),
-        ("Features\t: fp asimd", State.FINE),
-        ("model name\t: avx2 in name only", State.REMARK),
-    ],
-)
-def test_vectors(flags: str, state: State, tmp_path: Path) -> None:
-    (tmp_path / "cpuinfo").write_text(f"processor\t: 0\n{flags}\n")
-    assert vectors(tmp_path / "cpuinfo").state is state
-
-
-@pytest.mark.parametrize(("machine", "found"), [("arm64", "asimd"), ("x86_64", "this system doesn't say which")])
-def test_vectors_where_no_file_tells_of_them(machine: str, found: str, tmp_path: Path) -> None:
-    assert vectors(tmp_path / "none", machine).found == found
-
-
 def test_the_vectors_are_those_that_the_compiler_knows() -> None:
     from llvmlite import binding
 
@@ -141,26 +86,6 @@ def test_a_control_group_bounds_what_may_be_used(tmp_path: Path) -> None:
     assert memory_limit(*asked) == 4 * GIB
 
 
-def test_a_control_group_of_the_first_version_does_too(tmp_path: Path) -> None:
-    (tmp_path / "own").write_text("4:cpu,cpuacct:/box\n3:memory:/box\n")
-    for name, files in {
-        "cpu,cpuacct": {"cpu.cfs_quota_us": "50000", "cpu.cfs_period_us": "100000"},
-        "memory": {"memory.limit_in_bytes": str(GIB)},
-    }.items():
-        (tmp_path / name / "box").mkdir(parents=True)
-        for file, text in files.items():
-            (tmp_path / name / "box" / file).write_text(text)
-    assert processor_quota(tmp_path, tmp_path / "own") == 0.5
-    assert memory_limit(tmp_path, tmp_path / "own") == GIB
-
-
-def test_memory_is_that_of_the_system() -> None:
-    told = float(memory().found.split(" of ")[1].split()[0])
-    total = os.sysconf("SC_PHYS_PAGES") * resource.getpagesize() / GIB
-    limit = memory_limit()
-    assert told == pytest.approx(total if limit is None else min(total, limit / GIB), abs=0.06)
-
-
 @given(st.integers(0, 64 * GIB), st.integers(0, 64 * GIB), st.integers(1, 64))
 def test_the_workers_that_are_advised_fit(total: int, available: int, workers: int) -> None:
     finding = memory_found(total, min(available, total), None, workers)
@@ -175,26 +100,6 @@ def test_the_workers_that_are_advised_fit(total: int, available: int, workers: i
         each = int(finding.advice.split("--memory ")[1].split(",")[0])
         assert SERVICE_TAKES + workers * (each << 20) <= total
         assert each << 20 >= WORKER_TAKES - (1 << 20)
-
-
-def test_room_is_that_of_the_system(tmp_path: Path) -> None:
-    told = float(disk(tmp_path / "not" / "there").found.split()[0])
-    assert told == pytest.approx(shutil.disk_usage(tmp_path).free / GIB, abs=0.5)
-
-
-@pytest.mark.parametrize(
-    ("free", "state", "advice"),
-    [
-        (GIB - 1, State.WRONG, "make room"),
-        (8 * GIB, State.REMARK, "--keep-gib 4"),
-        (GIB, State.REMARK, "--keep-gib 1"),
-        (21 * GIB, State.FINE, ""),
-    ],
-)
-def test_room(free: int, state: State, advice: str) -> None:
-    finding = room_found(free, Path("data"))
-    assert finding.state is state
-    assert advice in finding.advice
 
 
 def test_a_database_of_runs_is_looked_at(tmp_path: Path) -> None:
@@ -247,46 +152,6 @@ def test_a_folder_that_takes_no_file_is_told_whatever_its_rights_are(monkeypatch
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/proc/self")
     assert kernels().state is State.WRONG
     assert disk(Path("/proc/self/data")).state is State.WRONG
-
-
-@pytest.mark.parametrize(
-    ("behind", "system", "state"),
-    [
-        (0.0, 0, State.FINE),
-        (0.0, -1, State.FINE),
-        (0.5 * SLACK, 0, State.FINE),
-        (0.0, UNSYNCHRONIZED, State.REMARK),
-        (2.0 * SLACK, 0, State.WRONG),
-    ],
-)
-def test_clocks(behind: float, system: int, state: State) -> None:
-    assert clock_found(2e9 - behind, 2e9, system).state is state
-
-
-def test_a_clock_is_told_in_universal_time() -> None:
-    assert clock_found(0.0, 0.0, 0).found == "1970-01-01 00:00:00+00:00"
-    assert clock().state is not State.WRONG
-
-
-SHOWN = {"DISPLAY": ":0"}
-
-
-@pytest.mark.parametrize(
-    ("environment", "loaders", "drivers", "devices", "says"),
-    [
-        ({}, ["vulkan", "GL"], ["radeon"], ["renderD128"], "no display"),
-        (SHOWN, [], [], [], "neither Vulkan nor OpenGL"),
-        (SHOWN, ["vulkan"], [], [], "Vulkan without a driver"),
-        (SHOWN, ["GL"], [], [], "drawn by the processor"),
-        ({"WAYLAND_DISPLAY": "wayland-0"}, ["vulkan"], ["radeon"], ["renderD128"], "wayland-0, radeon, renderD128"),
-    ],
-)
-def test_graphics(
-    environment: dict[str, str], loaders: list[str], drivers: list[str], devices: list[str], says: str
-) -> None:
-    finding = graphics_found(environment, loaders, drivers, devices)
-    assert says in finding.found
-    assert (finding.state is State.FINE) == (says.endswith("renderD128"))
 
 
 def test_a_query_on_loopback_is_answered() -> None:

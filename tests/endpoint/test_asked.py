@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future
-from typing import Any, Self
+from typing import Self
 
-import msgspec
 import pytest
 
 from guidefield.endpoint.asked import Asked
-from guidefield.errors import MalformedRequest, QuotaExceeded, RequestTooLarge, ServerBusy, WorkerCrashed
+from guidefield.errors import MalformedRequest, QuotaExceeded, RequestTooLarge, ServerBusy
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import Asker
@@ -100,15 +98,6 @@ def test_what_cannot_be_read_is_refused(query: _Query, says: str) -> None:
         _asked(query).read(_let_in)
 
 
-def test_the_reply_has_a_concrete_key_and_the_encoding_of_the_query() -> None:
-    query = _Query("guidefield/*/info", encoding="application/msgpack")
-    asked = _asked(query)
-    asked.read(_let_in)
-    asked.answer((True, b"x"))
-    assert query.replies == [("guidefield/local/info", b"x", "application/msgpack")]
-    assert query.dropped == 1
-
-
 def test_only_the_first_answer_is_sent() -> None:
     query, counted = _Query("guidefield/local/info"), []  # type: ignore[var-annotated]
     asked = _asked(query, counted)
@@ -140,19 +129,6 @@ def test_an_error_is_an_answer(raised: Exception, name: str, code: int) -> None:
     error = json.loads(payload)
     assert (error["name"], error["code"], encoding) == (name, code, "application/json")
     assert "/srv" not in payload.decode()
-
-
-def test_a_future_settles_its_query() -> None:
-    for outcome, replies, errors in (((True, b"r"), 1, 0), ((False, b"e"), 0, 1), (WorkerCrashed("died"), 0, 1)):
-        query = _Query("guidefield/local/plan", b"{}", "application/msgpack")
-        asked = _asked(query)
-        asked.read(_let_in)
-        future: Future[Any] = Future()
-        future.add_done_callback(asked.settle)
-        future.set_exception(outcome) if isinstance(outcome, Exception) else future.set_result(outcome)
-        assert (len(query.replies), len(query.errors)) == (replies, errors)
-        if isinstance(outcome, WorkerCrashed):
-            assert msgspec.msgpack.decode(query.errors[0][0])["name"] == "CRASH"
 
 
 def test_a_client_with_too_much_unread_is_told_so_and_at_last_nothing() -> None:

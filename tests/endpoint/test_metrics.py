@@ -18,7 +18,6 @@ import pytest
 from guidefield.cli.serving import free_port
 from guidefield.endpoint.monitoring import Meter, metrics_server
 from guidefield.endpoint.service import ServiceSettings, serve
-from guidefield.first_start import CannotStart
 from guidefield.handlers.info import Figures, brief_info
 from guidefield.messages.replies import Disk, Health, InfoReply, UserFigures
 from tests.journeys.service import ANSWERED_WITHIN, ENDED_WITHIN, await_that
@@ -87,15 +86,6 @@ def test_metrics_are_what_info_tells() -> None:
     assert ("guidefield_info", f"version={_busy().version}") in told
 
 
-def test_the_histogram_is_cumulative() -> None:
-    with metrics_server(0, 'cell "7"', _busy) as port:
-        told = _samples(port)
-    bins = {key[2].removeprefix("le="): value for key, value in told.items() if key[0].endswith("_seconds_bucket")}
-    assert [bins[bound] for bound in ("0.001", "0.0025", "0.005", "60.0", "+Inf")] == [1, 1, 3, 3, 4]
-    assert told[("guidefield_answer_seconds_count", "kind=plan")] == 4
-    assert told[("guidefield_answer_seconds_sum", "kind=plan")] == pytest.approx(100.0065)
-
-
 @pytest.mark.parametrize(("state", "status"), [("starting", 503), ("ready", 200), ("ending", 503)])
 def test_health_has_a_status(state: Any, status: int) -> None:
     reply = brief_info(Figures({}, 0.0, health=Health(state=state, doing="something")))
@@ -148,19 +138,6 @@ def test_a_service_tells_its_health_before_it_is_ready(tmp_path: Path, monkeypat
         served.result(ENDED_WITHIN)
     with pytest.raises(OSError, match="refused"):
         socket.create_connection(("127.0.0.1", metrics))
-
-
-def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as held:
-        port = held.getsockname()[1]
-        with pytest.raises(CannotStart, match=f"metrics can't be told at port {port}: Address already in use"):
-            serve(ServiceSettings(tmp_path, metrics=port), threading.Event())
-
-
-def test_without_the_extra_it_is_said_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "prometheus_client", None)
-    with pytest.raises(CannotStart, match=r"guidefield\[metrics\]"):
-        serve(ServiceSettings(tmp_path, metrics=1), threading.Event())
 
 
 def test_the_page_has_every_metric() -> None:

@@ -38,14 +38,6 @@ def test_a_configuration_file_has_its_way(tmp_path: Path) -> None:
     assert json.loads(named.get_json("listen/endpoints")) == ["tcp/127.0.0.1:2"]
 
 
-def test_a_file_that_says_nothing_about_it_leaves_loopback(tmp_path: Path) -> None:
-    file = tmp_path / "zenoh.json5"
-    file.write_text('{ connect: { endpoints: ["tcp/127.0.0.1:1"] } }')
-    config = session_config(ServiceSettings(tmp_path, config=file))
-    assert json.loads(config.get_json("listen/endpoints")) == ["tcp/127.0.0.1:7447"]
-    assert config.get_json("scouting/multicast/enabled") == "false"
-
-
 def test_a_mistake_in_a_configuration_file_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text("{ lisen: {} }")

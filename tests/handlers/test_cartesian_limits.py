@@ -119,11 +119,6 @@ def test_what_is_not_served_is_refused_by_name(fields, error, words) -> None:
         ask(**{**THERE, **fields})
 
 
-def test_a_path_has_no_speed() -> None:
-    with pytest.raises(MalformedRequest, match="a `path` has no speed"):
-        certify(path=[[0.0], [0.1]], position_names=["panda_joint1"], cartesian_limits=[TIP])
-
-
 @pytest.mark.parametrize("interpolation", ["linear", "cubic", "quintic", "first_order_hold"])
 def test_what_a_controller_draws_keeps_them(interpolation) -> None:
     execution = {"interpolation": interpolation, "rate": 125}
@@ -141,18 +136,3 @@ def test_what_is_too_slow_to_flee_is_told_so() -> None:
     slow = answer({**asked, "cartesian_limits": [{**TIP, "speed": 0.01}]})
     assert slow.status.name == "START_STATE_INVALID"
     assert "no way was found that leaves before, where panda_hand_tcp keeps its speed" in slow.status.message
-
-
-def test_steps_have_no_speed() -> None:
-    with pytest.raises(MalformedRequest, match="steps have no speed"):
-        ask(**THERE, cartesian_limits=[TIP], execution={"interpolation": "zero_order_hold", "rate": 125})
-
-
-def test_rows_are_taken_more_finely_where_chords_are_too_fast() -> None:
-    """Between far rows the tip swings out of the plan's arc, at the joints' mean rates."""
-    execution = {"interpolation": "linear", "rate": 2}
-    reply = ask(**THERE, cartesian_limits=[{"link": "panda_hand", "speed": 0.3}], execution=execution)
-    assert reply.status.name == "SUCCESS", reply.status
-    for kind in ("linear", "first_order_hold"):
-        with pytest.raises(MalformedRequest, match="velocities jump, which takes any acceleration"):
-            ask(**THERE, cartesian_limits=[{**TIP, "acceleration": 1}], execution={"interpolation": kind, "rate": 125})

@@ -78,15 +78,6 @@ def test_our_own_plan_is_certified_with_the_same_figures() -> None:
     assert codec.encode(reply)
 
 
-def test_a_path_has_no_times() -> None:
-    reply = certify(path=planned().path, position_names=planned().position_names)
-    assert reply.status.name == "SUCCESS"
-    assert reply.curve == "linear"
-    assert reply.clearance.time is None
-    assert reply.certificate.free_until.time is None
-    assert reply.limits.velocity.share is None
-
-
 def test_a_motion_into_an_obstacle_is_refused_with_its_place() -> None:
     down = [*HOME[:1], 0.9, *HOME[2:3], -1.2, *HOME[4:]]
     reply = certify(path=[HOME, down], position_names=NAMES)
@@ -329,15 +320,6 @@ def test_a_point_is_a_motion() -> None:
     assert still.limits.velocity.share == 0.0
 
 
-def test_rows_that_repeat_the_one_before_are_left_out() -> None:
-    rows, times = [HOME, HOME, TURN], [0.0, 0.0, 2.0]
-    reply = certify(trajectory={"positions": rows, "times": times}, position_names=NAMES)
-    assert reply.certificate.free_until.row == 2.0
-    assert any("repeat the one before" in warning for warning in reply.warnings)
-    with pytest.raises(MalformedRequest, match=r"times\[2\] = 0 after times\[1\] = 0 is the same, and the rows differ"):
-        certify(trajectory={"positions": rows, "times": [-1.0, 0.0, 0.0]}, position_names=NAMES)
-
-
 def a_room() -> dict:
     """A dented cube about the robot, so that its surface is judged."""
     return msgspec.to_builtins(msgspec.structs.replace(closed_shell(3.0), name="room"))
@@ -446,14 +428,6 @@ def test_samples_are_judged_as_the_spline_and_on_request_as_straight_pieces() ->
     assert (linear.status.name, linear.curve) == ("SUCCESS", "linear")
     assert linear.limits.acceleration.share is None
     assert linear.limits.velocity.share <= spline.limits.velocity.share + 1e-9
-
-
-def test_a_long_motion_is_refused_at_its_place() -> None:
-    swings = [[0.001 * (-1.0) ** k, *HOME[1:]] for k in range(2_500)]
-    reply = certify(path=[*swings, TURN, [TURN[0], 0.9, 0.0, -1.2, *HOME[4:]]], position_names=NAMES)
-    assert reply.certificate.reason == "contact"
-    assert 2_500.0 < reply.certificate.free_until.row <= reply.certificate.place.row < 2_501.0
-    assert 2_500.0 < reply.clearance.row <= 2_501.0
 
 
 @pytest.mark.parametrize("interpolation", ["spline", "linear"])

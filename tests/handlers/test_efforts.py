@@ -245,11 +245,6 @@ def test_a_limit_that_nothing_keeps_ends_in_time(most) -> None:
     assert reply.status.name == "INVALID_MOTION_PLAN"
 
 
-def test_a_held_object_without_a_mass_is_warned_of() -> None:
-    reply = ask(**THERE, attached_objects=[load(None)], limits={"panda_joint1": {"effort": 87.0}})
-    assert any("'load', which is held, has no `mass`" in warning for warning in reply.warnings)
-
-
 def test_among_what_moves_a_limit_that_no_schedule_keeps_is_named() -> None:
     """The forearm passes where it lies level: there gravity takes more."""
     ball = {"type": "sphere", "name": "ball", "radius": 0.1}

@@ -104,13 +104,6 @@ def test_odd_joint_states_are_refused_by_name(told: JointStates, begin: float, e
         judgement_of(REQUEST, planned(), told, begin)
 
 
-def test_states_of_one_time_count_once() -> None:
-    told = states()
-    twice = JointStates(told.joints, np.repeat(told.times, 2).tolist(), np.repeat(told.positions, 2, axis=0).tolist())
-    once = judgement_of(REQUEST, planned(), told)
-    assert judgement_of(REQUEST, planned(), twice) == once
-
-
 def test_a_plan_without_a_motion_or_that_picks_up_is_not_judged() -> None:
     with pytest.raises(UnknownObject, match="has no motion"):
         judgement_of(REQUEST, msgspec.structs.replace(planned(), trajectory=None), states())

@@ -105,11 +105,6 @@ def test_a_tolerance_that_is_too_large_is_said_with_the_pair() -> None:
     assert executed("quintic", tolerance=0.5).execution is None
 
 
-def test_a_tolerance_may_be_of_some_joints() -> None:
-    made = executed("cubic", tolerance={"panda_joint7": 0.01})
-    assert made.execution.tolerance == [0.0] * 6 + [0.01]
-
-
 def test_a_curve_beyond_a_limit_is_refused_with_the_rate() -> None:
     rows = {"times": [0.0, 0.2, 0.4], "positions": [[0.0], [0.1], [0.2]], "velocities": [[0.0], [1.0], [0.0]]}
     rows["accelerations"] = [[0.0], [0.0], [0.0]]

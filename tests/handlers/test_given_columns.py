@@ -14,7 +14,6 @@ from guidefield.handlers.given_columns import (
     chart_rates,
     first_positions,
     require_same_joints,
-    rows_in,
     velocity_names_of,
 )
 from guidefield.robot.group.group import PlanningGroup
@@ -138,7 +137,3 @@ def test_rows_that_are_no_configurations_are_refused() -> None:
         require_same_joints(
             columns, Columns.named("velocity_names", planned.velocity_names[:6], planned.robot, chart.VELOCITY_SUFFIXES)
         )
-
-
-def test_rows_of_no_values_are_read() -> None:
-    assert rows_in([[], []]).shape == (2, 0)

@@ -17,7 +17,7 @@ from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import build
 from tests.examples import example
 from tests.handlers.test_sequence import PASS, Bare, ask, distance, joints, states
-from tests.robots import box_arm, robot
+from tests.robots import robot
 
 ARM = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
 BENT = dict(zip(ARM, (0.0, -1.57, 1.57, -1.57, -1.57, 0.0), strict=True))
@@ -175,30 +175,6 @@ def test_the_slower_of_two_steps_is_minded_past_their_goal() -> None:
     tops = [0.1 * robot("ur5").joint(name).velocity[0] for name in reply.position_names]  # type: ignore[union-attr]
     since = reply.trajectory.times.index(reply.steps[0].end)
     assert (np.abs(reply.trajectory.velocities[since:]).max(axis=0) <= np.array(tops) * (1.0 + 1e-9)).all()
-
-
-def test_goals_are_passed_beyond_a_turn() -> None:
-    reply = ask([joints(j1=3.0) | PASS, joints(j1=5.0) | PASS, joints(j1=7.0)], box_arm("continuous", 2), EMPTY)
-    assert reply.status.name == "SUCCESS", reply.status.message
-    column = reply.position_names.index("j1")
-    marks = [at(reply, step.end)[column] for step in reply.steps]
-    np.testing.assert_allclose(marks, (3.0, 5.0, 7.0), atol=0.05)
-    assert marks[-1] == pytest.approx(7.0, abs=1e-9)
-    assert min(speed(reply, step.end) for step in reply.steps[:2]) > 0.1
-
-
-@pytest.mark.parametrize("radius", [1e-9, 1e-6, 0.01])
-def test_passing_never_takes_longer_than_stopping(radius: float) -> None:
-    """Where the radius is next to nothing the motion stops, and a warning says so."""
-    fields = {"limits": {name: {"acceleration": 15.0, "jerk": 20.0} for name in ARM}}
-    reply = planned([joints(**OUT) | PASS | {"radius": radius}, joints(**ASIDE)], **fields)
-    stopped = planned([joints(**OUT), joints(**ASIDE)], **fields)
-    passed = reply.steps[0]
-    assert duration(reply) <= duration(stopped) * (1.0 + 1e-12)
-    assert any("the motion stops" in one for one in reply.warnings) == (speed(reply, passed.end) == 0.0)
-    assert passed.passed is not None
-    assert passed.passed <= radius
-    within_limits(reply, 15.0, 20.0)
 
 
 def test_a_straight_way_that_turns_is_passed() -> None:

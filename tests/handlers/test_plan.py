@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from guidefield.engine import Engine, answer
+from guidefield.engine import answer
 from guidefield.errors import (
     GuidefieldError,
     InvalidConfiguration,
@@ -99,39 +99,6 @@ def test_a_refusal_counts_no_time_twice() -> None:
     assert sum(spent.values()) == pytest.approx(total)
 
 
-def test_a_sample_rate_gives_even_samples() -> None:
-    reply = ask(start=READY, goal=joints(panda_joint1=0.6), sample_rate=50.0)
-    assert reply.trajectory is not None
-    np.testing.assert_allclose(np.diff(reply.trajectory.times)[:-1], 0.02, atol=1e-9)
-
-
-def test_the_request_says_how_many_steps_the_optimisation_may_take() -> None:
-    def optimised(**request) -> tuple[str | None, int]:
-        reply = ask(start=READY, goal=joints(panda_joint1=1.2, panda_joint4=-1.6), guide_planes=[], **request)
-        assert reply.status.name == "SUCCESS"
-        outcomes = (stage.outcome for stage in reply.stages if stage.name == "relax")
-        return next(outcomes, None), reply.counters.iterations
-
-    assert optimised(optimization_iterations=0) == (None, 0), "the path is only timed"
-    assert optimised(optimization_iterations=1) == ("out of iterations", 1)
-    outcome, steps = optimised()
-    assert outcome == "optimised"
-    assert steps > 1
-
-
-def test_a_motion_is_optimised_for_what_is_asked() -> None:
-    replies = [
-        ask(start=READY, goal=joints(panda_joint1=0.6), guide_planes=[], objective=one) for one in ("time", "clearance")
-    ]
-    assert [reply.objective for reply in replies] == ["time", "clearance"]
-    for reply in replies:
-        assert reply.status.name == "SUCCESS"
-        relax = next(stage for stage in reply.stages if stage.name == "relax")
-        assert relax.outcome == "optimised"
-    with pytest.raises(MalformedRequest, match=r"\$\.objective"):
-        ask(objective="speed")
-
-
 def test_a_motion_begins_and_ends_with_the_velocities_that_are_asked_for() -> None:
     reply = ask(
         start=READY,
@@ -196,14 +163,6 @@ def test_the_joint_farthest_beyond_its_limits_is_told_and_the_others_named() -> 
         assert reply.status.details["joints"] == ["panda_joint2", "panda_joint4"]
         assert "panda_joint2 at 2.5" in reply.status.message
         assert reply.status.message.startswith("the goal" if goal["type"] == "joints" else "all 2 goals")
-
-
-def test_one_good_goal_of_a_set_is_enough() -> None:
-    goals = [{"panda_joint2": 2.5}, {"panda_joint1": 0.4}]
-    reply = ask(start=READY, goal={"type": "joint_set", "positions": goals})
-    assert reply.status.name == "SUCCESS"
-    assert reply.trajectory is not None
-    assert reply.trajectory.positions[-1][0] == pytest.approx(0.4)
 
 
 def test_a_start_in_collision_names_the_pair_and_how_deep() -> None:
@@ -290,14 +249,6 @@ def test_the_robot_may_stand_elsewhere() -> None:
     assert high.clearance is not None
     assert low.clearance is not None
     assert high.clearance.minimum > low.clearance.minimum
-
-
-def test_nothing_is_measured_for_a_run_that_is_not_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.handlers.plan.measure_clearance_profile", lambda *_: pytest.fail("nobody reads it"))
-    engine = Engine()
-    request = {"robot": "panda", "scene": "table", "start": READY, "goal": joints(panda_joint1=0.3), **PATIENT}
-    reply = engine.answer(codec.decode_request(request))
-    assert reply.clearance.minimum > 0.0
 
 
 def test_recordings_are_opened_told_and_finished() -> None:

@@ -29,7 +29,6 @@ from guidefield.handlers.sequence import answer_steps
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest, UrdfText
-from guidefield.planner.plan import plan
 from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.examples import example
@@ -240,42 +239,10 @@ def test_the_figures_of_the_whole_are_those_of_its_steps(kitchen: PlanReply) -> 
     assert codec.encode(kitchen)
 
 
-def test_nearly_all_of_the_time_is_told_by_its_stages() -> None:
-    def share() -> float:
-        spent = msgspec.to_builtins(ask([joints(panda_joint1=0.5), joints(panda_joint1=0.0)]).timing)
-        return sum(spent.values()) / spent["total"] - 1.0
-
-    # another process may come between the stages of any
-    assert 0.9 < max(share() for _ in range(5)) <= 1.0
-
-
 def test_a_step_has_its_own_scaling() -> None:
     slow = ask([joints(panda_joint1=0.4) | {"max_velocity_scaling_factor": 0.1}, joints(panda_joint1=0.0)])
     first, second = slow.steps
     assert first.end > 3.0 * (second.end - second.begin)
-
-
-def test_a_step_has_its_own_objective(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-
-    def planned(problem, *rest):
-        asked.append(problem.objective.value)
-        return plan(problem, *rest)
-
-    monkeypatch.setattr("guidefield.handlers.steps.plan", planned)
-    steps = [joints(panda_joint1=0.4) | {"objective": "time"}, joints(panda_joint1=0.0)]
-    reply = ask(steps, objective="clearance")
-    assert asked == ["time", "clearance"]
-    assert reply.objective == "clearance"
-
-
-def test_what_waits_counts_too() -> None:
-    """A step of the fingers alone is judged with the arm: one that stands too close is refused."""
-    close = {"type": "box", "name": "close", "size": [0.02, 0.02, 0.02], "position": [0.39, 0.0, 0.59]}
-    steps = [{"group": "hand", **joints(panda_finger_joint1=0.02)}, joints(panda_joint1=0.2)]
-    scene = {"name": "mine", "obstacles": [close]}
-    reply = ask(steps, scene=scene, min_clearance=0.2, start=READY)
-    assert reply.status.name == "CLEARANCE_BELOW_MINIMUM"
 
 
 def test_a_failure_names_its_step() -> None:

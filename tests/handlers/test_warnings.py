@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from guidefield.engine import Engine
-from guidefield.handlers import robots
 from guidefield.messages.replies import Done, PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Mesh, Scene
 from guidefield.stores.scenes import SceneStore
-from tests.robots import box_arm, robot
+from tests.robots import box_arm
 from tests.scene.solids import box_mesh, mesh_message
 
 READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
@@ -61,16 +60,6 @@ def test_warnings_of_robot_scene_and_start_are_the_plans(engine: Engine) -> None
     reply = plan(engine, scene(open_box), start={**READY, "panda_joint4": -0.0698 + 3e-6})
     assert any("'bin'" in warning and "open" in warning for warning in reply.warnings)
     assert any("clamped" in warning for warning in reply.warnings)
-
-
-def test_what_is_odd_about_a_robot_is_told_in_replies_if_the_robot_is_the_users_own(engine: Engine) -> None:
-    assert robot("panda").remarks
-    assert not plan(engine, scene()).warnings
-    assert robots.robot(robot("panda")).warnings == list(robot("panda").remarks)
-    srdf = '<robot name="arm"><disable_collisions link1="l0" link2="ghost" reason="Never"/></robot>'
-    own = {"type": "urdf", "text": box_arm("y", 3).text, "srdf": srdf}
-    request = {"robot": own, "scene": scene(), "goal": {"type": "joints", "positions": {}}}
-    assert any("'ghost'" in warning for warning in engine.answer(request).warnings)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(

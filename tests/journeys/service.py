@@ -18,8 +18,6 @@ import zenoh
 
 from guidefield.cli.serving import FORCED_EXIT_CODE, LOOPBACK, free_port
 
-STARTED_WITHIN = 300.0
-"""The first start ever compiles the kernels [s]."""
 CONNECTED_WITHIN = 60.0
 """How long a client tries to reach a service that is there [s]."""
 ENDED_WITHIN = 60.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 
-import msgspec
 import pytest
 
 import guidefield
@@ -14,7 +13,6 @@ from guidefield.mcp_server import words
 from guidefield.mcp_server.server import TOOLS
 from guidefield.mcp_server.words import ADVICE, advise
 from guidefield.messages import codec
-from guidefield.messages.replies import ClearanceReply, InverseKinematicsReply
 from guidefield.messages.requests import Clearance, PlanRequest
 from tests.examples import example
 
@@ -70,36 +68,6 @@ def test_a_verdict_in_words_says_where_and_between_what() -> None:
         assert " and ".join(reply.certificate.pair) in told
     assert "It is certified until" in told
     assert "% of its position limit, which is beyond it" in told or reply.limits.position.share <= 1.0
-
-
-def test_distances_in_words() -> None:
-    reply = ClearanceReply(
-        minimum=[0.0312, -0.002, 0.0, None],
-        pair=[["hand", "shelf"], ["hand", "shelf"], ["elbow", "wall"], None],
-        witness_points=[None] * 4,
-        self_minimum=[0.05, 0.0, None, 0.01],
-        warnings=["odd"],
-    )
-    assert words.describe_clearance(reply).splitlines() == [
-        "Configuration 0: 31.2 mm between hand and shelf; the robot keeps 50.0 mm from itself.",
-        "Configuration 1: contact between hand and shelf, 2.0 mm deep; the robot touches itself.",
-        "Configuration 2: contact between elbow and wall.",
-        "Configuration 3: there is no obstacle; the robot keeps 10.0 mm from itself.",
-        "Warning: odd.",
-    ]
-    many = msgspec.structs.replace(reply, minimum=[1.0] * 30, pair=[None] * 30, self_minimum=[None] * 30, warnings=[])
-    assert words.describe_clearance(many).endswith("Configuration 19: 1000.0 mm.\nand 10 more")
-
-
-def test_configurations_of_poses_in_words() -> None:
-    reply = InverseKinematicsReply(configurations=[[{"a": 1.0}], [], [{}, {}]], reasons=["", "out of reach", ""])
-    lines = words.describe_solutions(reply).splitlines()
-    assert lines[:3] == [
-        "Pose 0: 1 configuration.",
-        "Pose 1: no configurations; out of reach.",
-        "Pose 2: 2 configurations.",
-    ]
-    assert lines[3] == ADVICE[Status.NO_IK_SOLUTION]
 
 
 @pytest.mark.parametrize("tool", TOOLS, ids=lambda tool: tool.name)

@@ -64,11 +64,6 @@ def test_a_fault_is_told_with_what_would_be_right(form: str, fields: dict[str, A
     assert says in error.message
 
 
-def test_all_that_would_be_right_travels_as_data() -> None:
-    assert _refused("json", {"recording": "all"}).details["available"] == ["full", "off", "summary"]
-    assert _refused("json", {"goal": {"type": "joints", "q": 1}}).details["available"] == ["positions"]
-
-
 @pytest.mark.parametrize(
     ("payload", "says"),
     [

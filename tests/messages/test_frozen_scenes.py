@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.messages import frozen_scenes
-from guidefield.messages.frozen_scenes import NameIndex, freeze, name_index
+from guidefield.messages.frozen_scenes import freeze, name_index
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.scene_changes import SceneDiff, apply_change
 from guidefield.messages.values import Placement
@@ -58,31 +58,4 @@ def test_where_very_many_are_gone_the_others_are_numbered_anew(monkeypatch: pyte
     scene = spheres(*NAMES)
     for name in NAMES[:6]:
         scene = apply_change(scene, SceneDiff(remove=[name]))
-        _require_all_found(scene)
-
-
-def test_a_change_numbers_no_names_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = spheres(*NAMES[:7])
-    assert name_index(scene).of("o1") == 1
-    numbered: list[NameIndex] = []
-    real = NameIndex._numbers
-    monkeypatch.setattr(
-        NameIndex, "_numbers", lambda self: (numbered.append(self) if self._numbered is None else None, real(self))[1]
-    )
-    for change in (SceneDiff(remove=["o2"]), SceneDiff(add=[Sphere(name="o9", radius=0.1)]), SceneDiff(remove=["o9"])):
-        scene = apply_change(scene, change)
-        assert name_index(scene).of("o6") == 5
-    assert not numbered
-
-
-def test_names_that_came_in_many_other_versions_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frozen_scenes, "MAX_GONE_NUMBERS", 10)
-    scene = spheres(*NAMES)
-    for k in range(50):
-        one = apply_change(scene, SceneDiff(add=[Sphere(name=f"n{k}", radius=0.1), Sphere(name="o99", radius=0.1)]))
-        assert name_index(one).of(f"n{k}") == len(NAMES)
-        assert name_index(one).of("o99") == len(NAMES) + 1
-        assert name_index(scene).of(f"n{k}") is None
-        numbers, _ = name_index(scene)._numbers()
-        assert len(numbers) <= len(NAMES) + 12
         _require_all_found(scene)

@@ -113,12 +113,6 @@ def test_what_does_not_fit_is_said(query: keys.Query, says: str) -> None:
     assert says in malformed.value.message
 
 
-def test_only_runs_and_streams_have_recordings() -> None:
-    assert all(keys.is_recording(_query(key)) for key in ("runs/r1/recording", "streams/s1/recording"))
-    assert not any(keys.is_recording(_query(key)) for key in ("runs/r1", "runs/r1/progress", "scenes/a/recording"))
-    keys.check(_query("runs/r1/recording"))
-
-
 @given(
     st.lists(st.text(max_size=8), max_size=4), st.dictionaries(st.text(max_size=8), st.text(max_size=8)), st.binary()
 )

@@ -17,12 +17,10 @@ import guidefield
 from guidefield.errors import GuidefieldError, MalformedRequest
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
-from guidefield.messages.faults import field_path, find_nonfinite_word, find_number_out_of_range
+from guidefield.messages.faults import find_nonfinite_word, find_number_out_of_range
 
 GOAL = {"type": "joints", "positions": {"elbow_joint": 1.2}}
-LINE = {"type": "polygon", "name": "line", "vertices": [[0, 0, 0], [1, 0, 0], [2, 0, 0]]}
 BOX = {"type": "box", "name": "box", "size": [1, 1, 1]}
-DENTED = {"name": "g", "vertices": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0.5, 0.1, 0]]}
 
 
 def plan(**fields: Any) -> dict[str, Any]:
@@ -63,11 +61,6 @@ def test_a_number_that_is_no_place_is_named_in_every_form(value: float, says: st
         assert found.value.details["path"] == path
     packed = {"float32": base64.b64encode(forms(points)[3]["float32"]).decode()}
     assert refused(json.dumps(cloud(packed)).encode()).details["path"] == path
-
-
-def test_a_size_that_is_no_number_is_told_as_one() -> None:
-    error = refused(plan(scene={"name": "p", "obstacles": [{**BOX, "size": [1.0, 1.0, math.nan]}]}))
-    assert error.message == "a finite number is needed, not nan (at $.scene.obstacles[0].size[2])"
 
 
 @pytest.mark.parametrize("word", ["NaN", "Infinity", "-Infinity"])
@@ -122,51 +115,3 @@ def test_a_zero_quaternion_is_said_to_be_one(request_: dict[str, Any], path: str
     error = refused(request_)
     assert error.details["path"] == path
     assert "`quaternion_xyzw` is zero, which is no rotation" in error.message
-
-
-JUDGED: dict[str, Any] = {"type": "certify", "robot": "ur5", "scene": {"name": "e"}, "position_names": ["elbow_joint"]}
-FAULTS: list[tuple[dict[str, Any], str]] = [
-    (plan(scene={"name": "s", "obstacles": [BOX, LINE]}), "$.scene.obstacles[1].vertices"),
-    (plan(scene={"name": "s", "obstacles": [BOX, BOX]}), "$.scene.obstacles[1].name"),
-    (plan(scene={"name": "s", "obstacles": [BOX | {"name": "forearm_link"}]}), "$.scene.obstacles[0].name"),
-    (plan(scene={"name": "s", "guide_planes": [DENTED]}), "$.scene.guide_planes[0].vertices"),
-    (plan(scene={"base": "table", "add": [BOX, LINE]}), "$.scene.add[1].vertices"),
-    (plan(scene={"base": "table", "move": {"nobody": {}}}), "$.scene.move.nobody"),
-    (plan(scene="nowhere"), "$.scene"),
-    (plan(robot="nobody"), "$.robot"),
-    (plan(guide_planes=[DENTED]), "$.guide_planes[0].vertices"),
-    (plan(start={"nothing": 1}), "$.start.nothing"),
-    (plan(goal={"type": "joints", "positions": {"nothing": 1}}), "$.goal.positions.nothing"),
-    (plan(goal={"type": "joint_set", "positions": [{}, {"nothing": 1}]}), "$.goal.positions[1].nothing"),
-    (plan(limits={"nothing": {"velocity": 1.0}}), "$.limits.nothing"),
-    (plan(group="none"), "$.group"),
-    (plan(tip="none"), "$.tip"),
-    (plan(allowed_collisions=[["a", "b"]]), "$.allowed_collisions[0]"),
-    (plan(attached_objects=[{"obstacle": LINE, "link": "tool0"}]), "$.attached_objects[0].obstacle.vertices"),
-    (plan(attached_objects=[{"obstacle": BOX, "link": "paw"}]), "$.attached_objects[0]"),
-    (plan(goal=None, steps=[{"goal": GOAL}, {"goal": {"type": "joints", "positions": {"x": 1}}}]),
-     "$.steps[1].goal.positions.x"),
-    (JUDGED | {"path": [[0], [math.nan]]}, "$.path[1][0]"),
-    (JUDGED | {"path": [[0], [2e4]]}, "$.path[1]"),
-    (JUDGED | {"trajectory": {"times": [0, 1], "positions": [[0], [1]], "velocities": [[0], [math.inf]]}},
-     "$.trajectory.velocities[1][0]"),
-    (JUDGED | {"position_names": ["x"], "path": [[0]]}, "$.position_names"),
-    ({"type": "clearance", "robot": "ur5", "scene": {"name": "e"}, "configurations": [{}, {"x": 1}]},
-     "$.configurations[1].x"),
-    ({"type": "forward_kinematics", "robot": "ur5", "frames": ["tool0", "x"], "configurations": [{}]}, "$.frames[1]"),
-    ({"type": "store_scene", "name": "x", "scene": {"name": "x", "obstacles": [BOX, LINE]}},
-     "$.scene.obstacles[1].vertices"),
-    ({"type": "change_scene", "name": "table", "diff": {"type": "scene_diff", "add": [LINE]}},
-     "$.diff.add[0].vertices"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("request_", "path"), FAULTS)
-def test_a_fault_is_placed_from_the_root(request_: dict[str, Any], path: str) -> None:
-    assert refused(request_).details["path"] == path
-
-
-def test_only_a_message_that_begins_with_a_field_is_about_one() -> None:
-    assert field_path("`points[1][1]` must be finite", "$.a") == "$.a.points[1][1]"
-    assert field_path("`stop: false` needs a step", "$.steps[0]") == "$.steps[0].stop"
-    assert field_path("a `path` has no times", "$") == "$"

@@ -47,11 +47,6 @@ def test_what_goes_moves_and_comes_does_so_and_all_else_stays():
     assert names(HALL)[2] == "part"
 
 
-def test_what_is_removed_and_added_in_one_change_is_replaced():
-    after = apply_change(HALL, SceneDiff(add=[Sphere(name="door", radius=1.0)], remove=["door"]))
-    assert after.obstacles[-1] == Sphere(name="door", radius=1.0)
-
-
 @pytest.mark.parametrize(
     ("diff", "fault", "obstacle", "path"),
     [

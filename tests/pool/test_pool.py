@@ -70,10 +70,6 @@ def test_answers_come_back_as_the_worker_gave_them(pool: Pool) -> None:
     assert pool.submit(Task(("refuse", "no"), PATIENCE)).result(PATIENCE) == (False, b"no")
 
 
-def test_work_is_done_in_another_process_that_stays(pool: Pool) -> None:
-    assert _pid(pool) == _pid(pool) != os.getpid()
-
-
 def test_a_killed_worker_costs_its_own_request_and_no_other(pool: Pool, tmp_path: Path) -> None:
     doomed = pool.submit(Task(("mark", str(tmp_path / "begun")), PATIENCE))
     patient = pool.submit(Task(("echo", "next"), PATIENCE))
@@ -88,12 +84,6 @@ def test_a_segmentation_fault_costs_its_own_request(pool: Pool) -> None:
     with pytest.raises(WorkerCrashed):
         pool.submit(Task(("segfault", ""), PATIENCE)).result(PATIENCE)
     assert pool.submit(Task(("echo", "alive"), PATIENCE)).result(PATIENCE) == (True, b"alive")
-
-
-def test_a_worker_that_dies_idle_costs_no_request(pool: Pool) -> None:
-    before = _pid(pool)
-    os.kill(before, signal.SIGKILL)
-    assert _pid(pool) != before
 
 
 def test_a_worker_that_takes_too_long_is_stopped(pool: Pool) -> None:
@@ -194,29 +184,6 @@ def test_closing_ends_what_uses_a_processor_for_too_long_after_it_was_told(
     pool.close(0.1)
     with pytest.raises(WorkerCrashed, match="the service is shutting down"):
         running.result(0)
-
-
-def test_two_workers_work_at_once() -> None:
-    pool = _started(2)
-    try:
-        pids = {_pid(pool)}
-        deadline = time.monotonic() + PATIENCE
-        while len(pids) < 2 and time.monotonic() < deadline:  # the second may still be starting
-            sleeping = pool.submit(Task(("sleep", "0.2"), PATIENCE))
-            pids.add(_pid(pool))
-            wait([sleeping], PATIENCE)
-        assert len(pids) == 2
-    finally:
-        pool.close(PATIENCE)
-
-
-def test_why_a_worker_cannot_be_prepared_is_told(capfd: pytest.CaptureFixture[str]) -> None:
-    pool = Pool(worker_setups.refusing, workers=1)
-    pool.start()
-    with pytest.raises(RuntimeError, match="could not be prepared: there is no robot 'r2d2'"):
-        pool.ready(PATIENCE)
-    pool.close(0.0)
-    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_a_worker_that_cannot_be_prepared_is_said_at_the_start() -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.errors import ServerBusy, WorkerCrashed
+from guidefield.errors import WorkerCrashed
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Task, TimedAnswer
 from tests import worker_setups
@@ -87,34 +87,6 @@ def test_a_worker_that_dies_after_its_job_was_answered_late_is_replaced(pool: Po
     assert _echoes(pool)
 
 
-def test_a_job_that_is_prepared_in_time_has_its_own_answer(pool: Pool, tmp_path: Path) -> None:
-    begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
-    prepared.touch()
-    late = TimedAnswer(time.monotonic() + PATIENCE, lambda: (True, b"too late"))
-    task = Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late)
-    pool.submit(task)
-    await_begun(begun.with_suffix(".prepared"))
-    task.late = TimedAnswer(0.0, late.answer)  # as if its time were up long since
-    time.sleep(0.2)
-    assert not task.done()
-    done.touch()
-    assert task.result(PATIENCE) == (True, b"done")
-
-
-def test_a_job_that_was_prepared_in_time_and_is_late_all_the_same_is_answered(pool: Pool, tmp_path: Path) -> None:
-    begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
-    prepared.touch()
-    late = TimedAnswer(time.monotonic() + PATIENCE, lambda: (True, b"too late"))
-    task = pool.submit(Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late))
-    await_begun(begun.with_suffix(".prepared"))
-    task.late = TimedAnswer(0.0, late.answer, at_last=time.monotonic() + 0.1)
-    assert task.result(PATIENCE) == (True, b"too late")
-    assert task.is_overdue
-    assert time.monotonic() >= task.late.at_last
-    done.touch()
-    assert _echoes(pool)
-
-
 def test_a_job_that_waits_is_withdrawn(pool: Pool, tmp_path: Path) -> None:
     running = pool.submit(Task(("until_cancelled", str(tmp_path / "begun")), PATIENCE))
     waiting = pool.submit(Task(("until_cancelled", str(tmp_path / "never")), PATIENCE))
@@ -127,28 +99,11 @@ def test_a_job_that_waits_is_withdrawn(pool: Pool, tmp_path: Path) -> None:
     assert not (tmp_path / "never").exists()
 
 
-def test_cancelling_what_has_ended_changes_nothing(pool: Pool) -> None:
-    done = pool.submit(Task(("echo", "done"), PATIENCE))
-    done.result(PATIENCE)
-    pool.cancel(done, lambda: (True, b"never asked for"))
-    assert done.result(0) == (True, b"done")
-    assert _echoes(pool)
-
-
 def test_what_a_worker_tells_is_heard_in_order_by_its_own_job_before_the_answer(pool: Pool) -> None:
     for words in ("one two three", "four"):
         heard: list[bytes] = []
         assert pool.submit(Task(("tell", words), PATIENCE, hear=heard.append)).result(PATIENCE) == (True, b"told")
         assert heard == words.encode().split()
-
-
-def test_a_worker_that_talks_too_much_is_not_held_up(pool: Pool) -> None:
-    heard: list[bytes] = []
-    many = " ".join(str(n) for n in range(20_000))
-    assert pool.submit(Task(("tell", many), PATIENCE, hear=heard.append)).result(PATIENCE) == (True, b"told")
-    numbers = [int(word) for word in heard]
-    assert numbers == sorted(set(numbers))
-    assert numbers[0] == 0
 
 
 @pytest.mark.parametrize(("code", "says"), [("0", "died"), ("3", "exit code 3")])
@@ -204,11 +159,6 @@ def test_a_job_that_was_handed_over_and_never_begun_is_handed_to_the_next_worker
     assert not task.done()
     os.kill(pid, signal.SIGKILL)
     assert int(task.result(PATIENCE)[1]) != pid
-
-
-def test_a_job_and_an_answer_that_no_buffer_holds_come_whole(pool: Pool) -> None:
-    long = "guide" * 2**20
-    assert pool.submit(Task(("echo", long), PATIENCE)).result(PATIENCE) == (True, long.encode())
 
 
 def test_a_long_job_for_a_worker_that_does_not_read_holds_up_nobody() -> None:
@@ -309,19 +259,6 @@ def _fresh_worker(before: set[int | None]) -> multiprocessing.process.BaseProces
                 return child
         time.sleep(0.001)
     raise AssertionError("no new worker was started")
-
-
-def test_what_gives_way_while_the_pool_is_closed_is_refused(tmp_path: Path) -> None:
-    pool = Pool(worker_setups.obedient, workers=1)
-    pool.start()
-    assert pool.ready(PATIENCE)
-    task = pool.submit(Task(("give_way", str(tmp_path / "begun")), PATIENCE))
-    await_begun(tmp_path / "begun")
-    pool._slots[0].worker.set_back()  # type: ignore[union-attr]
-    pool.waiting.close()
-    with pytest.raises(ServerBusy, match="shutting down"):
-        task.result(PATIENCE)
-    pool.close(0.0)
 
 
 def test_an_answer_that_was_sent_before_a_worker_ended_counts(pool: Pool, monkeypatch: pytest.MonkeyPatch) -> None:

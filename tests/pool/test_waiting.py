@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 
 from guidefield.errors import ServerBusy
 from guidefield.messages.identities import Asker
-from guidefield.pool.waiting import HALVED_IN, HELD_UP, TRIAL, Limits, Task, TimedAnswer, Waiting
+from guidefield.pool.waiting import HELD_UP, TRIAL, Limits, Task, TimedAnswer, Waiting
 
 CLIENTS = st.lists(st.sampled_from("abcd"), min_size=1, max_size=40)
 
@@ -177,27 +177,6 @@ def test_a_full_queue_pushes_out_who_has_the_most_and_refuses_nobody_who_has_les
         assert {user: waiting.of_user(user) for user in "uvw"} == {user: counts[user] for user in "uvw"}
 
 
-def test_what_was_given_long_ago_counts_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    waiting, now = Waiting(Limits()), [100.0]
-    monkeypatch.setattr("guidefield.pool.waiting.time.monotonic", lambda: now[0])
-
-    def work(user: str, processor: float) -> None:
-        waiting.put(Task(user, 1.0, asker=Asker(user)))
-        task = waiting.take()
-        assert task is not None
-        waiting.done(task, processor, processor)
-
-    work("a", 8.0)
-    assert waiting.used("a") == 8.0
-    now[0] += HALVED_IN
-    assert waiting.used("a") == pytest.approx(4.0)
-    work("a", 1.0)
-    assert waiting.used("a") == pytest.approx(5.0)
-    now[0] += 20.0 * HALVED_IN
-    work("b", 1.0)
-    assert waiting.users() == {"b"}
-
-
 def test_whoever_asked_steadily_for_little_comes_before_those_who_just_came_with_much() -> None:
     waiting = Waiting(Limits(tasks=100))
     for _ in range(50):
@@ -268,19 +247,6 @@ def test_whoever_gave_way_takes_anothers_place_after_twice_as_long_each_time_and
     waiting.put(fresh)
     assert [waiting.is_held_up(share * TRIAL) for share in (0.9, 1.0)] == [False, True]
     assert [waiting.take_held_up(time.monotonic()) for _ in range(2)] == [fresh, often]
-
-
-def test_what_was_cancelled_is_not_put_back() -> None:
-    waiting = Waiting(Limits())
-    waiting.put(Task("first", 1.0, asker=Asker("a")))
-    task = waiting.take()
-    assert task is not None
-    task.cancelled_by_client = True
-    assert not waiting.put_back(task)
-    waiting.close()
-    with pytest.raises(ServerBusy, match="shutting down"):
-        waiting.put_back(task)
-    assert waiting.take_held_up(math.inf) is None
 
 
 def test_what_was_never_begun_comes_first_again_and_gave_way_to_nobody() -> None:

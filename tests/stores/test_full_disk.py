@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from guidefield.engine import Engine
-from guidefield.errors import DiskRefused, Status, WorkerCrashed
+from guidefield.errors import DiskRefused, WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import make_error_reply
-from guidefield.messages.requests import JointsGoal, PlanRequest, RobotFiles, StoreRobot, StoreScene
+from guidefield.messages.requests import RobotFiles, StoreRobot, StoreScene
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.store_requests import ReadRuns
 from guidefield.stores import run_writer
@@ -141,23 +141,3 @@ def test_a_store_on_a_full_disk_says_so_without_a_path(small_disk: Path) -> None
         with pytest.raises(DiskRefused, match=r"^the disk refuses: No space left on device$"):
             engine.answer(request)
     assert not list((small_disk / "robots" / "contents").iterdir())
-
-
-def test_a_run_that_is_asked_for_again_after_its_end_could_not_be_kept_is_kept_as_it_is_now(
-    small_disk: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(run_writer, "UPKEEP_INTERVAL_S", 60.0)
-    database = RunDatabase(small_disk)
-    runs = database.of(PLAIN)
-    running = begin(database, "r1")
-    runs.list(ReadRuns())
-    filler = _filled(small_disk)
-    with pytest.raises(DiskRefused):
-        runs.finish(running, b" " * 200_000 + codec.encode(plan_reply("r1"))).result()
-    filler.unlink()
-    assert not runs.has("r1")
-    keep(database, "r1", Status.TIMED_OUT, PlanRequest("ur5", "table", JointsGoal({})))
-    assert [(run.run_id, run.status, run.robot) for run in runs.list(ReadRuns()).runs] == [("r1", "TIMED_OUT", "ur5")]
-    kept = runs.read("r1")
-    assert kept.request.robot == "ur5"
-    database.close()

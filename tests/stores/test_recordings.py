@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from functools import partial
 from pathlib import Path
@@ -56,28 +55,6 @@ def test_why_a_recording_is_lost_is_told(recordings: Recordings) -> None:
     assert recordings.kept("r2") == Kept("none")
 
 
-def test_the_newest_come_first(recordings: Recordings) -> None:
-    assert Recordings(recordings.folder / "none").owed() == []
-    recordings.owe("r0", b"", ())
-    recordings.owe("r2", b"", ())
-    for index, run_id in enumerate(("r2", "r0", "r1")):
-        os.utime(recordings.file(run_id, LOG), (index, index))
-    assert recordings.owed() == ["r1", "r0", "r2"]
-
-
-def test_a_run_of_an_earlier_name_takes_nothing_of_the_earlier_one(recordings: Recordings) -> None:
-    earlier = state(recordings, "r1")
-    recordings.path("r1").write_bytes(b"of the earlier one")
-    recordings.file("r1", LOST).write_bytes(b"so was it")
-    recordings.owe("r1", b"the later log", ())
-    assert names(recordings.folder) == {"r1.log"}
-    recordings.settle("r1", earlier)  # of whoever still rendered the earlier one
-    assert recordings.file("r1", LOG).read_bytes() == b"the later log"
-    recordings.drop("r1")
-    recordings.settle("r1", earlier, "too late")
-    assert names(recordings.folder) == set()
-
-
 def test_what_logs_share_is_kept_once_and_goes_with_the_last_of_them(recordings: Recordings) -> None:
     asked: list[str] = []
 
@@ -103,45 +80,6 @@ def test_what_logs_share_is_kept_once_and_goes_with_the_last_of_them(recordings:
     recordings.sweep_shared(unused=0.0)
     assert names(recordings.shared_folder) == set()
     assert names(recordings.folder) == {"r1.log", "s1.lost"}
-
-
-def test_what_a_log_needs_outlives_every_sweep_in_between(recordings: Recordings) -> None:
-    recordings.owe("s1", b"log", [shared(b"content")])
-    (recordings.shared_folder / "d1").unlink()  # by whoever looked before the log was linked to it
-    assert recordings.file("s1", SCENE).read_bytes() == b"content"
-    recordings.owe("s2", b"log", [shared(b"content")])
-    assert recordings.file("s2", SCENE).read_bytes() == b"content"
-
-
-def test_a_file_with_as_many_names_as_may_be_is_written_again(
-    recordings: Recordings, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recordings.owe("s1", b"log", [shared(b"content")])
-    link, refused = Path.hardlink_to, list[Path]()
-
-    def crowded(self: Path, target: Path) -> None:
-        if not refused:
-            refused.append(self)
-            raise OSError(errno.EMLINK, os.strerror(errno.EMLINK))
-        link(self, target)
-
-    monkeypatch.setattr(Path, "hardlink_to", crowded)
-    recordings.owe("s2", b"log", [shared(b"content")])
-    assert refused
-    assert recordings.file("s2", SCENE).read_bytes() == b"content"
-    assert recordings.file("s2", SCENE).stat().st_ino != recordings.file("s1", SCENE).stat().st_ino
-
-
-def test_where_there_are_no_hard_links_nothing_of_a_log_is_left(
-    recordings: Recordings, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(_self: Path, _target: Path) -> None:
-        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
-
-    monkeypatch.setattr(Path, "hardlink_to", refuse)
-    with pytest.raises(OSError, match="not permitted"):
-        recordings.owe("s1", b"log", [shared(b"content")])
-    assert names(recordings.folder) == {"r1.log"}
 
 
 def test_a_sweep_deletes_what_killed_processes_left(recordings: Recordings) -> None:

@@ -49,27 +49,6 @@ def test_a_stored_robot_is_loaded_by_another_process_with_the_meshes_that_came(s
     assert store.names() == ["mine"]
 
 
-def test_a_folder_may_be_named_from_where_one_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.chdir(tmp_path)
-    RobotStore(Path("here")).write("mine", MESHED, load)
-    found = RobotStore(Path("here")).find("mine")
-    assert found is not None
-    assert Catalog().load(found).name == "mine"
-
-
-def test_a_planar_root_is_kept(store: RobotStore):
-    store.write("mine", PLAIN, load)
-    robot = Catalog().load(store.find("mine"))
-    assert [joint.kind.value for joint in robot.joints] == ["planar", "revolute", "revolute"]
-
-
-def test_storing_again_replaces_and_a_loaded_catalog_sees_it(store: RobotStore):
-    catalog = Catalog()
-    for files, joints in ((MESHED, 1), (PLAIN, 3)):
-        store.write("mine", files, load)
-        assert len(catalog.load(store.find("mine")).joints) == joints
-
-
 def test_what_no_name_leads_to_is_removed(store: RobotStore, tmp_path: Path):
     contents = tmp_path / "robots" / "contents"
     store.write("a", MESHED, load)

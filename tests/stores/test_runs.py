@@ -9,7 +9,6 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,16 +18,14 @@ import pytest
 
 from guidefield.errors import DiskRefused, InvalidGoal, MalformedRequest, Status, UnknownObject, WorkerCrashed
 from guidefield.messages import codec
-from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import make_error_reply
-from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfText
-from guidefield.messages.scene import Scene
+from guidefield.messages.requests import PlanRequest
 from guidefield.messages.store_requests import RUNNING, UNREADABLE, ReadRuns
-from guidefield.stores import run_file, runs as module
+from guidefield.stores import run_file
 from guidefield.stores.recordings import LOG
 from guidefield.stores.run_file import FILE
-from guidefield.stores.runs import NoRuns, Retention, RunDatabase, UserRuns, answered_before
+from guidefield.stores.runs import NoRuns, Retention, RunDatabase, UserRuns
 from tests.kept_runs import REQUEST, begin, fail, keep, new_run
 from tests.replies import plan_reply
 
@@ -67,18 +64,6 @@ def test_a_run_is_read_back_as_it_was_kept(database: RunDatabase, runs: UserRuns
     assert line.bytes == len(codec.encode(REQUEST)) + len(codec.encode(plan_reply("r1")))
 
 
-@pytest.mark.parametrize("encoding", Encoding)
-def test_a_run_is_kept_in_the_encoding_that_it_came_in(encoding: Encoding, runs: UserRuns) -> None:
-    run = new_run(
-        "r1", PlanRequest(robot=UrdfText("<robot/>"), scene=Scene("inline"), goal=JointsGoal({})), PLAIN, encoding
-    )
-    runs.begin(run)
-    runs.finish(run, codec.encode(plan_reply("r1"), encoding)).result()
-    assert runs.read("r1").reply == plan_reply("r1")
-    (line,) = runs.list(ALL).runs
-    assert (line.robot, line.scene, line.status) == ("urdf", "inline", "SUCCESS")
-
-
 def test_a_run_says_how_it_stands(database: RunDatabase, runs: UserRuns) -> None:
     begin(database, "running")
     keep(database, "found")
@@ -93,14 +78,6 @@ def test_a_run_says_how_it_stands(database: RunDatabase, runs: UserRuns) -> None
     }, "what was refused leaves no run"
     assert list(_statuses(runs)) == ["crashed", "stuck", "found", "running"], "the newest is first"
     assert runs.read("crashed").error == CRASH
-
-
-def test_a_run_that_came_again_is_answered_as_before(database: RunDatabase, runs: UserRuns) -> None:
-    named = PlanRequest(robot="panda", scene="bookshelf", goal=REQUEST.goal, run_id="r1")
-    keep(database, "r1", request=named)
-    assert answered_before(runs, named, "r1") == plan_reply("r1")
-    with pytest.raises(MalformedRequest, match="'r1' is taken"):
-        answered_before(runs, PlanRequest(robot="ur5", scene="table", goal=REQUEST.goal, run_id="r1"), "r1")
 
 
 def test_a_list_comes_in_pages(database: RunDatabase, runs: UserRuns) -> None:
@@ -246,27 +223,6 @@ def test_runs_that_are_too_old_are_dropped(tmp_path: Path) -> None:
     database.close()
 
 
-def test_a_log_counts_and_then_the_recording_that_is_rendered_from_it(database: RunDatabase, runs: UserRuns) -> None:
-    told: list[tuple[str, str]] = []
-    database.render = lambda owner, run_id: told.append((owner, run_id))
-    keep(database, "r0")
-    runs.recordings.owe("r1", bytes(700), ())
-    keep(database, "r1")
-    (owed, none) = runs.list(ALL).runs
-    assert (none.recording, owed.recording, owed.bytes) == ("none", "owed", none.bytes + 700)
-    assert told == [(PLAIN, "r1")]
-    runs.recordings.path("r1").write_bytes(bytes(5_000))
-    runs.recordings.settle("r1", runs.recordings.file("r1", LOG).stat())
-    assert runs.list(ALL).runs[0].recording == "rendered", "also where somebody else than the service rendered it"
-    database.note_recording(PLAIN, "r1")
-    rendered = runs.list(ALL).runs[0]
-    assert (rendered.recording, rendered.bytes) == ("rendered", none.bytes + 5_000)
-    runs.recordings.owe("r2", b"log", ())
-    runs.recordings.give_up("r2", "it is damaged")
-    keep(database, "r2")
-    assert runs.list(ALL).runs[0].recording == "lost"
-
-
 def test_a_recording_that_is_rendered_of_a_run_that_was_deleted_goes(database: RunDatabase, runs: UserRuns) -> None:
     runs.recordings.owe("r1", b"log", ())
     keep(database, "r1")
@@ -297,43 +253,6 @@ def test_a_start_has_the_recordings_rendered_that_are_owed(database: RunDatabase
     assert {run.run_id: run.recording for run in again.of("alice").list(ALL).runs} == {"a1": "lost"}
     assert not again.recordings(PLAIN).is_owed("unknown")
     again.close()
-
-
-def test_changes_that_wait_share_one_commit(database: RunDatabase, runs: UserRuns) -> None:
-    commits: list[str] = []
-    holding, held = threading.Event(), threading.Event()
-
-    def hold(db: sqlite3.Connection) -> None:
-        db.set_trace_callback(lambda statement: commits.append(statement) if statement == "COMMIT" else None)
-        held.set()
-        holding.wait(30.0)
-
-    first = database.writer.submit(hold)
-    held.wait(30.0)
-    ended = [runs.finish(new_run(f"r{number}"), codec.encode(plan_reply(f"r{number}"))) for number in range(50)]
-    holding.set()
-    for future in (first, *ended):
-        future.result()
-    assert len(commits) == 2
-    assert runs.list(ALL).total == 50
-
-
-def test_a_change_that_fails_costs_no_other_one(database: RunDatabase, runs: UserRuns) -> None:
-    holding = threading.Event()
-    database.writer.submit(lambda _: holding.wait(30.0))
-
-    def fail_here(db: sqlite3.Connection) -> None:
-        db.execute("INSERT INTO runs (owner) VALUES ('half')")
-
-    before = runs.finish(new_run("before"), codec.encode(plan_reply("before")))
-    bad = database.writer.submit(fail_here)
-    after = runs.finish(new_run("after"), codec.encode(plan_reply("after")))
-    holding.set()
-    with pytest.raises(DiskRefused, match="NOT NULL"):
-        bad.result()
-    before.result()
-    after.result()
-    assert set(_statuses(runs)) == {"before", "after"}
 
 
 def test_a_sweep_ends_what_a_killed_service_left(database: RunDatabase, runs: UserRuns, tmp_path: Path) -> None:
@@ -382,19 +301,6 @@ def test_what_was_answered_survives_a_kill_at_any_moment(after: int, tmp_path: P
         assert database.of(PLAIN).read(f"r{number}").reply == plan_reply(f"r{number}")
     assert set(_statuses(database.of(PLAIN)).values()) <= {"SUCCESS", "CRASH"}
     database.close()
-
-
-def test_others_read_while_it_is_written(database: RunDatabase, tmp_path: Path) -> None:
-    """As `guidefield runs` does beside a service, also where it may write nothing."""
-    keep(database, "r1")
-    reader = RunDatabase(tmp_path)
-    for number in range(2, 50):
-        assert len(reader.of(PLAIN).list(ALL).runs) == number - 1
-        keep(database, f"r{number}")
-    assert not [thread for thread in threading.enumerate() if thread in reader.writer._threads]
-    database.close()
-    assert reader.of(PLAIN).list(ALL).total == 49
-    reader.close()
 
 
 READER = """
@@ -509,18 +415,3 @@ def test_another_program_that_holds_the_file_is_told(
         other.execute("COMMIT")
     keep(database, "r2")
     assert set(_statuses(runs)) == {"before", "r2"}
-
-
-def test_where_far_fewer_are_to_be_kept_no_answer_waits_for_all(
-    database: RunDatabase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "MOST_DROPPED", 4)
-    for number in range(12):
-        keep(database, f"r{number}")
-    stricter = RunDatabase(tmp_path, Retention(runs=3))
-    left = []
-    for number in range(4):
-        keep(stricter, f"new{number}")
-        left.append(stricter.of(PLAIN).list(ALL).total)
-    assert left == [9, 6, 3, 3]
-    stricter.close()

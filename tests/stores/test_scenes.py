@@ -32,12 +32,6 @@ def test_a_stored_scene_is_read_back_by_another_process_store(store: SceneStore,
     assert {"block", "cloud"} <= set(store.names())
 
 
-def test_storing_again_replaces(store: SceneStore) -> None:
-    store.write(BLOCK)
-    store.write(Scene("block"))
-    assert store.read("block") == (Scene("block"), 2)
-
-
 def test_a_deleted_scene_is_gone(store: SceneStore) -> None:
     store.write(BLOCK)
     store.delete("block")
@@ -51,13 +45,6 @@ def test_an_unknown_scene_is_named_with_those_there_are(store: SceneStore) -> No
         with pytest.raises(SceneInvalid, match="no scene 'nowhere'") as unknown:
             ask("nowhere")
         assert "bookshelf" in unknown.value.details["available"]
-
-
-def test_a_packaged_scene_means_the_same_everywhere(store: SceneStore) -> None:
-    with pytest.raises(SceneInvalid, match="comes with the package"):
-        store.write(Scene("bookshelf"))
-    with pytest.raises(SceneInvalid, match="cannot be deleted"):
-        store.delete("bookshelf")
 
 
 @pytest.mark.parametrize("name", ["../block", ".block", "a/b"])

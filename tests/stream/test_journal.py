@@ -14,9 +14,9 @@ from guidefield.cli.found_run import replay_stream
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, InvalidGoal, MalformedRequest, UnknownObject
 from guidefield.messages.goals import JointsGoal, PoseGoal
-from guidefield.messages.scene import PointCloud, Scene, Sphere
+from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
-from guidefield.messages.values import Float32Array, Placement
+from guidefield.messages.values import Placement
 from guidefield.scene.scene import build
 from guidefield.stream import journal as journals
 from guidefield.stream.journal import Journal, Updated, files_of
@@ -108,20 +108,6 @@ def test_every_file_is_repeated_to_the_bit_and_the_oldest_are_dropped(tmp_path: 
     assert updates > 20
     begun, _ = read(files[-1])
     assert (begun.request, begun.user, begun.index) == (ASKED, "plain", int(files[-1].stem))
-
-
-def test_large_files_are_fewer(tmp_path: Path) -> None:
-    points = np.random.default_rng(0).uniform(2.0, 3.0, (4_000, 3)).astype("<f4")
-    cloud = StreamObstacle(PointCloud("cloud", points=Float32Array(points.tobytes()), radius=0.01), 0.1)
-    journal = Journal(tmp_path, ASKED, "plain", {}, file_bytes=20_000, most_files=4)
-    with CertifiedStream(ASKED, robot("ur5"), EMPTY, None, journal) as stream:
-        for cycle in range(8):  # what a file goes on from has the cloud, too
-            stream.update(StreamUpdate(0.02 * cycle, [Observation("cloud", 0.02 * cycle)], declare=[cloud]))
-            await_that(journal._entries.empty)
-    journal.close()
-    files = files_of(tmp_path)
-    assert int(files[-1].stem) > 4
-    assert sum(file.stat().st_size for file in files[:-1]) <= 4 * 20_000
 
 
 def test_who_replays_is_told_from_where_on_a_stream_is_kept(tmp_path: Path) -> None:

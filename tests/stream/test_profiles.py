@@ -69,15 +69,6 @@ def test_braking_lasts_as_long_as_it_has_to(v: float) -> None:
     assert abs(commit.ends[0] - 0.5 * start[0, 1] * quickest) <= 1e-7  # it is symmetric in time
 
 
-def test_position_limits_stop_a_piece_in_time() -> None:
-    commit = Commit.standing(np.array([2.9]), 0.0)
-    for _ in range(200):
-        following = towards(commit.state(0.02), np.array([VELOCITY]), np.array([np.inf]), BOUNDS, 0.0, 0.03, 1e-7)
-        assert following.ends[0] <= 3.0
-        commit = following
-    assert abs(commit.ends[0] - 3.0) <= 1e-6
-
-
 @settings(max_examples=18, deadline=None)
 @given(st.lists(share, min_size=3, max_size=3), st.lists(st.floats(0.2, 1.0), min_size=3, max_size=3))
 def test_from_rest_all_coordinates_go_straight_on_together(shares: list[float], hardness: list[float]) -> None:

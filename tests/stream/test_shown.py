@@ -81,28 +81,6 @@ def test_it_shows_what_moved_where_the_robot_would_stand_and_why_there_was_no_pi
         record([file], opens, recording)
 
 
-def test_what_is_gone_is_drawn_no_more_until_it_is_seen_again(tmp_path: Path) -> None:
-    journal = Journal(tmp_path / "s", ASKED, "plain", {})
-    with CertifiedStream(ASKED, robot("ur5"), EMPTY, None, journal) as stream:
-        for cycle in range(10):
-            now = 0.5 * cycle
-            there = cycle not in (3, 4, 5)
-            seen = [Observation("crate", now, Placement((1.2, 0.1, 0.5)))] if there else []
-            # in the last update it is away for no time
-            stream.update(StreamUpdate(now, seen, gone=["crate"] if cycle in (3, 4, 9) else []))
-    journal.close()
-    (file,) = files_of(tmp_path / "s")
-    record([file], opens, tmp_path / "s.rrd")
-    crate = [
-        chunk
-        for chunk in RrdReader(tmp_path / "s.rrd").stream().to_chunks()
-        if chunk.entity_path == "/obstacles/single/crate"
-    ]
-    assert _times([chunk for chunk in crate if _has(chunk, "vertex_positions")]) == [0.0, 3.0]
-    assert _times([chunk for chunk in crate if _has(chunk, "is_recursive")]) == [1.5]
-    assert not any(chunk.is_static for chunk in crate)
-
-
 def test_all_files_of_a_stream_are_one_recording(tmp_path: Path) -> None:
     """It shows what the recordings of the files show, one after the other."""
     journal = Journal(tmp_path / "s", ASKED, "plain", {}, file_bytes=4_000, most_files=100)

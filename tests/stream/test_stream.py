@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
@@ -26,7 +25,7 @@ from guidefield.errors import (
 )
 from guidefield.messages.conditions import CartesianLimit
 from guidefield.messages.goals import JointSetGoal, JointsGoal
-from guidefield.messages.scene import Box, Mesh, PointCloud, Scene, Sphere
+from guidefield.messages.scene import Box, Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Placement
 from guidefield.robot.model.spaces import ChartPoint
@@ -35,9 +34,9 @@ from guidefield.stream.stream import CertifiedStream
 from tests.robots import robot
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-from streaming.movers import Mover, hunting, reflected
+from streaming.movers import Mover, hunting
 from streaming.simulation import Faults, simulate
-from streaming.units import disguised, unit
+from streaming.units import unit
 
 EMPTY = build(Scene("empty"))
 GOAL = JointsGoal({"shoulder_pan_joint": 1.0, "elbow_joint": 1.0})
@@ -133,44 +132,6 @@ def test_limits_in_space_that_are_not_served_are_refused_by_name(limit, error, w
         opened(cartesian_limits=[limit])
 
 
-def test_who_stands_at_the_goal_is_told_so_also_where_it_is_given_again() -> None:
-    for away in (0.0, 1e-12):
-        goal = {"type": "joints", "positions": {"elbow_joint": 1.0 + away}}
-        with guidefield.Stream(robot="ur5", scene="table", goal=goal, start={**START, "elbow_joint": 1.0}) as stream:
-            answers = [stream.update(time=0.0)]
-            stream.aim_for(goal)
-            answers.append(stream.update(time=0.02))
-        assert [one.reason for one in answers] == ["at_goal"] * 2
-
-
-OPENED = """
-from guidefield.kernels.collide import drift
-from guidefield.kernels.prove import search
-from guidefield.kernels.stream import dodge, judge, way
-from guidefield.kernels.timing import carried_rates
-from guidefield.kernels.tree import rrt_connect, shortcut
-from guidefield.messages.conditions import CartesianLimit
-from guidefield.messages.scene import Scene
-from guidefield.messages.streams import StreamOpen
-from guidefield.robot.catalog.catalog import Catalog
-from guidefield.scene.scene import build
-from guidefield.stream.stream import CertifiedStream
-
-asked = StreamOpen("ur5", "empty", cartesian_limits=[CartesianLimit(0.2, frame="tool0")])
-with CertifiedStream(asked, Catalog().load("ur5"), build(Scene("empty"))):
-    asked = [
-        dodge.dodged, search.prove_along, judge.broken_limit, judge.travelled, way.piece_and_braking, drift.write_gaps,
-        rrt_connect.grow, shortcut.shorten, carried_rates.largest_point_rates,
-    ]
-    print(*(one.__name__ for one in asked if not one.overloads))
-"""
-
-
-def test_no_update_waits_for_kernels_of_streams() -> None:
-    told = subprocess.run([sys.executable, "-c", OPENED], capture_output=True, text=True, check=True)
-    assert told.stdout.split() == []
-
-
 def test_the_same_updates_get_the_same_bits() -> None:
     rows = []
     for _ in range(2):
@@ -238,20 +199,6 @@ def test_a_robot_that_stands_gives_way_to_what_drifts_into_it() -> None:
     assert gave_way.pieces > 0
 
 
-def test_who_comes_to_the_goal_stands_there_before_giving_way() -> None:
-    """What leads there is proven; who gave way before standing came to a goal with something near it much later."""
-    with opened(ball(speed=0.05)) as stream:
-        near = tip_at(stream, 1.0)
-        x, y, height = near.position
-        beside = Observation("ball", 0.0, Placement((x, y, height + 0.25)))
-        answers = told(stream, 150, beside)
-    first = next(k for k, one in enumerate(answers) if isinstance(one, Piece) and one.reaches_goal)
-    last = answers[first]
-    assert isinstance(last, Piece)
-    until = [one for one in answers[first:] if one.update is not None and one.update < last.stops]
-    assert not any(isinstance(one, Piece) and one.leads_to == "away" for one in until)
-
-
 def test_reasons_why_there_is_no_piece() -> None:
     with opened(ball()) as stream:
         seen = Observation("ball", 0.0, FAR)
@@ -312,15 +259,6 @@ def gaps_at(stream: CertifiedStream, z: ChartPoint, shape: Any, where: np.ndarra
         link = model.frames[one.parentFrame].name
         gaps[link] = min(gap, gaps.get(link, np.inf))
     return gaps
-
-
-def test_joints_that_are_off_at_speed_end_the_pieces() -> None:
-    with opened() as stream:
-        told(stream, 10)
-        answer = stream.update(time=0.2, joints=_zeros(stream))
-    assert isinstance(answer, StreamState)
-    assert answer.reason == "tracking"
-    assert answer.stops > 0.2
 
 
 def test_what_appears_in_the_way_of_what_is_executed_is_told() -> None:
@@ -471,15 +409,6 @@ def test_the_cubic_that_is_told_keeps_the_jerk_by_any_clock(clock: float) -> Non
             assert (np.abs(jerks) <= rates[:, 2] * (1.0 + 1e-5) + rounded).all()
 
 
-def test_who_states_how_near_things_appear_goes_more_slowly() -> None:
-    fastest = []
-    for distance in (None, 0.05):
-        with opened(appear_distance=distance, appear_speed=0.2) as stream:
-            pieces = [one for one in told(stream, 30) if isinstance(one, Piece)]
-        fastest.append(max(np.abs(one.trajectory.velocities).max() for one in pieces))
-    assert fastest[1] < 0.7 * fastest[0]
-
-
 def test_a_pose_is_a_goal() -> None:
     goal = {"type": "pose", "position": [0.4, 0.3, 0.5], "quaternion_xyzw": [1.0, 0.0, 0.0, 0.0]}
     with guidefield.Stream(robot="ur5", scene="table", goal=goal, start=START) as stream:
@@ -516,11 +445,6 @@ def tip_with(stream: CertifiedStream, z: ChartPoint) -> Placement:
     pin.framesForwardKinematics(model, data, stream.group.expand_from_chart(z))
     x, y, height = data.oMf[stream.group.tip_id].translation.tolist()
     return Placement((x, y, height))
-
-
-def test_a_set_whose_configurations_are_all_out_of_limits_is_refused() -> None:
-    with pytest.raises(InvalidGoal, match="elbow_joint"):
-        opened(goal=JointSetGoal(SET.positions[:1]))
 
 
 @pytest.mark.parametrize(
@@ -561,48 +485,3 @@ def test_a_unit_of_doubt_finds_nothing(seed: int) -> None:
     assert outcome.excess.max() <= 1e-7
     assert outcome.pieces > 0
     assert outcome.moved > 0.2
-
-
-def test_shapes_in_disguise_are_within_what_is_declared() -> None:
-    """So whatever the outside judge calls a contact is one."""
-    plain = Mover("m", Sphere(name="m", radius=0.1), coal.Sphere(0.1), 0.5, np.zeros(3), np.zeros(3))
-    kinds = set()
-    for seed in range(20):
-        mover = disguised(plain, np.random.default_rng(seed))
-        kinds.add(type(mover.message))
-        if isinstance(mover.message, PointCloud):
-            points, radius = np.array(mover.message.points), mover.message.radius
-            corners = np.array(mover.shape.vertices())
-            away = np.linalg.norm(corners[:, None] - points, axis=2).min(axis=1)
-            assert away.max() <= radius + 1e-12  # and each octahedron is convex, as its ball is
-        elif isinstance(mover.message, Mesh):
-            assert np.allclose(mover.shape.vertices(), mover.message.vertices, atol=1e-12)
-            assert build(Scene("one", obstacles=[mover.message])).warnings == ()
-    assert kinds == {Sphere, Mesh, PointCloud}
-
-
-def test_drifting_boxes_are_reflected_and_never_faster_than_declared() -> None:
-    rng = np.random.default_rng(1)
-    mover = Mover("b", None, coal.Box(0.1, 0.1, 0.1), 0.5, np.array([0.8, 0.0, 0.4]), 0.5 * np.array([1.0, 0.0, 0.0]))
-    mover.steer = reflected(np.array([0.0, 0.0, 0.4]), 1.0, 0.3)
-    for _ in range(1000):
-        before = mover.position
-        mover.step(0.0, 0.01, rng.normal(size=(1, 3)))
-        assert np.linalg.norm(mover.position - before) <= 0.5 * 0.01 + 1e-12
-    assert np.linalg.norm(mover.position - [0.0, 0.0, 0.4]) <= 1.0
-
-
-def test_a_goal_that_something_stands_near_is_reached() -> None:
-    """Closer than ways keep elsewhere, and further than what has to be kept while the robot comes to it."""
-    with opened(ball(speed=0.3)) as stream:
-        goal = stream.executing.ends.copy()
-        for name, value in GOAL.positions.items():
-            goal[stream.group.position_names.index(name)] = value
-        x, y, height = tip_with(stream, goal).position
-        low, high = 0.0, 0.6
-        for _ in range(20):
-            middle = 0.5 * (low + high)
-            gaps = gaps_at(stream, goal, coal.Sphere(0.1), np.array([x, y, height + middle]))
-            low, high = (middle, high) if min(gaps.values()) < 0.05 else (low, middle)
-        answers = told(stream, 100, Observation("ball", 0.0, Placement((x, y, height + high))))
-    assert any(isinstance(one, Piece) and one.reaches_goal for one in answers)

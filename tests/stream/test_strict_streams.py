@@ -103,13 +103,6 @@ def test_what_touches_at_the_start_is_told_also_where_there_is_no_goal() -> None
         opened(scene=scene)
 
 
-def test_who_stands_without_a_goal_names_no_pair_though_it_could_not_flee() -> None:
-    with opened(goal=None, obstacles=[crate(5.0)]) as stream:
-        state = stream.update(time=0.0, obstacles=[seen(placement={"position": [0.3, 0.1, 0.6]})])
-    assert isinstance(state, StreamState)
-    assert (state.reason, state.pair, state.time) == ("standing", None, None)
-
-
 UNDER_THE_GOAL = {"position": [0.286, 0.536, 0.49]}
 """There an apple that the tool holds at the goal would be in the crate, and nothing else of the robot."""
 
@@ -149,11 +142,6 @@ def _is_apart(stream: Stream) -> None:
     there = coal.Transform3s(np.eye(3), np.array(UNDER_THE_GOAL["position"]))
     asked, told = coal.DistanceRequest(), coal.DistanceResult()
     assert coal.distance(coal.Sphere(0.05), here, coal.Box(0.1, 0.1, 0.1), there, asked, told) > 0.0
-
-
-def test_what_is_held_and_touches_is_named() -> None:
-    with opened(goal=None, attached_objects=held(0.0, 0.08)) as stream:
-        assert "at the start 'wrist_1_link' touches 'apple'" in stream.warnings
 
 
 @pytest.mark.filterwarnings("error")

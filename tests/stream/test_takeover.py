@@ -52,29 +52,6 @@ def test_what_was_taken_over_when_it_was_found_is_repeated_to_the_bit() -> None:
     assert any(isinstance(one, Piece) for one in answers)
 
 
-def test_nobody_waits_for_a_way() -> None:
-    """A planner that never comes to an end holds up no cycle."""
-    with opened(WhenFound()) as stream:
-        release = stream._planner.beside(lambda _: hold.wait())
-        for cycle in range(30):
-            stream.update(StreamUpdate(0.02 * cycle, [seen(0.02 * cycle)]))
-        assert stream._state.ordered is not None
-        assert not stream._state.ordered.found.done()
-        hold.set()
-        release.result()
-
-
-class _Hold:
-    def __init__(self) -> None:
-        import threading
-
-        self._event = threading.Event()
-        self.wait, self.set = self._event.wait, self._event.set
-
-
-hold = _Hold()
-
-
 def test_what_is_noted_counts_like_what_is_answered() -> None:
     """Where obstacles are is known all the same; who comes for the first time is told of with the next answer."""
     with opened() as noted, opened() as answered:

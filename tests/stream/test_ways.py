@@ -11,10 +11,10 @@ import pinocchio as pin
 import pytest
 
 from guidefield.kernels.collide.layout import DRIFTING_BOX, KEPT, ROUNDED_BOX
-from guidefield.kernels.stream.dodge import ASIDE, FADING, STRETCHED as LONGER, Tube, Wanted, dodged
+from guidefield.kernels.stream.dodge import FADING, Tube, Wanted, dodged
 from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import Box, HalfSpace, Scene
-from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState
 from guidefield.messages.values import Placement
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.scene import build
@@ -107,30 +107,6 @@ def most_moved(stream: CertifiedStream, z: ChartPoint, tolerance: float) -> floa
             rates = jacobian[:3] + np.cross(jacobian[3:].T, arm).T
             most = max(most, tolerance * float(np.linalg.norm(rates, axis=0).sum()))
     return most
-
-
-def test_who_stands_close_to_what_rests_and_has_no_piece_leaves_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    with CertifiedStream(StreamOpen("ur5", "empty", start=UP), robot("ur5"), build(Scene("empty"))) as stream:
-        height = top(stream, stream.executing.ends)
-    goal = JointsGoal({"shoulder_lift_joint": -2.5})
-    for gap, leaves in ((0.003, True), (0.1, False)):
-        scene = build(
-            Scene("room", obstacles=[HalfSpace(name="ceiling", normal=(0.0, 0.0, -1.0), offset=-height - gap)])
-        )
-        asked = StreamOpen("ur5", "room", start=UP, goal=goal, tracking_tolerance=0.0005)
-        with CertifiedStream(asked, robot("ur5"), scene) as stream:
-            monkeypatch.setattr(stream, "_follow", lambda *_: None)
-            answer = stream.update(StreamUpdate(0.0))
-            if not leaves:
-                assert isinstance(answer, StreamState)
-                assert answer.reason == "too_close"
-                continue
-            assert isinstance(answer, Piece)
-            assert answer.leads_to == "away"
-            times = np.linspace(answer.begins, answer.stops, 40)
-            tops = [top(stream, stream.executing.state(time)[:, 0]) for time in times]
-        assert max(tops) < height + gap
-        assert tops[-1] <= height + gap - 0.004
 
 
 def ball(where: tuple[float, float, float], drift: tuple[float, float, float], radius: float = 0.1) -> Drifting:
@@ -239,38 +215,6 @@ def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait(ending: floa
         costs.append(found)
     assert max(costs) > 0.5, "who is in the way costs something"
     assert len(set(costs)) == 3
-
-
-def test_beside_a_way_is_what_is_free_and_costs_what_it_says() -> None:
-    """A ball drifts to where a robot waits: beside the way it costs less, each step is one; what is taken is left."""
-    with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
-        room, z0, speeds = stream._room, stream.executing.ends, stream._opened.bounds.rates[:, 0]
-    step, foreseen, dear, levels = 0.1, 10, 60.0, 3
-    places = np.array([z0 + k * np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]) for k in (0, 1, 2, 2, 2)])
-    sides = np.array([[0.0, -0.3, 0.0, 0.0, 0.0, 0.0], [0.0, 0.3, 0.0, 0.0, 0.0, 0.0]])
-    kept = np.array([[0.25], [0.15], [ALL]])
-    drifting = ball((0.6, 0.6, 0.5), (0.0, -0.6, 0.0))
-    free = np.zeros((5, 1 + 2 * levels), np.int64)
-    tube = Tube(places, sides, free, speeds, step, 2)
-    on_it, _ = searched(room, drifting, kept, tube, foreseen, dear, 0)
-    beside, rows = searched(room, drifting, kept, tube, foreseen, dear, 1000)
-    assert beside < on_it
-    assert np.array_equal(rows[0], z0)
-    assert (np.abs(np.diff(rows, axis=0)) / speeds).max() <= LONGER * step + 1e-12
-    cost = 0.0
-    for i in range(1, len(rows)):
-        off = [float(np.abs(rows[i] - place).max()) for place in places]
-        waits = np.array_equal(rows[i], rows[i - 1])
-        gap = room.lanes.gaps(later(drifting, step * i), rows[i : i + 1], 0.25)[0, 0]
-        lack = max(0.0, kept[1 if waits else 0, 0] - gap)
-        cost += step * (1.0 + (ASIDE if min(off) > 1e-9 else 0.0) + dear * lack / (1.0 + step * i / FADING))
-    assert beside == pytest.approx(cost, rel=1e-9)
-    assert np.array_equal(rows[-1], places[-1])
-    taken = free.copy()
-    taken[:, 1:] = 1
-    assert searched(room, drifting, kept, tube._replace(taken=taken), foreseen, dear, 1000)[0] == on_it
-    few = [searched(room, drifting, kept, tube, foreseen, dear, width)[0] for width in (1, 5)]
-    assert all(beside <= one <= on_it for one in few)
 
 
 def test_a_way_is_followed_no_earlier_than_it_says() -> None:
