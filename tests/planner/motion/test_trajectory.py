@@ -1,11 +1,11 @@
-"""The Hermite curve against scipy's, and its samples."""
+"""The Hermite curve against scipy's; its samples, and several joined."""
 
 import numpy as np
 import pytest
 import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
-from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.trajectory import Trajectory, concatenate
 from tests.knots import random_knots
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -51,3 +51,18 @@ def test_resampling_is_uniform_and_includes_the_end(rate):
         (samples.positions, samples.velocities, samples.accelerations), trajectory.evaluate(samples.times), strict=True
     ):
         np.testing.assert_array_equal(mine, expected)
+
+
+def test_joined_motions_are_each_where_they_were() -> None:
+    rng = np.random.default_rng(1)
+    first = Trajectory(np.array([0.0, 0.5, 1.0]), rng.normal(size=(3, 2)), rng.normal(size=(3, 2)))
+    second = Trajectory(
+        np.array([0.0, 2.0]), np.vstack([first.positions[-1:], rng.normal(size=(1, 2))]),
+        np.vstack([first.velocities[-1:], rng.normal(size=(1, 2))]),
+    )  # fmt: skip
+    still = Trajectory(np.zeros(1), first.positions[:1], np.zeros((1, 2)))
+    both = concatenate([still, first, second])
+    assert both.duration == 3.0
+    times = np.linspace(0.0, 1.0, 9)
+    np.testing.assert_allclose(both.evaluate(times)[0], first.evaluate(times)[0], atol=1e-12)
+    np.testing.assert_allclose(both.evaluate(1.0 + 2.0 * times)[0], second.evaluate(2.0 * times)[0], atol=1e-12)

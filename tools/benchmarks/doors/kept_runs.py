@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from benchmarks.service import processor_time
+from benchmarks.doors.costs import read_costs
 from guidefield import Client, JointsGoal, PlanReply, PlanRequest, answer
 from guidefield.cli.serving import service_in_child
 from guidefield.messages import codec
@@ -46,10 +46,10 @@ def fill(count: int, data: Path) -> None:
 
 def wait_for_plan(client: Client, front: int) -> tuple[float, float]:
     """Plan once; the time beyond the planner's work, and the processor time of the service without its worker [s]."""
-    began, work = time.perf_counter(), processor_time(front) - time.process_time()
+    began, work = time.perf_counter(), read_costs(front)[0]
     timing = client.plan(PLAN).timing
     elapsed = time.perf_counter() - began
-    return elapsed - (timing.total - timing.queue), processor_time(front) - time.process_time() - work
+    return elapsed - (timing.total - timing.queue), read_costs(front)[0] - work
 
 
 def time_of(ask: Callable[[], object]) -> float:

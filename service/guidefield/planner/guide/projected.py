@@ -39,7 +39,7 @@ from guidefield.robot.group.kinematics import find_planned_values, mover_of
 from guidefield.robot.model.spaces import Configuration
 
 # share of the metric's mean diagonal added to it. In the thesis' scenes symmetric links spin with less, and 0.1 is too
-# stiff; `tools/bench seed` measures what follows, too
+# stiff
 REGULARIZATION = 1e-2
 ON_CONSTRAINT = 1e-5  # how near a trial has to come to it [m or rad]: a tenth of `rounds.ON_PLANE`
 # a descent ends where a step promises, or brings, less than this share of U. More costs half of the clearance, less 3
