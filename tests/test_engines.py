@@ -12,8 +12,7 @@ from guidefield.bounded_map import Limit
 from guidefield.engines import Engines
 from guidefield.errors import GuidefieldError, NotAllowed, QuotaExceeded, RobotInvalid, SceneInvalid, UnknownObject
 from guidefield.messages import requests
-from guidefield.messages.identities import PLAIN
-from guidefield.messages.quotas import Quota, Quotas
+from guidefield.messages.identities import PLAIN, Quota, Quotas
 from guidefield.messages.replies import ClearanceReply, RobotReply, RobotsReply, RunsReply, SceneReply, ScenesReply
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.streams import StreamOpen, StreamUpdate

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import guidefield
 from guidefield.cli import app
 from guidefield.errors import ERRORS, Status
-from guidefield.messages import codec, quotas, replies, requests, scene, scene_changes
+from guidefield.messages import codec, identities, replies, requests, scene, scene_changes
 from guidefield.messages.codec import Encoding
 from guidefield.messages.served import KEYS
 from tests.journeys.service import Service, plain_client, running_service
@@ -201,7 +201,7 @@ def test_messages_on_a_page_are_messages(page: Path) -> None:
             continue
         assert block.words, f"{page.name}: a JSON block names its message: {block.text[:40]}"
         name = block.words[0]
-        rooms = (requests, replies, scene, scene_changes, quotas)
+        rooms = (requests, replies, scene, scene_changes, identities)
         kind = next(getattr(room, name) for room in rooms if hasattr(room, name))
         message = codec.decode(block.text.encode(), kind)
         assert codec.decode(codec.encode(message, Encoding.MSGPACK), kind, Encoding.MSGPACK) == message

@@ -79,7 +79,7 @@ class Rendering:
         return None if worker is None else worker.process.pid
 
     def kinds(self) -> set[str]:
-        return {self.recordings.kept(f"r{number}").kind for number in range(self.runs)}
+        return {self.recordings.describe(f"r{number}").kind for number in range(self.runs)}
 
 
 @pytest.fixture

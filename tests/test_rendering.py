@@ -19,7 +19,7 @@ from guidefield.recorder.reading import read_recording
 from guidefield.rendering import Renderings, rendered
 from guidefield.run import whole_recording
 from guidefield.run_log import LARGE_BYTES, MAGIC
-from guidefield.stores.recordings import LOG, OBSTACLES, SCENE, Kept, Recordings
+from guidefield.stores.recordings import LOG, OBSTACLES, SCENE, KeptRecording, Recordings
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.scenes import SceneStore
 from tests.robots import box_arm
@@ -164,9 +164,9 @@ def test_files_of_a_robot_that_have_changed_since_are_told(tmp_path: Path) -> No
     Renderings().render(recordings, "same", whole=True)
     urdf.write_text(box_arm("y", 2).text)
     Renderings().render(recordings, "changed", whole=True)
-    assert recordings.kept("same").kind == "rendered"
+    assert recordings.describe("same").kind == "rendered"
     assert (tmp_path / "changed.lost").read_text() == "the files of its robot have changed since"
-    assert recordings.owed() == []
+    assert recordings.list_owed() == []
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_a_log_that_nothing_can_be_rendered_from_is_lost(
     log = recordings.file("r1", LOG)
     log.write_bytes(harm(log.read_bytes()))
     Renderings().render(recordings, "r1")
-    assert recordings.kept("r1").kind == "lost"
+    assert recordings.describe("r1").kind == "lost"
     assert why in (recordings.folder / "r1.lost").read_text()
 
 
@@ -193,7 +193,7 @@ def test_a_disk_that_refuses_leaves_the_log_and_whoever_asks_gets_the_recording(
     engine: Engine, recordings: Recordings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     engine.answer(PlanRequest("ur5", "table", ELBOW, guide_planes=[], run_id="r1"))
-    before = recordings.kept("r1")
+    before = recordings.describe("r1")
     write = Path.replace
 
     def refuse(self: Path, target: Path) -> Path:
@@ -204,12 +204,12 @@ def test_a_disk_that_refuses_leaves_the_log_and_whoever_asks_gets_the_recording(
     monkeypatch.setattr(Path, "replace", refuse)
     with pytest.raises(OSError, match="No space left"):
         Renderings().render(recordings, "r1")
-    assert recordings.kept("r1") == before
+    assert recordings.describe("r1") == before
     (tmp_path / "r1.rrd").write_bytes(rendered(recordings, "r1"))
     assert read_recording(tmp_path / "r1.rrd").reply.run_id == "r1"
     monkeypatch.undo()
     Renderings().render(recordings, "r1")
-    assert recordings.kept("r1").kind == "rendered"
+    assert recordings.describe("r1").kind == "rendered"
     assert whole_recording(recordings, "r1")
 
 
@@ -218,5 +218,5 @@ def test_a_log_whose_recording_is_there_is_settled_and_one_that_is_gone_is_none(
     recordings.path("r1").write_bytes(b"whole")
     Renderings().render(recordings, "r1")
     Renderings().render(recordings, "deleted")
-    assert recordings.kept("r1") == Kept("rendered", 5)
+    assert recordings.describe("r1") == KeptRecording("rendered", 5)
     assert np.all([file.name == "r1.rrd" for file in recordings.folder.iterdir()])

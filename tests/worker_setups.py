@@ -17,7 +17,7 @@ from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import make_error_reply
 from guidefield.pool.companion import Taken
 from guidefield.pool.process import Call, Work
-from guidefield.stream_worker import Open, Refused, Told, Update
+from guidefield.stream_worker import Open, RefusedOpening, Told, Update
 
 LONG = 300.0
 """Longer than any test waits for a worker [s]."""
@@ -259,7 +259,7 @@ class StreamInWords:
 
     def __call__(self, line: Connection) -> None:
         if self.refuses:
-            line.send(Refused(make_error_reply(RobotInvalid("there is no robot 'ur55'"))))
+            line.send(RefusedOpening(make_error_reply(RobotInvalid("there is no robot 'ur55'"))))
             return
         line.send(Open("ur5", ("a",), (0.5,), 1, ("odd",)))
         with contextlib.suppress(EOFError):

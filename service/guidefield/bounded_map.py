@@ -97,7 +97,7 @@ class BoundedMap(Generic[Key, Value]):
             self._entries.move_to_end(key)
             return entry[0]
 
-    def put(self, key: Key, value: Value, size: int = 0) -> Value:
+    def insert(self, key: Key, value: Value, size: int = 0) -> Value:
         """Store a value of a size [bytes] unless there is one already; return the stored one."""
         with self._lock:
             known = self.get(key)
@@ -127,7 +127,7 @@ class BoundedMap(Generic[Key, Value]):
                 found = self.get(key)
                 if found is None:
                     found = make()
-                    self.put(key, found, size_of(found))
+                    self.insert(key, found, size_of(found))
                 return found
         finally:
             with self._lock:

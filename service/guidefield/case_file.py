@@ -48,7 +48,7 @@ class Motion:
     positions: np.ndarray  # local coordinates, shape (k, nv) [rad or m]
     velocities: np.ndarray | None = None  # of the local coordinates, shape (k, nv); None for straight lines
     accelerations: np.ndarray | None = None  # the same; None of other motions than those of degree 5
-    steps: bool = False  # whether every joint may be anywhere between two knots meanwhile
+    steps: bool = False  # whether every joint may be anywhere between two knots
     tolerance: np.ndarray | None = None  # how far each coordinate may be from that, shape (nv,); None: nothing
     jerk_limits: np.ndarray | None = None  # shape (nv,), infinite for none; None if jerk doesn't matter
     min_clearance: float = 0.0  # distance to keep from obstacles [m]
@@ -78,7 +78,7 @@ def make_cases(*motions: Motion) -> list[dict[str, Any]]:
     for motion in motions:
         robot = motion.world.group.robot
         if known is None or known[:2] != (robot.source, motion.placement):
-            placement = motion.placement if motion.anchor is None else motion.anchor.put(motion.placement)
+            placement = motion.placement if motion.anchor is None else motion.anchor.show_placement(motion.placement)
             known = robot.source, motion.placement, _describe_robot(robot, placement)
         told.append(_make_case(motion, known[2]))
     return told

@@ -16,6 +16,7 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -219,7 +220,7 @@ class Engine:
                     read = time.monotonic() - came
                     ready = self._load_ahead(decoded, load)
                     received = began = came if ready else time.monotonic() - read
-                near, anchor = _seen(decoded, load)
+                near, anchor = _move_to_anchor(decoded, load)
                 context = _RequestContext(decoded, received, watcher, load, began, deferred, proof_to, anchor)
                 reply = self._dispatch(near, record_to, context)
                 reply = reply if anchor is None else anchor.outward(reply)
@@ -251,11 +252,11 @@ class Engine:
 
             if request.steps:
                 importlib.import_module("guidefield.handlers.sequence")
-            return prepare_ahead(_seen(request, load)[0], load, self._find_scene_message) and compiled
+            return prepare_ahead(_move_to_anchor(request, load)[0], load, self._find_scene_message) and compiled
         if isinstance(request, requests.CertifyRequest):
             from guidefield.handlers.certify import lay_out_ahead
 
-            lay_out_ahead(_seen(request, load)[0], load)
+            lay_out_ahead(_move_to_anchor(request, load)[0], load)
         return False
 
     def warm_up(self, robots: Sequence[str] = (), recorder: bool = False) -> None:
@@ -290,7 +291,7 @@ class Engine:
 
         prepare(self._load_robot(request.robot), deadline)
         deadline.check("the links were laid out")
-        prepare_ahead(_seen(request, self._load_robot)[0], self._load_robot, self._find_scene_message)
+        prepare_ahead(_move_to_anchor(request, self._load_robot)[0], self._load_robot, self._find_scene_message)
 
     def _dispatch(self, request: requests.Request, record_to: Path | None, asking: _RequestContext) -> Reply:
         if isinstance(request, requests.PlanRequest):
@@ -311,51 +312,28 @@ class Engine:
         from guidefield.handlers.sequence import answer_steps
 
         answer = answer_steps if request.steps else answer_plan
-
-        def answer_run(run: Run, began: float) -> PlanReply:
-            deadline = Deadline(asking.received + request.allowed_planning_time, run.is_cancelled)
-            return answer(
-                request,
-                asking.load(request.robot),
-                run.see(self._build_scene(request.scene, deadline)),
-                run_id=run.run_id,
-                received=asking.received,
-                deadline=deadline,
-                began=began,
-                record=run.record,
-                preparing=run.prepare,
-                prove=run.prove,
-            )
-
-        return self._run(request, record_to, asking, answer_run)
+        return self._run(
+            request,
+            request.allowed_planning_time,
+            record_to,
+            asking,
+            lambda run: partial(answer, preparing=run.prepare),
+        )
 
     def _certify(
         self, request: requests.CertifyRequest, record_to: Path | None, asking: _RequestContext
     ) -> CertifyReply:
         from guidefield.handlers.certify import answer_certify
 
-        def answer_run(run: Run, began: float) -> CertifyReply:
-            deadline = Deadline(asking.received + request.allowed_time, run.is_cancelled)
-            return answer_certify(
-                request,
-                asking.load(request.robot),
-                run.see(self._build_scene(request.scene, deadline)),
-                run_id=run.run_id,
-                received=asking.received,
-                deadline=deadline,
-                began=began,
-                record=run.record,
-                prove=run.prove,
-            )
-
-        return self._run(request, record_to, asking, answer_run)
+        return self._run(request, request.allowed_time, record_to, asking, lambda _: answer_certify)
 
     def _run(
         self,
         request: requests.MotionRequest,
+        allowed: float,
         record_to: Path | None,
         asking: _RequestContext,
-        answer_run: Callable[[Run, float], _R],
+        handler: Callable[[Run], Callable[..., _R]],
     ) -> _R:
         run_id = request.run_id or uuid.uuid4().hex
         to: Destination | None = None
@@ -373,13 +351,25 @@ class Engine:
         progress = None if watcher is None else ProgressReporter(run_id, received, watcher)
         asked = cast(requests.MotionRequest, asking.asked)
         run = Run(run_id, asked, to, asking.load.origin, progress, proof_place, asking.anchor, self._viewer)
+        deadline = Deadline(received + allowed, run.is_cancelled)
         try:
-            return run.end(answer_run(run, time.monotonic() if asking.began is None else asking.began), received)
+            began = time.monotonic() if asking.began is None else asking.began
+            reply = handler(run)(
+                request,
+                asking.load(request.robot),
+                run.see(self._build_scene(request.scene, deadline)),
+                run_id=run_id,
+                received=received,
+                deadline=deadline,
+                began=began,
+                record=run.record,
+                prove=run.prove,
+            )
+            return run.end(reply, received)
         except DeadlineExpired as late:
             from guidefield.handlers.expired import ended_run
 
-            reply = ended_run(run_id, request, late, time.monotonic() - received)
-            return run.end(cast(_R, reply))
+            return run.end(cast(_R, ended_run(run_id, request, late, time.monotonic() - received)))
 
     def motions_of(self, request: requests.CertifyRequest) -> list[Motion]:
         """Return the parts of the motion of a certify request, for the file that the referee reads.
@@ -389,7 +379,7 @@ class Engine:
         """
         from guidefield.handlers.certify import motions_of
 
-        near, anchor = _seen(request, self._load_robot)
+        near, anchor = _move_to_anchor(request, self._load_robot)
         scene = self._build_scene(request.scene)
         seen = scene if anchor is None else anchor.see(scene)
         made = motions_of(near, self._load_robot(request.robot), seen)
@@ -554,7 +544,9 @@ class Engine:
         return holder._scenes.read(name, version)[0]
 
 
-def _seen(request: _Asked, load: Callable[[requests.RobotReference], RobotModel]) -> tuple[_Asked, Anchor | None]:
+def _move_to_anchor(
+    request: _Asked, load: Callable[[requests.RobotReference], RobotModel]
+) -> tuple[_Asked, Anchor | None]:
     """Return a request as seen from near its robot, and from where; as it came near the origin, and None."""
     if not isinstance(request, requests.MotionRequest | requests.KinematicsRequest):
         return request, None

@@ -204,30 +204,7 @@ class InternalFailure(GuidefieldError):
         return cls(f"a bug in guidefield stopped this request: {kind}: {told}", kind=kind)
 
 
-ERRORS: dict[Status, type[GuidefieldError]] = {
-    kind.code: kind
-    for kind in (
-        MalformedRequest,
-        RequestTooLarge,
-        RobotInvalid,
-        SceneInvalid,
-        InvalidGroup,
-        InvalidGoal,
-        InvalidConfiguration,
-        UnknownFrame,
-        UnknownObject,
-        ServerBusy,
-        QuotaExceeded,
-        NotAllowed,
-        StreamUnknown,
-        WorkerCrashed,
-        NoService,
-        TimedOut,
-        Preempted,
-        DiskRefused,
-        InternalFailure,
-    )
-}
+ERRORS: dict[Status, type[GuidefieldError]] = {kind.code: kind for kind in GuidefieldError.__subclasses__()}
 """Exception by wire code, for clients that turn a ``reply_err`` back into an exception."""
 
 

@@ -53,7 +53,7 @@ def compile_kernels(
     Args:
         told: Takes progress messages of one sentence.
         is_cancelled: Asks whether to end early; kernels compiled by then stay.
-        wholly: Whether to wait for all of them; else for those of a first plan, and the rest is compiled meanwhile,
+        wholly: Whether to wait for all of them; else for those of a first plan, and the rest is compiled beside it,
             also after the end of this process.
 
     Raises:

@@ -86,7 +86,7 @@ class Answers(Generic[Found]):
             mark = vars(owner).get(_PLACE)
             if mark is None or mark.owner != id(owner):
                 mark = vars(owner)[_PLACE] = _Mark(owner)
-        kept = _FOUND.put((id(mark), self._number, asked), (answer,), size_of(answer))[0]
+        kept = _FOUND.insert((id(mark), self._number, asked), (answer,), size_of(answer))[0]
         latest = mark.asked.setdefault(self._number, {})
         latest[asked] = latest.pop(asked, None)
         while len(latest) > self._most:

@@ -17,7 +17,7 @@ from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.spaces import Configuration, Configurations
-from guidefield.scene.field_in_time import Origin, coarse_tables, field_of_movers, single_tables
+from guidefield.scene.field_slice import Origin, coarse_tables, field_of_movers, single_tables
 from guidefield.scene.scene import Scene
 
 
@@ -167,7 +167,7 @@ class MovingCharges:
 
     group: PlanningGroup  # the group
     points: np.ndarray  # in the frame of their joint, shape (p, 3) [m]
-    weights: np.ndarray  # area that each stands for, shape (p,) [m^2]
+    weights: np.ndarray  # area that each represents, shape (p,) [m^2]
     joints: np.ndarray  # index of the joint that moves each, shape (p,)
 
     def place_points(self, qs: Configurations) -> np.ndarray:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from guidefield.deadline import Deadline
     from guidefield.handlers.recording import RecordedMotion
     from guidefield.planner.task.trace import Event, EventLog
-    from guidefield.recorder.stored import Place
+    from guidefield.recorder.stored import RecordingPlace
     from guidefield.robot.group.group import PlanningGroup
     from guidefield.run_log import RobotOrigin
     from guidefield.scene.anchor import Anchor
@@ -241,9 +241,9 @@ def draw(
         OSError: if the disk refuses.
     """
     from guidefield.recorder.bodies import cache_folder
-    from guidefield.recorder.stored import Place
+    from guidefield.recorder.stored import RecordingPlace
 
-    place = Place(file, bodies or cache_folder(), whole=bodies is None)
+    place = RecordingPlace(file, bodies or cache_folder(), whole=bodies is None)
     _record(place, request, reply, motion, events, made_with, anchor)
     size = file.stat().st_size
     if size <= LARGEST_RECORDING:
@@ -253,7 +253,7 @@ def draw(
 
 
 def _record(
-    place: Place,
+    place: RecordingPlace,
     request: MotionRequest,
     reply: MotionReply,
     motion: RecordedMotion,
@@ -266,7 +266,7 @@ def _record(
     from guidefield.recorder.recorder import record_judgement, record_plan
 
     profile = motion.profile()
-    group, scene = motion.shown()
+    group, scene = motion.view()
     if isinstance(request, PlanRequest):
         assert isinstance(reply, PlanReply), "a plan was answered"
         record_plan(place, RecordedRun(group, scene, request, reply, profile, made_with, anchor), events)

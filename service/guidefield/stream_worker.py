@@ -38,10 +38,10 @@ if TYPE_CHECKING:
     from guidefield.stream.journal import Journal
     from guidefield.stream.stream import CertifiedStream, Sought
 
-MOST_AT_ONCE = 256  # so much is taken at once, at most: whoever sends without end is answered all the same
-MOST_SOUGHT = 8  # for so many goals configurations may be looked for at once
+MOST_AT_ONCE = 256  # the most that is taken at once: a sender without end is answered all the same
+MOST_SOUGHT = 8  # for this many goals configurations may be looked for at once
 HURRY = -10  # niceness of a stream's process, where the system allows one below 0
-REHEARSED = 3  # so many updates are answered before the first one, so that everything is loaded
+REHEARSED = 3  # this many updates are answered before the first one, so that everything is loaded
 FAR_AWAY = Placement((0.0, 0.0, 50.0))
 
 _log = logging.getLogger(__name__)
@@ -77,7 +77,7 @@ class Open:
 
 
 @dataclass(frozen=True)
-class Refused:
+class RefusedOpening:
     """The stream can't be opened; why."""
 
     error: ErrorReply
@@ -120,12 +120,12 @@ class StreamConversation:
             os.setpriority(os.PRIO_PROCESS, 0, HURRY)
         journal = self._journal()
         try:
-            stream = self._opened(journal)
+            stream = self._open_stream(journal)
         except Exception as error:
             told = convert_exception(error)
             if told is not error:
                 _log.exception("a stream could not be opened")
-            line.send(Refused(make_error_reply(told)))
+            line.send(RefusedOpening(make_error_reply(told)))
             return
         request = self.request
         line.send(
@@ -160,7 +160,7 @@ class StreamConversation:
         file_bytes = journal.file_bytes(stores.bytes_of(self.user))
         return Journal(folder, self.request, self.user, made_with, file_bytes)
 
-    def _opened(self, journal: Journal | None) -> CertifiedStream:
+    def _open_stream(self, journal: Journal | None) -> CertifiedStream:
         from guidefield.stream.ways import WhenFound
 
         compile_kernels(_log.info)

@@ -64,7 +64,7 @@ def find_viewer(say: Callable[[str], None], port: int = PORT) -> str:
         [*viewer_command(), "--port", str(port), *options],
         env=quiet_environment(),
         stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,  # it outlives whoever reads ours
+        stderr=subprocess.DEVNULL,  # it outlives the reader of ours
         start_new_session=True,
     )
     deadline = time.monotonic() + START_TIME_S

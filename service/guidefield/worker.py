@@ -18,8 +18,7 @@ from guidefield.engine import Engine
 from guidefield.engines import Engines
 from guidefield.errors import GuidefieldError, Preempted, Status, convert_exception
 from guidefield.messages import codec, keys
-from guidefield.messages.identities import PLAIN
-from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
+from guidefield.messages.identities import DEFAULT_QUOTAS, PLAIN, Quotas
 from guidefield.messages.replies import MotionReply, make_error_reply
 from guidefield.messages.requests import ChangeScene, MotionRequest, PlanRequest, Request, StoreRobot, StoreScene
 from guidefield.pool.process import Call
@@ -125,7 +124,7 @@ class EngineWorker:
 
 def _go_on_preparing(engine: Engine, request: PlanRequest, call: Call) -> None:
     """Prepare what a plan had no time for, until the next query; the part that was begun is finished."""
-    with contextlib.suppress(DeadlineExpired, GuidefieldError):  # the next request goes on, or is told why it can't
+    with contextlib.suppress(DeadlineExpired, GuidefieldError):  # the next request goes on, or says why it can't
         engine.prepare(request, Deadline(time.monotonic() + CONTINUED_S, call.is_awaited))
 
 

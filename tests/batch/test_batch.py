@@ -91,7 +91,7 @@ def test_recordings_of_a_batch_are_rendered_when_it_is_asked_for(tmp_path: Path)
     requests, folder = _written(tmp_path / "requests.jsonl", [PLAN, PLAN]), tmp_path / "out"
     recordings = Recordings(folder / "recordings")
     assert "2 SUCCESS" in _here(requests, folder, "--no-render").stderr
-    assert sorted(recordings.owed()) == ["1", "2"]
+    assert sorted(recordings.list_owed()) == ["1", "2"]
     (folder / "recordings" / "2.log").write_bytes(b"damaged")
     said = CliRunner().invoke(app, ["runs", "render", str(folder)])
     assert (said.exit_code, said.stdout) == (1, "1 rendered, 1 lost\n")
@@ -146,7 +146,7 @@ def test_what_a_node_lacks_is_said_without_colours() -> None:
         "a node can't answer: ModuleNotFoundError: No module named 'coal'; guidefield must be installed on every node"
     )
     lost = _why(Exception("\n\x1b[31mThe node died\x1b[0m unexpectedly\nsee the logs"))
-    assert lost == "whoever worked on this request was lost: The node died unexpectedly"
+    assert lost == "the worker of this request was lost: The node died unexpectedly"
 
 
 def test_a_cluster_whose_node_lacks_a_package_says_which(tmp_path: Path) -> None:

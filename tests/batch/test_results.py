@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.batch.results import RESULTS, Item, Outcome, RequestFile, Results, crashed
+from guidefield.batch.results import RESULTS, Item, ItemAnswer, RequestFile, Results, crashed
 from guidefield.errors import MalformedRequest, WorkerCrashed
 
 REPLY = b'{"status": {"code": 1, "name": "SUCCESS"}}'
@@ -44,8 +44,8 @@ def test_requests_are_read_line_by_line(tmp_path: Path) -> None:
 def test_what_was_answered_stays_answered(tmp_path: Path) -> None:
     with _requests(tmp_path, b"{}", b"{}", b"{}") as requests, Results(tmp_path, requests) as results:
         first, second, _ = _items(requests)
-        results.add(Outcome(first, True, REPLY))
-        results.add(Outcome(second, False, b'{"code": -105, "name": "ROBOT_INVALID"}'))
+        results.add(ItemAnswer(first, True, REPLY))
+        results.add(ItemAnswer(second, False, b'{"code": -105, "name": "ROBOT_INVALID"}'))
     with _requests(tmp_path, b"{}", b"{}", b"{}") as requests, Results(tmp_path, requests) as again:
         assert [again.has(item) for item in _items(requests)] == [True, True, False]
         assert again.codes == {1: 1, -105: 1}
@@ -66,7 +66,7 @@ def test_what_crashed_is_told_and_asked_again(tmp_path: Path) -> None:
         with Results(tmp_path, requests) as again:
             assert not again.has(item)
             assert not again.codes
-            again.add(Outcome(item, True, REPLY))
+            again.add(ItemAnswer(item, True, REPLY))
         with Results(tmp_path, requests) as answered:
             assert answered.has(item)
             assert answered.codes == {1: 1}
@@ -97,7 +97,7 @@ def test_a_file_that_was_cut_anywhere_keeps_its_whole_lines(cut: int, tmp_path_f
         wanted = _items(requests)
         with Results(folder, requests) as results:
             for item in wanted:
-                results.add(Outcome(item, True, REPLY))
+                results.add(ItemAnswer(item, True, REPLY))
         whole = (folder / RESULTS).read_bytes()
         (folder / RESULTS).write_bytes(whole[:cut])
         with Results(folder, requests) as again:
@@ -105,5 +105,5 @@ def test_a_file_that_was_cut_anywhere_keeps_its_whole_lines(cut: int, tmp_path_f
             assert [again.has(item) for item in wanted] == [item.line <= kept for item in wanted]
             for item in wanted:
                 if not again.has(item):
-                    again.add(Outcome(item, True, REPLY))
+                    again.add(ItemAnswer(item, True, REPLY))
         assert (folder / RESULTS).read_bytes() == whole

@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.cli.serving import read_quotas
 from guidefield.errors import MalformedRequest
-from guidefield.messages.quotas import Quota
+from guidefield.messages.identities import Quota
 
 
 def test_what_it_says_holds_for_whom_it_names(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from guidefield import Piece
-from guidefield.client.execution import Execution
+from guidefield.client.stream_link import Execution
 from guidefield.messages.scene import Scene
 from guidefield.messages.streams import PieceTrajectory, StreamOpen, StreamUpdate
 from guidefield.scene.scene import build

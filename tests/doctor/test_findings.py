@@ -17,7 +17,7 @@ from guidefield.doctor.examination import (
     SERVICE_TAKES,
     WORKER_TAKES,
     Finding,
-    State,
+    FindingState,
     disk,
     examination,
     kernels,
@@ -41,7 +41,7 @@ def test_every_look_finds_something_and_says_what_to_do(tmp_path: Path) -> None:
     found = list(examination(tmp_path))
     about = [finding.about for finding in found]
     assert about == ["packages", "cores", "vectors", "memory", "disk", "runs", "kernels", "clock", "zenoh", "graphics"]
-    assert all((finding.state is State.FINE) == (finding.advice == "") for finding in found)
+    assert all((finding.state is FindingState.FINE) == (finding.advice == "") for finding in found)
     assert all(finding.found and "\n" not in finding.found + finding.advice for finding in found)
 
 
@@ -90,7 +90,7 @@ def test_a_control_group_bounds_what_may_be_used(tmp_path: Path) -> None:
 def test_the_workers_that_are_advised_fit(total: int, available: int, workers: int) -> None:
     finding = memory_found(total, min(available, total), None, workers)
     free = min(available, total)
-    if finding.state is State.WRONG:
+    if finding.state is FindingState.WRONG:
         assert free < SERVICE_TAKES + WORKER_TAKES
     elif "--workers" in finding.advice:
         advised = int(finding.advice.split("--workers ")[1].split(",")[0])
@@ -103,7 +103,7 @@ def test_the_workers_that_are_advised_fit(total: int, available: int, workers: i
 
 
 def test_a_database_of_runs_is_looked_at(tmp_path: Path) -> None:
-    assert runs(tmp_path / "not" / "there").state is State.FINE
+    assert runs(tmp_path / "not" / "there").state is FindingState.FINE
     (tmp_path / "runs" / "r1").mkdir(parents=True)
     assert "takes them over" in runs(tmp_path).advice
     database = RunDatabase(tmp_path)
@@ -116,7 +116,7 @@ def test_a_database_of_runs_is_looked_at(tmp_path: Path) -> None:
     for begin in (4096 * 8, 100):  # some rows, and where the file says what it is
         content[begin : begin + 20_000] = bytes(20_000)
         (tmp_path / FILE).write_bytes(content)
-        assert runs(tmp_path).state is State.WRONG
+        assert runs(tmp_path).state is FindingState.WRONG
         assert ".recover" in f"{runs(tmp_path).found} {runs(tmp_path).advice}"
 
 
@@ -126,23 +126,23 @@ def test_a_folder_without_locks_is_told(tmp_path: Path, monkeypatch: pytest.Monk
 
     connected = sqlite3.connect
     monkeypatch.setattr(sqlite3, "connect", without_locks)
-    assert runs(tmp_path).state is State.WRONG
+    assert runs(tmp_path).state is FindingState.WRONG
     assert "no locks or shared memory for a database; choose a data folder on a local disk" in runs(tmp_path).found
 
 
 def test_kernels_are_there_once_they_are_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert kernels().state is State.REMARK
+    assert kernels().state is FindingState.REMARK
     assert "compile_ahead" in kernels().advice
     compiled_marker().parent.mkdir(parents=True)
     compiled_marker().touch()
-    assert kernels().state is State.FINE
+    assert kernels().state is FindingState.FINE
     assert processor() in kernels().found
     monkeypatch.setenv("GUIDEFIELD_PLAIN_NUMBA", "1")
-    assert kernels().state is State.REMARK
+    assert kernels().state is FindingState.REMARK
     (tmp_path / "file").touch()
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
-    assert kernels().state is State.WRONG
+    assert kernels().state is FindingState.WRONG
 
 
 def test_a_folder_that_takes_no_file_is_told_whatever_its_rights_are(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,13 +150,13 @@ def test_a_folder_that_takes_no_file_is_told_whatever_its_rights_are(monkeypatch
     if not Path("/proc/self").is_dir():
         pytest.skip("this system has no such folder that is always there")
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/proc/self")
-    assert kernels().state is State.WRONG
-    assert disk(Path("/proc/self/data")).state is State.WRONG
+    assert kernels().state is FindingState.WRONG
+    assert disk(Path("/proc/self/data")).state is FindingState.WRONG
 
 
 def test_a_query_on_loopback_is_answered() -> None:
     assert measure_answer() > 0.0
-    assert session().state is not State.WRONG
+    assert session().state is not FindingState.WRONG
 
 
 def test_a_machine_whose_sessions_get_no_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,7 +165,7 @@ def test_a_machine_whose_sessions_get_no_answer_is_told(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(doctor_examination, "measure_answer", unanswered)
     finding = session()
-    assert finding.state is State.WRONG
+    assert finding.state is FindingState.WRONG
     assert "the loopback is down" in finding.found
 
 
@@ -187,5 +187,5 @@ def test_a_look_that_can_not_be_taken_is_a_finding(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr("guidefield.doctor.examination.memory", unreadable)
     (found,) = (finding for finding in examination(tmp_path) if finding.about == "memory")
-    assert found.state is State.WRONG
+    assert found.state is FindingState.WRONG
     assert "/proc/meminfo" in found.found

@@ -8,8 +8,7 @@ from hypothesis import given, strategies as st
 from guidefield.endpoint import allowances as rooms
 from guidefield.endpoint.allowances import Allowances
 from guidefield.errors import QuotaExceeded
-from guidefield.messages.identities import Asker
-from guidefield.messages.quotas import Quota, Quotas
+from guidefield.messages.identities import Asker, Quota, Quotas
 from guidefield.pool import waiting as queue
 from guidefield.pool.waiting import Limits, Task, Waiting
 
@@ -75,7 +74,7 @@ def test_what_waits_is_bounded_for_each_user() -> None:
     allowances = Allowances(quotas, waiting)
     for _ in range(2):
         allowances.work("alice")
-        waiting.put(Task(0, 1.0, asker=Asker("alice")))
+        waiting.add(Task(0, 1.0, asker=Asker("alice")))
     with pytest.raises(QuotaExceeded, match="2 requests that wait") as refused:
         allowances.work("alice")
     assert refused.value.details["waiting"] == 2
@@ -93,11 +92,11 @@ def test_who_got_enough_of_the_processors_waits_until_it_counts_less(monkeypatch
         except QuotaExceeded as refused:
             clock.now += refused.details["retry_after"] + 0.001
             allowances.work("alice")
-        waiting.put(Task(0, 1.0, asker=Asker("alice")))
+        waiting.add(Task(0, 1.0, asker=Asker("alice")))
         task = waiting.take()
         assert task is not None
         clock.now += 0.5
-        waiting.done(task, 0.5, 0.5)
+        waiting.settle(task, 0.5, 0.5)
         begun += 0.5
     assert begun / (clock.now - 1_000.0) * 60.0 == pytest.approx(6.0, rel=0.1)
 

@@ -46,7 +46,7 @@ def await_rendered(service: Service, recordings: Recordings) -> None:
             with contextlib.suppress(OSError):  # only root may, and the process may be gone
                 os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
                 os.setpriority(os.PRIO_PROCESS, pid, 0)
-        return recordings.owed() == []
+        return recordings.list_owed() == []
 
     await_that(so)
 
@@ -62,14 +62,14 @@ def test_no_recording_is_lost_by_an_end_or_by_kills_at_any_moment(tmp_path: Path
         assert os.sched_getscheduler(renderer) == os.SCHED_IDLE
         asked, left = client.plan(PLAN), client.plan(PLAN)
         assert asked.recording == f"guidefield/local/runs/{asked.run_id}/recording"
-        assert recordings.kept(asked.run_id).kind == "owed"
+        assert recordings.describe(asked.run_id).kind == "owed"
         whole.write_bytes(client.recording(asked.run_id))
         assert read_recording(whole).reply.status == asked.status
         told = {run.run_id: run.recording for run in client.runs().runs}
         assert (told[asked.run_id], told[left.run_id]) == ("rendered", "owed")
         service.process.send_signal(signal.SIGTERM)
         service.process.wait(ENDED_WITHIN)
-    assert recordings.kept(left.run_id).kind == "owed"
+    assert recordings.describe(left.run_id).kind == "owed"
     answered = [asked.run_id, left.run_id, *killed(tmp_path)]
     with (
         running_service(tmp_path, "--workers", "1") as service,
@@ -77,7 +77,7 @@ def test_no_recording_is_lost_by_an_end_or_by_kills_at_any_moment(tmp_path: Path
     ):
         await_rendered(service, recordings)
         await_that(lambda: {run.recording for run in client.runs(status="SUCCESS").runs} == {"rendered"})
-        assert {recordings.kept(run_id).kind for run_id in answered} == {"rendered"}
+        assert {recordings.describe(run_id).kind for run_id in answered} == {"rendered"}
         read_recording(recordings.path(answered[-1]))
         client.delete_run(left.run_id)
         assert list(recordings.folder.glob(f"{left.run_id}.*")) == []

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from guidefield import Client, NotAllowed, QuotaExceeded, Scene, Sphere, UnknownObject
-from guidefield.messages.quotas import OF_ALL, OF_USERS
+from guidefield.messages.identities import OF_ALL, OF_USERS
 from tests.journeys.service import (
     ANSWERED_WITHIN,
     CONNECTED_WITHIN,

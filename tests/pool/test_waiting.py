@@ -19,7 +19,7 @@ CLIENTS = st.lists(st.sampled_from("abcd"), min_size=1, max_size=40)
 def _filled(clients: list[str]) -> Waiting:
     waiting = Waiting(Limits())
     for number, client in enumerate(clients):
-        waiting.put(Task(number, 1.0, asker=Asker(client=client)))
+        waiting.add(Task(number, 1.0, asker=Asker(client=client)))
     return waiting
 
 
@@ -58,7 +58,7 @@ def test_what_is_withdrawn_or_expires_is_not_taken(clients: list[str], data: st.
         for number, client in enumerate(clients)
     ]
     for task in tasks:
-        waiting.put(task)
+        waiting.add(task)
     assert waiting.due_at == 0.0
     gone = data.draw(st.sets(st.sampled_from(tasks)))
     assert all(waiting.withdraw(task) for task in gone)
@@ -76,25 +76,25 @@ def test_what_is_withdrawn_or_expires_is_not_taken(clients: list[str], data: st.
 def test_one_client_cannot_fill_the_queue() -> None:
     waiting = Waiting(Limits(tasks=4, tasks_of_client=2))
     for _ in range(2):
-        waiting.put(Task(0, 1.0, asker=Asker(client="greedy")))
+        waiting.add(Task(0, 1.0, asker=Asker(client="greedy")))
     with pytest.raises(ServerBusy, match="2 requests of this client wait"):
-        waiting.put(Task(0, 1.0, asker=Asker(client="greedy")))
-    waiting.put(Task(0, 1.0, asker=Asker(client="modest")))
-    waiting.put(Task(0, 1.0, asker=Asker(client="another")))
+        waiting.add(Task(0, 1.0, asker=Asker(client="greedy")))
+    waiting.add(Task(0, 1.0, asker=Asker(client="modest")))
+    waiting.add(Task(0, 1.0, asker=Asker(client="another")))
     with pytest.raises(ServerBusy, match="4 requests wait"):
-        waiting.put(Task(0, 1.0, asker=Asker(client="late")))
+        waiting.add(Task(0, 1.0, asker=Asker(client="late")))
 
 
 def test_what_waits_is_bounded_in_bytes_too() -> None:
     waiting = Waiting(Limits(bytes=100, bytes_of_client=60))
-    waiting.put(Task(0, 1.0, asker=Asker(client="a"), size=50))
+    waiting.add(Task(0, 1.0, asker=Asker(client="a"), size=50))
     with pytest.raises(ServerBusy, match="of this client that wait take up to 60 bytes"):
-        waiting.put(Task(0, 1.0, asker=Asker(client="a"), size=11))
-    waiting.put(Task(0, 1.0, asker=Asker(client="b"), size=50))
+        waiting.add(Task(0, 1.0, asker=Asker(client="a"), size=11))
+    waiting.add(Task(0, 1.0, asker=Asker(client="b"), size=50))
     with pytest.raises(ServerBusy, match="that wait take up to 100 bytes"):
-        waiting.put(Task(0, 1.0, asker=Asker(client="c"), size=1))
+        waiting.add(Task(0, 1.0, asker=Asker(client="c"), size=1))
     alone = Waiting(Limits(bytes=100, bytes_of_client=60))
-    alone.put(
+    alone.add(
         Task(0, 1.0, asker=Asker(client="a"), size=1000)
     )  # a request that is small enough to be read has its turn
 
@@ -104,7 +104,7 @@ def test_a_closed_queue_gives_back_what_waited_and_takes_no_more() -> None:
     assert sorted(task.job for task in waiting.close()) == [0, 1, 2]
     assert waiting.take() is None
     with pytest.raises(ServerBusy, match="shutting down"):
-        waiting.put(Task(0, 1.0))
+        waiting.add(Task(0, 1.0))
 
 
 ASKERS = st.lists(st.builds(Asker, st.sampled_from("uvw"), st.sampled_from("ab")), min_size=1, max_size=40)
@@ -118,7 +118,7 @@ def test_a_worker_goes_to_the_user_who_has_the_fewest_and_got_the_least(
     """Against a plain account of who has how many workers and got how much, of work that is done at random."""
     waiting = Waiting(Limits())
     for asker in askers:
-        waiting.put(Task(0, 1.0, asker=asker))
+        waiting.add(Task(0, 1.0, asker=asker))
     left, running, got = Counter(asker.user for asker in askers), Counter[str](), Counter[str]()
     held: list[Task] = []
     for spent in seconds[: len(askers)]:
@@ -132,7 +132,7 @@ def test_a_worker_goes_to_the_user_who_has_the_fewest_and_got_the_least(
         held.append(task)
         if len(held) == 3 or spent < 1.0:
             done = held.pop(0)
-            waiting.done(done, spent, spent)
+            waiting.settle(done, spent, spent)
             running[done.asker.user] -= 1
             got[done.asker.user] += spent
     assert waiting.take() is None
@@ -143,15 +143,15 @@ def test_whoever_asks_for_little_comes_first_however_much_others_have_waiting() 
     waiting = Waiting(Limits())
     for user in "abcd":
         for _ in range(10):
-            waiting.put(Task(user, 1.0, asker=Asker(user)))
+            waiting.add(Task(user, 1.0, asker=Asker(user)))
     for _ in range(8):
         task = waiting.take()
         assert task is not None
-        waiting.done(task, 1.0, 1.0)
+        waiting.settle(task, 1.0, 1.0)
     busy = [waiting.take(), waiting.take()]
-    waiting.put(Task("quiet", 1.0, asker=Asker("quiet")))
+    waiting.add(Task("quiet", 1.0, asker=Asker("quiet")))
     assert busy[0] is not None
-    waiting.done(busy[0], 1.0, 1.0)
+    waiting.settle(busy[0], 1.0, 1.0)
     quiet = waiting.take()
     assert quiet is not None
     assert quiet.job == "quiet"
@@ -165,9 +165,9 @@ def test_a_full_queue_pushes_out_who_has_the_most_and_refuses_nobody_who_has_les
     for number, asker in enumerate(askers):
         if counts.total() == most and max(counts.values()) <= counts[asker.user] + 1:
             with pytest.raises(ServerBusy, match="wait already; ask again later"):
-                waiting.put(Task(number, 1.0, asker=asker))
+                waiting.add(Task(number, 1.0, asker=asker))
             continue
-        pushed = waiting.put(Task(number, 1.0, asker=asker))
+        pushed = waiting.add(Task(number, 1.0, asker=asker))
         assert len(pushed) == (counts.total() == most)
         for task in pushed:
             assert counts[task.asker.user] == max(counts.values()) > counts[asker.user] + 1
@@ -180,25 +180,25 @@ def test_a_full_queue_pushes_out_who_has_the_most_and_refuses_nobody_who_has_les
 def test_whoever_asked_steadily_for_little_comes_before_those_who_just_came_with_much() -> None:
     waiting = Waiting(Limits(tasks=100))
     for _ in range(50):
-        waiting.put(Task("steady", 1.0, asker=Asker("steady")))
+        waiting.add(Task("steady", 1.0, asker=Asker("steady")))
         task = waiting.take()
         assert task is not None
-        waiting.done(task, 1.0, 1.0)
+        waiting.settle(task, 1.0, 1.0)
     for user in ("new", "newer"):
         for _ in range(20):
-            waiting.put(Task(user, 1.0, asker=Asker(user)))
+            waiting.add(Task(user, 1.0, asker=Asker(user)))
     for round_ in range(5):
         running = waiting.take()
-        waiting.put(Task("steady", 1.0, asker=Asker("steady")))
+        waiting.add(Task("steady", 1.0, asker=Asker("steady")))
         assert running is not None
-        waiting.done(running, 1.0, 1.0)
+        waiting.settle(running, 1.0, 1.0)
         before = 0
         while (task := waiting.take()) is not None and task.job != "steady":
-            waiting.done(task, 1.0, 1.0)
+            waiting.settle(task, 1.0, 1.0)
             before += 1
         assert before <= 2, round_
         assert task is not None
-        waiting.done(task, 0.1, 0.1)
+        waiting.settle(task, 0.1, 0.1)
 
 
 @given(ASKERS, st.integers(1, 3), st.data())
@@ -210,7 +210,7 @@ def test_who_stands_by_takes_only_what_waits_too_long_of_users_without_a_worker(
     tasks = [Task(number, 1.0, asker=asker) for number, asker in enumerate(askers)]
     for task in tasks:
         task.since -= data.draw(st.sampled_from([0.0, 2 * HELD_UP + 60.0]))
-        waiting.put(task)
+        waiting.add(task)
     held = [task for _ in range(free) if (task := waiting.take()) is not None]
     for _ in askers:
         before, users = len(waiting), {task.asker.user for task in held}
@@ -221,14 +221,14 @@ def test_who_stands_by_takes_only_what_waits_too_long_of_users_without_a_worker(
         assert task.asker.user not in users
         assert time.monotonic() - task.since >= HELD_UP
         assert len(waiting) == before - 1
-        waiting.done(task, 1.0, 1.0)
+        waiting.settle(task, 1.0, 1.0)
         if data.draw(st.booleans()):
             assert waiting.put_back(task)
             assert len(waiting) == before
         else:
             tasks.remove(task)
     for task in held:
-        waiting.done(task, 1.0, 1.0)
+        waiting.settle(task, 1.0, 1.0)
         tasks.remove(task)
     left = _taken(waiting)
     assert sorted(task.job for task in left) == sorted(task.job for task in tasks)
@@ -242,9 +242,9 @@ def test_whoever_gave_way_takes_anothers_place_after_twice_as_long_each_time_and
     for task in (often, fresh):
         task.since -= 2 * HELD_UP
     often.set_back = 3
-    waiting.put(often)
+    waiting.add(often)
     assert [waiting.is_held_up(share * TRIAL) for share in (1.0, 7.9, 8.0)] == [False, False, True]
-    waiting.put(fresh)
+    waiting.add(fresh)
     assert [waiting.is_held_up(share * TRIAL) for share in (0.9, 1.0)] == [False, True]
     assert [waiting.take_held_up(time.monotonic()) for _ in range(2)] == [fresh, often]
 

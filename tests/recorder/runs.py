@@ -30,7 +30,7 @@ from guidefield.planner.task.trace import (
 )
 from guidefield.recorder.documents import RecordedRun
 from guidefield.recorder.recorder import record_plan
-from guidefield.recorder.stored import Place
+from guidefield.recorder.stored import RecordingPlace
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build
@@ -92,12 +92,12 @@ class MadeUp:
     reply: replies.PlanReply
     profile: ClearanceProfile | None
 
-    def record(self, path: Path, place: Place | None = None, made_with: str | None = None) -> None:
+    def record(self, path: Path, place: RecordingPlace | None = None, made_with: str | None = None) -> None:
         """Write the recording, with all that it needs unless a place is given."""
         log = EventLog()
         for event in self.events:
             log.add(event)
-        place, versions = place or Place(path, robots_folder(), whole=True), made_with or made_with_now()
+        place, versions = place or RecordingPlace(path, robots_folder(), whole=True), made_with or made_with_now()
         run = RecordedRun(self.group, self.scene, self.request, self.reply, self.profile, versions)
         record_plan(place, run, log)
 

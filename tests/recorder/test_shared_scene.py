@@ -12,7 +12,7 @@ import pytest
 
 from guidefield.messages import scene as messages
 from guidefield.recorder.reading import LINK, read_recording, self_contained
-from guidefield.recorder.stored import FOLDER, Place
+from guidefield.recorder.stored import FOLDER, RecordingPlace
 from guidefield.scene.scene import build
 from guidefield.stores.recordings import SCENE_LINK
 from tests.recorder.runs import MadeUp, Recording, every_kind, made_up
@@ -38,7 +38,7 @@ def record(run: MadeUp, data: Path, name: str) -> Path:
     """Write a recording into a store's folder."""
     file = data / "recordings" / f"{name}.rrd"
     file.parent.mkdir(exist_ok=True)
-    run.record(file, Place(file, data / "runs-robots", whole=False))
+    run.record(file, RecordingPlace(file, data / "runs-robots", whole=False))
     return file
 
 

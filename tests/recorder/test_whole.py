@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from guidefield.recorder.rrd_file import read_meshes
 
 from guidefield.recorder import bodies
 from guidefield.recorder.reading import LEFT_OUT, self_contained
-from guidefield.recorder.rrd_file import read_meshes
-from guidefield.recorder.stored import Place
+from guidefield.recorder.stored import RecordingPlace
 from guidefield.robot.bodies.sphere_cover import coverage
 from tests.recorder.runs import MadeUp, Recording, made_up
 
@@ -30,7 +30,7 @@ def run() -> MadeUp:
 def first(run: MadeUp, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a recording in a store."""
     folder = tmp_path_factory.mktemp("store")
-    run.record(folder / "run.rrd", Place(folder / "run.rrd", folder / "robots", whole=False))
+    run.record(folder / "run.rrd", RecordingPlace(folder / "run.rrd", folder / "robots", whole=False))
     return folder
 
 
@@ -59,18 +59,18 @@ def test_what_leaves_a_store_holds_what_a_whole_recording_does(run, stored, tmp_
 
 def test_meshes_are_kept_once_and_made_again_when_they_are_gone(run, tmp_path):
     file, robots = tmp_path / "run.rrd", tmp_path / "robots"
-    run.record(file, Place(file, robots, whole=False))
+    run.record(file, RecordingPlace(file, robots, whole=False))
     (meshes,) = robots.iterdir()
     made = meshes.stat().st_mtime_ns
-    run.record(file, Place(file, robots, whole=False))
+    run.record(file, RecordingPlace(file, robots, whole=False))
     assert [(one, one.stat().st_mtime_ns) for one in robots.iterdir()] == [(meshes, made)]
     meshes.write_bytes(meshes.read_bytes()[:10_000])
     bodies._PREPARED.forget(run.group.robot, robots)
-    run.record(file, Place(file, robots, whole=False))
+    run.record(file, RecordingPlace(file, robots, whole=False))
     assert list(robots.iterdir()) == [meshes]
     assert len(read_meshes(meshes)) > 20
     meshes.unlink()
-    run.record(file, Place(file, robots, whole=False))
+    run.record(file, RecordingPlace(file, robots, whole=False))
     assert list(robots.iterdir()) == [meshes]
 
 

@@ -146,7 +146,7 @@ def halve_the_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def halved(*args: Any, **kwargs: Any) -> motion_bounds.ChordBounds:
         found = right(*args, **kwargs)
-        return found._replace(shares=0.5 * found.shares, farthest=0.5 * found.farthest, aside=0.5 * found.aside)
+        return found._replace(shares=0.5 * found.shares, farthest=0.5 * found.farthest, sideways=0.5 * found.sideways)
 
     monkeypatch.setattr(motion_bounds, "bound_chords", halved)
 

@@ -145,7 +145,7 @@ FAULTS: dict[str, tuple[str, bytes | str, str]] = {
     "urdf, nothing": (".urdf", "<robot name='r'><link name='l'/></robot>", "it has no obstacle"),
     "mjcf, cut": (".xml", "<mujoco><worldbody>", "MuJoCo can't compile|is not XML"),
     "mjcf, many": (".xml", '<mujoco><worldbody><replicate count="1000000000"><geom size="1"/></replicate></worldbody>'
-                   "</mujoco>", "stands for more than 100000 elements"),
+                   "</mujoco>", "expands to more than 100000 elements"),
     "mjcf, nothing": (".xml", "<mujoco/>", "it has no obstacle"),
     # all
     "json": (".json", '{"name": "a",\n "obstacles": [{"type": "bux"}]}', "cell.json: .*box"),

@@ -9,7 +9,17 @@ from pathlib import Path
 import pytest
 
 from guidefield.errors import UnknownObject
-from guidefield.stores.recordings import LOG, LOST, RECORDING, ROBOT, SCENE, SCENE_LINK, Kept, Recordings, SharedFile
+from guidefield.stores.recordings import (
+    LOG,
+    LOST,
+    RECORDING,
+    ROBOT,
+    SCENE,
+    SCENE_LINK,
+    KeptRecording,
+    Recordings,
+    SharedFile,
+)
 
 
 @pytest.fixture
@@ -33,26 +43,26 @@ def state(recordings: Recordings, run_id: str) -> os.stat_result:
 
 
 def test_a_log_is_the_mark_of_a_recording_that_is_owed(recordings: Recordings) -> None:
-    assert recordings.kept("r1") == Kept("owed", len(b"log of r1"))
+    assert recordings.describe("r1") == KeptRecording("owed", len(b"log of r1"))
     with pytest.raises(UnknownObject, match="'r1' isn't rendered yet; `guidefield runs render` does it"):
         recordings.find("r1")
     recordings.path("r1").write_bytes(b"all of it")
     recordings.settle("r1", state(recordings, "r1"))
     assert recordings.find("r1").read_bytes() == b"all of it"
-    assert recordings.kept("r1") == Kept("rendered", len(b"all of it"))
+    assert recordings.describe("r1") == KeptRecording("rendered", len(b"all of it"))
     assert names(recordings.folder) == {"r1.rrd"}
     recordings.file("r1", SCENE_LINK).write_bytes(b"its scene")
-    assert recordings.kept("r1") == Kept("rendered", len(b"all of it") + len(b"its scene"))
+    assert recordings.describe("r1") == KeptRecording("rendered", len(b"all of it") + len(b"its scene"))
 
 
 def test_why_a_recording_is_lost_is_told(recordings: Recordings) -> None:
     recordings.settle("r1", state(recordings, "r1"), "it has 7 bytes, at most 6 are kept")
     with pytest.raises(UnknownObject, match="'r1' has no recording: it has 7 bytes, at most 6 are kept"):
         recordings.find("r1")
-    assert recordings.kept("r1").kind == "lost"
+    assert recordings.describe("r1").kind == "lost"
     with pytest.raises(UnknownObject, match=r"'r2' has no recording$"):
         recordings.find("r2")
-    assert recordings.kept("r2") == Kept("none")
+    assert recordings.describe("r2") == KeptRecording("none")
 
 
 def test_what_logs_share_is_kept_once_and_goes_with_the_last_of_them(recordings: Recordings) -> None:
@@ -67,7 +77,7 @@ def test_what_logs_share_is_kept_once_and_goes_with_the_last_of_them(recordings:
         recordings.owe(f"s{number}", b"log", files)
     assert asked == ["scene", "robot"]
     assert names(recordings.shared_folder) == {"d1", "d2"}
-    assert recordings.kept("s0") == Kept("owed", 3 + 100_000)
+    assert recordings.describe("s0") == KeptRecording("owed", 3 + 100_000)
     recordings.drop("s0")
     recordings.sweep_shared(unused=0.0)
     recordings.settle("s1", state(recordings, "s1"), "lost")

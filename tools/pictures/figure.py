@@ -13,8 +13,7 @@ from rerun.chunk import Chunk, RrdReader
 
 from guidefield.messages.scene import GuidePlane
 from guidefield.recorder import bodies, surface
-from guidefield.recorder.chunks import entity, still
-from guidefield.recorder.rrd_file import write_recording
+from guidefield.recorder.chunks import entity, still, write_recording
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from guidefield.batch.local import answered
-from guidefield.batch.results import Item, Outcome, crashed
+from guidefield.batch.results import Item, ItemAnswer, crashed
 from guidefield.engine import Engine
 from guidefield.errors import WorkerCrashed
 from guidefield.first_start import CannotStart
@@ -25,7 +25,7 @@ _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # escape sequences that change a termin
 ATTEMPTS = 3  # the largest number of times that a request is repeated after its node or worker was lost
 
 
-def over_cluster(items: Iterable[Item], address: str) -> Iterator[Outcome]:
+def over_cluster(items: Iterable[Item], address: str) -> Iterator[ItemAnswer]:
     """Yield outcomes as they come from a Ray cluster with guidefield on every node: an address, ``auto`` or ``local``.
 
     Raises:
@@ -57,7 +57,7 @@ def _require_listening(address: str) -> None:
         raise CannotStart(f"there is no Ray cluster at {address!r}: {error}") from None
 
 
-def _answer_items(ray: Any, items: Iterable[Item]) -> Iterator[Outcome]:
+def _answer_items(ray: Any, items: Iterable[Item]) -> Iterator[ItemAnswer]:
     remote = ray.remote(num_cpus=1, max_retries=ATTEMPTS)(_answer)
     left, asked, lost = iter(items), dict[Any, Item](), Counter[int]()
     while True:
@@ -83,14 +83,14 @@ def _why(error: Exception) -> str:
     cause = getattr(error, "cause", None)
     if isinstance(cause, Exception):
         return f"a node can't answer: {type(cause).__name__}: {cause}; guidefield must be installed on every node"
-    return f"whoever worked on this request was lost: {_COLOUR.sub('', str(error)).strip().partition(chr(10))[0]}"
+    return f"the worker of this request was lost: {_COLOUR.sub('', str(error)).strip().partition(chr(10))[0]}"
 
 
-def _outcome(item: Item, is_reply: bool, payload: bytes, recording: bytes | None) -> Outcome:
+def _outcome(item: Item, is_reply: bool, payload: bytes, recording: bytes | None) -> ItemAnswer:
     if recording is not None and item.recording is not None:
         item.recording.parent.mkdir(parents=True, exist_ok=True)
         write_whole(item.recording, recording)
-    return Outcome(item, is_reply, payload)
+    return ItemAnswer(item, is_reply, payload)
 
 
 @functools.cache

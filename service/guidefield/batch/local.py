@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
-from guidefield.batch.results import Item, Outcome, crashed
+from guidefield.batch.results import Item, ItemAnswer, crashed
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, WorkerCrashed, strip_path
 from guidefield.first_start import CannotStart
@@ -81,7 +81,7 @@ def _prepare_rendering(folder: Path) -> Work:
 
 def render_over_workers(folder: Path, workers: int) -> Iterator[str | None]:
     """Render the recordings of a folder from their logs; yield why each isn't rendered yet, None if it is."""
-    names = Recordings(folder).owed()
+    names = Recordings(folder).list_owed()
     tasks = (Task(name, LONGEST_WORK) for name in names)
     for _, task in _over_pool(partial(_prepare_rendering, folder), zip(names, tasks, strict=True), workers):
         try:
@@ -93,7 +93,7 @@ def render_over_workers(folder: Path, workers: int) -> Iterator[str | None]:
     Recordings(folder).sweep_shared(unused=0.0)
 
 
-def over_workers(items: Iterable[Item], workers: int) -> Iterator[Outcome]:
+def over_workers(items: Iterable[Item], workers: int) -> Iterator[ItemAnswer]:
     """Yield outcomes of requests, in the order in which they come; of recordings only the logs."""
     tasks = ((item, Task(item, seconds_for(item.request), size=len(item.request))) for item in items)
     for item, task in _over_pool(_prepare_answers, tasks, workers):
@@ -127,8 +127,8 @@ def _await(pool: Pool) -> None:
         raise CannotStart(str(error)) from None
 
 
-def _outcome(item: Item, task: Task) -> Outcome:
+def _outcome(item: Item, task: Task) -> ItemAnswer:
     try:
-        return Outcome(item, *task.result())
+        return ItemAnswer(item, *task.result())
     except WorkerCrashed as error:
         return crashed(item, error)

@@ -99,7 +99,7 @@ READ_AT_ONCE = 1 << 20  # buffer for the file that is read [bytes]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ItemAnswer:
     """The outcome of one request: JSON of its reply, or else of its error."""
 
     item: Item
@@ -107,7 +107,7 @@ class Outcome:
     payload: bytes
 
 
-class _Line(msgspec.Struct, omit_defaults=True):
+class _ResultRecord(msgspec.Struct, omit_defaults=True):
     line: int
     request: str
     reply: msgspec.Raw = msgspec.Raw()
@@ -175,10 +175,10 @@ class Results:
         """Tell if a request is answered."""
         return bool(self._answered[item.line])
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: ItemAnswer) -> None:
         """Write the outcome of a request."""
         item, raw = outcome.item, msgspec.Raw(outcome.payload)
-        line = _Line(item.line, item.content, **{"reply" if outcome.is_reply else "error": raw})
+        line = _ResultRecord(item.line, item.content, **{"reply" if outcome.is_reply else "error": raw})
         self._file.write(msgspec.json.encode(line) + b"\n")
         self._file.flush()
         self._note(item.line, msgspec.json.decode(outcome.payload, type=_Named).outcome())
@@ -222,6 +222,6 @@ class Results:
             self.codes[code] += 1
 
 
-def crashed(item: Item, error: WorkerCrashed) -> Outcome:
+def crashed(item: Item, error: WorkerCrashed) -> ItemAnswer:
     """Return the outcome of a request whose worker died."""
-    return Outcome(item, False, codec.encode(make_error_reply(error)))
+    return ItemAnswer(item, False, codec.encode(make_error_reply(error)))

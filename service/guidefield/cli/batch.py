@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from guidefield.batch.results import RECORDINGS, RESULTS, Item, Outcome, RequestFile, Results
+from guidefield.batch.results import RECORDINGS, RESULTS, Item, ItemAnswer, RequestFile, Results
 from guidefield.errors import ERRORS, Status
 from guidefield.stores.recordings import Recordings
 
@@ -47,7 +47,7 @@ def run(
 
 
 def _render_owed(folder: Path, workers: int, bar: Progress) -> None:
-    owed = len(Recordings(folder).owed())
+    owed = len(Recordings(folder).list_owed())
     if not owed:
         return
     from guidefield.batch.local import render_over_workers
@@ -61,7 +61,7 @@ def _render_owed(folder: Path, workers: int, bar: Progress) -> None:
         bar.advance(task)
 
 
-def _start_answers(items: Iterable[Item], workers: int, ray: str | None) -> Iterator[Outcome]:
+def _start_answers(items: Iterable[Item], workers: int, ray: str | None) -> Iterator[ItemAnswer]:
     if ray is None:
         from guidefield.batch.local import over_workers
 

@@ -40,7 +40,7 @@ from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.first_start import CannotStart, compile_kernels
 from guidefield.messages import codec, requests
 from guidefield.messages.faults import list_choices
-from guidefield.messages.quotas import DEFAULT_QUOTAS
+from guidefield.messages.identities import DEFAULT_QUOTAS
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, RobotReply, RobotsReply
 from guidefield.messages.streams import DEFAULT_STREAMS
 from guidefield.messages.values import Reply
@@ -377,7 +377,7 @@ def serve(
 ) -> None:
     """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise.
 
-    The variable GUIDEFIELD_WORKERS stands for --workers, and so on for each option. Values of an option that may be
+    The variable GUIDEFIELD_WORKERS represents --workers, and so on for each option. Values of an option that may be
     repeated are separated by spaces, folders by colons.
     """
     from guidefield.cli import serving
@@ -555,7 +555,7 @@ def doctor(
 
     Exit code 0 where a service can work here, 1 where something is wrong.
     """
-    from guidefield.doctor.examination import State, examination
+    from guidefield.doctor.examination import FindingState, examination
 
     findings = []
     for finding in examination(default_data_folder(name) if data is None else data):
@@ -565,14 +565,14 @@ def doctor(
     if json:
         text = msgspec.json.format(msgspec.json.encode(findings), indent=1).decode()
         out.print(text, highlight=False, markup=False, soft_wrap=True)
-    raise typer.Exit(int(any(finding.state is State.WRONG for finding in findings)))
+    raise typer.Exit(int(any(finding.state is FindingState.WRONG for finding in findings)))
 
 
 def _format_finding(finding: Finding) -> Text:
-    from guidefield.doctor.examination import State
+    from guidefield.doctor.examination import FindingState
 
     advice = f": {finding.advice}" if finding.advice else ""
-    colour = {State.FINE: "green", State.REMARK: "yellow", State.WRONG: "red"}[finding.state]
+    colour = {FindingState.FINE: "green", FindingState.REMARK: "yellow", FindingState.WRONG: "red"}[finding.state]
     return Text.assemble(f"{finding.about:<9}", (f"{finding.state:<7}", colour), f"{finding.found}{advice}")
 
 

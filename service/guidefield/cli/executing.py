@@ -20,7 +20,7 @@ from guidefield.messages.requests import PlanRequest
 if TYPE_CHECKING:
     import numpy as np
 
-FLAT = 1e-5  # between places along the curve that a robot is looked for at it is straight but for this [rad or m]
+FLAT = 1e-5  # between places along the curve that a robot is searched for at it is straight but for this [rad or m]
 
 
 def execute(
@@ -44,7 +44,7 @@ def execute(
     """Have a controller of ros2_control execute the certified motion of a run, over rmw_zenoh, and watch it.
 
     The run must be certified for linear, cubic or quintic interpolation, and the robot at its start. Ctrl-C cancels.
-    Where the robot leaves its tolerance is told.
+    Where the robot leaves its tolerance is reported.
 
     Exit code 0 where it succeeded within its tolerance, 1 where it didn't, 2 for an error.
     """

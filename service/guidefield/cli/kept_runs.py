@@ -51,7 +51,7 @@ def list_runs(
     robot: Annotated[str | None, typer.Option(help="Only those of this robot.")] = None,
     since: Annotated[datetime | None, typer.Option(help="Only those that began at that time or later.")] = None,
     text: Annotated[str | None, typer.Option(help="Only those with this text in their status' sentence.")] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="At most so many; else all.")] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Largest number of runs; else all.")] = None,
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """List the runs that are kept, newest first; also while a service runs."""
@@ -115,10 +115,10 @@ def render(
         base = data_folder(data, name)
         places = [Recordings(user_folder(base, user) / RECORDINGS) for user in (PLAIN, *users_in(base))]
     renderings, done, lost = Renderings(), 0, 0
-    owed = [(recordings, run_id) for recordings in places for run_id in recordings.owed()]
+    owed = [(recordings, run_id) for recordings in places for run_id in recordings.list_owed()]
     for recordings, run_id in track(owed, "rendered", console=Console(stderr=True)):
         renderings.render(recordings, run_id, whole=folder is not None)
-        kind = recordings.kept(run_id).kind
+        kind = recordings.describe(run_id).kind
         done, lost = done + (kind == "rendered"), lost + (kind == "lost")
     for recordings in places:
         recordings.sweep_shared(unused=0.0)

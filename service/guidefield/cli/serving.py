@@ -25,7 +25,7 @@ from guidefield import logs
 from guidefield.endpoint.service import ServiceSettings, serve
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
-from guidefield.messages.quotas import Quotas
+from guidefield.messages.identities import Quotas
 
 FORCED_EXIT_CODE = os.EX_SOFTWARE  # exit code of a process that was ended by force
 DUMP_TIME_S = 5.0  # time to dump the traces of all threads before the system's alarm ends the process [s]

@@ -253,9 +253,9 @@ class AsyncServiceStream(StreamFacts):
         """Send what is seen, as `ServiceStream.update`; waits for no answer. Its time [s]."""
         filled = self._link.complete_update(update, fields)
         if filled.declare or filled.gone:
-            await asyncio.to_thread(self._link.put, filled)
+            await asyncio.to_thread(self._link.send, filled)
         else:
-            self._link.put(filled)
+            self._link.send(filled)
         return filled.time
 
     async def answer(self, within: float) -> Answer | None:

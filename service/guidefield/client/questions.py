@@ -232,7 +232,7 @@ def runs(filters: ReadRuns) -> Question[RunsReply]:
 
 
 def next_runs(filters: ReadRuns, limit: int | None, joined: RunsReply | None) -> Question[RunsReply] | None:
-    """Ask for the next page of a list of at most so many runs, given those before as one; None: it is complete."""
+    """Ask for the next page of a list of at most this many runs, given those before as one; None: it is complete."""
     rest = None if limit is None else limit - (0 if joined is None else len(joined.runs))
     if joined is not None and (rest == 0 or joined.next is None):
         return None

@@ -11,9 +11,8 @@ from typing import Any, Self, TypeVar
 
 from guidefield.client import questions
 from guidefield.client.exchange import Exchange, await_answer
-from guidefield.client.execution import Motion
 from guidefield.client.questions import Question
-from guidefield.client.stream_link import Answer, StreamLink
+from guidefield.client.stream_link import Answer, Motion, StreamLink
 from guidefield.errors import GuidefieldError
 from guidefield.messages.goals import Positions
 from guidefield.messages.stream_requests import StreamAimed, StreamJudged, StreamReply
@@ -111,7 +110,7 @@ class ServiceStream(StreamFacts):
             GuidefieldError: why the stream has ended, if it has.
         """
         filled = self._link.complete_update(update, fields)
-        self._link.put(filled)
+        self._link.send(filled)
         return filled.time
 
     def answer(self, within: float) -> Answer | None:

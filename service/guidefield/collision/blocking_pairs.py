@@ -44,7 +44,7 @@ def depth_of(world: World, pair: int) -> float | None:
     return max(0.0, -world.distance(pair)[0])
 
 
-MOST_LOOKED_AT = 16  # configurations that are looked at: what is met most is known by then
+MOST_LOOKED_AT = 16  # configurations that are examined: what is met most is known by then
 
 
 @dataclass(frozen=True)

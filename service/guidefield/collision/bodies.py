@@ -17,7 +17,7 @@ from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import TRANSLATION
 
 PARTS = 8
-"""Into so many boxes the box about a robot body is cut: balls about them follow a long body closer than one ball."""
+"""The box about a robot body is cut into this many boxes: balls about them follow a long body closer than one ball."""
 
 
 def joint_placements(data: Any, *, writeable: bool = False) -> np.ndarray:

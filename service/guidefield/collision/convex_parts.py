@@ -185,7 +185,7 @@ class PartsTable:
                 _write_hull(hull, made)
 
         def keep(made: Arrays, begins: np.ndarray) -> None:
-            _PLACED.put(key, (mesh, made, begins), sum(array.nbytes for array in made.values()))
+            _PLACED.insert(key, (mesh, made, begins), sum(array.nbytes for array in made.values()))
 
         return self._add(layout, write, keep=keep)
 
@@ -258,7 +258,7 @@ def tree_above(bodies: Sequence[np.ndarray], roots: np.ndarray) -> tuple[np.ndar
 
 
 def tree_layout(triangles: int, nodes: int, clusters: Sequence[int], hull_blocks: int = 0, boxes: int = 0) -> Layout:
-    """The arrays of `Parts` for the tree of a mesh, of so many triangles, nodes, and nodes of each of `CLUSTERS`.
+    """The arrays of `Parts` for a mesh's tree, by its numbers of triangles, nodes, and nodes of each of `CLUSTERS`.
 
     Blocks of the vertices of a hull about all of it may be behind, and boxes about larger nodes.
     """
@@ -334,7 +334,7 @@ def recall_mesh_tree(shape: Any) -> MeshTree:
     if tree is None:
         (vertices, faces), hull = triangulation(shape), hull_vertices(shape)
         tree = mesh_tree(vertices[faces], None if hull is None else polytope_about(hull))
-        tree = _KNOWN.put(key, tree, size_of(tree))
+        tree = _KNOWN.insert(key, tree, size_of(tree))
     return tree
 
 

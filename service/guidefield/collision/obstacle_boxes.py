@@ -19,7 +19,7 @@ from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, rows_of
 
 CHILDREN = 16  # boxes behind one box of the next level
-FEW = 16  # for so many overlaps of each box there is room before it is known how many there are
+FEW = 16  # for this many overlaps of each box there is room before it is known how many there are
 _BITS = 16  # bits of one coordinate of a place on the curve along which boxes are sorted
 
 
@@ -87,7 +87,7 @@ class BoxTree(ReadOnly):
 
 
 def _room(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Room for the nodes of a tree of so many boxes, shape (m, 6), and where its levels begin."""
+    """Room for the nodes of a tree of a given number of boxes, shape (m, 6), and where its levels begin."""
     sizes = [count]
     while sizes[-1] > CHILDREN:
         sizes.append(-(-sizes[-1] // CHILDREN))
@@ -111,7 +111,7 @@ class OwnBoxes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ObstacleBoxes(ReadOnly):
-    """Boxes about the obstacles of a scene as they are placed at first, as of `OwnBoxes`.
+    """Boxes about the obstacles of a scene in their first placements, as of `OwnBoxes`.
 
     The tree is of those along the world's axes about the `bounded` ones; the others are `endless`; ascending indices.
     """

@@ -21,7 +21,7 @@ class Pairs(ReadOnly):
     links: int  # how many bodies are the robot's, which come before the obstacles
     moving: np.ndarray  # those of them that are tested against obstacles, ascending, shape (m,)
     obstacles: int  # how many obstacles there are
-    # of all m * obstacles pairs with obstacles those that may touch, as they are counted without own ones if none is
+    # of all m * obstacles pairs with obstacles those that may touch, counted without own ones if none is
     # left out; ascending, shape (k,)
     left_out: np.ndarray
 

@@ -2,9 +2,9 @@
 
 Along a unit direction n two convex bodies overlap by h(n) = max n.a - min n.b over their points a and b: moved so far
 along n, the second one just touches the first. The penetration depth is the least h (Cameron and Culley 1986), so that
-the depth that is told has to be the least one known. EPA's polytope is flat where two bodies barely touch: for a thin
-blade that touches a wall it tells metres; of a point inside a cylinder it tells up to a hundredth too little. Then h is
-descended from the best directions that are known. With the second body moved by h(n) and a margin along n, GJK's
+the reported depth has to be the least one known. EPA's polytope is flat where two bodies barely touch: for a
+thin blade that touches a wall it tells metres; of a point inside a cylinder it tells up to a hundredth too little. Then
+h is descended from the best directions that are known. With the second body moved by h(n) and a margin along n, GJK's
 closest points give the next direction n': its h is no larger, because h(n') = (h(n) + margin) n.n' - gap, and the gap
 is the margin at least.
 """

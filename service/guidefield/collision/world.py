@@ -28,7 +28,7 @@ from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.scene import Scene
 
 TOUCHING = 1e-6  # pairs that balls and boxes tell to be farther apart than this don't touch [m]
-ROOM = 256  # room for so many pairs that may touch; where there are more, they are found again
+ROOM = 256  # room for this many pairs that may touch; where there are more, they are found again
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ class World:
         return not any(map(self.is_surface, self.pairs.of(pair)))
 
     def is_hulled(self, pair: int) -> bool:
-        """Return whether in `hulls` a hull stands for a body of a pair."""
+        """Return whether in `hulls` a hull represents a body of a pair."""
         return any(map(self._has_hull, self.pairs.of(pair)))
 
     def _has_hull(self, body: int) -> bool:
@@ -140,12 +140,12 @@ class World:
 
     @cached_property
     def joint_placements(self) -> np.ndarray:
-        """Placements of the joints in `data`, shape (njoints, 3, 4) [m]: where they stand now, so copy what is kept."""
+        """Placements of the joints in `data`, shape (njoints, 3, 4) [m]: where they stand now; copy what you keep."""
         return joint_placements(self.data)
 
     @cached_property
     def body_placements(self) -> np.ndarray:
-        """Placements of the robot's bodies, shape (r, 3, 4) [m]: where they stand now, so copy what is kept."""
+        """Placements of the robot's bodies, shape (r, 3, 4) [m]: where they stand now; copy what you keep."""
         return body_placements(self._robot)
 
     @cached_property
@@ -155,13 +155,13 @@ class World:
 
     @cached_property
     def exact(self) -> NarrowPhase:
-        """Coal's judgement of the bodies as they are; where they stand is what `place` was told last."""
+        """Coal's judgement of the bodies; where they stand is what `place` was told last."""
         world: World = weakref.proxy(self)
         return NarrowPhase(partial(World._shape, world), self._transforms.of)
 
     @cached_property
     def hulls(self) -> NarrowPhase:
-        """The same with the hull of each mesh that has a volume in its place."""
+        """The same with its hull in place of each mesh that has a volume."""
         world: World = weakref.proxy(self)
 
         def shape(body: int) -> Any:

@@ -38,7 +38,7 @@ from guidefield.stores.runs import DEFAULT_RETENTION
 from guidefield.system import usable_processors
 
 
-class State(enum.StrEnum):
+class FindingState(enum.StrEnum):
     """How something is."""
 
     FINE = "fine"
@@ -53,24 +53,24 @@ class Finding:
     """A finding about a subject: its state, what is there and, unless it is fine, what to do, each in a sentence."""
 
     about: str
-    state: State
+    state: FindingState
     found: str
     advice: str = ""
 
 
 def fine(about: str, found: str) -> Finding:
     """Nothing is to be done."""
-    return Finding(about, State.FINE, found)
+    return Finding(about, FindingState.FINE, found)
 
 
 def remark(about: str, found: str, advice: str) -> Finding:
     """Something could be better."""
-    return Finding(about, State.REMARK, found, advice)
+    return Finding(about, FindingState.REMARK, found, advice)
 
 
 def wrong(about: str, found: str, advice: str) -> Finding:
     """Something has to be done."""
-    return Finding(about, State.WRONG, found, advice)
+    return Finding(about, FindingState.WRONG, found, advice)
 
 
 ROOT = Path("/sys/fs/cgroup")
@@ -127,7 +127,7 @@ def cores() -> Finding:
 
 
 def cores_found(allowed: int, quota: float | None) -> Finding:
-    """What is said about so many processors, of which so many may be used at once."""
+    """What is said about the processors, and how many may be used at once."""
     there = f"{allowed} to run on" + ("" if quota is None else f", the container may use {quota:g} at once")
     if quota is not None and quota < allowed:
         workers = max(1, int(quota))
@@ -173,7 +173,7 @@ def memory() -> Finding:
 
 
 def memory_found(total: int, available: int, limit: int | None, workers: int) -> Finding:
-    """Judge memory: in total, free for new processes, of the container's limit, if any [bytes], for so many workers."""
+    """Judge memory: in total, free for new processes, of the container's limit, if any [bytes], for some workers."""
     most = total if limit is None else min(total, limit)
     free = min(available, most)
     there = f"{free / GIB:.1f} of {most / GIB:.1f} GiB are free"
@@ -213,7 +213,7 @@ def room_found(free: int, data: Path) -> Finding:
 
 
 def runs(data: Path) -> Finding:
-    """Examine whether a database of runs can be written, and whether the one that is there is damaged."""
+    """Examine whether a database of runs can be written, and whether an existing one is damaged."""
     file, there = data / FILE, _there(data)
     try:
         with tempfile.TemporaryDirectory(prefix=".guidefield-", dir=there) as trial:

@@ -7,7 +7,7 @@ import threading
 import time
 
 from guidefield.errors import QuotaExceeded
-from guidefield.messages.quotas import Quotas
+from guidefield.messages.identities import Quotas
 from guidefield.pool.waiting import HALVED_IN, Waiting
 
 MOST_USERS = 1_000  # number of users whose rest is remembered

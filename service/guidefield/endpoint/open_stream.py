@@ -163,7 +163,7 @@ class OpenStream:
                 self._heard_at = time.monotonic()
                 reply = self._reply()
             self.opened.set_result(reply)
-        elif isinstance(what, stream_worker.Refused):
+        elif isinstance(what, stream_worker.RefusedOpening):
             self.end(make_error(what.error))
 
     def _over(self) -> GuidefieldError | None:

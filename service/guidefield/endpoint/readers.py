@@ -36,7 +36,7 @@ class Readers:
         Raises ServerBusy if too much waits already, or the end has come.
         """
         task = Task(read, LONGEST, asker=asker)
-        for pushed in self._waiting.put(task):
+        for pushed in self._waiting.add(task):
             told = "too many queries wait for the disk, and most of them are yours; ask again later"
             pushed.set_exception(ServerBusy(told, retry_after=self._waiting.retry_after(pushed.asker.user)))
         self._come.release()
@@ -62,7 +62,7 @@ class Readers:
                 if outcome is not error:
                     _log.exception("a query failed by itself")
             seconds = time.monotonic() - began
-            self._waiting.done(task, seconds, seconds)
+            self._waiting.settle(task, seconds, seconds)
             if isinstance(outcome, GuidefieldError):
                 task.set_exception(outcome)
             else:

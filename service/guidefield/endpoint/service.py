@@ -70,7 +70,7 @@ class ServiceSettings(EngineSetup):
     memory: int = DEFAULT_MEMORY  # a worker that takes more is stopped [bytes]
     retention: Retention = DEFAULT_RETENTION  # how many runs are kept
     otel: bool = False  # whether queries are traced with OpenTelemetry
-    metrics: int | None = None  # port on loopback where metrics and health are told over HTTP; None: nowhere
+    metrics: int | None = None  # port on loopback where metrics and health are reported over HTTP; None: nowhere
     # how long requests that are being worked on may take at the end [s]; then plans are ended early
     grace: float = DEFAULT_GRACE
     ros: RosSettings | None = None  # how it is offered to ROS 2 nodes; None: not at all
@@ -239,7 +239,7 @@ def _tell_metrics(settings: ServiceSettings, brief: Callable[[], InfoReply], ope
     except ImportError:
         raise CannotStart("metrics need prometheus-client: pip install 'guidefield[metrics]'") from None
     except OSError as error:
-        raise CannotStart(f"metrics can't be told at port {settings.metrics}: {error.strerror}") from None
+        raise CannotStart(f"metrics can't be served at port {settings.metrics}: {error.strerror}") from None
 
 
 def _await_start(

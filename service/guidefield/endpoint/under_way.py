@@ -26,7 +26,7 @@ from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Answer, Task
 from guidefield.stores.files import decoded
 from guidefield.stores.run_rows import NewRun
-from guidefield.stores.runs import UserRuns, taken
+from guidefield.stores.runs import UserRuns, name_taken
 
 _log = logging.getLogger(__name__)
 
@@ -142,7 +142,7 @@ class UnderWay:
                 if known is not work and known.words == words:
                     return known.answer
                 if known is not work and name[1] == "runs":
-                    raise taken(name[2])
+                    raise name_taken(name[2])
                 is_cancelled = self._early.pop(name, None) is not None
             self._all[task] = work
         work.answer.add_done_callback(partial(self._end, name, work))

@@ -177,13 +177,13 @@ LOOK_SHARE = 0.01
 """A process looks at how much there is at its first entry, and when it has written this share of what is allowed."""
 
 LARGE = 10_000
-"""A mesh of fewer triangles isn't worth a file: what is kept of one is made in some hundredths of a second."""
+"""A mesh of fewer triangles isn't worth a file: its results are made in some hundredths of a second."""
 
 STALE = 3600.0  # a draft of that age was left by a process that was killed [s]
 
 _PACKAGE = Path(__file__).parent.parent
 _ROOMS = ("collision", "geometry", "kernels", "scene")
-"""Where what computes is looked for; other rooms only hand over inputs."""
+"""Where what computes is searched for; other rooms only hand over inputs."""
 
 _COMPUTING = tuple(f"{_PACKAGE.name}.{room}." for room in _ROOMS)
 
@@ -240,7 +240,7 @@ def keep_file(name: str, content: bytes) -> Path:
 
 
 def is_large(triangles: int) -> bool:
-    """Whether what is found for a mesh with so many triangles is worth a file."""
+    """Whether what is found for a mesh with a given number of triangles is worth a file."""
     return triangles >= LARGE
 
 
@@ -333,7 +333,7 @@ def _write(path: Path, arrays: Arrays) -> None:
 
 
 def _count(parent: Path, size: int) -> None:
-    """Look at how much there is in a folder, if so many bytes more make it worth a look."""
+    """Look at how much there is in a folder, if the bytes since the last look make it worth one."""
     _written[parent] = _written.get(parent, np.inf) + size
     if _written[parent] < LOOK_SHARE * MOST_BYTES:
         return
@@ -352,7 +352,7 @@ def _make_room(parent: Path) -> None:
     """Remove what was used longest ago, if there is too much, and drafts that nobody writes any more."""
     known = []
     for path in parent.iterdir():
-        with contextlib.suppress(FileNotFoundError):  # another process may remove it meanwhile
+        with contextlib.suppress(FileNotFoundError):  # another process may have removed it
             status = path.stat()
             if not path.name.startswith("."):
                 known.append((status.st_mtime, status.st_size, path))

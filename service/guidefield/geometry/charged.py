@@ -67,7 +67,7 @@ LEAST_FACES = 1000  # surfaces of fewer faces are only cut in blocks: a tree doe
 
 
 class Cluster(NamedTuple):
-    """A node: the faces below it, the next node that isn't, whether it is a leaf, or an expansion stands for it."""
+    """A node: the faces below it, the next node that isn't, whether it is a leaf, or an expansion represents it."""
 
     faces: Integers
     skip: int
@@ -194,7 +194,7 @@ def field_tables(
         quads: Corners of flat convex quadrilaterals, counter-clockwise from outside, shape (k, 4, 3).
         quad_charge: Charge of each quad, shape (k,); 1 if not given.
         boxes: Centre (3), unit axes (3 x 3), full sizes along them (3), charge; shape (b, 16).
-        cloud: x, y, z, area it stands for times charge, softening length; shape (s, 5).
+        cloud: x, y, z, area it represents times charge, softening length; shape (s, 5).
         opening: From where on expansions stand for the faces of large surfaces, one of `charge_tree`.
 
     Raises:

@@ -123,7 +123,7 @@ def surface_points(vertices: Floats, triangles: Integers, spacing: float) -> Sur
     """Choose points of a surface, (v, 3) and (t, 3), that keep a spacing [m] and come within it of all of it.
 
     Farthest point sampling of many candidates that are uniform in area, from the far end of the surface on; each point
-    stands for the part of the surface nearest to it. ValueError if the area is 0 or the spacing not positive.
+    represents the part of the surface nearest to it. ValueError if the area is 0 or the spacing not positive.
     """
     corners = np.asarray(vertices, dtype=np.float64)[np.asarray(triangles)]
     across = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

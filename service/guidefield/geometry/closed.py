@@ -128,7 +128,7 @@ def boxes_about(vertices: Floats, pieces: Sequence[Integers]) -> Floats:
 
 
 def boundary(triangles: Integers) -> Integers:
-    """Return the edges (n, 2) of triangles (t, 3), as often as they are run through more this way than the other."""
+    """Return the edges (n, 2) of triangles (t, 3), each repeated by its surplus in this direction."""
     numbered = numbers, count = numbered_edges(triangles)
     up, down = edge_counts(triangles, numbered)
     surplus = up - down

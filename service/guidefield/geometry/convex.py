@@ -1,4 +1,4 @@
-"""Shapes of Coal's: convex hulls of points, trees of triangles, and balls as they are to meet these.
+"""Shapes of Coal's: convex hulls of points, trees of triangles, and balls in the form that meets these.
 
 Coal does not survive points that are thin or doubled.
 """
@@ -16,7 +16,7 @@ from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 
 
 def as_met(first: Any, second: Any) -> tuple[Any, Any]:
-    """Two Coal shapes as they are to meet: a ball meets a mesh as a capsule without length.
+    """Two Coal shapes in the form in which they meet: a ball meets a mesh as a capsule without length.
 
     Coal (3.0.3) finds balls in contact with triangles without area at one place in ten, however far they are.
     """

@@ -81,12 +81,12 @@ That begins at 1125 squares of delta. Covers of the 43 links of five large arms 
 took, and have 9 % more balls; with 30,000 they take 0.72 of that again, and have 6 % more still.
 """
 
-LEAST_REACHES = 5.0  # delta has to be this many times as far as a body is from the mesh that it stands for
+LEAST_REACHES = 5.0  # delta has to be this many times as far as a body is from the mesh that it represents
 MOST_BALLS = 200_000  # a cover that may need more is refused
-CHUNK = 30_000  # so many elements are looked at together
+CHUNK = 30_000  # this many elements are examined together
 _ROUNDING = 1.0 - 1e-9  # which share of delta is used, so that no rounding leads beyond it
 
-LEAST_CANDIDATES, MOST_CANDIDATES = 300, 2_000  # of candidates for the elements that are looked at together
+LEAST_CANDIDATES, MOST_CANDIDATES = 300, 2_000  # of candidates for the elements that are examined together
 
 Offer = Callable[[Solid, Elements, int, float], Floats]
 """Offers balls, centre and depth (n, 4) [m], for a body and elements: how many, and how close they may be [m]."""
@@ -109,13 +109,13 @@ class Cover:
 
 
 def cover(body: Solid, delta: float) -> Cover:
-    """Cover a body, and the finer mesh that it stands for, with balls that leave it by at most `delta` [m].
+    """Cover a body, and the finer mesh that it represents, with balls that leave it by at most `delta` [m].
 
     Where gaps of its surface were closed, the overhang is that over the closed surface.
 
     Raises:
         ValueError: if `delta` is not positive, or so small for the body that there might be very many balls, or for
-            how far it is from the mesh that it stands for.
+            how far it is from the mesh that it represents.
     """
     if not (delta > 0.0 and np.isfinite(delta)):
         raise ValueError(f"`delta` must be positive, got {delta} m")

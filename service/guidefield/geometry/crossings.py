@@ -19,7 +19,7 @@ _CHUNK = 200_000
 
 _MOST_SLABS, _IN_SLAB = 128, 1000  # slabs at most, and triangles in one at least
 
-_SAMPLE = 20_000  # so many boxes tell along which axis the fewest overlap
+_SAMPLE = 20_000  # this many boxes tell along which axis the fewest overlap
 
 
 @dataclass(frozen=True, eq=False)

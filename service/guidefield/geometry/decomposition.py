@@ -2,7 +2,7 @@
 
 Cells are halved by planes, the one whose hull stands off furthest first; each time by the plane, of some along the
 cell's principal axes, that leaves the hulls of both halves the least volume. Two cells whose common hull is tight
-enough become one again. For all this a small hull stands for that of a cell: of the points that are furthest in
+enough become one again. For all this a small hull represents that of a cell: of the points that are furthest in
 directions all around. The parts contain the body by construction, whatever planes are chosen: the corners of a cell's
 body are among those of the triangles clipped at its sides, and its own corners within the body. How far they stand off
 is measured, and bounded from above.
@@ -72,7 +72,7 @@ SAMPLES = 500  # about how many points of a part's surface the comparison looks 
 BESIDE = 1e-5  # how far beside a face a plane is tried, as a share of the cell's extent along its normal
 DIRECTIONS = 64  # of the points of a half the comparison keeps those furthest in these directions
 ALL_AROUND = 96  # a small hull is that of the points furthest in these directions
-MIDDLES = 64  # the stand-off of a small hull is that of at least so many places of its surface, evenly spread
+MIDDLES = 64  # the stand-off of a small hull is that of at least this many places of its surface, evenly spread
 
 ASKED = 8
 """So many of these places at a time are asked whether they are inside the body, the furthest from its surface first."""
@@ -118,7 +118,7 @@ class Decomposition:
 
 
 def decompose(body: Solid, tight: float, most: int) -> Decomposition:
-    """Decompose a body, or the surface of an open one, and the finer mesh that it stands for, into convex parts.
+    """Decompose a body, or the surface of an open one, and the finer mesh that it represents, into convex parts.
 
     Args:
         tight: Parts that stand off by no more than this are not halved [m].

@@ -40,7 +40,7 @@ class DistanceBody:
     placement: Floats  # rotation and translation of that frame, shape (3, 4) [m]
     surface: SurfaceTables | None = None  # the triangles of a solid or sheet, in its own frame
     cloud: int = 0  # where the words of its `LaneCloud` are, if it is a cloud
-    # of a seen solid how its sides are told, in its own frame, see `ray_winding.ANCHOR`; shape (9,)
+    # of a seen solid how its sides are found, in its own frame, see `ray_winding.ANCHOR`; shape (9,)
     anchor: Floats | None = None
 
     def place(self, rotation: Floats, translation: Floats) -> DistanceBody:

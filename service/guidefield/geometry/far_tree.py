@@ -1,4 +1,4 @@
-"""Trees over everything charged, whatever its kind: an expansion stands for all that is far away.
+"""Trees over everything charged, whatever its kind: an expansion represents all that is far away.
 
 The tables of a scene have trees over large meshes alone. Among thousands of boxes or polygons pictures of the field
 take these trees instead.

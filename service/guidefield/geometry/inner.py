@@ -18,7 +18,7 @@ SAFETY = 1e-6
 """By how much a ball is smaller than the depth of its centre, so that it is inside whatever rounding does [m]."""
 
 LEAST_RADIUS = 1e-3  # smaller balls aren't worth looking at [m]
-RESOLUTION = 0.01  # of candidates closer than this one is looked at, as a share of the body's extent
+RESOLUTION = 0.01  # of candidates closer than this one is examined, as a share of the body's extent
 SLACK = 0.02  # by how much candidates may miss the surface that they were grown from, as a share of the body's extent
 STEPS = 12  # moves of a chosen ball to where it is deeper
 
@@ -30,7 +30,7 @@ _MOST_ALONG = 64  # most of them in a row: a flat body must not get very many
 
 
 def inner_balls(body: Solid) -> Floats:
-    """Return balls inside a body and the finer mesh it stands for, shape (n, 4) [m], the most filling first.
+    """Return balls inside a body and the finer mesh it represents, shape (n, 4) [m], the most filling first.
 
     There are none in an open surface, not even if it was closed by lids: what is inside may not touch it. Nor are there
     any in a body that is flat.

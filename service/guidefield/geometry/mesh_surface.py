@@ -24,7 +24,7 @@ from guidefield.geometry.crossings import crossings
 from guidefield.geometry.surfaces import Surface, extents
 
 _FLAT = 1e-9  # a closed mesh with less volume than this fraction of its size cubed has no inside
-_SOME = 4096  # so many triangles are looked at together for one that has an area
+_SOME = 4096  # this many triangles are examined together for one that has an area
 _CONVEX = 1e-7  # how far a mesh may dent in and still be judged by its hull, as a fraction of its size
 
 
@@ -126,7 +126,7 @@ def _edges(triangles: np.ndarray) -> np.ndarray:
 def _facing_outwards(mesh: Joined) -> tuple[np.ndarray, bool, list[str]]:
     """Triangles, turned where that makes a closed mesh consistent; whether it is solid; warnings.
 
-    It is looked at with its cracks closed.
+    It is examined with its cracks closed.
     """
     vertices, triangles, welded = mesh.vertices, mesh.triangles, mesh.welded
     if not len(welded):

@@ -24,7 +24,7 @@ BOXED = 2048
 """Nodes of more triangles than clusters have, and of no more than this, may get a box. With four times as many
 measuring is a tenth sooner, without any it takes twice as long, on a ring of a million about a Panda."""
 
-Told = Callable[[Cluster], None]  # is told of nodes
+Told = Callable[[Cluster], None]  # receives nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class MeshTree:
     balls: np.ndarray  # centre and radius of the ball about each node, shape (n, 4) [m]; the root is the first
     links: np.ndarray  # children and triangle of each node, shape (n, 3); -1 where there is none
     # for each of `CLUSTERS` the nodes, shape (k,), and the triangles below each, shape (k, most): one of them fills
-    # what is left
+    # the rest
     clusters: tuple[Cluster, ...]
     # vertices of a polytope about them all, shape (k, 3) [m]; None where they are in a plane
     hull: np.ndarray | None = None
@@ -58,13 +58,13 @@ def triangle_tree(triangles: np.ndarray) -> MeshTree:
 
 
 def cluster_counts(triangles: int) -> list[int]:
-    """How many of the nodes of a `triangle_tree` over so many triangles are of each of `CLUSTERS`."""
+    """How many of the nodes of a `triangle_tree` over a given number of triangles are of each of `CLUSTERS`."""
     sizes = _node_sizes(triangles)
     return [sum(many for (size, above), many in sizes.items() if 1 < size <= most < above) for most in CLUSTERS]
 
 
 def count_boxed(triangles: int) -> int:
-    """How many of the nodes of a `triangle_tree` over so many triangles may get a box, see `BOXED`."""
+    """How many of the nodes of a `triangle_tree` over a given number of triangles may get a box, see `BOXED`."""
     return sum(many for (size, _), many in _node_sizes(triangles).items() if CLUSTERS[-1] < size <= BOXED)
 
 
@@ -127,7 +127,7 @@ def tree_written(
 
 
 def mesh_of_nodes(counts: np.ndarray) -> np.ndarray:
-    """Return the mesh of each node of a forest over meshes of so many triangles, shape (n,): level by level, (m,)."""
+    """Return the mesh of each node of a forest over meshes of given sizes, shape (n,): level by level, (m,)."""
     found, meshes, sizes = list[np.ndarray](), np.arange(len(counts)), counts
     while len(sizes):
         found.append(meshes)

@@ -38,7 +38,7 @@ class Solid:
     closed: bool  # whether it has an inside
     tables: SurfaceTables  # the triangles with an area as the distance kernels read them
     spans: Integers  # where the tree of each solid stands in the tables, shape (k, 4)
-    # how far points of a finer mesh that it stands for are from it, and the other way round, at most [m]
+    # how far points of a finer mesh that it represents are from it, and the other way round, at most [m]
     reach: float = 0.0
 
     @cached_property

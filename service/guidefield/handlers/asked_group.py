@@ -45,7 +45,7 @@ def start_of(positions: Positions, robot: RobotModel) -> tuple[RobotConfiguratio
 
 
 def goal_positions(goal: Goal | RelativeGoal | None) -> list[Positions]:
-    """Return the configurations of a goal as they are given; none for a goal of another kind."""
+    """Return the configurations of a goal, unchanged; none for a goal of another kind."""
     if isinstance(goal, JointSetGoal):
         return goal.positions
     return [goal.positions] if isinstance(goal, JointsGoal) else []

@@ -158,7 +158,7 @@ def holding(
 
 
 def are_large(attached: Sequence[AttachedObject]) -> bool:
-    """Return whether objects have so many triangles and points that building them takes long."""
+    """Return whether objects have enough triangles and points for building them to take long."""
     return are_many([one.obstacle for one in attached], MANY)
 
 

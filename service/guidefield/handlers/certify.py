@@ -119,10 +119,10 @@ def _recorded(scene: Scene, problem: GivenProblem, measured: Clearance | None) -
     def measure() -> ClearanceProfile:
         return measure_clearance_profile((measured or measure_clearance(_motion(problem), problem), problem, scene))
 
-    def packed() -> PackedMotion:
+    def pack() -> PackedMotion:
         return PackedMotion(found=None if measured is None else PackedClearance.of(measured))
 
-    return JudgedMotion(problem.group, scene, measure, packed, problem.motion, problem.planned)
+    return JudgedMotion(problem.group, scene, measure, pack, problem.motion, problem.planned)
 
 
 def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotModel]) -> None:

@@ -262,7 +262,7 @@ def _rates(
     group: PlanningGroup,
     points: ChartPoints,
 ) -> ChartRates | None:
-    """Rates of the chart at its points (n, nv), from velocities or accelerations as they are given; None without."""
+    """Rates of the chart at its points (n, nv), from given velocities or accelerations; None without."""
     if given is None:
         return None
     names = request.velocity_names or velocity_names_of(columns, group.robot)

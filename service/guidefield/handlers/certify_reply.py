@@ -134,11 +134,11 @@ def _why(problem: GivenProblem, judgement: Judgement) -> str:
             if problem.motion.tube is not None:
                 kept = describe_kept(problem.min_clearance)
                 return (
-                    f"where the execution may be, by its tolerance or between its ticks, it can't be told that {pair}"
+                    f"where the execution may be, by its tolerance or between its ticks, it is undecided that {pair}"
                     f" {kept}"
                 )
             kept = f"keep {1000 * problem.min_clearance:g} mm" if problem.min_clearance > 0.0 else "touch"
-            return f"the motion brings {pair} so close that it can't be told whether they {kept}"
+            return f"the motion brings {pair} so close that it is undecided whether they {kept}"
 
 
 def _contact(judgement: Judgement, pair: str) -> str:

@@ -24,7 +24,7 @@ from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import ModelConfigurations, RobotConfigurations
 
 TOGETHER = 16
-"""Number of configurations that are answered before the time is looked at: with the slowest robots a few milliseconds.
+"""Number of configurations that are answered before the time is examined: with the slowest robots a few milliseconds.
 """
 
 

@@ -57,8 +57,8 @@ from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
 FRAMES_TOGETHER = 1024
-"""Number of configurations at which frames are placed before the time is looked at: about a millisecond."""
-POINTS_AT_ONCE = 4096  # at so many points the field is found before it is asked whether to go on
+"""Number of configurations at which frames are placed before the time is examined: about a millisecond."""
+POINTS_AT_ONCE = 4096  # at this many points the field is found before it is asked whether to go on
 
 _Asked = TypeVar("_Asked")
 

@@ -129,12 +129,12 @@ def _is_guided(request: PlanRequest, problem: Problem) -> bool:
 def _recorded(
     scene: Scene, problem: Problem, trajectory: Trajectory | None, found: Clearance | None, parts: int
 ) -> PlainMotion:
-    def packed() -> PackedMotion:
+    def pack() -> PackedMotion:
         knots = None if trajectory is None else PackedKnots.of(trajectory)
         return PackedMotion(knots, None if found is None else PackedClearance.of(found), parts=parts)
 
     measure = lambda: None if found is None else measure_clearance_profile((found, problem, scene))  # noqa: E731
-    return PlainMotion(problem.group, scene, measure, packed)
+    return PlainMotion(problem.group, scene, measure, pack)
 
 
 def _motions(request: PlanRequest, problem: Problem, made: Plan) -> list[Motion]:

@@ -103,7 +103,7 @@ def _goal_place(problem: Problem) -> np.ndarray | GuidePlane:
     return problem.guide_planes[-1]
 
 
-AT_ONCE = 500  # so many goals are read before it is asked whether there is time: it takes some milliseconds
+AT_ONCE = 500  # this many goals are read before it is asked whether there is time: it takes some milliseconds
 
 
 def problem_of(

@@ -223,7 +223,7 @@ def unmeasured(measured: Clearance | None) -> list[str]:
         ("self_clearance.minimum", measured.own),
     ]
     return [
-        f"time was up while distances were measured: `{name}` is not the smallest distance but what is kept at least;"
+        f"time was up while distances were measured: `{name}` is not the smallest distance but a lower bound of it;"
         f" the smallest that was found is {1000 * closest.distance:.1f} mm"
         for name, closest in stated
         if closest is not None and not closest.exact

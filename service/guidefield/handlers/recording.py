@@ -1,4 +1,4 @@
-"""Requests that a handler makes of whoever records its run, and the motion that it gives to be recorded."""
+"""Requests that a handler makes of the recorder of its run, and the motion that it gives to be recorded."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _R_contra = TypeVar("_R_contra", bound=MotionReply, contravariant=True)
 class RecordedMotion(Protocol):
     """A motion as a recording shows it."""
 
-    def shown(self) -> tuple[PlanningGroup, Scene]:
+    def view(self) -> tuple[PlanningGroup, Scene]:
         """Return the joints that move and the scene that they move in, with what is carried."""
 
     def profile(self) -> ClearanceProfile | None:
@@ -37,7 +37,7 @@ class RecordedMotion(Protocol):
 
 
 class Recording(Protocol[_R_contra]):
-    """Somebody who records a run: an observer who is told the end, once."""
+    """Somebody who records a run: an observer who hears of the end, once."""
 
     def observe(self, event: Event) -> None:
         """Be told of an event."""
@@ -142,7 +142,7 @@ class PlainMotion:
     measure: Callable[[], ClearanceProfile | None]
     packed: Callable[[], PackedMotion]
 
-    def shown(self) -> tuple[PlanningGroup, Scene]:
+    def view(self) -> tuple[PlanningGroup, Scene]:
         """As in `RecordedMotion`."""
         return self.group, self.scene
 

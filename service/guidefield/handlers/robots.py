@@ -38,7 +38,7 @@ class StoredRobots(Protocol):
         """Their names."""
 
     def find(self, name: str) -> SentRobot | None:
-        """One of them; None if it is gone meanwhile, RobotInvalid if it is damaged."""
+        """One of them; None if it was deleted since, RobotInvalid if it is damaged."""
 
 
 def robots(catalog: Catalog, stored: StoredRobots) -> RobotsReply:

@@ -53,7 +53,7 @@ class Standing:
     objects: tuple[Held, ...] = field(default=())  # what is held
 
     @property
-    def held(self) -> tuple[str, ...]:
+    def held_names(self) -> tuple[str, ...]:
         """Names of the objects that are held."""
         return tuple(one.name for one in self.objects)
 
@@ -82,7 +82,7 @@ class Standing:
         in_link = se3(attached.placement.position, attached.placement.quaternion_xyzw)
         return put_at(attached.obstacle, self.frame(attached.link) * in_link * own)
 
-    def moved(self, q: RobotConfiguration, time: float, min_clearance: float) -> Standing:
+    def move(self, q: RobotConfiguration, time: float, min_clearance: float) -> Standing:
         """The same with the robot at a configuration, shape (nq,), at a time [s].
 
         What has left what it stood on by then is known to have.
@@ -116,9 +116,9 @@ class Standing:
         one = next((one for one in self.objects if one.name == name), None)
         if one is None:
             raise UnknownObject(
-                f"{name!r} is not held; held are: {', '.join(self.held) or 'nothing'}",
+                f"{name!r} is not held; held are: {', '.join(self.held_names) or 'nothing'}",
                 object=name,
-                available=list(self.held),
+                available=list(self.held_names),
             )
         if not isinstance(one.attached.obstacle, CARRIED):
             kind = type(one.attached.obstacle).__struct_config__.tag

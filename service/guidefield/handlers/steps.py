@@ -111,7 +111,7 @@ class Steps:
         """As in `Course`."""
         step = self._request.steps[index]
         with _in_step(index):
-            then = at.moved(q, time, self._request.min_clearance)
+            then = at.move(q, time, self._request.min_clearance)
             if step.detach is not None:
                 with at_path("$.detach"):
                     then = then.without(step.detach)
@@ -210,7 +210,7 @@ class Steps:
             allowed_collisions=[*request.allowed_collisions, *permitted],
             limits={name: limits for name, limits in request.limits.items() if name in moving},
             objective=step.objective or request.objective,
-            execution=_narrowed(request.execution, moving),
+            execution=_narrow(request.execution, moving),
         )
 
     def _limited_for(self, index: int) -> PlanRequest:
@@ -322,7 +322,7 @@ def _require_served(request: PlanRequest) -> None:
         )
 
 
-def _narrowed(execution: ExecutionOptions | None, moving: set[str]) -> ExecutionOptions | None:
+def _narrow(execution: ExecutionOptions | None, moving: set[str]) -> ExecutionOptions | None:
     if execution is None or not isinstance(execution.tolerance, dict):
         return execution
     tolerance = {name: value for name, value in execution.tolerance.items() if name in moving}

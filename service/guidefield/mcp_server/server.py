@@ -67,7 +67,7 @@ def _trajectory_figures(reply: PlanReply) -> dict[str, Any]:
 
 
 def _schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
-    """JSON Schema of a message, without the tag, which the tool's name stands for."""
+    """JSON Schema of a message, without the tag, which the tool's name represents."""
     (root,), parts = make_schemas_of([kind])
     whole = dict(parts.pop(root["$ref"].rpartition("/")[2]))
     tag = kind.__struct_config__.tag_field

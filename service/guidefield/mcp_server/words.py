@@ -22,7 +22,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.scene import Scene
 
-MOST_TOLD = 20  # of a batch so many are told in words; the figures of all stand beside them
+MOST_TOLD = 20  # of a batch this many are described in words; the figures of all stand beside them
 
 
 def describe_plan(reply: PlanReply) -> str:

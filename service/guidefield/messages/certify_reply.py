@@ -181,7 +181,7 @@ def describe_speed(use: CartesianUse) -> str:
 
 
 def describe_effort(effort: EffortFigures) -> str | None:
-    """Say in words which joint takes the largest share of its torque; None where no torque with a limit is told."""
+    """Say in words which joint takes the largest share of its torque; None where no torque with a limit is reported."""
     limited = [use for use in effort.joints if use.share is not None]
     if not limited:
         return None

@@ -196,7 +196,7 @@ CartesianLimits = Annotated[list[CartesianLimit], msgspec.Meta(max_length=MOST_C
 class JointLimits(Message):
     """Limits of one joint's motion that replace the robot's own; null keeps them.
 
-    An effort is kept only where it is given: the robot's own is told, but binds nothing.
+    An effort is kept only where it is given: the robot's own is reported, but binds nothing.
 
     Attributes:
         velocity: [rad/s or m/s].

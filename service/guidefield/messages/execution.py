@@ -63,7 +63,7 @@ class ExecutionFigures(Reply):
         interpolation: The request's.
         rate: The request's [1/s].
         tolerance: Of each column of `position_names` [rad or m].
-        deviation: Of the drawn curve from the planned one, the tolerance aside.
+        deviation: Of the drawn curve from the planned one, without the tolerance.
         times: Of the rows, strictly increasing [s].
         positions: The rows [rad or m].
         velocities: The same [rad/s or m/s]; null where the interpolation reads none.

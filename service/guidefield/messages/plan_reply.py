@@ -306,7 +306,7 @@ class PlanReply(Reply):
         execution: The rows to send to a controller, if the request has an `execution` and the motion is certified: the
             certificate and the clearances are those of the curve that it draws.
         cartesian: The largest speed of each frame and link that the request limits; in `steps` for a sequence.
-        effort: Torques along the trajectory; in `steps` for a sequence, as they are those of what is held.
+        effort: Torques along the trajectory; in `steps` for a sequence, because they depend on the held object.
 
     Examples:
         >>> import guidefield

@@ -80,7 +80,7 @@ def _read(
     if scene is None or digest is None or not isinstance(read, Scene) or isinstance(made, requests.StoreScene):
         return made
     if not (isinstance(read, RequestScene) and read.base):
-        _SCENES.put(digest, freeze(read, FrozenFacts(content=digest)), len(scene))
+        _SCENES.insert(digest, freeze(read, FrozenFacts(content=digest)), len(scene))
     return made
 
 

@@ -215,4 +215,4 @@ _NAMES: dict[str, Callable[[dict[str, Any]], str]] = {
     "object": lambda schema: f"object of names to {_bracket(_name_value(schema.get('additionalProperties') or {}))}",
     "string": _name_text,
 }
-"""How each kind of value is told."""
+"""How each kind of value is reported."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from guidefield.messages.quotas import Quota
+from guidefield.messages.identities import Quota
 from guidefield.messages.served import CodeInfo, KeyInfo
 from guidefield.messages.values import Reply
 

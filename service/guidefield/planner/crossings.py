@@ -82,7 +82,7 @@ def find_led_goals(
     """Chart points (m, nv) that reach the goal's pose, looked for from where the guided planner gets, and the motion.
 
     The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
-    configuration it arrives at is one that fits there, and the pose is looked for next to it. There are none where it
+    configuration it arrives at is one that fits there, and the pose is searched for next to it. There are none where it
     failed, with one of `UNREACHED` and the reason, TIMED_OUT or PREEMPTED.
     """
     assert isinstance(problem.goal, TipGoal)

@@ -75,7 +75,7 @@ GRAZING_DISTANCE = 1e-3
 """Distance that they keep from obstacles beyond the clearance asked for, if there are such, at size 1 [m]: grazing
 would stop a certificate. Unrecorded."""
 
-MAX_STARTS = 8192  # starts from which a configuration that is free is looked for. Unrecorded
+MAX_STARTS = 8192  # starts from which a configuration that is free is searched for. Unrecorded
 
 GOALS_AT_ONCE = 100
 """Of configurations that are given, the number judged before the deadline is asked: it takes some milliseconds."""

@@ -1,8 +1,8 @@
 """Plans to configurations and poses among obstacles that move: ways first, then when to be where along each.
 
 A way is found among obstacles that are held in one of several manners, optimised and certified there, and a schedule
-along it is looked for that meets nothing that moves. The way that may be arrived on first is tried first. Where the
-certificate in time refuses a motion, it is looked for another that isn't there then. Where all else fails the robot
+along it is searched for that meets nothing that moves. The way that may be arrived on first is tried first. Where the
+certificate in time refuses a motion, it is searched for another that isn't there then. Where all else fails the robot
 waits until the obstacles have come to rest, if it may wait, and goes as the planner among obstacles at rest goes.
 """
 

@@ -26,7 +26,7 @@ from guidefield.scene.flat import axes_across
 from guidefield.scene.guide_plane import GuidePlane
 
 SHARE = 0.5
-"""Share of the time for a connection before a lesser one is looked for: from the start instead of from where derived
+"""Share of the time for a connection before a lesser one is searched for: from the start instead of from where derived
 guide planes led; with no more than contact avoided instead of with the clearance asked for."""
 
 

@@ -86,7 +86,7 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
 
 @dataclass(frozen=True)
 class _EndWords:
-    """How an end is told of."""
+    """How an end is described."""
 
     status: Status
     stage: str

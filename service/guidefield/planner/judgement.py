@@ -4,7 +4,7 @@ It begins as a plan does: a body wholly inside another, or a slight contact that
 what rests, what moves, and what frames have to keep; of their refusals the first along the motion counts.
 
 Until what touched at the start keeps a distance again it must not come closer, at samples; everything else is certified
-meanwhile, and from then on everything is.
+until then, and from then on everything is.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _is_free_beside(conditions: Conditions, motion: GivenMotion, piece: int, sha
 
 
 def _choose_moments(conditions: Conditions, motion: GivenMotion, piece: int) -> int:
-    """At so many moments of a piece what moves is measured, whether the robot moves or not."""
+    """At this many moments of a piece what moves is measured, whether the robot moves or not."""
     begin, end = (motion.along(piece, share)[1] for share in (0.0, 1.0))
     return 0 if not conditions.scene.moves or begin is None or end is None else math.ceil((end - begin) / INTERVAL)
 
@@ -189,7 +189,7 @@ def judge(problem: GivenProblem, uses: LimitUses) -> Judgement:
 
     Raises:
         ValueError: if obstacles move and the motion has no times.
-        DeadlineExpired: if time is up before all of a long motion is looked at for limits beside those of rates.
+        DeadlineExpired: if time is up before all of a long motion is examined for limits beside those of rates.
     """
     if (fault := problem.still_fault) is not None:
         z = problem.motion.start

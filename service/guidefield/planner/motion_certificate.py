@@ -208,7 +208,7 @@ def certify_motion(
     judged_by: Judge = judge,
     message: str = "on the exact geometry, between samples too",
 ) -> CertifiedMotion:
-    """Return a trajectory with the verdict of whoever judges it; slower, where a controller draws it beyond a limit.
+    """Return a trajectory with its judge's verdict; slower, where a controller draws it beyond a limit.
 
     Args:
         crossings: By index of each guide plane that was reached, the index of its knot.

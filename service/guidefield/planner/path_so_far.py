@@ -45,7 +45,7 @@ def round_path(problem: Problem, path: ChartPoints, limits: Limits, finer: int =
     """The fastest motion round the corners of a path (n, nv), from rest to rest.
 
     Args:
-        finer: Control points of the curve, and pieces of the motion, are so many times as dense.
+        finer: Control points of the curve, and pieces of the motion, are that many times as dense.
     """
     places = subdivide(remove_repetitions(path), CURVE_SPACING / finer, problem.group.sizes)
     if problem.path_constraints:

@@ -184,7 +184,7 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
             if not (leads and unreached and isinstance(problem.goal, TipGoal)):
                 told = make_ending_at_rest(problem, failed.ending)
                 raise StageFailed(told.status, told.message, **told.details) from None
-            stage.outcome = "the start is free; the goal's pose is looked for from where guide planes lead"
+            stage.outcome = "the start is free; the goal's pose is searched for from where guide planes lead"
             return None
         if goals is None:
             stage.outcome = "the start is free"

@@ -93,7 +93,7 @@ class SmallestDistance:
     """The smallest distance of some pairs along a motion."""
 
     distance: float  # the smallest that was found, attained at `time` [m]; infinite without such a pair
-    bound: float  # what is kept all along, certified [m]: `tolerance` less, or smaller where there was no time to tell
+    bound: float  # the distance kept all along, certified [m]: `tolerance` less, or smaller where time was short
     time: float  # when [s]
     pair: tuple[str, str] | None  # names of the two bodies, a link first; None without such a pair
     tolerance: float  # by how much the bound is smaller where there was time to tell [m]
@@ -164,7 +164,7 @@ def measure_clearances(motions: Sequence[tuple[TimedMotion, Conditions]]) -> lis
 
 
 def measure_clearance(trajectory: TimedMotion, problem: Conditions) -> Clearance:
-    """Measure a trajectory, among the obstacles as they stand meanwhile.
+    """Measure a trajectory, among the obstacles where they are at each time.
 
     The smallest distances are looked for until the deadline, and for `LAST_SEARCH_S` at least: see `Closest.exact`.
 
@@ -253,7 +253,7 @@ def measure_clearance_profile(*parts: tuple[Clearance, Conditions, Scene], every
     Args:
         parts: The motion's parts, one after the other: what was measured, its conditions, and the scene whose field is
             felt: all of it, where the conditions have what is in reach alone.
-        every: Of the samples one in so many is taken, the first and the last of each part always.
+        every: Of the samples one in a given number of is taken, the first and the last of each part always.
     """
     from guidefield.potential import potentials_in_time  # its kernels are loaded where a recording needs them
 

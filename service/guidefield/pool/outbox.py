@@ -6,7 +6,7 @@ doesn't read blocks one thread, until Zenoh ends its link. Each answer to a clie
 The answers that wait are bounded for each client, each user and all; one user has at most half of threads and space.
 
 One more thread polls the workers, and sends the answers that it posts by itself: to wake another thread takes longer
-than to send. If sending takes long after all, another thread polls in its place, and for some seconds the polling
+than to send. If sending takes long after all, another thread polls instead, and for some seconds the polling
 thread sends nothing to that user.
 """
 

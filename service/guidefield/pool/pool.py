@@ -149,7 +149,7 @@ class Pool:
         Raises ServerBusy if too much waits already, or the pool is closed.
         """
         with self._lock:
-            pushed_out = self.waiting.put(task)
+            pushed_out = self.waiting.add(task)
             given = self._assign()
             due = min((one.at for one in (task.deadline, task.late) if one is not None), default=math.inf)
             is_asleep = self._sleeps_until > min(due, time.monotonic() + 2.0 * LOOKED_AFTER)
@@ -312,7 +312,7 @@ class Pool:
             if current is None:
                 return
             self._active_until = now + ACTIVE
-            self.waiting.done(current.task, now - current.since, frame.processor)
+            self.waiting.settle(current.task, now - current.since, frame.processor)
             waits = frame.kind == SET_BACK and not current.task.done() and self._wait_again(current.task, gave_way=True)
             given = self._assign()
         self._give(given)
@@ -386,7 +386,7 @@ class Pool:
             is_begun = current is not None and worker.line.numbers.begun == current.number
             waits = False
             if current is not None:
-                self.waiting.done(current.task, now - current.since, now - current.since if is_begun else 0.0)
+                self.waiting.settle(current.task, now - current.since, now - current.since if is_begun else 0.0)
                 current.task.handed += 1
                 if not is_begun and worker.reason is None and current.task.handed < STARTS_TRIED:
                     waits = current.task.done() or self._wait_again(current.task, gave_way=False)
@@ -411,14 +411,14 @@ class Pool:
                 self._first_tried.set()
             if all(one.failed >= STARTS_TRIED or (one.is_empty and one.start_at is None) for one in self._slots):
                 while (task := self.waiting.take()) is not None:  # no worker ever can
-                    self.waiting.done(task, 0.0, 0.0)
+                    self.waiting.settle(task, 0.0, 0.0)
                     task.set_exception(WorkerCrashed("no worker process could be started; the service keeps trying"))
 
     def _take_back(self, worker: Worker) -> None:
         """Let the job that a worker holds wait again; under the lock. What it still answers to that isn't heard."""
         if worker.held is not None:
             task, worker.held = worker.held.task, None
-            self.waiting.done(task, 0.0, 0.0)
+            self.waiting.settle(task, 0.0, 0.0)
             if not self._wait_again(task, gave_way=False) and not task.done():
                 self._call(partial(_end_early, task))
 

@@ -3,7 +3,7 @@
 Theory of operation. A free worker goes to the user who has the fewest workers; of equal users, to the one whose turn it
 is by start-time fair queueing (Goyal, Vin and Cheng, 1996): a user's turn moves on by the processor time that it got,
 and a user without tasks that wait begins where the queue is. Of equal turns the user with the fewest tasks comes first.
-So a user who asks for little waits for one free worker at most, whatever others have waiting. The clients of one user
+So a user who asks for little waits for one free worker at most, however much waits for others. The clients of one user
 take turns. If the queue is full, a user with fewer tasks in it pushes out the last task of the user with the most.
 
 Requests that take long may keep all workers when another user comes. So one more worker stands by: it takes only what
@@ -31,7 +31,7 @@ BACKSTOP = 60.0  # a worker that plans longer than its request allows by this is
 LONGEST_WORK = 600.0  # a worker that works longer on anything but a plan is to be stopped [s]
 HELD_UP = 0.4  # wait of a user without a worker, after which the worker that stands by takes its task [s]
 TRIAL = 0.4  # time for which that one works on a task before another user's may take its place [s]
-SOONEST, LATEST = 0.1, 30.0  # bounds of the time after which somebody is told to ask again [s]
+SOONEST, LATEST = 0.1, 30.0  # bounds of the time after which a client is asked to come back [s]
 HALVED_IN = 30.0
 """Half-life of a user's use of processors [s]: after heavy use a user is served like others again within minutes."""
 FORGOTTEN = 1e-3  # less than this is nothing [s]
@@ -118,7 +118,7 @@ class _Line:
     count: int = 0
     size: int = 0
 
-    def put(self, task: Task, *, first: bool) -> None:
+    def add(self, task: Task, *, first: bool) -> None:
         row = self.rows.setdefault(task.asker.client, deque())
         if first:
             row.appendleft(task)
@@ -187,7 +187,7 @@ class Waiting:
         waits = 0.5 * (line.count if line is not None else 1) * self._typical
         return round(min(max(waits, SOONEST), LATEST), 2)
 
-    def put(self, task: Task) -> list[Task]:
+    def add(self, task: Task) -> list[Task]:
         """Let a task wait its turn; return tasks of users who have more waiting that were pushed out for it.
 
         Raises ServerBusy if too much waits already, of all clients or of this one, or the queue is closed.
@@ -202,11 +202,11 @@ class Waiting:
             while (refusal := self._full(task)) is not None:
                 if (longest := self._longer_than(line, task)) is None:
                     for other in pushed:  # they took less memory than was needed
-                        self._put(other)
+                        self._add(other)
                     raise refusal
                 pushed.append(max(longest.rows.values(), key=len)[-1])
                 self._remove(pushed[-1])
-            self._put(task)
+            self._add(task)
             return pushed
 
     def take(self, *, brief: bool = False) -> Task | None:
@@ -241,10 +241,10 @@ class Waiting:
             if task.cancelled_by_client:
                 return False
             task.set_back += gave_way
-            self._put(task, first=True)
+            self._add(task, first=True)
             return True
 
-    def done(self, task: Task, seconds: float, processor: float) -> None:
+    def settle(self, task: Task, seconds: float, processor: float) -> None:
         """Note that a task that was taken is done, after some time, with some use of the processors [s]."""
         with self._lock:
             user, now = task.asker.user, time.monotonic()
@@ -318,12 +318,12 @@ class Waiting:
         longest = max((other for other in self._lines.values() if other is not line), key=share, default=None)
         return longest if longest is not None and share(longest) > share(line, 1, task.size) else None
 
-    def _put(self, task: Task, *, first: bool = False) -> None:
+    def _add(self, task: Task, *, first: bool = False) -> None:
         user = task.asker.user
         if (line := self._lines.get(user)) is None:  # its turn comes at the earliest after those that were served
             self._turns[user] = max(self._turns.get(user, 0.0), self._turn)
             line = self._lines[user] = _Line()
-        line.put(task, first=first)
+        line.add(task, first=first)
         if task.deadline is not None:
             self.due_at = min(self.due_at, task.deadline.at)
         self._count += 1

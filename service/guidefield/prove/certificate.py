@@ -41,7 +41,7 @@ def certify_constraints(
 ) -> Verdict:
     """Judge whether a motion, pieces (m, k, nv), keeps path constraints, within the tube (m, nv) about it.
 
-    The first place where it doesn't is told.
+    The first place where it doesn't is reported.
     """
     widths = np.abs(frames.group.expand_velocity)
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))

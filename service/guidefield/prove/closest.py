@@ -47,7 +47,7 @@ def enclosures_at(world: World, curve: Curve, times: np.ndarray, deadline: Deadl
     return found
 
 
-MAX_PAIRS = 100_000  # above so many pairs configurations are measured one by one, among what is near them
+MAX_PAIRS = 100_000  # above this many pairs configurations are measured one by one, among what is near them
 
 
 class ClosestPairs:
@@ -76,7 +76,7 @@ class ClosestPairs:
         closest_pairs(
             moving, np.ascontiguousarray(configurations), np.ascontiguousarray(clock), within, distances, pairs
         )
-        apart: np.ndarray = np.any(distances > 0.0, axis=1)  # where own bodies touch, obstacles' distance is told too
+        apart: np.ndarray = np.any(distances > 0.0, axis=1)  # where own bodies touch, obstacles' distance counts too
         alone: np.ndarray = np.any(pairs[:, :, 0] < -1, axis=1)
         if is_open:
             enclosed = [False] * int(apart.sum())

@@ -12,7 +12,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 EXACT = 1e-13  # curves are halved until the largest excess is known to this [rad or m]
-MOST_HALVINGS = 60  # parts shorter than this leaves can't be told from a point: 2^-60
+MOST_HALVINGS = 60  # parts shorter than this leaves can't be distinguished from a point: 2^-60
 
 
 def ranges(controls: ChartCurves) -> tuple[ChartPoints, ChartPoints]:

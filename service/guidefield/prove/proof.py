@@ -93,7 +93,7 @@ def prove(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED
 
 
 def _claims(found: SearchResult, goal: Goal) -> np.ndarray:
-    """The smallest distances that were found, as far as they are more than what is asked for."""
+    """The smallest distances that were found, if larger than what is asked for."""
     asked = goal.min_clearance or 0.0
     rows = [(*span, 0.0, one.bound - SPARE) for one, span in zip(found.obstacle, goal.spans, strict=True)]
     rows += [(*span, 1.0, found.own.bound - SPARE) for span in goal.spans[:1]]

@@ -53,11 +53,11 @@ from guidefield.read_only import ReadOnly
 TOLERANCE = 1e-4  # maximum error of a smallest distance [m], at size 1
 
 RESOLUTION_FLOOR = 1e-5
-"""A pair that moves no farther in a segment and still can't be told apart is undecided [m], at size 1;
+"""A pair that moves no farther in a segment and still can't be separated is undecided [m], at size 1;
 `docs/certificate.md`."""
 
 EVERY_KIND = OWN_PAIRS | AT_REST | IN_MOTION  # all pairs
-SEGMENTS_AT_ONCE = 2000  # number of segments after which the deadline is looked at: a few milliseconds
+SEGMENTS_AT_ONCE = 2000  # number of segments after which the deadline is examined: a few milliseconds
 
 LAST_SEGMENTS = 256
 """Maximum number of segments that a verdict may need once time is up, for some milliseconds; a certificate alone takes
@@ -68,14 +68,14 @@ EVERY = 34
 all along, takes a tenth longer, and a Baxter a fiftieth less."""
 
 LOOKED = 1 / 15
-"""In segments longer than this share of the motion only spheres and boxes are looked at: twice or half of it takes a
+"""In segments longer than this share of the motion only spheres and boxes are examined: twice or half of it takes a
 UR5 and a Baxter longer. Unrecorded."""
 
-SHORT = 0.1  # motions shorter than this in each coordinate are looked at closely as a whole [rad or m]. Unrecorded
-STOPPED = 1 / 32  # a search that is stopped tells what is kept in segments no longer than this share of the motion
+SHORT = 0.1  # motions shorter than this in each coordinate are examined closely as a whole [rad or m]. Unrecorded
+STOPPED = 1 / 32  # a search that is stopped tells distances kept in segments no longer than this share of the motion
 
 AHEAD = 8
-"""Number of places after an undecided one at which contact is looked for, each twice as far ahead as the one before."""
+"""Number of places after an undecided one at which contact is sought, each twice as far ahead as the one before."""
 
 _REASONS = {FREE: Reason.FREE, IN_CONTACT: Reason.CONTACT, TOO_CLOSE: Reason.TOO_CLOSE}
 

@@ -23,8 +23,8 @@ COAL_RELATIVE = 2e-6
 off; this is twice as much."""
 
 CONSTRAINT_RESOLUTION = 1e-5
-"""Curves that span no more than this in every coordinate, and about whose path constraints it still can't be told, are
-refused [rad or m]. Unrecorded."""
+"""Curves that span no more than this in every coordinate, and about whose path constraints nothing can be determined
+then, are refused [rad or m]. Unrecorded."""
 
 
 def with_coal_error(distance: _D) -> _D:

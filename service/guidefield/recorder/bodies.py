@@ -23,8 +23,7 @@ from guidefield.errors import strip_path
 from guidefield.geometry import cache
 from guidefield.memo import MISSING, Answers
 from guidefield.recorder import surface
-from guidefield.recorder.chunks import entity, link_frame, still
-from guidefield.recorder.rrd_file import UNREADABLE, encode_recording, read_chunks, read_meshes
+from guidefield.recorder.chunks import UNREADABLE, encode_recording, entity, link_frame, read_chunks, read_meshes, still
 from guidefield.recorder.surface import GREY, Surface
 from guidefield.robot.bodies.sphere_cover import recall_coverage
 from guidefield.robot.mesh_files import reading as mesh_files

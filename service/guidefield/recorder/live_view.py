@@ -18,10 +18,9 @@ from rerun.chunk import Chunk
 
 from guidefield.recorder import bodies, robot_entities, scene_entities
 from guidefield.recorder.bodies import Drawn
-from guidefield.recorder.chunks import STEP, shown
+from guidefield.recorder.chunks import APPLICATION_ID, STEP, visible_entities
 from guidefield.recorder.motion import poses
-from guidefield.recorder.rrd_file import APPLICATION_ID
-from guidefield.recorder.stored import Place, SharedScene
+from guidefield.recorder.stored import RecordingPlace, SharedScene
 from guidefield.recorder.view import Eye, choose_eye, layout
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
@@ -30,7 +29,7 @@ from guidefield.scene.scene import Scene
 from guidefield.viewer import is_listening
 
 STEP_INTERVAL_S = 0.05  # shortest time between two of the planner's steps that are sent [s]
-MAX_PENDING = 8  # steps are left out while so many parts wait to be sent
+MAX_PENDING = 8  # steps are left out while this many parts wait to be sent
 MAX_BACKLOG = 64  # parts of all recordings that wait to be sent; further ones aren't shown
 
 _backlog = threading.BoundedSemaphore(MAX_BACKLOG)
@@ -118,16 +117,16 @@ class LiveRun:
         eye = choose_eye(at.tip, robot, np.empty((0, 3)), self._scene.obstacles, group.size)
         obstacles = scene_entities.obstacles(self._scene.obstacles, eye.hiding, ())
         chunks = [*bodies.meshes(group.robot, drawn), *obstacles, robot_entities.tip_axes(group), moved]
-        return chunks, layout(eye, STEP, shown(chunks))
+        return chunks, layout(eye, STEP, visible_entities(chunks))
 
     @property
-    def place(self) -> Place:
+    def place(self) -> RecordingPlace:
         """The place for the whole recording, as of one that is written to a file."""
         return _ViewerPlace(Path(), bodies.cache_folder(), True, self._channel)
 
 
 @dataclass(frozen=True)
-class _ViewerPlace(Place):
+class _ViewerPlace(RecordingPlace):
     channel: Channel
 
     def write(
@@ -141,5 +140,5 @@ class _ViewerPlace(Place):
         timeline: str,
     ) -> None:
         every = [*chunks, *scene.chunks(), *bodies.meshes(robot, drawn)]
-        views = layout(eye, timeline, shown(chunks))
+        views = layout(eye, timeline, visible_entities(chunks))
         self.channel.send(lambda: (every, views), last=True)

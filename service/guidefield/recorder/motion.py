@@ -43,7 +43,7 @@ AT_ORIGIN = np.eye(4)[:3].copy()
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ShownMotion:
     """Configurations (n, nq) at times (n,) [s] from 0; untimed, they are those of a path shown at `SHOWN_SPEED`."""
 
     times: np.ndarray
@@ -53,19 +53,19 @@ class Motion:
 
 def shown_motion(
     group: PlanningGroup, reply: PlanReply, profile: ClearanceProfile | None, start: Configuration | None
-) -> Motion:
+) -> ShownMotion:
     """The motion to show for a reply: the samples of its trajectory if it was measured, else that, else its path.
 
     Without any of these it is a start (nq,), by default that of the request.
     """
     if profile is not None and len(profile.times):
-        return Motion(profile.times, profile.configurations, timed=True)
+        return ShownMotion(profile.times, profile.configurations, timed=True)
     if reply.trajectory is not None and reply.trajectory.times:
         return _between_knots(group, reply.trajectory)
     if reply.path:
         return _untimed(group, reply.path)
     q = group.q_origin if start is None else start
-    return Motion(np.zeros(1), q[None], timed=False)
+    return ShownMotion(np.zeros(1), q[None], timed=False)
 
 
 def refused_goal(group: PlanningGroup, request: PlanRequest, reply: PlanReply) -> Configuration | None:
@@ -131,18 +131,18 @@ def _configuration(group: PlanningGroup, row: Sequence[float]) -> Configuration:
     return np.concatenate(parts)
 
 
-def _between_knots(group: PlanningGroup, trajectory: messages.Trajectory) -> Motion:
+def _between_knots(group: PlanningGroup, trajectory: messages.Trajectory) -> ShownMotion:
     """A trajectory without samples: by its curve where that is known, else straight from knot to knot."""
     if group.is_euclidean:
         plotted = curves(group, trajectory)
-        return Motion(plotted.times, configurations_of(group, plotted.positions.tolist()), timed=True)
+        return ShownMotion(plotted.times, configurations_of(group, plotted.positions.tolist()), timed=True)
     knots, qs = np.array(trajectory.times), configurations_of(group, trajectory.positions)
     times = _shown_times(knots)
     before = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, max(len(knots) - 2, 0))
     after = np.minimum(before + 1, len(knots) - 1)
     shares = (times - knots[before]) / np.where(after > before, knots[after] - knots[before], 1.0)
     between = zip(before, after, shares, strict=True)
-    return Motion(
+    return ShownMotion(
         times, np.array([group.interpolate(qs[i], qs[j], float(share)) for i, j, share in between]), timed=True
     )
 
@@ -157,14 +157,14 @@ def _shown_times(knots: np.ndarray) -> np.ndarray:
     return np.union1d(np.linspace(knots[0], knots[-1], count), knots)
 
 
-def _untimed(group: PlanningGroup, path: Sequence[Sequence[float]]) -> Motion:
+def _untimed(group: PlanningGroup, path: Sequence[Sequence[float]]) -> ShownMotion:
     """A path of position rows, filled in evenly and shown at an even pace."""
     rows = group.chart_path(list(configurations_of(group, path)))
     lengths = np.abs(np.diff(rows, axis=0)).max(axis=1, initial=0.0)
     arc = np.concatenate([[0.0], np.cumsum(lengths)])
     shown = np.linspace(0.0, arc[-1], 1 + int(np.ceil(arc[-1] / SHOWN_STEP)))
     filled = np.column_stack([np.interp(shown, arc, column) for column in rows.T])
-    return Motion(shown / SHOWN_SPEED, np.array([group.from_chart(row) for row in filled]), timed=False)
+    return ShownMotion(shown / SHOWN_SPEED, np.array([group.from_chart(row) for row in filled]), timed=False)
 
 
 @dataclass(frozen=True, eq=False)

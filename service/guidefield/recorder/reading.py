@@ -18,7 +18,7 @@ from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.replies import CERTIFY, CertifyReply, MotionReply, PlanReply, RequestTag
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
-from guidefield.recorder.chunks import shown, still
+from guidefield.recorder.chunks import UNREADABLE, encode_recording, read_chunks, read_meshes, still, visible_entities
 from guidefield.recorder.documents import (
     MADE_WITH,
     MESSAGE_COMPONENT,
@@ -29,7 +29,6 @@ from guidefield.recorder.documents import (
     unpack,
     with_warning,
 )
-from guidefield.recorder.rrd_file import UNREADABLE, encode_recording, read_chunks, read_meshes
 from guidefield.recorder.view import Eye, layout
 from guidefield.versions import parse_versions
 
@@ -63,7 +62,7 @@ def self_contained(recording: Path, folder: Path) -> bytes:
     batch = lacking.to_record_batch()
     (name,), at, (timeline,) = (batch.column(part).to_pylist()[0] for part in ("meshes", "eye", "timeline"))
     rest = [chunk for chunk in chunks if chunk.entity_path != LEFT_OUT]
-    views = layout(Eye(np.array(at[:3]), np.array(at[3:]), frozenset()), timeline, shown(rest))
+    views = layout(Eye(np.array(at[:3]), np.array(at[3:]), frozenset()), timeline, visible_entities(rest))
     rest = _with(rest, "the robot's meshes are", lambda: read_meshes(folder / Path(name).name))
     if (
         "scene_apart" in batch.schema.names and batch.column("scene_apart").to_pylist()[0][0]

@@ -24,8 +24,8 @@ from guidefield.recorder.chunks import PATH_TIME, STEP, Color, make_columns, pat
 from guidefield.recorder.documents import JudgedRun, PlanRun, Run, document_judgement, document_plan
 from guidefield.recorder.motion import (
     Curves,
-    Motion,
     Poses,
+    ShownMotion,
     configurations_of,
     curves,
     frames_of,
@@ -34,7 +34,7 @@ from guidefield.recorder.motion import (
     refused_goal,
     shown_motion,
 )
-from guidefield.recorder.stored import Place, shared_scene
+from guidefield.recorder.stored import RecordingPlace, shared_scene
 from guidefield.recorder.view import Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartRates, Configuration, Configurations
@@ -85,7 +85,7 @@ def _draw_closest_pair(profile: ClearanceProfile, size: float) -> Chunk:
     return timed("/path/closest_pair", [path_times(profile.times)], columns)
 
 
-def _plot_joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) -> Iterator[Chunk]:
+def _plot_joints(group: PlanningGroup, motion: ShownMotion, trajectory: Trajectory | None) -> Iterator[Chunk]:
     names, rates = group.position_names, group.velocity_names
     if trajectory is None or not trajectory.times:
         positions = position_rows(group, motion.configurations)
@@ -152,7 +152,7 @@ EVEN_PACE = "the motion has no times: it is shown at an even pace"
 NO_TRAJECTORY = "there is no trajectory: the path is shown at an even pace, its times mean nothing"
 
 
-def record_plan(place: Place, run: PlanRun, log: EventLog) -> None:
+def record_plan(place: RecordingPlace, run: PlanRun, log: EventLog) -> None:
     """Write the recording of a plan, found or not; raises OSError, and leaves nothing, if the file can't be written.
 
     With `recording: "summary"` it holds the motion among the obstacles and how it went, and its log only steps, the
@@ -164,7 +164,7 @@ def record_plan(place: Place, run: PlanRun, log: EventLog) -> None:
     refused = refused_goal(group, request, reply)
     motion = shown_motion(group, reply, run.measured, steps[-1][1].q if steps else None)
     if refused is not None:
-        motion = Motion(np.zeros(1), refused[None], timed=False)
+        motion = ShownMotion(np.zeros(1), refused[None], timed=False)
     landmarks = np.array([corner for plane in reply.guide_planes for corner in plane.vertices]).reshape(-1, 3)
     view = _MotionView.of(place, run, motion, landmarks)
     chunks = [*view.robot(), *view.curves(reply.trajectory), *view.bodies(colliding)]
@@ -189,14 +189,14 @@ def record_plan(place: Place, run: PlanRun, log: EventLog) -> None:
     view.write(place, chunks, colliding, timeline)
 
 
-def record_judgement(place: Place, run: JudgedRun, given: GivenMotion, planned: GivenMotion | None) -> None:
+def record_judgement(place: RecordingPlace, run: JudgedRun, given: GivenMotion, planned: GivenMotion | None) -> None:
     """Write the recording of a motion that was judged, as `record_plan`; "full" adds the field to the summary.
 
     A motion that it was to follow, if there is one, is laid over it.
     """
     group, reply, measured = run.group, run.reply, run.measured
     assert measured is not None, "a motion that is judged is measured"
-    motion = Motion(measured.times, measured.configurations, timed=given.times is not None)
+    motion = ShownMotion(measured.times, measured.configurations, timed=given.times is not None)
     view, certificate = _MotionView.of(place, run, motion, np.empty((0, 3))), reply.certificate
     at_fault = frozenset(certificate.pair or ())
     over = [] if planned is None else _lay_over(group, given, planned)
@@ -229,13 +229,13 @@ class _MotionView:
     """A motion among its obstacles, with forward kinematics along it, seen from an eye."""
 
     run: Run
-    motion: Motion
+    motion: ShownMotion
     at: Poses
     drawn: Drawn
     eye: Eye
 
     @classmethod
-    def of(cls, place: Place, run: Run, motion: Motion, landmarks: np.ndarray) -> _MotionView:
+    def of(cls, place: RecordingPlace, run: Run, motion: ShownMotion, landmarks: np.ndarray) -> _MotionView:
         at = poses(run.group, motion.configurations)
         drawn = bodies.prepared(run.group.robot, place.bodies)
         ends = robot_entities.extent(run.group, drawn, motion.configurations[[0, -1]])
@@ -276,7 +276,7 @@ class _MotionView:
             yield from robot_entities.charges(self.run.group, self.run.scene, times, qs, column)
             yield from robot_entities.picture_of_plane(self.run.scene, self.at.tip, origin_of(self.run.group))
 
-    def write(self, place: Place, chunks: Sequence[Chunk], at_fault: Collection[str], timeline: str) -> None:
+    def write(self, place: RecordingPlace, chunks: Sequence[Chunk], at_fault: Collection[str], timeline: str) -> None:
         run = self.run
         scene = shared_scene(run.scene, run.request, self.eye.hiding, at_fault)
         place.write(run.reply.run_id, chunks, scene, run.group.robot, self.drawn, self.eye, timeline)
@@ -292,7 +292,7 @@ def _planning(
     yield from planner_entities.relaxed(group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
     rows = evenly(len(steps), planner_entities.MOST_FRAMES)
     times, qs = [steps[index][0] for index in rows], [steps[index][1].q for index in rows]
-    if not steps:  # trees and optimised motions are told without the robot, which waits at its start
+    if not steps:  # trees and optimised motions are shown without the robot, which waits at its start
         times, qs = [0], [start]
     yield robot_entities.link_motion(group, links, poses(group, qs), np.array(times), STEP)
     yield _values("/plots/position", rr.TimeColumn(STEP, sequence=times), position_rows(group, np.array(qs)))

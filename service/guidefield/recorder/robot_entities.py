@@ -29,13 +29,12 @@ from guidefield.recorder.chunks import (
     still,
     timed,
 )
-from guidefield.recorder.motion import Motion, Poses, link_placements
+from guidefield.recorder.motion import Poses, ShownMotion, link_placements
 from guidefield.recorder.surface import Surface
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.spaces import Configurations
-from guidefield.scene.field_in_time import Origin, field_in_time
-from guidefield.scene.field_slice import field_slice, planes_along
+from guidefield.scene.field_slice import Origin, field_in_time, field_slice, planes_along
 from guidefield.scene.scene import Scene, build
 
 MOMENTS = 13  # configurations at which forces are shown, of those at which the robot is shown
@@ -182,7 +181,7 @@ def _fixed_frames(group: PlanningGroup, links: tuple[str, ...]) -> tuple[list[st
     return [link_frame(link) for link in links], [moved_frame(group, frame.parentJoint) for frame in frames], fixed
 
 
-def ghosts(group: PlanningGroup, drawn: Drawn, motion: Motion) -> Chunk | None:
+def ghosts(group: PlanningGroup, drawn: Drawn, motion: ShownMotion) -> Chunk | None:
     """Sketches of the robot evenly along its way in joint space, bright at the start, dark at the end; None without.
 
     A part that has hardly moved since it was last drawn isn't drawn again: it would only flicker.

@@ -23,7 +23,7 @@ from guidefield.memo import memoized
 from guidefield.messages.requests import MotionRequest
 from guidefield.recorder import bodies, scene_entities, surface
 from guidefield.recorder.bodies import Drawn
-from guidefield.recorder.chunks import shown, still
+from guidefield.recorder.chunks import encode_recording, still, visible_entities, write_recording
 from guidefield.recorder.documents import (
     LARGE_BYTES,
     MESSAGE_COMPONENT,
@@ -33,7 +33,6 @@ from guidefield.recorder.documents import (
     pack,
 )
 from guidefield.recorder.reading import LINK, left_out
-from guidefield.recorder.rrd_file import encode_recording, write_recording
 from guidefield.recorder.view import Eye, layout
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene, declare_with
@@ -116,7 +115,7 @@ def _readers() -> bytes:
 
 
 @dataclass(frozen=True)
-class Place:
+class RecordingPlace:
     """The place of a recording: whole, or for a store, without its robot's meshes and layout."""
 
     file: Path  # the recording
@@ -144,6 +143,6 @@ class Place:
                 self.file.with_suffix(LINK).unlink(missing_ok=True)
                 raise
             return
-        present = shown(chunks)
+        present = visible_entities(chunks)
         every = [*chunks, *scene.chunks(), *bodies.meshes(robot, drawn)]
         write_recording(self.file, run_id, every, layout(eye, timeline, present))

@@ -12,9 +12,8 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from guidefield.recorder import bodies, robot_entities, scene_entities, surface
-from guidefield.recorder.chunks import PATH_TIME, from_time, make_columns, path_times, timed
+from guidefield.recorder.chunks import PATH_TIME, encode_recording, from_time, make_columns, path_times, timed
 from guidefield.recorder.motion import configurations_of, poses
-from guidefield.recorder.rrd_file import encode_recording
 from guidefield.recorder.view import SWITCHED_OFF, Eye, blueprint, choose_eye, scene_view
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.obstacle import Obstacle

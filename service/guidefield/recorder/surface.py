@@ -160,7 +160,7 @@ def _colored(mesh: trimesh.Trimesh, override: Sequence[int] | None) -> Surface:
         return shaded(mesh.vertices, mesh.faces).colored(visual.material.main_color)
     if visual.kind is None:
         return shaded(mesh.vertices, mesh.faces).colored(GREY)
-    # Colours by face or by corner don't survive merging: flat shading keeps them as they are.
+    # Colours by face or by corner don't survive merging: flat shading leaves them unchanged.
     triangles = np.arange(3 * len(mesh.faces), dtype=np.uint32).reshape(-1, 3)
     by_face = visual.kind == "face"
     colors = visual.face_colors.repeat(3, axis=0) if by_face else visual.vertex_colors[mesh.faces].reshape(-1, 4)

@@ -81,7 +81,7 @@ class Case:
     positions: np.ndarray  # shape (k, n) [rad or m]
     velocities: np.ndarray | None  # shape (k, n) [rad/s or m/s]; None: from knot to knot it goes straight on
     accelerations: np.ndarray | None  # shape (k, n) [rad/s² or m/s²]; None: it is cubic, or straight
-    steps: bool  # whether each column may be anywhere between both knots meanwhile, instead of going straight on
+    steps: bool  # whether each column may be anywhere between both knots, instead of going straight on
     tolerance: np.ndarray  # how far each column may be from that, shape (n,) [rad or m]
     lower: np.ndarray  # least values of the model's chart, shape (model.nv,); infinite where there is no limit
     upper: np.ndarray  # largest values, shape (model.nv,)

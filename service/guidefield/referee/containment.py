@@ -20,7 +20,7 @@ from guidefield.referee.solid import distinct
 NEAR = 1e-5  # beyond this a point isn't looked for among the corners of a shape [m]
 CLOSE = 1e-7  # a point that is as near to a corner isn't looked for between planes [m]: that is single precision
 ONTO_PLANES = 8  # number of times that a point goes onto the plane that it is farthest beyond
-MANY = 200_000  # above so many distances from points to corners the planes about the corners are asked first
+MANY = 200_000  # above this many distances from points to corners the planes about the corners are asked first
 
 
 class Declared(NamedTuple):

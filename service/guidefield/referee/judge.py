@@ -17,8 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.referee.case import Body, Case, Constraint
-from guidefield.referee.curve import Piece, expand_about, pieces
-from guidefield.referee.limits import beyond_limit
+from guidefield.referee.curve import Piece, beyond_limit, expand_about, pieces
 from guidefield.referee.shapes import distance
 from guidefield.referee.solid import distinct, is_closed, winding
 from guidefield.referee.verdict import Answer, Finding, Verdict
@@ -34,7 +33,7 @@ def judge(case: Case, extra: float = 0.0, own_extra: float = 0.0, seconds: float
     Args:
         extra: Distance to keep from obstacles beyond what is required [m].
         own_extra: Distance that the robot's bodies have to keep from each other [m].
-        seconds: Time after which what is left is undecided.
+        seconds: Time after which the rest is undecided.
     """
     if case.unknown:
         return Verdict(Finding(Answer.NOT_JUDGED, tuple(case.unknown)))
@@ -94,7 +93,7 @@ class Along:
         return None
 
     def bisect(self) -> Finding:
-        """Halve the motion until everything is told apart, or something is broken."""
+        """Halve the motion until everything is separated, or something is broken."""
         unsure, n = None, len(self.pairs)
         every = list(range(len(self.names)))
         stack = [(p, low, high, every) for p in pieces(self.case) for low, high in itertools.pairwise(self._cuts(p))]

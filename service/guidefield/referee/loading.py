@@ -98,7 +98,7 @@ def case_of(told: Told, meshes: Meshes | None = None) -> Case:
 
 def _case(told: Told, meshes: Meshes) -> Case:
     if any(told.get("anchor", ())):
-        told = _seen(told, np.array(told["anchor"], float))
+        told = _move_to_anchor(told, np.array(told["anchor"], float))
     model, geometry, laws = _robot(told["robot"], meshes)
     spread, offset, turning, turned, columns = _chart(model, told, laws)
     motion = _motion(told["motion"], len(columns))
@@ -125,7 +125,7 @@ def _case(told: Told, meshes: Meshes) -> Case:
     )
 
 
-def _seen(told: Told, anchor: np.ndarray) -> Told:
+def _move_to_anchor(told: Told, anchor: np.ndarray) -> Told:
     """A case as seen from a point of the world (3,) [m]: far from the origin rounding would count."""
 
     def nearer(one: Told) -> Told:

@@ -172,7 +172,7 @@ class _Chunk:
         return values
 
     def array(self, kind: Any, count: int, ahead: bool = False) -> Any:
-        """So many values; None if the chunk hasn't as many. What is looked at ahead is read again."""
+        """So many values; None if the chunk hasn't as many. What is examined ahead is read again."""
         size = np.dtype(kind).itemsize * count
         if self._at + size > self.end:
             if ahead:

@@ -26,7 +26,7 @@ class ChordBounds(NamedTuple):
     chords: np.ndarray  # d, shape (s, n)
     shares: np.ndarray  # the most of the size of l, shape (s,)
     farthest: np.ndarray  # the most of each number of x, shape (s, n)
-    aside: np.ndarray  # the most of each number of e, shape (s, n)
+    sideways: np.ndarray  # the most of each number of e, shape (s, n)
 
 
 class BodyBounds(NamedTuple):
@@ -81,9 +81,9 @@ def bound_chords(case: Case, segments: np.ndarray, *, timed: bool) -> ChordBound
     else:
         squares = (chords**2).sum(axis=1)
         shares = np.einsum("rci,ri->rc", controls, chords[row]) / np.where(squares > 0.0, squares, 1.0)[row, None]
-    aside = np.abs(controls - shares[..., None] * chords[row, None]).max(axis=1) + beside[k]
+    sideways = np.abs(controls - shares[..., None] * chords[row, None]).max(axis=1) + beside[k]
     farthest = np.abs(controls).max(axis=1) + beside[k]
-    most = [np.maximum.reduceat(one, of) for one in (np.abs(shares).max(axis=1), farthest, aside)]
+    most = [np.maximum.reduceat(one, of) for one in (np.abs(shares).max(axis=1), farthest, sideways)]
     return ChordBounds(z, chords, *most)
 
 
@@ -188,7 +188,7 @@ class SegmentBounds:
         size, moves = np.abs(case.spread), self._moves
         x, e = (
             np.array([np.linalg.norm((most @ size.T)[:, m.rows], axis=1) for m in moves]).T
-            for most in (self.chords.farthest, self.chords.aside)
+            for most in (self.chords.farthest, self.chords.sideways)
         )
         self._x, self._e = x, e
         self._turns = np.array([float(m.turns) for m in moves])

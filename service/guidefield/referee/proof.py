@@ -50,7 +50,7 @@ class Proof:
     centres: np.ndarray  # middle of a sphere about it, from there, shape (b, 3) [m]
     node_bodies: np.ndarray  # the body of each node, shape (n,)
     node_children: np.ndarray  # the two nodes that it is divided into, -1 where it isn't, shape (n, 2)
-    node_shapes: np.ndarray  # a sphere, and another shape, that hold all of it; -1 where none is told, shape (n, 2)
+    node_shapes: np.ndarray  # a sphere, and another shape, that hold all of it; -1 where none is reported, shape (n, 2)
     shape_begins: np.ndarray  # begin of each shape's corners, and the number of all, shape (h + 1,)
     # ball and disc that are added to their hull, and the disc's axis, shape (h, 5) [m]; a half-space has an infinite
     # ball, its offset and its normal

@@ -1,6 +1,6 @@
 """Check a proof of a motion again, without searching: by NumPy and Pinocchio, and by what certificate.md says.
 
-A segment of the motion is looked at about its middle, where Pinocchio places the robot. Pairs that spheres and boxes
+A segment of the motion is examined about its middle, where Pinocchio places the robot. Pairs that spheres and boxes
 tell to be farther apart than both bodies move are done with; others by slabs between nodes that hold all of both. What
 is left has to be done with in the segments that it is divided into. Nothing may be left.
 """
@@ -16,9 +16,8 @@ import numpy as np
 
 from guidefield.referee.case import Case
 from guidefield.referee.containment import box_about
-from guidefield.referee.curve import pieces
+from guidefield.referee.curve import beyond_limit, pieces
 from guidefield.referee.judge import Along, false_part
-from guidefield.referee.limits import beyond_limit
 from guidefield.referee.loading import Meshes, case_of
 from guidefield.referee.motion_bounds import BodyBounds, SegmentBounds
 from guidefield.referee.proof import Proof, load_proofs
@@ -140,7 +139,7 @@ class _Replay:
         return {frozenset((self._told[a], self._told[b])): joints[k] for a, b, k in self._proof.views.tolist()}
 
     def _boxes_about(self) -> tuple[np.ndarray, np.ndarray]:
-        """Boxes about bodies along the axes of their shapes, and along the world's as they are at first, (2, b, 3)."""
+        """Boxes about bodies along the axes of their shapes, and along the world's at first, (2, b, 3)."""
         corners = np.array([body.corners for body in self._case.bodies])
         own = np.stack([corners.min(axis=1), corners.max(axis=1)])
         there = np.stack([np.full_like(own[0], -np.inf), np.full_like(own[1], np.inf)])
@@ -212,7 +211,7 @@ class _Replay:
         return [self._bounds.bound(i, 0), *([self._bounds.bound_mover(j, i)] if self._bounds.moves(j) else [])]
 
     def _by_slabs(self) -> dict[int, float]:
-        """By segment and pair, as they are numbered together, what slabs keep that hold all of both bodies [m].
+        """By segment and pair, in their joint numbering, what slabs keep that hold all of both bodies [m].
 
         Raises:
             Refused: if one isn't true.

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from guidefield.referee.solid import distinct
 
-SPECK = 1e-9  # side of the triangle that stands for a point, and its share of how far points are from the origin [m]
+SPECK = 1e-9  # side of the triangle that represents a point, and its share of how far points are from the origin [m]
 SINGLE = 1e-6  # what may come of a number in single precision, as a share of the largest one of a mesh or of a metre
 
 NO_TRIANGLES = np.empty((0, 3, 3))

@@ -1,7 +1,7 @@
 """Requests, replies and scenes as seen from an anchor: a point near a robot that is far from the world's origin.
 
-An anchor has whole metres: positions near it that a client told are told from it without rounding, and single precision
-holds it in recordings.
+An anchor has whole metres: positions near it are counted from it without rounding, and single
+precision holds it in recordings.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Anchor(msgspec.Struct, frozen=True):
         """Return an obstacle as seen from here in the world."""
         return cast(messages.Obstacle, _shift_obstacle(obstacle, np.array(self.place)))
 
-    def put(self, placement: Placement) -> Placement:
+    def show_placement(self, placement: Placement) -> Placement:
         """Return a placement as seen from here in the world."""
         return Placement(_vector(placement.position, self, 1.0), placement.quaternion_xyzw)
 
@@ -127,7 +127,7 @@ def _place_of(request: requests.PlanRequest | requests.CertifyRequest, joint: st
 
 
 def _name_columns(request: requests.CertifyRequest, joint: str, count: int) -> list[str] | None:
-    """Names of the columns of a given motion, as far as they are known; those of a robot's first joint stand first."""
+    """The known names of the columns of a given motion; those of a robot's first joint stand first."""
     if request.position_names is not None:
         return request.position_names
     moves = request.group is None or (isinstance(request.group, list) and request.group[0] == joint)
@@ -191,7 +191,7 @@ def _points(points: Points, by: np.ndarray) -> Points:
 
 
 def _shift_message(message: Any, anchor: Anchor, sign: float) -> Any:
-    """A message with all that is told in the world farther by the anchor's place, or nearer where the sign is -1."""
+    """A message with all places in the world farther by the anchor's place, or nearer where the sign is -1."""
     fields = _WORLD.get(type(message), {})
     found = {field: value for field in fields if (value := getattr(message, field)) is not None}
     changed = {field: fields[field](value, anchor, sign) for field, value in found.items()}
@@ -312,4 +312,4 @@ _WORLD: dict[type, dict[str, Callable[[Any, Anchor, float], Any]]] = {
     replies.ClearanceReply: {"witness_points": _vectors, "packed": _inner},
     PackedClearance: {"witness_points": _shift_numbers},
 }
-"""What is told in the world, of the messages that are asked and answered about a robot."""
+"""The fields in the world's coordinates, of requests and replies about a robot."""

@@ -18,7 +18,7 @@ MANY = 1000  # a scene of fewer obstacles, corners, triangles and points is buil
 
 
 class BuiltScenes:
-    """The last built scenes, so many and so many bytes."""
+    """The last built scenes, bounded in number and bytes."""
 
     def __init__(self, limit: Limit = BUILT_SCENES) -> None:
         self._scenes = BoundedMap[bytes, Scene](limit)
@@ -33,7 +33,7 @@ class BuiltScenes:
         if built is None:
             built = self._build(message, parts, deadline)
             size = BYTES_PER_FACE * built.faces  # as if none shared an obstacle
-            built = self._scenes.put(content, built, size)
+            built = self._scenes.insert(content, built, size)
         return built
 
     def _content(self, message: messages.Scene, deadline: Deadline) -> tuple[bytes, dict[int, Content]]:

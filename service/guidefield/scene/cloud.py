@@ -19,7 +19,7 @@ from guidefield.memo import memoized
 from guidefield.scene.recipe import Charges
 
 SOFTENING = 0.1  # softening length over the spacing: the field of a point stays finite
-NEIGHBOURS = 6  # so many neighbours tell how densely points lie
+NEIGHBOURS = 6  # this many neighbours tell how densely points lie
 _HOLE = 16.5  # potential in the middle of a hole of a square grid, times its spacing: that of a wall at 0.38 spacings
 _AT_ONCE = 512  # points whose distances to all are held in memory
 
@@ -33,7 +33,7 @@ def spacings(points: Floats, least: float, most: Floats | float) -> Floats:
     Args:
         points: Shape (n, 3) [m].
         least: What is denser counts as this [m], positive: points may coincide.
-        most: What is sparser counts as this [m], all or each, shape (n,): one that is alone stands for no more.
+        most: What is sparser counts as this [m], all or each, shape (n,): one that is alone represents no more.
     """
     k = min(NEIGHBOURS, len(points) - 1)
     if k < 1:
@@ -56,7 +56,7 @@ def cloud_rows(points: Floats, spacing: Floats | float, charge: float = 1.0) -> 
 
     Args:
         points: Shape (n, 3) [m], in the frame of the field.
-        spacing: Distance of neighbours [m], of all or of each, shape (n,); every point stands for its square.
+        spacing: Distance of neighbours [m], of all or of each, shape (n,); every point represents its square.
         charge: Charge per area [1].
 
     Raises:
@@ -204,7 +204,7 @@ def cloud_charges(points: np.ndarray, radius: float) -> Charges:
 
 @memoized
 def covering(cloud: Cloud, most: int) -> Cloud:
-    """Cover a cloud by one of at most so many points, whose balls contain its balls."""
+    """Cover a cloud by one of at most this many points, whose balls contain its balls."""
     centres, members = _put_together(cloud.points, most)
     away = np.linalg.norm(cloud.points - centres[members], axis=1)
     return Cloud(centres, cloud.radius + float(away.max()))

@@ -49,7 +49,7 @@ def distance_tables(scene: Scene) -> DistanceTables:
     """Tables of the obstacles of a scene that rest; computed once for each scene.
 
     A closed mesh is a solid for each of its connected pieces, together with the hollows within it, so that pieces that
-    overlap are told apart from hollows.
+    overlap are distinguished from hollows.
     """
     return _standing(scene).tables
 

@@ -30,7 +30,7 @@ from guidefield.scene.content import corners_in, count_of, points_in
 
 @dataclass(frozen=True, eq=False)
 class JudgedMesh:
-    """The facts of a mesh that are known before its triangles are looked at.
+    """The facts of a mesh that are known before its triangles are examined.
 
     `solid`, `hull` and `warnings` are as of `MeshSurface`, whose surface is read from disk for a large mesh, known by
     its hash `content`; `count` triangles, the largest `extent` along an axis [m].

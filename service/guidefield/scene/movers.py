@@ -84,14 +84,14 @@ def sweep_obstacles(obstacles: Sequence[Obstacle], balls: Sequence[MovingBall | 
     first = np.cumsum(counts + 1) - (counts + 1)
     of_row = np.repeat(np.arange(len(counts)), counts + 1)
     at_step = np.delete(np.arange(len(of_row)), np.concatenate([first, first + counts]))
-    aside, speeds = np.zeros(len(of_row)), np.zeros(len(of_row))
-    aside[at_step] = 0.5 * np.sqrt(np.maximum(way**2 - straight**2, 0.0))
+    sideways, speeds = np.zeros(len(of_row)), np.zeros(len(of_row))
+    sideways[at_step] = 0.5 * np.sqrt(np.maximum(way**2 - straight**2, 0.0))
     speeds[at_step] = of_centre + radii[steps] * angular
     far = np.abs(there).max(axis=1)
     before = np.arange(len(of_row)) - of_row
     after = np.minimum(before, np.repeat(np.cumsum(counts) - 1, counts + 1))
     before = np.maximum(before - 1, np.repeat(np.cumsum(counts) - counts, counts + 1))
-    wide = aside + radii[of_row] + ROUNDING * (1.0 + np.maximum(far[before], far[after]) + aside)
+    wide = sideways + radii[of_row] + ROUNDING * (1.0 + np.maximum(far[before], far[after]) + sideways)
     low, high = np.minimum(there[before], there[after]), np.maximum(there[before], there[after])
     boxes = np.hstack([low - wide[:, None], high + wide[:, None]])
     endless = np.array([ball is None for ball in balls])[of_row]

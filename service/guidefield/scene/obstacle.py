@@ -222,7 +222,7 @@ def build(
     large = size_warnings(still, obstacle.recipe.extent)
     if motion is not None or large:
         obstacle = dataclasses.replace(obstacle, motion=motion, warnings=(*obstacle.warnings, *large))
-    return _KNOWN.put(content.all, obstacle, BYTES_PER_FACE * obstacle.faces)
+    return _KNOWN.insert(content.all, obstacle, BYTES_PER_FACE * obstacle.faces)
 
 
 _KNOWN: BoundedMap[bytes, Obstacle] = BoundedMap(OBSTACLES)

@@ -16,7 +16,7 @@ from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.distance.triangle_rows import corner_sums, runs_of_triangles
 from guidefield.memo import memoized
 
-PATCH = 8192  # most triangles in one tree; a call of Coal's for so many takes some hundredths of a second
+PATCH = 8192  # most triangles in one tree; a call of Coal's for this many takes some hundredths of a second
 
 
 Whole = Callable[[], tuple[np.ndarray, np.ndarray]]  # makes the vertices (v, 3) [m] and triangles (t, 3) of a surface

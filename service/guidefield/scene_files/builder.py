@@ -61,7 +61,7 @@ class SceneBuilder:
         """Add an obstacle.
 
         Args:
-            kind: Its class, or what makes the mesh that stands for it of its sizes.
+            kind: Its class, or what makes the mesh that represents it of its sizes.
             placement: pinocchio.SE3 of its frame in the file's; a half-space is below the frame's z = 0.
             owners: Names of all that holds it.
             where: The beginning of a message about it, such as its line.

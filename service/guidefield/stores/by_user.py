@@ -9,8 +9,7 @@ from typing import Literal
 
 from guidefield.bounded_map import OPEN_STORES, BoundedMap
 from guidefield.errors import NotAllowed, QuotaExceeded
-from guidefield.messages.identities import PLAIN
-from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
+from guidefield.messages.identities import DEFAULT_QUOTAS, PLAIN, Quotas
 from guidefield.stores.files import checked_name, user_folder, users_in
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import RobotStore
@@ -81,7 +80,7 @@ class StoresByUser:
         return self._folder(user) / "streams"
 
     def bytes_of(self, user: str) -> int | None:
-        """A user's quota for what is kept [bytes]; None: no quota."""
+        """A user's quota of storage [bytes]; None: no quota."""
         return self._quotas.of(user).bytes
 
     def users(self) -> list[str]:

@@ -34,7 +34,7 @@ Kind = Literal["none", "owed", "rendered", "lost"]
 
 
 @dataclass(frozen=True)
-class Kept:
+class KeptRecording:
     """The state of a run's recording, and its size on the disk [bytes]."""
 
     kind: Kind
@@ -101,7 +101,7 @@ class Recordings:
         """Return whether a run's recording isn't rendered yet."""
         return self.file(run_id, LOG).exists()
 
-    def owed(self) -> list[str]:
+    def list_owed(self) -> list[str]:
         """The runs whose recordings aren't rendered yet, the newest first."""
         found = []
         with contextlib.suppress(FileNotFoundError), os.scandir(self.folder) as entries:
@@ -111,17 +111,17 @@ class Recordings:
                         found.append((entry.stat().st_mtime_ns, entry.name.removesuffix(LOG)))
         return [name for _, name in sorted(found, reverse=True)]
 
-    def kept(self, run_id: str) -> Kept:
+    def describe(self, run_id: str) -> KeptRecording:
         """Return the state of a run's recording; its size includes the proof and shared files."""
         own = str(self.file(run_id, ""))
         proof, log = _size(own + PROOF) or 0, _size(own + LOG)
         if log is not None:
-            return Kept("owed", proof + log + sum(_size(own + one) or 0 for one in (*NEEDED, RECORDING)))
+            return KeptRecording("owed", proof + log + sum(_size(own + one) or 0 for one in (*NEEDED, RECORDING)))
         recording = _size(own + RECORDING)
         if recording is not None:
-            return Kept("rendered", proof + recording + (_size(own + SCENE_LINK) or 0))
+            return KeptRecording("rendered", proof + recording + (_size(own + SCENE_LINK) or 0))
         lost = _size(own + LOST)
-        return Kept("none", proof) if lost is None else Kept("lost", proof + lost)
+        return KeptRecording("none", proof) if lost is None else KeptRecording("lost", proof + lost)
 
     def owe(self, run_id: str, log: bytes, shared: Iterable[SharedFile]) -> None:
         """Keep a run's log, and links to the scene and robot that it needs.

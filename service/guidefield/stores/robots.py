@@ -2,7 +2,7 @@
 
 What was sent is written once, to a folder named by the hash, and never changed; a name is a small file that holds a
 hash. So a robot can be tried before its name is given out, and a worker that still loads the robot of a name finds all
-of it, whatever becomes of the name meanwhile.
+of it, whatever becomes of the name.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class RobotStore:
         with self._alone():
             if not path.exists() and len(self.names()) >= self._limit:
                 raise RequestTooLarge(f"{self._limit} robots are stored already; delete one first", limit=self._limit)
-            self._put(content, {**named.files, _DESCRIPTION: codec.encode(described)})
+            self._write(content, {**named.files, _DESCRIPTION: codec.encode(described)})
             try:
                 load(self._read(name, content))
                 write_whole(path, content.encode())
@@ -132,7 +132,7 @@ class RobotStore:
         meshes = {uri: folder / file for uri, file in described.meshes.items()}
         return SentRobot(name, content, described.urdf, described.srdf, meshes, described.root_joint)
 
-    def _put(self, content: str, files: dict[str, bytes]) -> None:
+    def _write(self, content: str, files: dict[str, bytes]) -> None:
         """Write what was sent to its folder, all of it or nothing; what is damaged there is written again."""
         folder = self._contents / content
         if folder.exists():

@@ -25,7 +25,7 @@ from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import ErrorReply, is_certify
 from guidefield.messages.store_requests import RUNNING, UNREADABLE
 from guidefield.stores.files import decoded, read_if_any
-from guidefield.stores.recordings import LOST, OWED, RECORDING, Kept, Recordings
+from guidefield.stores.recordings import LOST, OWED, RECORDING, KeptRecording, Recordings
 
 AT_ONCE = 100  # folders that are taken over in one transaction
 KEPT_ERRORS = (Status.CRASH.name, Status.FAILURE.name, Status.DISK_REFUSED.name)
@@ -47,7 +47,7 @@ class NewRun:
     begun: Future[int] | None = None  # the writing of its first row, once that is asked for
     ended: float | None = None  # time of its end [s since 1970]
     reply: bytes | None = None  # the reply that ended it, as it is sent
-    error: bytes | None = None  # JSON of the error in its place
+    error: bytes | None = None  # JSON of the error instead
 
 
 class _SceneHead(msgspec.Struct):
@@ -60,16 +60,16 @@ class _RequestHead(msgspec.Struct):
     scene: str | _SceneHead
 
 
-class _Outcome(msgspec.Struct):
+class _RunEnd(msgspec.Struct):
     name: str
     message: str = ""
 
 
 class _ReplyHead(msgspec.Struct):
-    status: _Outcome
+    status: _RunEnd
 
 
-def insert(run: NewRun, db: sqlite3.Connection, recording: Kept | None = None) -> int:
+def insert(run: NewRun, db: sqlite3.Connection, recording: KeptRecording | None = None) -> int:
     """Add a run that begins, or has ended if the state of its recording is given; return its number."""
     head = decoded(run.request, _RequestHead, run.encoding) or _RequestHead(UNREADABLE, UNREADABLE)
     row = {
@@ -94,10 +94,10 @@ def insert(run: NewRun, db: sqlite3.Connection, recording: Kept | None = None) -
     return number
 
 
-def complete(number: int, run: NewRun, recording: Kept, db: sqlite3.Connection) -> None:
+def complete(number: int, run: NewRun, recording: KeptRecording, db: sqlite3.Connection) -> None:
     """Write the end of a run, and what there is of its recording."""
     head = None if run.reply is None else decoded(run.reply, _ReplyHead, run.encoding)
-    outcome = head.status if head is not None else decoded(run.error or b"", _Outcome) or _Outcome(UNREADABLE)
+    outcome = head.status if head is not None else decoded(run.error or b"", _RunEnd) or _RunEnd(UNREADABLE)
     size = len(run.request) + len(run.reply or b"") + len(run.error or b"")
     columns = "status = ?, message = ?, ended = ?, bytes = ?, recording = ?, recorded = ?"
     row = (outcome.name, outcome.message, run.ended, size, recording.bytes, recording.kind, number)
@@ -149,7 +149,7 @@ def add_folders(owner: str, folders: list[Path], shared: Path, db: sqlite3.Conne
         kept, recording = None, folder / "recording.rrd"
         if run.reply is not None or run.error is not None:
             run.ended = folder.stat().st_mtime
-            kept = Kept("rendered", recording.stat().st_size) if recording.exists() else Kept("none")
+            kept = KeptRecording("rendered", recording.stat().st_size) if recording.exists() else KeptRecording("none")
         number = insert(run, db, kept)
         db.execute("UPDATE runs SET shared = ? WHERE number = ?", ((shared / folder.name).exists(), number))
 

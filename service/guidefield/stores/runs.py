@@ -1,7 +1,7 @@
 """Runs of all users of a data folder: requests and replies in one database, recordings as files beside it.
 
 A run is written when it begins, without anybody waiting for that, and when it ends, before it is answered. One process
-writes; others may read meanwhile. The oldest runs of a user make room for new ones.
+writes; others may read. The oldest runs of a user make room for new ones.
 """
 
 from __future__ import annotations
@@ -27,9 +27,8 @@ from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequ
 from guidefield.messages.store_requests import ReadRuns
 from guidefield.stores import run_rows
 from guidefield.stores.files import checked_name, decoded, user_folder, users_in
-from guidefield.stores.recordings import Kept, Recordings
-from guidefield.stores.run_file import FILE, Readers, checkpoint
-from guidefield.stores.run_writer import RunWriter
+from guidefield.stores.recordings import KeptRecording, Recordings
+from guidefield.stores.run_file import FILE, Readers, RunWriter, checkpoint
 
 FORGET = "DELETE FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
 MOST_DROPPED = 100
@@ -111,7 +110,7 @@ class RunDatabase:
         for user in users:
             recordings = self.recordings(user)
             recordings.sweep()
-            owed += [(user, run_id) for run_id in reversed(recordings.owed())]
+            owed += [(user, run_id) for run_id in reversed(recordings.list_owed())]
         for owner, run_id in reversed(dict.fromkeys(reversed(owed))):
             self.render(owner, run_id)
 
@@ -142,7 +141,7 @@ class RunDatabase:
 
         def note(db: sqlite3.Connection) -> None:
             recordings = self.recordings(owner)
-            kept = recordings.kept(run_id)
+            kept = recordings.describe(run_id)
             update = "UPDATE runs SET recording = ?, recorded = ? WHERE owner = ? AND run_id = ?"
             if not run_rows.execute(update, (kept.bytes, kept.kind, owner, run_id), db):
                 recordings.drop(run_id)
@@ -332,8 +331,8 @@ class UserRuns:
         begun = run.begun if run.begun is not None and not run.begun.cancel() else None
         run.reply, run.error = reply, error
 
-        def end(db: sqlite3.Connection) -> Kept | None:
-            run.ended, recording = time.time(), self.recordings.kept(run.run_id)
+        def end(db: sqlite3.Connection) -> KeptRecording | None:
+            run.ended, recording = time.time(), self.recordings.describe(run.run_id)
             if begun is not None and begun.exception() is None:
                 unended = "SELECT number FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
                 found = db.execute(unended, (run.owner, run.run_id)).fetchone()
@@ -347,7 +346,7 @@ class UserRuns:
             self._database.make_room(run.owner, number, db)
             return recording
 
-        def settle(done: Future[Kept | None]) -> None:
+        def settle(done: Future[KeptRecording | None]) -> None:
             if done.exception() is None:
                 self._database.unended.discard((run.owner, run.run_id))
                 recording = done.result()
@@ -364,7 +363,7 @@ class UserRuns:
         _, owner, run_id, status, message, robot, scene, began, ended, size, recorded = row
         name = run_id if owner == self._owner else f"{owner}:{run_id}"
         if recorded == "owed":  # somebody else than the service may have rendered it
-            recorded = self._database.recordings(owner).kept(run_id).kind
+            recorded = self._database.recordings(owner).describe(run_id).kind
         about = {"ended": ended, "message": message, "bytes": size, "recording": recorded}
         return replies.RunSummary(name, status, robot, scene, began, **about)
 
@@ -386,14 +385,14 @@ def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> repl
     """
     kept = runs.read(run_id)
     if kept.request != request or (kept.error is None and kept.reply is None):
-        raise taken(run_id)
+        raise name_taken(run_id)
     if kept.error is not None:
         raise replies.make_error(kept.error)
     assert kept.reply is not None, "a run ends with a reply or an error"
     return kept.reply
 
 
-def taken(run_id: str) -> MalformedRequest:
+def name_taken(run_id: str) -> MalformedRequest:
     """The refusal of a name that another run has."""
     return MalformedRequest(f"run_id {run_id!r} is taken; leave it out to be given a new one", run_id=run_id)
 

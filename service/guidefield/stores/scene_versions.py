@@ -34,7 +34,7 @@ class _Whole(msgspec.Struct):
     version: int = 1
 
 
-class _Line(msgspec.Struct):
+class _VersionRecord(msgspec.Struct):
     version: int
     diff: SceneDiff | None = None
     scene: Scene | None = None
@@ -103,7 +103,7 @@ class SceneVersions:
                 scene=self._name,
                 version=before,
             )
-        after = self._append(known, scene, _Line(before + 1, diff=diff))
+        after = self._append(known, scene, _VersionRecord(before + 1, diff=diff))
         if before + 1 - known.first >= (MOST_LINES if known.end > known.size else MOST_SHORT_LINES):
             self._write_again(known)
         return after, before + 1
@@ -119,7 +119,7 @@ class SceneVersions:
             write_whole(self._file, codec.encode(_Whole(scene)))
             return 1
         before, version = known.newest
-        self._append(known, before, _Line(version + 1, scene=scene))
+        self._append(known, before, _VersionRecord(version + 1, scene=scene))
         if version + 1 - known.first >= MAX_VERSIONS:
             self._write_again(known)
         return version + 1
@@ -132,14 +132,14 @@ class SceneVersions:
         self._known = None
         return there
 
-    def _append(self, known: _Known, before: Scene, line: _Line) -> Scene:
+    def _append(self, known: _Known, before: Scene, line: _VersionRecord) -> Scene:
         """Write the line of a version behind those that there are, and return the scene after it.
 
         The line counts as it is read back, because the caller may change its own later. Raises MalformedRequest if it
         can't be read.
         """
         data = codec.encode(line)
-        read = decoded(data, _Line)
+        read = decoded(data, _VersionRecord)
         if read is None:
             raise MalformedRequest("what is to be stored holds what no message can", path="$")
         after = _after(before, read)
@@ -217,7 +217,7 @@ class SceneVersions:
         return _Known(file, len(data), whole.version, changes, 0, {whole.version: freeze(whole.scene)})
 
 
-def _after(scene: Scene, line: _Line) -> Scene:
+def _after(scene: Scene, line: _VersionRecord) -> Scene:
     return apply_change(scene, line.diff) if line.diff is not None else freeze(line.scene or scene)
 
 
@@ -229,10 +229,10 @@ def _read_from(file: Path, begin: int) -> bytes:
     return b""
 
 
-def _lines(text: bytes) -> tuple[list[_Line] | None, int]:
+def _lines(text: bytes) -> tuple[list[_VersionRecord] | None, int]:
     """Return the changes in whole lines, None if one is damaged, and their length together [bytes]."""
     end = text.rfind(b"\n") + 1
-    lines = [decoded(line, _Line) for line in text[:end].splitlines()]
+    lines = [decoded(line, _VersionRecord) for line in text[:end].splitlines()]
     whole = [line for line in lines if line is not None]
     return (whole if len(whole) == len(lines) else None), end
 

@@ -18,7 +18,7 @@ from guidefield.robot.model.spaces import ChartPoint
 
 SAME_TIME = 1e-9  # knots that are closer are one [s]; see `ROUNDED`
 STANDING = 1e-6  # a motion that stands from its beginning on is judged for so long [s]
-ROUNDED = 16  # nor are two of them closer than so many steps of a double at the client's clock
+ROUNDED = 16  # nor are two of them closer than this many steps of a double at the client's clock
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class Commit(ReadOnly):
         begins = begins[np.concatenate([[True], np.diff(begins) > apart])]
         begins[-1] = last  # the motion ends at rest, and not a moment before
         times = self.begins + begins
-        states = self._states(times - self.begins)  # where it is at the times as they are told: they are rounded
+        states = self._states(times - self.begins)  # where it is at the reported times: they are rounded
         states[0, :, :3], states[-1, :, 0], states[-1, :, 1:3] = self.start, self.ends, 0.0
         return PieceTrajectory(
             times=times.tolist(),

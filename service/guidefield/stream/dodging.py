@@ -27,7 +27,7 @@ class Aim(ReadOnly):
     place: float  # how far along the way that is, in time at full speed [s]
     # what is aimed at, if it is not to be passed: the way's end, or where to wait, shape (nv,); else None
     last: ChartPoint | None
-    left: float  # what is left of the way, in time at full speed [s]
+    left: float  # the rest of the way, in time at full speed [s]
 
 
 class Way:
@@ -84,7 +84,7 @@ class Way:
 
         Args:
             stand: Where the robot could stand at the soonest, shape (nv,).
-            since: The place [s] from which on the nearest one is looked for; 0: on all of the way.
+            since: The place [s] from which on the nearest one is searched for; 0: on all of the way.
             ahead: How far ahead of that to aim [s].
             due: How far along one may be [s].
         """
@@ -176,7 +176,7 @@ def drawn_sides(count: int, speeds: np.ndarray) -> np.ndarray:
 def sides_of(
     lanes: BatchCollision, drifting: Drifting, way: Way, speeds: np.ndarray, drawn: np.ndarray, size: float
 ) -> np.ndarray:
-    """Where to step aside from a way: `drawn` (k, nv), back, and away from what comes close; shape (d, nv)."""
+    """Where to sidestep from a way: `drawn` (k, nv), back, and away from what comes close; shape (d, nv)."""
     back = way.at(0.0) - way.at(STREAM.back)
     directions = [back / speeds]
     for after, place in STREAM.aside:
@@ -190,7 +190,7 @@ def sides_of(
 def tube_about(
     way: Way, sides: np.ndarray, speeds: np.ndarray, taken: Callable[[ChartPoints], np.ndarray], foreseen: int
 ) -> Tube:
-    """The tube about a way with sides (d, nv), for so many steps.
+    """The tube about a way with sides (d, nv), for a given number of steps.
 
     `taken` tells of (n, nv) where the robot can't be, (n,).
     """

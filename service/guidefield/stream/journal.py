@@ -29,8 +29,8 @@ from guidefield.stream.ways import give_way
 
 ENDING = ".stream"  # of the files
 FILE_BYTES = 8 << 20  # a file whose entries are as large ends, and another one begins [bytes]
-MOST_FILES = 16  # so many files are kept of a stream; the oldest go first
-MOST_WAITING = 2_000  # so many entries may wait to be written
+MOST_FILES = 16  # this many files are kept of a stream; the oldest go first
+MOST_WAITING = 2_000  # this many entries may wait to be written
 TRIED_AGAIN = 10.0  # so long after the disk refused another file is begun [s]
 LONGEST_ENTRY = 1 << 30  # a longer entry is none [bytes]
 _LENGTH = struct.Struct("<I")
@@ -73,7 +73,7 @@ class Updated(msgspec.Struct, frozen=True, tag="updated"):
         wall: float,
         seconds: float,
     ) -> Updated:
-        """What a watcher is told of an update, with when it came and how long it was worked on [s]."""
+        """The report of an update to a watcher, with when it came and how long it was worked on [s]."""
         piece = answer if isinstance(answer, Piece) else None
         state = answer if isinstance(answer, StreamState) else None
         error = None if refused is None else make_error_reply(refused)
@@ -107,7 +107,7 @@ class Journal(Watching):
 
     Args:
         file_bytes: Another file begins once the entries of one are as large [bytes].
-        most_files: So many are kept, and so many times `file_bytes` when another one begins.
+        most_files: This many are kept, and as many times `file_bytes` when another one begins.
     """
 
     def __init__(
@@ -223,7 +223,7 @@ class Journal(Watching):
         return self._folder / f"{index:06}{ENDING}"
 
     def _drop_old(self) -> None:
-        """Drop the oldest files, as many as are too many, or too large together; the newest one stays."""
+        """Drop the oldest files, those that are too many, or too large together; the newest one stays."""
         files = files_of(self._folder)
         sizes = [file.stat().st_size for file in files]
         most = self._most_files * self._file_bytes
@@ -245,7 +245,7 @@ def files_of(folder: Path) -> list[Path]:
 
 
 def entries_of(file: Path) -> Iterator[Entry]:
-    """The entries of a file, up to the last whole one: whoever wrote it may have died.
+    """The entries of a file, up to the last whole one: the process that wrote it may have died.
 
     Raises:
         OSError: if it can't be read.
@@ -262,7 +262,7 @@ def entries_of(file: Path) -> Iterator[Entry]:
             yield _decoder.decode(payload)
 
 
-MOST_KEPT = 8  # so many streams are kept of a user, one that is open among them
+MOST_KEPT = 8  # this many streams are kept of a user, one that is open among them
 
 
 def file_bytes(most: int | None) -> int:
@@ -299,7 +299,7 @@ def kept_files(streams: Path, name: str) -> list[Path]:
 
 
 def none_kept(name: str) -> UnknownObject:
-    """What is told where nothing is kept of a stream."""
+    """The message where nothing is kept of a stream."""
     return UnknownObject(f"nothing is kept of a stream {name!r}", stream=name)
 
 
@@ -307,5 +307,5 @@ def _changed(folder: Path) -> float:
     """When the newest file of a folder was written [s since 1970]."""
     try:
         return max((file.stat().st_mtime for file in files_of(folder)), default=folder.stat().st_mtime)
-    except OSError:  # it goes away meanwhile
+    except OSError:  # it was removed since
         return 0.0

@@ -42,7 +42,7 @@ from guidefield.stream.commit import STANDING, Commit, JointBounds
 from guidefield.stream.settings import STREAM
 from guidefield.stream.shapes import read_only_views, solid_parts
 
-UNHALVED = 1e12  # accuracy to which any bound will do: where it is within a limit, no closer one is looked for
+UNHALVED = 1e12  # accuracy to which any bound will do: where it is within a limit, no closer one is searched for
 
 
 class CommitReason(enum.Enum):
@@ -137,7 +137,7 @@ class Judge:
         verdict = np.zeros(VERDICT)
         verdict[[KINDS, MARGIN, ERROR, END]] = EVERY_KIND, self._keep, self._error + seen.error, np.inf
         verdict[RESOLUTION] = RESOLUTION_FLOOR * self._group.size
-        # what is refused mostly is at the end, where obstacles may have come closest: that is looked at before all
+        # what is refused mostly is at the end, where obstacles may have come closest: that is examined before all
         count = self._search(moving, stops, stops + STANDING, most, verdict)
         if verdict[REASON] == FREE and stops > begin:
             count = self._search(moving, begin, stops, most, verdict)

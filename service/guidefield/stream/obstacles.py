@@ -56,7 +56,7 @@ class Assumption:
 
     # how far velocities may be from those observed; None: largest speeds hold, whatever was observed
     deviation: Deviation | None
-    min_clearance: float  # what is kept beyond that [m]
+    min_clearance: float  # the distance kept beyond that [m]
     clock_error: float  # how far times of observations may be off [s]
 
 
@@ -333,7 +333,7 @@ class Obstacles:
         return np.concatenate(rows)
 
     def drifting(self, now: float) -> Drifting:
-        """What stands for what was seen, and how it goes on from a time [s]."""
+        """What represents what was seen, and how it goes on from a time [s]."""
         boxes = self.boxes([now])
         if not len(boxes):
             return Drifting(boxes, np.empty((0, 3)), np.empty(0), np.empty(0))

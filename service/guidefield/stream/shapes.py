@@ -86,7 +86,7 @@ def shape_of(obstacle: Obstacle) -> StreamShape:
 
 
 def _box_about(obstacle: Obstacle) -> np.ndarray:
-    """The rounded box that stands for an obstacle, but a cloud, in planning, shape (1, 16)."""
+    """The rounded box that represents an obstacle, but a cloud, in planning, shape (1, 16)."""
     if obstacle.endless:
         message = obstacle.message
         assert isinstance(message, messages.HalfSpace), "nothing else is"
@@ -133,7 +133,7 @@ def _balls_of_cloud(points: np.ndarray, radius: float) -> Parts:
     return Parts(**{name: made[name] for name in Parts._fields})
 
 
-CLOUD_BOXES = 128  # about so many boxes stand for a cloud in planning
+CLOUD_BOXES = 128  # about this many boxes stand for a cloud in planning
 
 
 def _clusters(points: np.ndarray, radius: float) -> np.ndarray:
@@ -152,7 +152,7 @@ def _box_rows(centres: np.ndarray, halves: np.ndarray, radii: np.ndarray) -> np.
 
 
 def _below(plane: np.ndarray) -> np.ndarray:
-    """A large box that stands for a half-space (4,) in planning, shape (1, 16)."""
+    """A large box that represents a half-space (4,) in planning, shape (1, 16)."""
     normal, half = plane[:3], 10.0
     basis = np.linalg.qr(np.column_stack([normal, np.eye(3)]))[0][:, :3]
     row = np.zeros((1, 16))

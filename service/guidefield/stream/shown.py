@@ -43,7 +43,7 @@ def recorded(files: Sequence[Path], opens: Opens) -> bytes:
     Files are read one after the other, so that no more than one is held in memory.
 
     Args:
-        files: The files of one stream, the oldest first; what makes room meanwhile is left out.
+        files: The files of one stream, the oldest first; files that are removed while it reads are left out.
 
     Raises:
         MalformedRequest: if one isn't such a file, or none holds an update, or the robot has other joints now.

@@ -1,4 +1,4 @@
-"""The state of a stream: a table of phases, what moves it from one to the next and what is kept in each; as data."""
+"""The state of a stream: a table of phases, what moves it from one to the next and what each keeps; as data."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def decode_part(kind: Any, written: Any) -> Any:
 
 def random_state(rng: np.random.Generator) -> str:
     """The state of random numbers, as JSON."""
-    state = rng.bit_generator.state  # of numbers of 128 bits, which are told as text
+    state = rng.bit_generator.state  # of numbers of 128 bits, which are written as text
     words = {name: str(value) for name, value in state["state"].items()}
     return msgspec.json.encode({**state, "state": words}).decode()
 

@@ -58,7 +58,7 @@ from guidefield.stream.ways import INSIDE, NOTHING, Counted, Ordered, Planner, R
 _A = TypeVar("_A", bound=Piece | StreamState | None)
 
 GOAL_TOLERANCE = 1e-6  # a configuration this close to a goal has reached it [rad or m]
-TRAVELLED_IN = 20  # in so many parts it is added up how far the robot goes before what appears can have come
+TRAVELLED_IN = 20  # in this many parts it is added up how far the robot goes before what appears can have come
 SLACK = 1e-6  # joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]
 
 
@@ -235,7 +235,7 @@ class CertifiedStream:
         return self._report(update, self._answer_update, noted=False)
 
     def _report(self, update: StreamUpdate, work: Callable[[StreamUpdate], _A], *, noted: bool) -> _A:
-        """What comes of an update, which whoever watches hears of."""
+        """What comes of an update, which observers hear of."""
         self._watching.begun()
         ordered = self._state.ordered
         try:

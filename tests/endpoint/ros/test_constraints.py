@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.endpoint.ros.constraints import goal_of, path_constraints_of
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.endpoint.ros.refusals import FRAME_TRANSFORM_FAILURE, Refused
 from guidefield.endpoint.ros.scene_updates import updated, with_state
+from guidefield.errors import Status
 from guidefield.messages.conditions import LineConstraint, OrientationCone, PlaneConstraint
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
 from tests.endpoint.ros.messages import (
@@ -101,7 +102,7 @@ class TestJoints:
     def test_what_is_wrong_is_named(self, asked: Any, field: str):
         with pytest.raises(Refused, match=rf"goal_constraints\[0\]\.joint_constraints\[0\]\.{field}") as refused:
             goal_of([constraints([asked])], ARM, START)
-        assert refused.value.code == MoveItCode.INVALID_GOAL_CONSTRAINTS
+        assert refused.value.code == Status.INVALID_GOAL_CONSTRAINTS
 
 
 class TestPoses:
@@ -220,7 +221,7 @@ class TestPoses:
             asked = position(TIP, primitive(BALL, 0.01), pose(0.4, 0.0, 0.5), frame=frame)
             with pytest.raises(Refused, match=r"header\.frame_id") as refused:
                 goal(constraints(positions=[asked]))
-            assert refused.value.code == MoveItCode.FRAME_TRANSFORM_FAILURE
+            assert refused.value.code == FRAME_TRANSFORM_FAILURE
 
     @pytest.mark.parametrize(
         ("asked", "field"),

@@ -8,10 +8,11 @@ import pinocchio as pin
 import pytest
 
 from guidefield.endpoint.ros.collision_objects import object_of
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.endpoint.ros.refusals import Refused
 from guidefield.endpoint.ros.scene_updates import ADD, APPEND, MOVE, REMOVE, heard, updated, with_state
 from guidefield.endpoint.ros.services import GEOMETRY, MATRIX, OBJECT_NAMES, SETTINGS, scene_response
 from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.errors import Status
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Sphere
 from tests.endpoint.ros.messages import BENT, held, point, pose, primitive, scene, snapshot, state, thing
 from tests.endpoint.ros.peer import TYPES, new
@@ -178,7 +179,7 @@ class TestStates:
     def test_what_is_wrong_is_named(self, positions: dict[str, float]):
         with pytest.raises(Refused, match=r"start_state\.joint_state") as refused:
             with_state(START, state(positions), "start_state")
-        assert refused.value.code == MoveItCode.INVALID_ROBOT_STATE
+        assert refused.value.code == Status.INVALID_ROBOT_STATE
 
     def test_places_of_links_are_pinocchios(self):
         model = START.robot.model.model

@@ -155,7 +155,7 @@ def test_a_pose_in_a_tube_is_looked_for_from_where_the_planes_lead() -> None:
     reply = ask("seed_e_L_3", guide_planes="auto", planner="auto", **options)
     assert reply.status.name == "SUCCESS", reply.status
     assert reply.certificate.collision_free
-    assert "looked for from where" in reply.stages[1].outcome
+    assert "searched for from where" in reply.stages[1].outcome
     end = made.kinematics.frame_placement(made.group.part_of(np.array(reply.path[-1])), made.group.tip_id)
     assert np.linalg.norm(end.actInv(tip).translation) < 1e-3
     assert np.linalg.norm(pin.log3(end.actInv(tip).rotation)) < 1e-2

@@ -224,8 +224,8 @@ MANY = '<replicate count="200"><replicate count="200"><geom size="0.1"/></replic
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (f"<worldbody>{MANY}</worldbody>", "line 2: the MJCF stands for more than 20000 elements"),
-        ('<worldbody><composite count="1000 1000 1"/></worldbody>', "stands for more than 20000 elements"),
+        (f"<worldbody>{MANY}</worldbody>", "line 2: the MJCF expands to more than 20000 elements"),
+        ('<worldbody><composite count="1000 1000 1"/></worldbody>', "expands to more than 20000 elements"),
         ('<asset><texture width="99999" height="99999"/></asset>', "'width' and 'height' of <texture> are too large"),
         ('<asset><hfield nrow="99999" ncol="99999"/></asset>', "'nrow' and 'ncol' of <hfield> are too large"),
         ('<asset><mesh builtin="supersphere" params="2000 1 1"/></asset>', "'params' of <mesh> are too large"),

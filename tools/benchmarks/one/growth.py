@@ -13,7 +13,7 @@ from typing import Any
 import guidefield
 from benchmarks import grown
 from benchmarks.grown import PANDA, SEED, TURNED, Made
-from guidefield.batch.results import Outcome, RequestFile, Results
+from guidefield.batch.results import ItemAnswer, RequestFile, Results
 from guidefield.messages import codec
 
 WARMED = 5
@@ -97,7 +97,7 @@ def batch_results(count: int) -> Costs:
             with RequestFile(file) as requests, Results(folder, requests) as results:
                 for item in requests.items(folder, recordings=False):
                     if not results.has(item):
-                        results.add(Outcome(item, True, reply))
+                        results.add(ItemAnswer(item, True, reply))
             times.append(time.process_time() - began)
     return times[0], times[1]
 

@@ -19,10 +19,10 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
     LaneJoints,
 )
 
-LARGEST = (1, 1 << 12, 1 << 18, 1 << 18)  # the largest cells of a grid over so many coordinates, at most
+LARGEST = (1, 1 << 12, 1 << 18, 1 << 18)  # the largest cells of a grid over this many coordinates, at most
 
 MOST_LARGEST = 1 << 22
-"""The largest cells of all grids of a robot, at most, but for such as have few: many grids have fewer each."""
+"""The largest cells of all grids of a robot, at most; a grid of few cells has them all: many grids have fewer each."""
 
 FEW = 1 << 10  # as many a grid may always have
 
@@ -71,7 +71,7 @@ def lane_grids(
 
     Meetings are pairs of carriers, the first two columns of (m, 4); `carrying` has the joint of each carrier, `covers`
     balls (n, 4) that contain its bodies, `ranges` least and largest values (nv, 2). The grid of each meeting has at
-    most so many coordinates, `most` (m,): where what decides else is quick, the many cells of three take longer than
+    most that many coordinates, `most` (m,): where what decides else is quick, the many cells of three take longer than
     they save.
     """
     numbers = joints.numbers.reshape(-1, JOINT)

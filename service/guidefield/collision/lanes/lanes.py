@@ -42,7 +42,7 @@ MOST_JUDGED_CELLS = 2000  # cells of a grid that are judged to remove a pair of 
 NOTHING = DriftingBoxes(0, *(np.empty(0, np.float32) for _ in range(5)))  # nothing drifts
 read_only(*NOTHING[1:])
 _NOTHING = pack(NOTHING)
-TRIES = 60  # straight ways between places on a path that are looked at, unless told otherwise
+TRIES = 60  # straight ways between places on a path that are examined, unless told otherwise
 
 
 def prepare_robot(world: World) -> None:
@@ -176,7 +176,7 @@ class BatchCollision:
         return int(path_free_until(self.words, clearance, np.ascontiguousarray(path, np.float32), resolution))
 
     def shorten(self, path: ChartPoints, resolution: float, clearance: float = 0.0, tries: int = TRIES) -> ChartPoints:
-        """A path with the same ends that is no longer, shape (k, nv), by so many tries; free by samples where it was.
+        """A path with the same ends that is no longer, shape (k, nv), by some tries; free by samples where it was.
 
         The resolution is in samples per length in the chart [1/rad or 1/m]; the clearance is kept from obstacles [m].
         """

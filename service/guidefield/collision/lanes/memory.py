@@ -50,7 +50,7 @@ class LaneMemory(NamedTuple):
 
 @memoized
 def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> LaneMemory:
-    """Lay out the memory for a robot of nv coordinates and so many own pairs among so many obstacles."""
+    """Lay out the memory for a robot of nv coordinates and that many own pairs among a given number of obstacles."""
     poses, met = robot.joints.size * POSE, robot.bodies.size * obstacles
     lengths = {
         "poses": poses,
@@ -78,7 +78,7 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
 
 
 def scene_memory(primitives: int, obstacles: int) -> LaneMemory:
-    """Lay out the memory for the tables of so many primitives, with boxes for so many obstacles."""
+    """Lay out the memory for the tables of a given number of primitives, with boxes for a given number of obstacles."""
     lengths = {
         "kinds": primitives,
         "whole": primitives,

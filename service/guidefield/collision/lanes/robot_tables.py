@@ -58,7 +58,7 @@ SURFACE_POINTS = 24  # points of its surface that stand for an open mesh's insid
 SPREAD_POINTS = 48  # most points that stand for the surface of a piece
 
 MOST_PLANES = 64
-"""A triangle comes into a piece if none of the planes of so many of its faces, the largest, has it beyond."""
+"""A triangle comes into a piece if none of the planes of the largest faces has it beyond."""
 
 ROUNDING = 1e-6  # by how much a triangle has to be beyond a piece's plane to be left out [m]
 _QUARTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # the rotation about x by a right angle

@@ -60,7 +60,7 @@ class _Tables(NamedTuple):
 class LaneScene:
     """Obstacles for SIMD batches, primitives first."""
 
-    owners: np.ndarray  # which obstacle of the scene each of them stands for, shape (n,)
+    owners: np.ndarray  # which obstacle of the scene each of them represents, shape (n,)
     # root of each obstacle of the scene in the parts, shape (o,); a cloud's is one ball at the origin
     roots: np.ndarray
     words: Words  # obstacles and parts, packed: true as long as this is held
@@ -174,8 +174,8 @@ def _behind(obstacles: LaneObstacles, tables: list[_Tables], roots: np.ndarray) 
 def prepare_scene(scene: Scene, deadline: Deadline, told: Told = lambda _: None) -> None:
     """Make what SIMD batches need of those obstacles that aren't primitives: of large meshes it takes seconds.
 
-    Each is told before; one that was begun is finished, and kept. Raises DeadlineExpired if time was up, and says at
-    what.
+    Each is announced before; one that was begun is finished, and kept. Raises DeadlineExpired if time was up, and says
+    at what.
     """
     if scene in _prepared:
         return
@@ -255,7 +255,7 @@ def balls_of_cloud(obstacle: Obstacle) -> Parts:
 
 
 def _stand_ins(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
-    """What stands for an obstacle: kind, whether it is the obstacle itself and root, (k, 3), and its numbers."""
+    """What represents an obstacle: kind, whether it is the obstacle itself and root, (k, 3), and its numbers."""
     if obstacle.cloud is not None:
         return _cloud(obstacle.cloud, table)
     if obstacle.facets is not None:
@@ -270,7 +270,7 @@ def _stand_ins(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.nd
 
 
 def _cloud(cloud: Cloud, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
-    """One ball at the origin stands for all; the numbers are those of the box about them."""
+    """One ball at the origin represents all; the numbers are those of the box about them."""
     low, high = cloud.box[0] - cloud.radius, cloud.box[1] + cloud.radius
     root = table.add_shape(coal.Sphere(cloud.radius), pin.SE3.Identity())
     row = _row(np.eye(3), 0.5 * (low + high), 0.5 * (high - low))

@@ -41,7 +41,7 @@ from guidefield.scene.cloud import Cloud
 from guidefield.scene.obstacle import Obstacle
 
 CLUSTER = 1  # which of the mesh trees' `CLUSTERS` stand behind one box each
-SOME = 32  # of so many triangles of a large node the corners tell along which axes its box is. Unrecorded
+SOME = 32  # of this many triangles of a large node the corners tell along which axes its box is. Unrecorded
 SINGLE = 2.0**-20  # by which share of the largest length in it a box of vertices in single precision is made larger
 
 
@@ -86,7 +86,7 @@ def _write_or_recall(kind: str, obstacle: Obstacle, write: Callable[[Room], Arra
 
 
 def _write_boxed_tree(corners: np.ndarray, boxed: int, room: Room) -> Arrays:
-    """The tables of triangles (t, 3, 3) in the world, with boxes about so many large nodes: all of them, or none.
+    """The tables of triangles (t, 3, 3) in the world, with boxes about some large nodes: all of them, or none.
 
     About what is closed many places are nearly as far from much of it, and balls about large nodes tell little.
     """
@@ -122,7 +122,7 @@ def _write_tree(
 ) -> None:
     """Write the tree over triangles (t, 3, 3), and whatever else is written of its clusters at the same time.
 
-    `boxed` is told of nodes as by `tree_written`.
+    `boxed` receives nodes as by `tree_written`.
     """
     balls, links = made["balls"].reshape(-1, BALL_ROW), made["links"].reshape(-1, LINK)
     clusters = tree_written(corners, balls, links, boxed).clusters

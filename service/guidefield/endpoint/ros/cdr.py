@@ -19,8 +19,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from guidefield.endpoint.ros.options import Distribution
 
-MOST_BYTES = 8 * 2**20  # largest payload that is looked at: as objects it takes tens of times as much
-MOST_ENTRIES = 2_000_000  # most entries of one sequence that are looked at
+MOST_BYTES = 8 * 2**20  # largest payload that is examined: as objects it takes tens of times as much
+MOST_ENTRIES = 2_000_000  # most entries of one sequence that are examined
 
 _NUMBERS = {
     "bool": np.bool_, "byte": np.uint8, "int8": np.int8, "uint8": np.uint8, "int16": np.int16, "uint16": np.uint16,

@@ -157,14 +157,14 @@ def _with_lever(length: float, half: np.ndarray, turned: Tolerance3, at: str) ->
 
     The origin's box is the region moved by the point's offset at the wanted rotation. Where the link is turned by an
     angle from that, the point moves by at most 2 sin(angle / 2) times its distance from the origin; a rotation vector
-    within the tolerances is at most as long as they are together. So the box loses this on every side, and where that
+    within the tolerances is at most as long as both together. So the box loses this on every side, and where that
     would be more than half of the least half size, the tolerances shrink until it is as much.
     """
     bounds = [tolerance for tolerance in turned if tolerance is not None]
     if len(bounds) < len(turned):
         raise GoalRefused(
             f"`{at}.target_point_offset` is served beside an orientation constraint that bounds all three angles; or "
-            "name a link that is there"
+            "name an existing link"
         )
     room, angle = 0.5 * float(np.min(half)), math.hypot(*bounds)
     moved = 2.0 * length * math.sin(min(angle, math.pi) / 2.0)
@@ -192,7 +192,7 @@ def _inside(half: np.ndarray, turned: np.ndarray) -> Tolerance3:
 def _turn_goal(turn: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple[np.ndarray, Tolerance3]:
     """The wanted rotation in the world, and the tolerance of the rotation vector r from it.
 
-    A rotation vector's tolerances are taken as they are. Euler angles are at most the angle of the whole rotation, up
+    A rotation vector's tolerances are taken unchanged. Euler angles are at most the angle of the whole rotation, up
     to a quarter turn: so a cube of rotation vectors whose longest is as long as the least tolerance. Where the angle
     about z is free, the other two are at most the tilt of z, and 1 - cos of that is at most (r_x^2 + r_y^2) / 2: so a
     square for r_x and r_y.
@@ -265,7 +265,7 @@ def _kept_region(one: Any, group: Sequence[str], start: Snapshot, at: str) -> li
     Planes for a box, a line and a plane for a cylinder, exactly; for a ball the planes of the cube inside.
     """
     if np.any(vector(one.target_point_offset, f"{at}.target_point_offset") != 0.0):
-        raise GoalRefused(f"`{at}.target_point_offset` isn't served along the path: name a link that is there")
+        raise GoalRefused(f"`{at}.target_point_offset` isn't served along the path: name an existing link")
     (pose, shape), *others = _volumes(one, group, start, at)
     if others:
         raise GoalRefused(f"`{at}.constraint_region`: along the path one region is served, got {1 + len(others)}")

@@ -11,10 +11,11 @@ import msgspec
 
 from guidefield.endpoint.ros.constraints import AskedGoal, goal_of, path_constraints_of
 from guidefield.endpoint.ros.poses import number
-from guidefield.endpoint.ros.refusals import GoalRefused, MoveItCode, Refused, StateRefused, moveit_code
+from guidefield.endpoint.ros.refusals import GoalRefused, Refused, StateRefused, moveit_code
 from guidefield.endpoint.ros.robot_messages import error_code, robot_state, robot_trajectory
 from guidefield.endpoint.ros.scene_updates import with_state
 from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.errors import Status
 from guidefield.messages.conditions import CartesianLimit
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
 from guidefield.messages.kinematics_replies import InverseKinematicsReply
@@ -109,7 +110,7 @@ def with_solutions(asked: AskedPlan, found: Sequence[InverseKinematicsReply]) ->
     positions += [solution for reply in found for solutions in reply.configurations for solution in solutions]
     if not positions:
         reasons = "; ".join(dict.fromkeys(reason for reply in found for reason in reply.reasons))
-        raise Refused(f"`goal_constraints`: none of the poses is reached: {reasons}", MoveItCode.NO_IK_SOLUTION)
+        raise Refused(f"`goal_constraints`: none of the poses is reached: {reasons}", Status.NO_IK_SOLUTION)
     note = f"of {len(asked.choices)} goals {len(positions)} configurations were looked at"
     goal = JointSetGoal(positions)
     return dataclasses.replace(
@@ -126,7 +127,7 @@ def plan_response(asked: AskedPlan, reply: PlanReply, seconds: float) -> dict[st
         "planning_time": seconds,
         "error_code": error_code(code, _describe(reply, asked.notes)),
     }
-    if code == MoveItCode.SUCCESS:
+    if code == Status.SUCCESS:
         assert reply.trajectory is not None, "a plan that was found has one"
         answer["trajectory"] = robot_trajectory(asked.start, reply.position_names, reply.trajectory)
     return {"motion_plan_response": answer}

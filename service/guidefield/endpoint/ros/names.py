@@ -18,7 +18,7 @@ LATCHED_QOS = ":1:,1:,:,:,,"  # reliable, transient local, the last one: who com
 
 
 class Kind(enum.StrEnum):
-    """What a token stands for."""
+    """What a token represents."""
 
     NODE = "NN"
     PUBLISHER = "MP"

@@ -1,10 +1,10 @@
 """The ROS node that the service is: queries and samples in, exactly one answer to each query, topics out.
 
 Theory of operation. Zenoh's callbacks only sort. What a query asks is read, translated, asked of the engine and
-answered by a thread of this node's own, which waits for the engine; there are as many as queries may be under way, and
-one more is told that the service is busy. Answers go out by threads of an `Outbox`. What can't be read is answered by
-an error and logged, at most once a second. A node whose types are of another version doesn't reach this one: the log
-names it.
+answered by a thread of this node's own, which waits for the engine; there is one for each query that may be under way,
+and one more query hears that the service is busy. Answers go out by threads of an `Outbox`. What can't be read is
+answered by an error and logged, at most once a second. A node whose types are of another version doesn't reach this
+one: the log names it.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from guidefield.endpoint.link import UNLESS_TOLD
 from guidefield.endpoint.ros.cdr import Types, Unreadable, types_of
 from guidefield.endpoint.ros.names import GRAPH, LATCHED_QOS, Attachment, Entity, Kind, Node, Strangers
 from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused, moveit_code
+from guidefield.endpoint.ros.refusals import Refused, moveit_code
 from guidefield.endpoint.ros.scene_updates import heard, updated
 from guidefield.endpoint.ros.services import Answered, Ask, Service, Services
 from guidefield.endpoint.ros.snapshot import KnownRobot, KnownScene, Snapshot
-from guidefield.errors import convert_exception
+from guidefield.errors import Status, convert_exception
 from guidefield.messages.identities import Asker
 from guidefield.pool.outbox import Outbox
 from guidefield.robot.model.model import RobotModel
@@ -61,7 +61,7 @@ class _Publisher:
         self._sender = os.urandom(16)
         self._numbers = itertools.count(1)
 
-    def put(self, payload: bytes) -> None:
+    def publish(self, payload: bytes) -> None:
         self._publisher.put(payload, attachment=Attachment(next(self._numbers), self._sender).write())
 
 
@@ -107,7 +107,7 @@ class RosNode:
         self._declared.close()
 
     def finish(self) -> None:
-        """Wait for the last answers; whoever answers them for this node must come to an end."""
+        """Wait for the last answers; their source must come to an end."""
         self._updates.shutdown(wait=True)
         self._threads.shutdown(wait=True)
         self._outbox.close(LAST_ANSWERS)
@@ -130,7 +130,7 @@ class RosNode:
         for service in self._services:
             entity = self._entity(Kind.SERVICE, service.name, service.type_name)
             key = entity.key(self._domain)
-            self._write(service.refuse(MoveItCode.FAILURE, ""), service)  # the first takes longer
+            self._write(service.refuse(Status.FAILURE, ""), service)  # the first takes longer
             queryable = self._session.declare_queryable(key, partial(self._receive, service, key), complete=True)
             self._declared.callback(queryable.undeclare)
             yield entity
@@ -166,7 +166,7 @@ class RosNode:
     def _publish(self, topic: str, message: dict[str, Any]) -> None:
         publisher = self._publishers[topic]
         try:
-            publisher.put(self._types.write(self._types.new(publisher.type_name, **message), publisher.type_name))
+            publisher.publish(self._types.write(self._types.new(publisher.type_name, **message), publisher.type_name))
         except Exception:  # nobody hears it then; the response is on its way
             _log.exception("%s could not be published", topic)
 
@@ -209,7 +209,7 @@ class RosNode:
         received = time.monotonic()
         if not self._free.acquire(blocking=False):
             message = f"SERVER_BUSY: {MOST_UNDER_WAY} requests are under way; ask again later"
-            self._answer(service, key, query, service.refuse(MoveItCode.FAILURE, message))
+            self._answer(service, key, query, service.refuse(Status.FAILURE, message))
             return
         self._threads.submit(self._serve, service, key, query, received)
 

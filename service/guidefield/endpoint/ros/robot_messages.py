@@ -14,7 +14,7 @@ from rosbags.rosbag1 import ReaderError as Bag1Error
 from rosbags.rosbag2 import ReaderError as Bag2Error
 
 from guidefield.endpoint.ros.collision_objects import message_of
-from guidefield.endpoint.ros.refusals import SOURCE, MoveItCode
+from guidefield.endpoint.ros.refusals import SOURCE
 from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.executed import JointStates
@@ -29,7 +29,7 @@ def header(frame: str) -> dict[str, Any]:
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}
 
 
-def error_code(code: MoveItCode, message: str) -> dict[str, Any]:
+def error_code(code: int, message: str) -> dict[str, Any]:
     """Return an error code with its sentence."""
     return {"val": int(code), "message": message, "source": SOURCE}
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 from guidefield.endpoint.ros.collision_objects import SceneObject, checked_id, frames_of, shapes_of
 from guidefield.endpoint.ros.poses import number, placement
 from guidefield.endpoint.ros.refusals import FrameRefused, ObjectRefused, Refused, StateRefused
-from guidefield.endpoint.ros.snapshot import Held, Matrix, Snapshot
+from guidefield.endpoint.ros.snapshot import AttachedThing, Matrix, Snapshot
 
 ADD, REMOVE, APPEND, MOVE = range(4)  # operations of a CollisionObject
 MOST_OBJECTS = 10_000  # objects in a scene
@@ -175,7 +175,7 @@ def _with_held(before: Snapshot, message: Any, where: str) -> Snapshot:
     present = before.held.get(name)
     if message.object.operation == APPEND and present is not None and present.link == link:
         thing = _appended(present.thing, thing)
-    held = {**before.held, name: Held(link, thing, tuple(message.touch_links))}
+    held = {**before.held, name: AttachedThing(link, thing, tuple(message.touch_links))}
     objects = {id_: one for id_, one in before.objects.items() if id_ != name}
     return dataclasses.replace(before, objects=objects, held=held)
 

@@ -20,7 +20,6 @@ from guidefield.endpoint.ros.poses import number, placement, pose_message
 from guidefield.endpoint.ros.refusals import (
     FrameRefused,
     LinkRefused,
-    MoveItCode,
     Refused,
     moveit_code,
     require_no_constraints,
@@ -28,6 +27,7 @@ from guidefield.endpoint.ros.refusals import (
 from guidefield.endpoint.ros.robot_messages import NANO, error_code, header, robot_state
 from guidefield.endpoint.ros.scene_updates import updated, with_state
 from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot
+from guidefield.errors import Status
 from guidefield.geometry.placements import se3, wire_pose
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
@@ -38,7 +38,7 @@ from guidefield.messages.requests import Clearance, ForwardKinematics, InverseKi
 from guidefield.messages.values import LONGEST_TIME, Reply
 from guidefield.pool.waiting import Answer
 
-UNSET_TIME = 1.0  # how long is looked for a solution where a request doesn't say it [s]
+UNSET_TIME = 1.0  # how long is searched for a solution where a request doesn't say it [s]
 
 
 def asked_solution(message: Any, now: Snapshot) -> tuple[InverseKinematics, Snapshot]:
@@ -78,7 +78,7 @@ def solution_response(link: str, start: Snapshot, solution: Mapping[str, float])
     """Return the response with a configuration of the group's joints for a link."""
     return {
         "solution": robot_state(start, solution),
-        "error_code": error_code(MoveItCode.SUCCESS, f"a solution for {link}"),
+        "error_code": error_code(Status.SUCCESS, f"a solution for {link}"),
     }
 
 
@@ -103,7 +103,7 @@ def places_response(links: list[str], frame: str, there: Any, reply: ForwardKine
     return {
         "pose_stamped": [{"header": header(frame), "pose": pose_message(one)} for one in inside],
         "fk_link_names": links,
-        "error_code": error_code(MoveItCode.SUCCESS, ""),
+        "error_code": error_code(Status.SUCCESS, ""),
     }
 
 
@@ -181,7 +181,7 @@ class Service:
     # the response with an error code; None: it has no place for one, and the reason is logged
     with_error: Callable[[dict[str, Any]], dict[str, Any]] | None = None
 
-    def refuse(self, code: MoveItCode, sentence: str) -> Answered:
+    def refuse(self, code: int, sentence: str) -> Answered:
         """Return the response of a request that isn't served."""
         return Answered({} if self.with_error is None else self.with_error(error_code(code, sentence)))
 
@@ -239,7 +239,7 @@ class Services:
         reply = self._engine("kinematics", request, InverseKinematicsReply, received)
         (found,), (reason,) = reply.configurations, reply.reasons
         if not found:
-            raise Refused(reason, MoveItCode.NO_IK_SOLUTION)
+            raise Refused(reason, Status.NO_IK_SOLUTION)
         solution = {joint: value for joint, value in found[0].items() if not isinstance(value, list)}
         return Answered(solution_response(str(request.tip), start, solution))
 

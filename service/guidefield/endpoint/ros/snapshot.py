@@ -14,8 +14,8 @@ import msgspec
 import pinocchio as pin
 
 from guidefield.endpoint.ros.collision_objects import SceneObject
-from guidefield.endpoint.ros.refusals import FrameRefused, LinkRefused, MoveItCode, ObjectRefused, Refused
-from guidefield.errors import RobotInvalid
+from guidefield.endpoint.ros.refusals import FrameRefused, LinkRefused, ObjectRefused, Refused
+from guidefield.errors import RobotInvalid, Status
 from guidefield.geometry.placements import wire_pose
 from guidefield.messages.conditions import AttachedObject
 from guidefield.messages.scene import HalfSpace, Scene
@@ -49,7 +49,7 @@ class KnownRobot:
         """The joints of a group; raises Refused if there is none of that name."""
         if name not in self.model.groups:
             groups = ", ".join(self.model.groups) or "no group"
-            raise Refused(f"`group_name` {name[:64]!r} is unknown; there is {groups}", MoveItCode.INVALID_GROUP_NAME)
+            raise Refused(f"`group_name` {name[:64]!r} is unknown; there is {groups}", Status.INVALID_GROUP_NAME)
         return list(self.model.groups[name])
 
     def require_link(self, name: str, field: str) -> str:
@@ -150,7 +150,7 @@ SCENE = "planning_scene"  # the name of the scene in requests; the whole scene g
 
 
 @dataclass(frozen=True)
-class Held:
+class AttachedThing:
     """An object that a link holds: its pose is in the link's frame."""
 
     link: str
@@ -165,7 +165,7 @@ class Snapshot:
     robot: KnownRobot  # which robot
     positions: Mapping[str, float] = field(default_factory=dict)  # values that were heard, by joint [rad or m]
     objects: Mapping[str, SceneObject] = field(default_factory=dict)  # what stands in the scene, by id
-    held: Mapping[str, Held] = field(default_factory=dict)  # what links hold, by id
+    held: Mapping[str, AttachedThing] = field(default_factory=dict)  # what links hold, by id
     matrix: Matrix = NOBODY  # who may touch whom
     colors: Mapping[str, Any] = field(default_factory=dict)  # of objects, as they came
     name: str = ""  # of the scene
@@ -227,7 +227,7 @@ class Snapshot:
         return [(a, b) for first, second in self.matrix.allowed(names) for a in names[first] for b in names[second]]
 
 
-def _attached(name: str, held: Held) -> Iterator[AttachedObject]:
+def _attached(name: str, held: AttachedThing) -> Iterator[AttachedObject]:
     for (shape, there), own in zip(held.thing.shapes, held.thing.names(name), strict=True):
         if isinstance(shape, HalfSpace):
             raise ObjectRefused(f"object {name!r} has a plane: no link can hold it")

@@ -1,7 +1,7 @@
 """A client of a ros2_control controller's FollowJointTrajectory: it sends a certified trajectory, and watches it.
 
-An action is three services and two topics below its name. Versions of its types are told by their hashes: the token of
-the controller's service says which one it speaks. Messages are heard by Zenoh's threads and handled by the caller's,
+An action is three services and two topics below its name. Versions of its types are known by their hashes: the token
+of the controller's service says which one it speaks. Messages are heard by Zenoh's threads and handled by the caller's,
 one after the other.
 
 Where the robot is on the certified curve is found by the place that the controller desires: the nearest one on the
@@ -93,7 +93,7 @@ CODES = {
 
 AT_START = 0.01  # a robot that is farther from the first row isn't moved [rad or m]
 LOOK_EVERY = 0.05  # how often the caller looks whether anything came [s]
-AHEAD = 0.5  # how much farther along the curve the controller is looked for than it can have got [s]
+AHEAD = 0.5  # how much farther along the curve the controller is searched for than it can have got [s]
 OFF_CURVE = 1e-3  # a controller that desires a place farther from the certified curve draws another one [rad or m]
 
 
@@ -395,7 +395,7 @@ class _Watch:
     def _go_on(self, desired: np.ndarray, stamp: float) -> tuple[np.ndarray, float]:
         """Go on to the nearest place on the curve, shape (k,); return it, and how far it is [rad or m].
 
-        It is looked for as far as the controller may have got since the last feedback, `AHEAD` more.
+        It is searched for as far as the controller may have got since the last feedback, `AHEAD` more.
         """
         times, places, first = self._motion.times, self._motion.places, int(self._at)
         passed = 0.0 if self._first is None else self._first[0] + stamp - self._first[1] - self._times[-1]

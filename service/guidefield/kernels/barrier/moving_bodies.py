@@ -50,7 +50,7 @@ class MovedBodies(NamedTuple):
 
 @counted
 def moved_bodies(moving: MovingBodies, joints: int, nv: int) -> MovedBodies:
-    """Scratch for a robot of so many joints and chart coordinates."""
+    """Scratch for a robot of a given number of joints and chart coordinates."""
     t = moving.bodies
     placed = np.empty((t.kinds.shape[0], 3, 4))
     bodies = DistanceTables(

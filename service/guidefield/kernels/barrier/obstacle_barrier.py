@@ -73,7 +73,7 @@ NEAR_BODIES = numba_type(NearBodies)
 
 
 def nothing_remembered(configurations: int, groups: int) -> NearBodies:
-    """Of so many configurations and groups."""
+    """Of some configurations and groups."""
     return NearBodies(
         np.zeros((configurations, groups, 3)),
         np.full((configurations, groups), -1),

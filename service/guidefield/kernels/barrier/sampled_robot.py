@@ -100,7 +100,7 @@ class Workspace(NamedTuple):
     row: Floats  # gradient of one distance by them, shape (nv,)
     gradient: Floats  # sums by them, shapes (nv,) and (nv, nv)
     hessian: Floats
-    links: Floats  # placements of the bodies of the links, shape (b, 3, 4) [m], filled where they are looked at
+    links: Floats  # placements of the bodies of the links, shape (b, 3, 4) [m], filled where they are examined
     centres: Floats  # centres of the balls about groups and bodies, shapes (g, 3) and (b, 3) [m]
     link_centres: Floats
     columns: Floats  # twists by local coordinates of the model, by columns, shape (6, nv)

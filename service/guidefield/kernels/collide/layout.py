@@ -66,8 +66,8 @@ HALF_SIDES, ROUNDING, ROUNDED_BOX = 12, 15, 16
 radius of the rounding [m]; then how many numbers there are."""
 
 VELOCITY, KEPT, KEPT_AT_START, KEPT_AT_GOAL, DRIFTING_BOX = 16, 19, 20, 21, 22
-"""Behind these numbers of one that drifts stand its velocity [m/s], and what is kept from it anywhere, at the start and
-at the goal [m]; then how many numbers there are."""
+"""Behind these numbers of one that drifts stand its velocity [m/s], and the distance kept from it anywhere, at the
+start and at the goal [m]; then how many numbers there are."""
 
 HORIZON, WIDENING = 0, 1  # numbers of `DriftingBoxes`
 CLOUD = 6  # the kind of an obstacle that is balls about points; its primitive says nothing

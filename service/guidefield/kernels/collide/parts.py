@@ -144,7 +144,7 @@ def polytope_of(parts: Parts, root: int) -> int:
 def write_cluster_vertices(corners: Blocks, members: IndexRows, vertices_out: SinglesOut) -> None:
     """Write the vertices of clusters of triangles (n, k), cluster by cluster, as `Parts.vertices` has them.
 
-    `corners` (t, 3, 3) are those of all triangles [m]; the first vertex fills what is left of (BLOCK * blocks of all,).
+    `corners` (t, 3, 3) are those of all triangles [m]; the first vertex fills the rest of (BLOCK * blocks of all,).
     """
     each = members.shape[1]
     blocks = (3 * each + LANES - 1) // LANES

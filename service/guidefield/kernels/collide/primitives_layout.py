@@ -90,7 +90,7 @@ def lay_out(
 
     `scene` (SCENE_WORDS,) has the words of obstacles and their shapes, `offsets` (1 + MEMORY_WORDS,) is where in the
     memory there is what may touch, the scratch and the block [bytes], `owners` (n,) names the obstacle of the scene
-    that each stands for, `moving` (m,) are the bodies tested against obstacles, ascending, but for the pairs `left_out`
+    that each represents, `moving` (m,) are the bodies tested against obstacles, ascending, but for the pairs `left_out`
     (k, 2). The memory is all zero; what is in it begins where a line of the cache does.
     """
     first, n, begins = len(robot), len(owners), -memory.ctypes.data % LINE

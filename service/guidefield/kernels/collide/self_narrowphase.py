@@ -299,7 +299,7 @@ CELL = GRID_SIDES + 1
 
 @lane_step(boolean(ALONE, int64, int64, INTEGER_POINTER))
 def _never(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
-    """Tell if a meeting's bodies keep apart in all of its grid, as far as so many cells tell; others are halved."""
+    """Tell if a meeting's bodies keep apart in all of its grid, as far as its cells tell; others are halved."""
     grids, place = robot.bodies.grids, GRID_PLACES * meeting
     largest, longest = grids[place + LEVELS] * grids[place + DIVIDED], 0
     for side in range(GRID_SIDES):

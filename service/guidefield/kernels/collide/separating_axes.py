@@ -1,4 +1,4 @@
-"""Axes that separate bodies in lanes: how far bodies reach along them, and what is kept of one that did."""
+"""Axes that separate bodies in lanes: how far bodies reach along them, and the stored form of one that did."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def write_separating(parts: Parts, root: int, work: Floats, pose: Floats, way: f
 def keep_axis(
     parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int, places: Integers
 ) -> None:
-    """`write_separating` into what is kept, (AXIS_AND_REACH * n,), if there is an axis, and note where: (1 + n,)."""
+    """`write_separating` into the store, (AXIS_AND_REACH * n,), if there is an axis, and note where: (1 + n,)."""
     if not no_axis(work, AXIS):
         _note(axes, at, places)
         write_separating(parts, root, work, pose, way, axes, at)

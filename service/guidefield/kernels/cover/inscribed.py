@@ -18,7 +18,7 @@ from guidefield.kernels.jit.decorators import inlined, kernel
 
 INTEGERS = types.Array(types.int64, 1, "C", readonly=True)
 
-STEPS = 40  # shrinking ends after so many steps, if not before
+STEPS = 40  # shrinking ends after this many steps, if not before
 ROUNDING = 1e-9  # by how much what is known of a point's neighbour is believed less, as a share and in metres
 TOUCHING = 5e-3  # share of its radius by which a ball may reach beyond the surface while it is shrunk
 
@@ -186,7 +186,7 @@ def _halve(cell: Floats, inside: float, waiting: Floats, top: int) -> int:
 def uncovered_cells(
     balls: Rows, box: Rows, margin: float, surfaces: SurfaceTables, spans: IndexRows, cells_out: RowsOut
 ) -> int:
-    """Write cells of a body's inside that aren't known to be in the balls (n, 4), as many as fit; return their number.
+    """Write cells of a body's inside not known to be in the balls (n, 4), while there is room; return their number.
 
     A cell is done with if it is in one ball, or wholly outside, or so close to the surface that it is within the
     `margin` [m] by which the balls contain the surface: every point of the body is in a cell that is done with or

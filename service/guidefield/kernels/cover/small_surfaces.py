@@ -96,7 +96,7 @@ def changed_order(
     return runs
 
 
-FEW = 32  # so many numbers are sorted by insertion; a vertex of a surface seldom has more edges
+FEW = 32  # this many numbers are sorted by insertion; a vertex of a surface seldom has more edges
 
 
 @inlined

@@ -8,7 +8,7 @@ from guidefield.kernels.jit.arrays import Floats, IndexRows, Row, Rows, RowsOut
 from guidefield.kernels.jit.decorators import exact_kernel, exact_part
 from guidefield.kernels.linalg.small_systems import cross, dot
 
-RUN = 2048  # so many triangles, one behind the other, have a box: the line passes most of them by
+RUN = 2048  # this many triangles, one behind the other, have a box: the line passes most of them by
 UNSURE = 1 << 40  # what is returned where neither side of the line tells
 
 _ALONG_X, _ALONG_Y = 0.3819660112501051, -0.2360679774997897
@@ -88,7 +88,7 @@ def winding_by_crossings(x: float, y: float, z: float, vertices: Rows, triangles
     return -below if sure_below else UNSURE
 
 
-TOGETHER = 1024  # so many are summed alone, so that rounding adds up over few numbers
+TOGETHER = 1024  # this many are summed alone, so that rounding adds up over few numbers
 
 
 @exact_kernel

@@ -263,7 +263,7 @@ def boxes_met(
 def overlaps_in_tree(
     boxes: Rows, firsts: Indices, children: int, low: Rows, high: Rows, pairs_out: IndexRowsOut
 ) -> int:
-    """Write which boxes overlap which of a tree's: an index of the others and a place, (k, 2), as many as fit.
+    """Write which boxes overlap which of a tree's: an index of the others and a place, (k, 2), while there is room.
 
     Count all. The tree is that of `boxes_met`, the others have lower and upper corners (q, 3) [m].
     """

@@ -45,7 +45,7 @@ BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD, CROPPED_SOLID = range(8
 
 _STACK = 64
 
-_FEW = 32  # so few bodies are looked at one by one
+_FEW = 32  # so few bodies are examined one by one
 _SMALL = 64  # a surface of so few triangles may be near where its box is
 
 
@@ -63,7 +63,7 @@ class DistanceTables(NamedTuple):
     # of a surface, where its tree stands, see `SPAN`, and the row of its anchor counted from 1, 0 of all that have
     # none; shape (n, 5)
     spans: IndexRows
-    # of seen solids, how their sides are told, in their own frames, see `ray_winding.ANCHOR`; shape (k, 9)
+    # of seen solids, how their sides are found, in their own frames, see `ray_winding.ANCHOR`; shape (k, 9)
     anchors: Rows
     nodes: Rows  # tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m]
     surfaces: SurfaceTables  # triangles of all surfaces
@@ -81,7 +81,7 @@ def distance_at_points(
     Args:
         tables: The bodies.
         points: Points in the world, shape (n, 3) [m].
-        cutoff: Distance beyond which nothing is looked for [m].
+        cutoff: Distance beyond which nothing is searched for [m].
 
     Returns:
         Distance [m], shape (n,); the unit vector along which it grows, shape (n, 3); index of the obstacle, shape (n,).
@@ -107,7 +107,7 @@ def body_distance(
     """Return the signed distance of a point to a body [m] and the unit vector along which it grows, in the world.
 
     Infinite and zero, or a value not below it, where the distance is not below `cutoff`, which may be infinite or
-    negative [m]; `depth` is how deep inside a solid its surface is looked for [m].
+    negative [m]; `depth` is how deep inside a solid its surface is searched for [m].
     """
     T = tables.placements[body]
     p = moved_back_by(T, x, y, z)

@@ -152,7 +152,7 @@ def nearest_point(cloud: LaneCloud, x: float, y: float, z: float, cutoff: float)
         x: The point [m], with y and z.
         y: See x.
         z: See x.
-        cutoff: Distance beyond which nothing is looked for [m]; at most 1e15.
+        cutoff: Distance beyond which nothing is searched for [m]; at most 1e15.
     """
     best, far, found = cutoff * cutoff, splat(1e30), -1
     # sixteen bits for each level: boxes of the block that was entered there that have not been looked at yet

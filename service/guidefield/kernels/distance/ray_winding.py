@@ -153,7 +153,7 @@ def surely_outside(x: float, y: float, z: float, surfaces: SurfaceTables, span: 
 def surely_outside_seen(
     x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, anchors: Rows, row: int
 ) -> bool:
-    """`surely_outside` of a closed surface of which only that is there which meets a ball; `anchors` (k, ANCHOR).
+    """`surely_outside` of a closed surface of which only the part that meets a ball is known; `anchors` (k, ANCHOR).
 
     What is between two places in the ball is in it, and so all is there that the way between them crosses.
     """

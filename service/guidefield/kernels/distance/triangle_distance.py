@@ -145,7 +145,7 @@ def _search(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, c
         if to_far < best:
             waiting[top], gaps[top] = far, to_far
             top += 1
-        if to_near < best:  # on top: the nearer one is looked at first
+        if to_near < best:  # on top: the nearer one is examined first
             waiting[top], gaps[top] = near, to_near
             top += 1
     return found

@@ -154,7 +154,7 @@ class ChargedRobot(NamedTuple):
     """A robot's charged points and capsules."""
 
     points: Rows  # in the frame of their joint, shape (p, 3) [m]
-    weights: Row  # area that each stands for, shape (p,) [m^2]
+    weights: Row  # area that each represents, shape (p,) [m^2]
     point_joints: Indices  # index of the joint that moves each, shape (p,)
     # in the frame of their joint: both ends (2 x 3), and the radius at `CAPSULE_RADIUS`; shape (c, 7) [m]
     capsules: Rows
@@ -191,7 +191,7 @@ def _place(joints: Any, robot: Any, origin: Floats, q: Floats, world: Any, point
 
 @inlined
 def _counting(tables: Any) -> Any:
-    """0, 1, 2 ... in the precision of the tables, as many as there are lanes."""
+    """0, 1, 2 ... in the precision of the tables, one for each lane."""
     counting = np.empty(LANES, tables.boxes.dtype)
     for i in range(LANES):
         counting[i] = i

@@ -33,7 +33,7 @@ class FieldTables(NamedTuple):
     """Everything charged; one row each, C-contiguous, in double or in single precision, lengths in m.
 
     Faces stand in blocks that share corners. Blocks, and rows of closed forms, are the leaves of trees in depth-first
-    order. A node's multipole expansion stands for all below it where points are farther than its reach from its centre.
+    order. A node's multipole expansion represents all below it where points are farther than its reach from its centre.
     """
 
     origin: Row  # what to subtract from points, shape (3,), always in double precision; tables are relative to it

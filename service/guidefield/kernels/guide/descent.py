@@ -100,7 +100,7 @@ def _gradient(mover: Any, subspaces: Floats, wrenches: Floats, carried: Floats, 
 
 @inlined
 def _divide(mover: Any, factors: Any, right: Floats, room: Any, out: Floats) -> None:
-    """M^-1 of a row of the group (nv,): followers share what acts on their leader, and answer in its place."""
+    """M^-1 of a row of the group (nv,): followers share what acts on their leader, and answer instead of it."""
     for r in range(mover.leaders.shape[0]):
         k = mover.leaders[r]
         room.right[r] = mover.factors[r] / mover.norms[k] * right[k]

@@ -17,7 +17,7 @@ from guidefield.kernels.jit.decorators import inlined, kernel
 CAP = 0.25  # clearance beyond this doesn't count [m], at size 1
 
 _HASTE = 1.1
-"""The way found costs at most so many times the cheapest: the estimate of what is left is so much too large."""
+"""The way found costs at most this many times the cheapest: the estimate of the rest is so much too large."""
 
 _SETTLED = -1.0
 

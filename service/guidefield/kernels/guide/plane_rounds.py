@@ -193,10 +193,10 @@ def approach(
     mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, aim: Any, settings: Any, rounds: Any,
     most_steps: int, q: Floats, record_out: Any,
 ) -> int:  # fmt: skip
-    """Make rounds towards a guide plane, as many as there is room for in the record; return how the last one ended.
+    """Make rounds towards a guide plane, until the record is full; return how the last one ended.
 
     From q (nq,); the capsules have to be the robot's very shapes, `tables` are in single precision. A descent has at
-    most `most_steps` steps: there have to be so many rows and one more in the record for each round.
+    most `most_steps` steps: there have to be that many rows and one more in the record for each round.
 
     The end is NEARER, ARRIVED or BLOCKED (the tip can't be moved; that round has no steps).
     """

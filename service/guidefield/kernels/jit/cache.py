@@ -216,7 +216,7 @@ def _statement(node: ast.stmt) -> Statement:
 _KEPT = re.compile(r"^@(?:kernel|compiled|inner_kernel|exact_kernel|lane_kernel|lane_step)\b", re.MULTILINE)
 
 _WHOLE, _WANTED = "whole", "wanted"  # in a folder: all of its machine code is there; somebody waits for it
-_POLL_S = 0.05  # period at which whoever waits looks [s]
+_POLL_S = 0.05  # period at which a waiting process looks [s]
 _log = logging.getLogger(__name__)
 
 _NUMBAS_OWN = "UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator,ZipCacheLocator"
@@ -387,7 +387,7 @@ def _name(file: Path, folder: Path) -> str:
 
 @functools.cache
 def sources() -> Sources:
-    """The kernels' sources as they are when they are first asked for."""
+    """The kernels' sources, read when they are first asked for."""
     return Sources(KERNELS, "guidefield.kernels")
 
 

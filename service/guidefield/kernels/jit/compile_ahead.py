@@ -52,7 +52,7 @@ FIRST = (
 )
 """Files that, with all they import, a plan to a configuration or pose needs for a robot that nothing is kept of."""
 _CHILD = "--child"
-_TURN_S = 0.5  # period at which it is looked whether another process is done compiling [s]
+_TURN_S = 0.5  # period of checks whether another process is done compiling [s]
 _LATER = 10  # how nice the compilers are with what nobody waits for
 
 
@@ -61,8 +61,8 @@ def compile_missing(told: Told, processes: int | None = None, *, until_ready: bo
 
     Args:
         told: Told before each file, and once a first plan can be made; not at all if nothing is missing.
-        processes: How many compile at once; None: as many as there are processors.
-        until_ready: Whether only the way to a first plan is told.
+        processes: How many compile at once; None: one for each processor.
+        until_ready: Whether only the way to a first plan is announced.
 
     Raises:
         RuntimeError: if a file can't be compiled; with the last line of why.
@@ -102,7 +102,7 @@ class _Work:
         """Have a child compile one file after the other until none is left."""
         command = [sys.executable, "-m", "guidefield.kernels.jit.compile_ahead", _CHILD]
         with (
-            tempfile.TemporaryFile("w+") as log,  # a pipe that nobody empties meanwhile could fill up
+            tempfile.TemporaryFile("w+") as log,  # a pipe that nobody empties could fill up
             subprocess.Popen(  # noqa: S603 - it is ourselves
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
             ) as child,
@@ -207,7 +207,7 @@ def _compile_for_all(until_ready: bool) -> None:
     """Compile what is missing, or wait until another process has; `until_ready`: for what a first plan needs."""
 
     def tell(sentence: str) -> None:
-        with contextlib.suppress(BrokenPipeError):  # whoever waited for a first plan may have ended
+        with contextlib.suppress(BrokenPipeError):  # the process that waited for a first plan may have ended
             _tell(sentence)
         if sentence == READY and until_ready:
             os.setpriority(os.PRIO_PGRP, 0, _LATER)

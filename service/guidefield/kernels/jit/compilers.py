@@ -59,7 +59,7 @@ def part(
 
 
 def load(module: ModuleType) -> None:
-    """Compile the kernels of an imported file, or load what is kept of them; else their first calls do."""
+    """Compile the kernels of an imported file, or load their machine code; else their first calls do."""
     _COMPILER.load(module)
 
 

@@ -36,7 +36,7 @@ from numba.np import arrayobj
 
 from guidefield.kernels.jit.cache import await_machine_code, use_kernel_folders
 
-_making = threading.RLock()  # a type that goes meanwhile may have others made
+_making = threading.RLock()  # a type that is freed here may have others made
 _intern = _TypeMetaclass._intern
 
 
@@ -114,7 +114,7 @@ def _list_variables(instruction: Any, value: Any) -> list[Any]:
     return found
 
 
-intern_one_by_one()  # whoever has kernels may load them in several threads
+intern_one_by_one()  # any process with kernels may load them in several threads
 
 
 class Part(CPUDispatcher):  # type: ignore[misc]  # numba is untyped

@@ -27,7 +27,7 @@ def part(function: Callable[..., Any], optimized: bool, counting: bool | None, *
 
 
 def load(module: ModuleType) -> None:
-    """Nothing: whoever imported the file has compiled its kernels."""
+    """Nothing: the import of the file has compiled its kernels."""
 
 
 def quicken() -> None:

@@ -73,7 +73,7 @@ def _store_tile(  # type: ignore[no-untyped-def]  # vectors have no type in Pyth
 
 @uncounted
 def _take_product(a: Floats, b: Floats, rows: int, c: Floats) -> None:
-    """Subtract a^T b from a tile c, of two strips of so many rows."""
+    """Subtract a^T b from a tile c, of two strips of a given number of rows."""
     c0, c1, c2, c3 = load(c, 0), load(c, TILE), load(c, 2 * TILE), load(c, 3 * TILE)
     c4, c5, c6, c7 = load(c, 4 * TILE), load(c, 5 * TILE), load(c, 6 * TILE), load(c, 7 * TILE)
     for k in range(rows):
@@ -184,7 +184,7 @@ def _solve_tile(inverse: Floats, c: Floats) -> bool:
 
 @uncounted
 def _take_blocks_before(f: int, strips: Floats, spans: Integers) -> None:
-    """Subtract from block row f what those before it take away: two strips stay in the fastest memory meanwhile."""
+    """Subtract from block row f what those before it take away: two strips stay in the fastest memory for that."""
     count = strips.shape[1]
     per_block = count // (COUPLED + 1)
     into = strips[f]

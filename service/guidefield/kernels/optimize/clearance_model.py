@@ -9,8 +9,8 @@ Obstacles that move are where they are at the sample's time, t0 + (i + t) h: its
 of a piece, and by the departure t0 are (i + t) h and 1. With them the barrier's derivatives by time become those by
 both; of the second ones there is what Gauss and Newton's Hessian keeps.
 
-It costs far more than all else that an optimisation looks at. So it is looked at seldom: between two looks
-`ClearanceModel` stands for it, its quadratic expansion.
+It costs far more than all else that an optimisation looks at. So it is examined seldom: between two looks
+`ClearanceModel` represents it, its quadratic expansion.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def clearance_along(
         robot: The robot.
         tables: Obstacles that rest.
         moving: Obstacles that move.
-        samples: Where the clearance is looked at.
+        samples: Where the clearance is examined.
         points: Control points, shape (n, nv) [rad or m].
         step: h [s].
         begin: t0 [s].

@@ -39,11 +39,11 @@ from guidefield.kernels.tree.path_constraints import KeptFrames, Measured, numbe
 class KeptSamples(NamedTuple):
     """Places on a motion where path constraints are measured."""
 
-    frames: KeptFrames  # the constraints; none: nothing is looked at
+    frames: KeptFrames  # the constraints; none: nothing is examined
     pieces: Indices  # (s,) piece of each sample
     basis: Rows  # (s, 4) the basis there, of the piece's four control points
     groups: Indices  # (k,) which group of alternatives each constraint is of, in ascending order; -1: it has none
-    asked: IndexRows  # (s, k) whether each constraint is looked at there: 1, or 0
+    asked: IndexRows  # (s, k) whether each constraint is examined there: 1, or 0
     room: float  # share of a limit up to which a number costs nothing
     weight: float  # w
     tight: float  # limits up to this count in Newton's steps all through [rad or m]
@@ -54,7 +54,7 @@ KEPT_SAMPLES = numba_type(KeptSamples)
 
 @inlined
 def _placed_from(kept: KeptSamples, s: int, points: Floats, measured: Measured) -> int:
-    """Place the frames at the samples from one on, as many as there are lanes; how many samples that are."""
+    """Place the frames at the samples from one on, one for each lane; how many samples that are."""
     count: int = min(LANES, kept.pieces.shape[0] - s)
     for lane in range(LANES):
         at = s + min(lane, count - 1)
@@ -113,7 +113,7 @@ def add_constraint_penalty(kept: KeptSamples, points: Floats, gradient_out: Floa
     """Add the penalty's derivatives to those of an objective.
 
     Args:
-        kept: Where constraints are looked at.
+        kept: Where constraints are examined.
         points: Control points, shape (n, nv) [rad or m].
         gradient_out: By these, shape (n, nv).
         blocks_out: Hessian, as in `add_hessian`, shape (n, nv, 4 nv).

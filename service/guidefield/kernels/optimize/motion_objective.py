@@ -213,7 +213,7 @@ def motion_objective(
         ends: The ends of the motion.
         limits: What is kept. A coordinate whose range is a single value is cut out of the system.
         times: When it may depart and arrive.
-        kept: Where path constraints are looked at.
+        kept: Where path constraints are examined.
         groups: Of coordinates that may be coupled, as `coupled_groups` gives them.
         points: Control points, shape (n, nv), n > 6, strictly within limits [rad or m].
         step: h [s].

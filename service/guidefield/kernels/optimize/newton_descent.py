@@ -65,7 +65,7 @@ def coupled_groups(model: ClearanceModel, couples: bool, groups_out: Integers) -
 class DescentRules(NamedTuple):
     """Settings of the steps."""
 
-    steps: int  # at most so many
+    steps: int  # at most this many
     tries: int  # so often at most a step is shortened until it is within limits and brings something
     shorter: float  # by this factor
     # a step that promises less than this share of the objective is not taken. Nor is a further one after a whole step
@@ -193,7 +193,7 @@ def newton_descent(
         ends: The ends of the motion.
         limits: What is kept.
         times: When it may depart and arrive.
-        kept: Where path constraints are looked at.
+        kept: Where path constraints are examined.
         rules: When steps are taken.
         first_step: exp(u0) [s].
         longest_step: Pieces are no longer than this [s].

@@ -73,7 +73,7 @@ def expand_torque_loads(
         tree, limits, points, step, bases: As there.
         loads: The largest at each sample.
         near: The share.
-        pieces_out, samples_out, values_out, slopes_out: As in `LoadModel`, as many as there are at most.
+        pieces_out, samples_out, values_out, slopes_out: As in `LoadModel`, of the largest number.
     """
     nv, m, count = points.shape[1], tree.joints.sources.shape[0], 0
     n, chain = tree.joints.table.parents.shape[0], tree.chains.shape[1]

@@ -94,7 +94,7 @@ def closest_pairs(
 def first_contacts(moving: MovingRobot, configurations: Rows, touching: float, pairs_out: IndicesOut) -> None:
     """Find a pair in contact, within `touching` [m], or -1 at each configuration (n, nq), shape (n,).
 
-    The pair that touched before is looked at first.
+    The pair that touched before is examined first.
     """
     search, last, own = new_search(moving, np.zeros(LOG_ROWS)), -1, moving.pairs.own.shape[0]
     count = own + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]

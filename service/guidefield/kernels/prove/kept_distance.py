@@ -67,14 +67,14 @@ RATE = 0.02
 apart than asked in the middle is at least this share, for each pair of nodes so far, of what they may lose. With half
 or twice of it a UR5 takes a tenth longer."""
 
-LATER = 1e30  # what is told then is that share of this [m]: more than any distance
+LATER = 1e30  # the distance is then that share of this [m]: more than any distance
 
 LOG_COUNT, LOG_CAPACITY, LOG_SEGMENT, LOG_PAIR, LOG_PATIENT, LOG_SPHERES, LOG_ROWS = range(7)
 """Numbers of a log: rows written, rows there is room for, the segment and the pair of what is written next, 1 where a
 shorter segment is no way out, 1 where spheres told the last two nodes apart, and where the rows begin."""
 
 ROW_SEGMENT, ROW_PAIR, ROW_A, ROW_B, ROW_AXIS, LOG_ROW = 0, 1, 2, 3, 4, 7
-"""Columns of a row: segment, pair, a node of each body, and the direction across which they are told apart, 0 where
+"""Columns of a row: segment, pair, a node of each body, and the direction across which they are separated, 0 where
 their spheres tell it; then their number."""
 
 NODE_A, NODE_B, ENTRY = range(3)  # numbers of an entry of the stack: a node of each body; then how many there are
@@ -228,7 +228,7 @@ def _nodes_keep(
 
 @lane_part
 def write_closed(log: Floats, node_a: int, node_b: int, work: Floats) -> None:
-    """Write to a log (n,) that two nodes are told apart across the axis, or by their spheres; rows are counted on."""
+    """Write to a log (n,) that two nodes are separated across the axis, or by their spheres; rows are counted on."""
     if log[LOG_CAPACITY] == 0.0:
         return
     count = int(log[LOG_COUNT])
@@ -267,7 +267,7 @@ def bodies_keep(
     them by at most `share`, there and back. `asked` is the distance, above 0 [m], of which `bent` is how far points may
     be from where the twists bring them. Only the second may be a half-space, and that rests. The search begins with the
     axis and the leaves in `work` (WORK,), and leaves its last axis, and the leaves that didn't keep the distance; `log`
-    (n,) gets a row for each two nodes that are told apart.
+    (n,) gets a row for each two nodes that are separated.
 
     Else it returns the distance in the middle of two of their leaves, which may be larger than the bodies', or more
     than any distance, where it is sooner told in halves of the time [m].

@@ -157,7 +157,7 @@ def _of_body(
 ) -> None:
     """Add the bounds of a body that the coordinates before -1 move, in order; write its twist.
 
-    A coordinate that doesn't move the body in the world is passed against its direction: whoever sees the body is moved
+    A coordinate that doesn't move the body in the world is passed against its direction: the body's observer is moved
     by it instead. The first moves all others.
     """
     count = 0
@@ -218,7 +218,7 @@ def mover_travel(movers: MovingObstacles, mover: int, begin: float, end: float) 
 def mover_reach(movers: MovingObstacles, mover: int, place: BodyPoses, bounds: MotionBounds) -> float:
     """Return how far points of a moving obstacle get in the segment from where they are at the placement [m].
 
-    What has to be kept from it grows meanwhile, which counts as well.
+    The distance to keep from it grows with time, which counts as well.
     """
     now = place.moment[NOW]
     before, after = bounds.span[BEGINS], bounds.span[ENDS]

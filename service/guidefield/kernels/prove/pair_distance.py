@@ -63,7 +63,7 @@ def squared_gap(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
 
 @uncounted
 def kept_in_addition(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
-    """Return what is kept between a pair in addition, as its obstacle may have left its motion [m]; else 0.
+    """Return the additional distance kept between a pair, as its obstacle may have left its motion [m]; else 0.
 
     Distances of pairs are less by so much.
     """
@@ -130,7 +130,7 @@ def pair_keeps(
     else:
         other, scene = obstacles.roots[obstacle_of(pairs, obstacles, pair)], pointers(obstacles.parts)
         found = bodies_keep(own, root, pose_a, scene, other, pose_b, twists, share, asked + more, bent, scratch, log)
-    if found < np.inf:  # what is told of some of its nodes counts no longer
+    if found < np.inf:  # the results of some of its nodes count no longer
         log[LOG_COUNT] = begun
     _remember(pair, query)
     return float(found - more)

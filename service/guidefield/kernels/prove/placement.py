@@ -257,7 +257,7 @@ def step_at(movers: MovingObstacles, mover: int, time: float) -> int:
 
 @uncounted
 def kept_from_mover(movers: MovingObstacles, mover: int, time: float) -> float:
-    """Return what is kept from a moving obstacle in addition at a time [s], as it may have left its motion [m]."""
+    """Return the additional distance kept from a moving obstacle at a time [s], as it may have left its motion [m]."""
     return float(movers.margins[mover] + movers.growths[mover] * max(time - movers.since[mover], 0.0))
 
 

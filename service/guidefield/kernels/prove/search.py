@@ -3,7 +3,7 @@
 Continuous collision detection by bounds on motion and distance (Quinlan 1994; Schwarzer, Saha and Latombe 2005), depth
 first along the motion, after samples have given first answers. A segment is judged with the robot placed in its middle;
 a pair is done with if bounding spheres and boxes are farther apart than both bodies can move within half of it, or if
-each two nodes of its bodies' trees are told apart by their spheres or by a slab (`kept_distance`, `motion_bounds`). A
+each two nodes of its bodies' trees are separated by their spheres or by a slab (`kept_distance`, `motion_bounds`). A
 segment is halved for the pairs that are left.
 
 What has to be kept is the larger one of the margin and of the smallest distance found so far less the tolerance. As
@@ -218,7 +218,7 @@ def _is_fine(verdict: Floats, since: float, travel: float) -> bool:
 
 @uncounted
 def _leave_undecided(verdict: Floats, since: float, until: float, pair: int) -> None:
-    """End what is free where a segment begins in which a pair can't be told; a violation in the segment is kept."""
+    """End what is free where a segment begins in which a pair is undecided; a violation in the segment is kept."""
     if verdict[REASON] == FREE or verdict[PLACE] > until:
         verdict[REASON], verdict[PLACE], verdict[CULPRIT] = UNDECIDED, 0.5 * (since + until), pair
     verdict[END] = since
@@ -334,8 +334,8 @@ def prove_along(
     `tolerance`: largest error of a smallest distance, positive [m]. `parameters` (p,): samples in order, the motion's
     ends among them; none where they were taken before; own pairs are sampled at every `every`-th, and at the last.
     `most`: segments after which the search is left, with the others waiting. `longest`: in longer segments only spheres
-    and boxes are looked at. `shortest`: segments no longer than this aren't halved, and the search goes on until none
-    waits, with what is kept in them at least in the answers' bounds; 0 as long as there is time. `questions` (q,
+    and boxes are examined. `shortest`: segments no longer than this aren't halved, and the search goes on until none
+    waits, with their lower bounds in the answers' bounds; 0 as long as there is time. `questions` (q,
     ANSWER) and `verdict` (VERDICT,) are written. `waiting` (w, INTERVAL) has `count` segments, the last comes first,
     and room for `DEEPEST` + 3 more. `distances_out` (p,) gets the smallest distance from obstacles at each sample,
     `log` (n,) the slabs that close pairs, `segments_out` (s, LOG_ENDS) the segments that were judged.

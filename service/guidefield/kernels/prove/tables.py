@@ -55,7 +55,7 @@ class MovingObstacles(NamedTuple):
     # [m, world]
     poses: Rows
     twists: Rows  # twist from a placement to the next, linear part first, shape (k, 6) [m/s and rad/s, world]
-    speeds: Row  # largest speed at which distances to the obstacle change meanwhile, shape (k,) [m/s]
+    speeds: Row  # largest speed at which distances to the obstacle change, shape (k,) [m/s]
     endless: Indices  # 1 for one without an end, shape (v,)
     # margins, growths, since: What is kept from each in addition, as it may have left its motion: at first [m], and for
     # each second [m/s] since a time [s]; each of shape (v,)

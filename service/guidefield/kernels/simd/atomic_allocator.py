@@ -25,7 +25,7 @@ def _added(typing: Any, numbers: Any, amount: Any) -> Any:
 
 @lane_part
 def claimed(numbers: Any, amount: int, size: int) -> int:
-    """Return the first of `amount` numbers of (size,) that nobody has; -1 if there aren't so many left.
+    """Return the first of `amount` numbers of (size,) that nobody has; -1 if there aren't that many left.
 
     The first number, int32, says from where on they are free.
     """

@@ -67,7 +67,7 @@ def pointers(typing: Any, value: Any) -> Any:
     """An array's pointer; of a named tuple, one with pointers instead of arrays.
 
     What is passed on between kernels is pointers: with arrays, the counting of their references took ten times as long
-    as the arithmetic. The caller from Python holds the arrays meanwhile.
+    as the arithmetic. The caller from Python holds the arrays.
     """
 
     def stripped(context: Any, builder: Any, kind: Any, value: Any) -> Any:

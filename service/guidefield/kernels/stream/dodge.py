@@ -1,7 +1,7 @@
-"""The cost of a path among drifting obstacles, and its timing: going on, waiting, turning back or stepping aside.
+"""The cost of a path among drifting obstacles, and its timing: going on, waiting, turning back or sidestepping.
 
 Dynamic programming over time, step by step, in a tube about the way: its places, and some steps beside them to some
-sides. On the way alone everything is looked at; beside it what is the most promising at each step.
+sides. On the way alone everything is examined; beside it what is the most promising at each step.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ASIDE = 0.05
 """Additional cost of a step beside the path, as a share of it: of paths that are as quick the one nearby is taken."""
 
 STRETCHED = 1.25
-"""A move on and aside at once is one step if it is longer than one at full speed by this factor at most."""
+"""A move on and sideways at once is one step if it is longer than one at full speed by this factor at most."""
 
 
 class Tube(NamedTuple):
@@ -47,7 +47,7 @@ class Tube(NamedTuple):
     taken: IndexRows  # not 0 where one can't be, shape (m, 1 + d * levels)
     speeds: Row  # of the coordinates, at most, shape (nv,) [rad/s or m/s]
     step: float  # how long a step lasts [s]
-    stays: int  # so many places at the end are the end once more: the robot is to stay there
+    stays: int  # this many places at the end are the end once more: the robot is to stay there
 
 
 TUBE = numba_type(Tube)
@@ -148,7 +148,7 @@ def _move(boxes: Floats, drifts: Floats, time: float, moved: Floats32) -> None:
 def _write_kept_at_end(
     words: Integers, boxes: Floats, drifts: Floats, wanted: Wanted, tube: Tube, moved: Floats32, ends: Floats32
 ) -> None:
-    """Write what is kept of each at the way's end after each step, shape (n, k) [m]: how far it will be from there.
+    """Write each one's distance at the way's end after each step, shape (n, k) [m]: how far it will be from there.
 
     All is kept where that is less than what has to be: nobody goes there then.
     """
@@ -259,7 +259,7 @@ def dodged(
     """Find where to be at each step so that arriving costs least; return the rows of `timed`, and that cost [s].
 
     `words` are the robot, a packed `LaneWorld`, `boxes` (k, `ROUNDED_BOX`) what moves, now [m, world], `drifts` (k, 3)
-    how fast each goes straight on [m/s]; beside the way at most `width` states are looked at for each step, 0: none.
+    how fast each goes straight on [m/s]; beside the way at most `width` states are examined for each step, 0: none.
     `timed` (n, nv) gets the coordinates, `reached` (n,) the states; n - 1 steps are foreseen, and from the last state
     on the rest of the way costs its time. The cost is the time of arrival and of what lacks on the way.
     """

@@ -104,7 +104,7 @@ def _softened(
 ) -> tuple[float, float]:
     """Limits of acceleration and jerk with which a change of velocity lasts as long as the slowest one [s].
 
-    They stay as they are where the end wouldn't keep `lower` and `upper`; `lasts` is infinite until u is reached.
+    They stay unchanged where the end wouldn't keep `lower` and `upper`; `lasts` is infinite until u is reached.
     """
     q, v, a = state[0], state[1], state[2]
     share = _softest(v, a, u, limits[1], limits[2], slowest)

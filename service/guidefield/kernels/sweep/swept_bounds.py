@@ -372,7 +372,7 @@ def motion_apart(
                 pending[depth + 1, left] = item
                 left += 1
         if left > 0:
-            # only what could not be told apart is looked at again; the second half waits for the first to be done
+            # only what could not be told apart is examined again; the second half waits for the first to be done
             counts[depth + 1] = left
             waiting[top, 0], waiting[top, 1], depths[top] = t, t1, depth + 1
             waiting[top + 1, 0], waiting[top + 1, 1], depths[top + 1] = t0, t, depth + 1

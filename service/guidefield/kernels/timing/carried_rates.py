@@ -36,7 +36,7 @@ from guidefield.kernels.kinematics.forward_kinematics import (
 )
 from guidefield.kernels.kinematics.poses import moved_by
 
-FOUND, BOUND, TIME = range(3)  # columns of what is told of a quantity: the largest found, a bound of it, when
+FOUND, BOUND, TIME = range(3)  # columns of the result for a quantity: the largest found, a bound of it, when
 SHORTEST = 2.0**-40  # share of a piece below which intervals aren't halved any more
 HALVINGS = 200_000  # of intervals of a motion, at most: what is found may be rounding alone, and no bound close to it
 
@@ -72,7 +72,7 @@ class CoordinateBounds(NamedTuple):
 
 @counted
 def empty_bounds(nv: int, rows: int) -> CoordinateBounds:
-    """Room for bounds of so many coordinates of a group, and of its model."""
+    """Room for bounds of a given number of coordinates of a group, and of its model."""
     return CoordinateBounds(
         np.empty(nv), np.empty(nv), np.empty(nv), np.empty(rows), np.empty(rows), np.empty(rows), np.empty(rows)
     )

@@ -43,7 +43,7 @@ class DerivativeRoom(NamedTuple):
 
 @counted
 def derivative_room(n: int, m: int, nv: int) -> DerivativeRoom:
-    """Room for so many joints, coordinates of the model, and of the group."""
+    """Room for a given number of joints, coordinates of the model, and of the group."""
     scratch = np.empty((n, CARRIED)), np.empty((m, 12)), np.empty((m, 21)), np.empty((2, 6))
     return DerivativeRoom(scratch[0], scratch[1], scratch[2], scratch[3], np.empty((3, nv, nv)))
 

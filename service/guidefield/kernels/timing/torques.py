@@ -80,7 +80,7 @@ class TorqueRoom(NamedTuple):
 
 @counted
 def torque_room(n: int, nv: int, chain: int) -> TorqueRoom:
-    """Room for so many joints, coordinates of the group, and entries of a chain."""
+    """Room for a given number of joints, coordinates of the group, and entries of a chain."""
     return TorqueRoom(
         np.empty((n, 6)),
         np.empty((n, 6)),
@@ -285,7 +285,7 @@ def _place_and_write(
     room: TorqueRoom,
     torques_out: Floats,
 ) -> None:
-    """Place the bodies as they are at a time in a piece, and write the torques (nv,) there."""
+    """Place the bodies at a time in a piece, and write the torques (nv,) there."""
     write_state(motion, piece, t, state)
     place_tree(tree, state, places)
     write_torques(tree, state, places, room, torques_out)

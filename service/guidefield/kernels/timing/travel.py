@@ -303,7 +303,7 @@ def when_travelled(pieces: Blocks, times: Row, known: Row, lengths: Row, steps: 
     """Replace lengths (n,) by the times when a motion has travelled them [s].
 
     By the times `known` (k,), two at least, it has travelled `lengths` (k,) [rad or m]; between two of them `steps`
-    chords are looked at. The motion is as in `travelled`.
+    chords are examined. The motion is as in `travelled`.
     """
     row, powers, point = np.empty(pieces.shape[1]), np.empty(pieces.shape[1:]), np.empty(pieces.shape[2])
     for n in range(whens_out.shape[0]):

@@ -132,7 +132,7 @@ def next_samples(sampling: Sampling, nv: int, places: Floats, way: Way, samples_
 
 @lane_part
 def pass_samples(sampling: Sampling, nv: int, places: Floats, count: int) -> None:
-    """Go on by so many points of the sequence; `places` (nv + 1,) as for `next_samples`, changed."""
+    """Go on by that many points of the sequence; `places` (nv + 1,) as for `next_samples`, changed."""
     for j in range(nv + 1):
         place = places[j] + count * sampling.steps[j]
         places[j] = place - math.floor(place)

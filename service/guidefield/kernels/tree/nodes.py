@@ -29,7 +29,7 @@ from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
 from guidefield.kernels.tree.kd_buckets import KNOWN, STATE, Buckets, nearest_in_buckets, put_in_bucket, short_way
 
 RANGE = 1.0  # longest extension of a tree, by the metric [rad]
-LATE = 1024  # so many nodes of a tree are looked at one by one before they go into buckets, which pay for more
+LATE = 1024  # this many nodes of a tree are examined one by one before they go into buckets, which pay for more
 
 SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROWS, REFUSED, TRIED, PLANTED = 0, 2, 3, 4, 6, 7, 8, 9, 11
 """Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions,
@@ -228,7 +228,7 @@ def _look_up(search: TreeSearch, tree: int, sampling: Sampling) -> int:
 def nearest(search: TreeSearch, tree: int, target: Floats32, sampling: Sampling) -> int:
     """The node nearest to a target, shape (nv,); angles that wrap go the short way.
 
-    The nodes that came last are looked at sixteen at a time, each lane keeping its nearest; the others are in buckets.
+    The nodes that came last are examined sixteen at a time, each lane keeping its nearest; the others are in buckets.
     """
     nodes, capacity, nv, period, frequency = (
         search.nodes,
@@ -271,7 +271,7 @@ def _nearer_in_buckets(search: TreeSearch, tree: int, sampling: Sampling, k: int
 def nearest_to_each(search: TreeSearch, tree: int, sampling: Sampling) -> None:
     """Write of each of the sixteen samples the node nearest to it and how far it is from it, squared.
 
-    The samples are in lanes, four nodes at a time go by; none is looked at beyond the last, but that one again.
+    The samples are in lanes, four nodes at a time go by; none is examined beyond the last, but that one again.
     """
     nodes, samples, capacity, nv = search.nodes, search.samples, search.capacity, search.nv
     start, last, known = tree * nv * capacity, search.counters[SIZE + tree] - 1, _look_up(search, tree, sampling)

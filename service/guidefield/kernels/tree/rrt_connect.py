@@ -149,12 +149,12 @@ LEAST_DOMAIN, DOMAIN_STEP = 1.0, 1e-4
 fails."""
 
 PATIENCE = 16
-"""After so many samples in a row outside of the domains one is extended to all the same: else a search may dry up."""
+"""After that many samples in a row outside of the domains one is extended to all the same: else a search may dry up."""
 
-BALANCE = 1.0  # a tree that is so many times smaller than the other grows again; else they take turns
+BALANCE = 1.0  # a tree that is this many times smaller than the other grows again; else they take turns
 
 STUBBORN, SHORTEST = 2000, 4
-"""After every so many extensions of a node that failed the next ones are half as long, up to so many times: what holds
+"""After every 2000 failed extensions of a node the next ones are half as long, up to 4 times: what holds
 nearly everything of a length back lets something shorter pass. Sooner, or more gently, costs more than it gains."""
 
 ALONE = 64

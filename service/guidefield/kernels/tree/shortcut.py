@@ -31,7 +31,7 @@ def _length(world: LaneWorld, path: np.ndarray, segment: int) -> float:
 
 @lane_part
 def _total(world: LaneWorld, path: np.ndarray, count: int) -> float:
-    """Length of a path of so many points."""
+    """Length of a path of a given number of points."""
     total = 0.0
     for segment in range(count - 1):
         total += _length(world, path, segment)
@@ -62,7 +62,7 @@ def _place(world: LaneWorld, path: np.ndarray, count: int, along: float, point: 
 
 @lane_part
 def _without_detours(world: LaneWorld, path: np.ndarray, count: int, clearance: float, resolution: float) -> int:
-    """From each point on, leave out all before the farthest that is reached straight; how many are left of so many."""
+    """From each point on, leave out all before the farthest that is reached straight; return how many are left."""
     i = 0
     while i < count - 2:
         for j in range(count - 1, i + 1, -1):

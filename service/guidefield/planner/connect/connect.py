@@ -47,12 +47,12 @@ FEW_WAYS = 3
 ROUND_MOTIONS = 2000  # motions that a round of making a path shorter judges at most. Unrecorded
 ROUNDS_SHARE = 0.5  # such rounds end when this share of the time left is over: the rest is for what follows. A choice
 LEAST_SHORTER = 1e-3  # by what share a path has to be shorter to be taken. A choice: less is not worth a round
-# a path to a single goal whose score is more than this times the straight one's is a detour, and has so many rounds
+# a path to a single goal whose score is more than this times the straight one's is a detour, and has this many rounds
 # unless a request says how many. Motions of a Fetch, a Baxter, a Panda take 1.2, 0.7, 0.5 % less, some a third, and
 # whole answers 1.02, 0.99, 0.98 of the time, as shorter ones are optimised sooner; with 8 rounds a Fetch's take 4 %
 # less, and answers 1.11 of the time
 DETOUR = 2.0
-DETOUR_ROUNDS = 3  # so many. With 2 a Fetch's motions take 1.1 % less
+DETOUR_ROUNDS = 3  # this many. With 2 a Fetch's motions take 1.1 % less
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ def explain_no_path(
 
     Whatever it does, it passes what is between; so one sample in contact on each way is proof. Goals (m, nv) are no
     more than half a turn away if they wrap; the resolution is samples of a motion per length in the chart [1/rad or
-    1/m], the clearance what is kept from obstacles [m].
+    1/m], the clearance the distance kept from obstacles [m].
     """
     group = lanes.world.group
     if group.nv != 1:

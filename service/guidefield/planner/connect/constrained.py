@@ -20,7 +20,7 @@ from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 CONSTRAINED_ITERATIONS = 10_000_000  # samples that a search draws at most: for safety
-SHORTCUTS = 60  # detours that are looked at. Unrecorded
+SHORTCUTS = 60  # detours that are examined. Unrecorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ def _shorten(problem: Problem, keeper: Keeper, path: ChartPoints, rng: np.random
 STEPS = 15  # steps at most. From the edges of tolerances three to six lead to where both hold
 
 TRIES = 20
-"""After so many configurations in a row that can't be helped no other is tried: the constraint is out of reach."""
+"""After that many configurations in a row that can't be helped no other is tried: the constraint is out of reach."""
 
 DAMPING = 1e-9  # of the steps, relative to the largest singular value: a row that nothing moves is given up
 

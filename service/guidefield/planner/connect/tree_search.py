@@ -132,7 +132,7 @@ def _alike_sources(group: PlanningGroup, origins: bytes) -> Sources:
 
 
 def _steps(count: int) -> np.ndarray:
-    """Steps of the additive recurrence that fills a box of so many sides evenly (M. Roberts 2018).
+    """Steps of the additive recurrence that fills a box of a given number of sides evenly (M. Roberts 2018).
 
     They are the powers of 1 / g, where g > 1 solves g^(n + 1) = g + 1.
     """
@@ -281,7 +281,7 @@ class _Room:
         samples, origins, ends, judged, squares, nearest, longest = np.split(
             _from_a_line((4 * nv + 3) * LANES), ends_of
         )
-        # sixteen more: the nearest node is looked for sixteen at a time
+        # sixteen more: the nearest node is searched for sixteen at a time
         search = lane_nodes.TreeSearch(
             nv=nv,
             capacity=capacity,

@@ -25,7 +25,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.scene.flat import axes_across, centroid
 from guidefield.scene.guide_plane import GuidePlane, build
 
-GRID_SPACING = 0.05  # of the grid in which a coarse way of the tip is looked for [m], at size 1. Unrecorded
+GRID_SPACING = 0.05  # of the grid in which a coarse way of the tip is searched for [m], at size 1. Unrecorded
 MOST_POINTS = 2_000_000  # the grid is made coarser where it would have more. Unrecorded
 AROUND = 0.3  # how far the grid reaches beyond obstacles, start and goal [m]. Unrecorded
 # clearance at which a way costs twice its length [m]: ways with much of it are looked for first. Unrecorded
@@ -40,7 +40,7 @@ LONGEST_RAY = 0.4  # rays are followed no farther [m]: a plane in the open is th
 MOUTH = 0.8  # a passage begins where clearance falls below this share of what counts as free. Unrecorded
 PLATEAU = 0.02  # clearances that differ by less than this share are one plateau. Unrecorded
 SIGHT = 0.5  # centres see each other if their straight way keeps this share of their clearance. Unrecorded
-SIGHT_STEP = 0.02  # spacing of the points that are looked at along a line of sight [m]. Unrecorded
+SIGHT_STEP = 0.02  # spacing of the points that are examined along a line of sight [m]. Unrecorded
 NEARBY = 3  # how many points of the way a plane may be moved to a smaller section. Unrecorded
 APART = 0.1  # planes nearer to each other, to the start or to the goal than this are one [m]. Unrecorded
 CENTRINGS = 2  # how often a section is cut anew about its own middle. Unrecorded

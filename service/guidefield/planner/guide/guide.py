@@ -38,7 +38,7 @@ from guidefield.scene.guide_plane import GuidePlane
 # scenes shorter ones take up to twice the time, longer ones keep less clearance
 FIRST_STEP = 0.1
 CREEPING = 0.1  # a round gains little below this share of what an advance may bring. Unrecorded
-CREEPING_ROUNDS = 3  # so many such rounds in a row are a standstill. Unrecorded
+CREEPING_ROUNDS = 3  # this many such rounds in a row are a standstill. Unrecorded
 # a search of Univariate's for an angle begins with the one and ends below the other [rad]. Unrecorded
 FIRST_TURN = float(np.deg2rad(5.0))
 LAST_TURN = float(np.deg2rad(0.5))

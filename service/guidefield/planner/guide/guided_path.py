@@ -54,7 +54,7 @@ class GuidedPath:
 
     @property
     def size(self) -> float:
-        """The robot's: lengths that are chosen for it are so many times as large."""
+        """The robot's: chosen lengths are multiplied by it."""
         return self.problem.group.size
 
     @property

@@ -49,7 +49,7 @@ TOLERANCE = 1e-3
 # with it, 11.6 without
 CLOSE = 0.015
 FINE = 1e-4  # .. with this tolerance: there the last thousandth of U is millimetres of clearance
-MOST_STEPS = 60  # it ends after so many steps. Unrecorded
+MOST_STEPS = 60  # it ends after this many steps. Unrecorded
 STEPS_AT_ONCE = 20  # steps between two checks of the deadline. Unrecorded
 MOST_ROUNDS = 6  # of slide and reorient on one plane. Unrecorded
 NEGLIGIBLE = 2e-3  # such rounds end where U falls by less than this share. Unrecorded

@@ -60,7 +60,7 @@ def draw(
 
     Args:
         planned: The motion, with velocities where the interpolation reads them.
-        rows: Numbers of its knots, shape (n,), by which places along what is drawn are told.
+        rows: Numbers of its knots, shape (n,), by which places along what is drawn are named.
         parts: Into how many even parts the span between two rows is divided on; of ticks 1.
         accelerations: At its knots, shape (n, nv) [rad/s² or m/s²]; None: those of the motion.
 
@@ -139,7 +139,7 @@ def _row_times(knots: np.ndarray, execution: ControllerModel, parts: int) -> np.
 def _states(
     planned: Trajectory, times: np.ndarray, accelerations: ChartRates | None
 ) -> tuple[ChartPoints, ChartRates, ChartRates]:
-    """States at times (n,), the knots among them: there as they are told, else with the mean acceleration."""
+    """States at times (n,), the knots among them: unchanged there, else with the mean acceleration."""
     q, v, a = planned.evaluate(times)
     at = np.searchsorted(times, planned.times)
     q[at], v[at] = planned.positions, planned.velocities
@@ -148,7 +148,7 @@ def _states(
 
 
 def deviations(planned: Trajectory | StraightMotion, drawn: GivenMotion) -> Deviations:
-    """How far what is drawn leaves the planned motion at the same times, exactly, its tolerance aside.
+    """How far what is drawn leaves the planned motion at the same times, exactly, without its tolerance.
 
     The planned motion stands before its begin and after its end; so does the other one.
     """

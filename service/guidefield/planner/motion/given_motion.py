@@ -138,7 +138,7 @@ class GivenMotion(ReadOnly):
     rows: np.ndarray
     times: np.ndarray | None = None  # of the knots, shape (n,), strictly increasing [s]; None where there are none
     velocities: ChartRates | None = None  # at the knots, shape (n, nv) [rad/s or m/s]; None of straight pieces
-    # of a quintic; of a single knot, which has no curve to tell them, as they are given, shape (k, nv) [rad/s² or
+    # of a quintic; of a single knot, which has no curve to tell them, as given, shape (k, nv) [rad/s² or
     # m/s²]; else None
     accelerations: ChartRates | None = None
     tolerance: np.ndarray | None = None  # how far a robot may be from it, shape (nv,) [rad or m]; None: nothing
@@ -208,8 +208,8 @@ class GivenMotion(ReadOnly):
     def measured(self) -> Trajectory | StraightMotion | QuinticMotion:
         """The same places in the same order, for the smallest distances to obstacles that rest.
 
-        Straight pieces begin and end at rest here, which makes the rates continuous and leaves the places as they are;
-        those without times take as long as they are. Steps are straight pieces.
+        Straight pieces begin and end at rest here, which makes the rates continuous and leaves the places unchanged;
+        those without times take as long as their length. Steps are straight pieces.
         """
         if self.quintic is not None:
             return self.quintic
@@ -314,7 +314,7 @@ class GivenMotion(ReadOnly):
     def _state(self, piece: int, share: float) -> tuple[float, float | None, ChartPoint, Any, Any]:
         """Row, time, position, and where there are rates, velocity and acceleration at a place."""
         row, time = self.along(piece, share)
-        if share in (0.0, 1.0):  # as it is told
+        if share in (0.0, 1.0):  # unchanged
             k = piece + int(share)
             velocity, rise = (None if one is None else one[k] for one in (self.velocities, self.accelerations))
             return row, time, cast(ChartPoint, self.positions[k]), velocity, rise

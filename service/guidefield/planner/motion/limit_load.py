@@ -18,7 +18,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
 TOLERANCE = 1e-9  # by this share a motion may exceed a limit, for rounding
-MOST_ROUNDS = 16  # how often rounding is looked at again
+MOST_ROUNDS = 16  # how often rounding is examined again
 
 
 def measure_limit_load(

@@ -34,7 +34,7 @@ LENGTH_WEIGHT = 300.0
 # of the grid, on each piece of the curve. With 6 motions round many corners take 2 % longer, with 24 they take 1 %
 # less and their timing twice as long ..
 STEPS_A_PIECE = 10
-LEAST_STEPS = 64  # .. and at least so many in all of it. Unrecorded
+LEAST_STEPS = 64  # .. and at least this many in all of it. Unrecorded
 # pieces of the motion: the most of them; where jerk is limited, the number with which it is the shortest. With at most
 # 96 motions take 1 % less; with 12 as well those within 50 rad/s³ take 5 % less, but are farther from the path
 PIECES = (16, 24, 32, 48, 64)
@@ -86,7 +86,7 @@ class PathCurve(ReadOnly):
 
 @memoized_by_value(16)
 def _bases(steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """The derivatives of the basis at so many even steps of a piece, shape (steps, 4) each; at its end where 0."""
+    """The derivatives of the basis at even steps of a piece, shape (steps, 4) each; at its end where 0."""
     shares = np.arange(steps) / steps if steps else np.ones(1)
     made = basis_slopes(shares), basis_bends(shares)
     read_only(*made)
@@ -212,7 +212,7 @@ def _find_speeds(
 
 
 def _resample_in_time(curve: PathCurve, progress: CurveProgress, pieces: int) -> BSpline:
-    """The motion of so many pieces with control points where the curve is at even times; two pieces longer."""
+    """The motion of some pieces with control points where the curve is at even times; two pieces longer."""
     step = progress.duration / (pieces - 2)
     inner = curve.at(progress.at(step * np.arange(1, pieces - ENDS + 1)))
     start, end = (End.at_rest(cast(ChartPoint, curve.points[row])) for row in (1, -2))

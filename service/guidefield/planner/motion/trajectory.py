@@ -101,7 +101,7 @@ class Trajectory(ReadOnly):
         """Control points of the pieces, shape (max(n - 1, 1), 4, nv): this very curve [rad or m].
 
         Piece i runs from ``times[i]`` to ``times[i + 1]``. A motion that goes nowhere is one piece of four equal
-        points, so that whoever judges the pieces judges its only configuration.
+        points, so that a judge of the pieces judges its only configuration.
         """
         return self._bezier
 

@@ -33,13 +33,13 @@ FLOOR_RAMP = 0.3  # joint distance from an end at which the floor is the full on
 # follows: with 0.85 certificates take twice the time
 CONSTRAINT_ROOM = 0.7
 CONSTRAINT_WEIGHT = 3e3  # weight of half the mean square of what is beyond. With 300 some are refused
-CONSTRAINT_SAMPLES = 2  # samples for each at which the clearance is looked at. Unrecorded
-COMPARED = 64  # at so many samples two motions among obstacles that move are compared. A choice
+CONSTRAINT_SAMPLES = 2  # samples for each at which the clearance is examined. Unrecorded
+COMPARED = 64  # at this many samples two motions among obstacles that move are compared. A choice
 # limits of path constraints up to this count in Newton's steps all through [rad or m]. With 0 one in six motions hardly
 # gets shorter, with 0.02 and 0.05 they are the same
 TIGHT = 0.03
 FARTHEST = 0.25  # ends count as keeping at most so much from obstacles [m], at size 1. Unrecorded
-SPACING = 0.05  # of samples at which it is asked whether a motion keeps aside from what moves [s]. A choice
+SPACING = 0.05  # of samples at which a motion's distance from what moves is checked [s]. A choice
 
 
 def clearance_samples(
@@ -52,7 +52,7 @@ def clearance_samples(
     *,
     in_time: bool = False,
 ) -> MotionSamples:
-    """Samples evenly in time, each of which counts by the joint distance, over sizes (nv,), that it stands for.
+    """Samples evenly in time, each of which counts by the joint distance, over sizes (nv,), that it represents.
 
     Where obstacles move it counts by half of that, and half of its share of time: they come to a robot that stands,
     too. `kept` is what start and end keep from obstacles, the clearance what is asked for [m].
@@ -114,7 +114,7 @@ def _floor(kept: float, settings: OptimizationSettings) -> float:
 
 @memoized_by_value(256)
 def places(pieces: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where so many samples on each of some pieces are, in pieces from the start.
+    """Where the samples on each of some pieces are, in pieces from the start.
 
     Returns the bounds between them, shape (s + 1,); where each is, shape (s,), and its piece; the basis there, shape
     (s, 4); how much each counts between links, shape (s,).
@@ -140,11 +140,11 @@ class Sections(ReadOnly):
     # which group each is of, in ascending order, shape (k,); -1: it holds all along. Of groups that cost as little the
     # first is kept
     groups: np.ndarray
-    asked: np.ndarray  # whether each is looked at on a section, 1 or 0, shape (sections, k)
+    asked: np.ndarray  # whether each is examined on a section, 1 or 0, shape (sections, k)
 
     @classmethod
     def whole(cls, frames: ConstrainedFrames, passages: int = 0) -> Sections:
-        """Constraints that hold all along a motion with so many passages."""
+        """Constraints that hold all along a motion with a given number of passages."""
         count = len(frames.constraints)
         return cls(frames, np.full(count, -1, np.int64), np.ones((passages + 1, count), np.int64))
 

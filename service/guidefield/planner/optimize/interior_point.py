@@ -1,7 +1,7 @@
 """Newton's method on a motion's control points and the length of its pieces, between looks at its clearance.
 
 A look at the clearance costs far more than all else. So each is made the most of: Newton's method goes on with its
-quadratic model as long as that brings much, and only then the clearance is looked at again.
+quadratic model as long as that brings much, and only then the clearance is examined again.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Look(NamedTuple):
 
 
 class _Memory(NamedTuple):
-    """For the Hessians of a model, as they are written and as they are seen."""
+    """For the Hessians of a model, as written and as seen."""
 
     hessians: np.ndarray
     seen: np.ndarray
@@ -158,7 +158,7 @@ class Descent(ReadOnly):
 
     @classmethod
     def of(cls, question: Question, spline: BSpline, samples: int) -> Descent:
-        """For a motion, with so many samples on a piece."""
+        """For a motion, with a given number of samples on a piece."""
         in_time = len(question.moving.motions) > 0
         placed = clearance_samples(
             spline,

@@ -18,7 +18,7 @@ from guidefield.planner.task.motion_limits import CartesianLimit, MotionLimit
 from guidefield.read_only import ReadOnly, read_only
 
 # By 30 public problems of a Panda with 3 kg in the hand, at 15 rad/s² and 500 rad/s³.
-TORQUE_SAMPLES = 128  # about so many on a motion, two on each piece at least. With 64 motions are 2 % slower
+TORQUE_SAMPLES = 128  # about this many on a motion, two on each piece at least. With 64 motions are 2 % slower
 # the same where no torques are limited, one on each piece at least. With 128 motions take as long
 SPEED_SAMPLES = 64
 FREE_SHARE = (
@@ -30,7 +30,7 @@ NEAR_SHARE = 0.6
 
 
 class _Memory(NamedTuple):
-    """For the loads of a look, as they are written."""
+    """For the loads of a look, as written."""
 
     largest: np.ndarray  # at each sample, by limit, shape (l, pieces s)
     pieces: np.ndarray
@@ -41,7 +41,7 @@ class _Memory(NamedTuple):
 
 @memoized_by_value(16)
 def no_loads(nv: int) -> LoadModel:
-    """No loads of a motion of so many coordinates."""
+    """No loads of a motion of a given number of coordinates."""
     none = np.empty((0, 3, 4)), np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty((0, 3, nv))
     read_only(*none)
     return LoadModel(0, 0, 0.0, FREE_SHARE, *none)
@@ -49,7 +49,7 @@ def no_loads(nv: int) -> LoadModel:
 
 @dataclass(frozen=True, eq=False)
 class LoadSamples(ReadOnly):
-    """Where loads are looked at on a motion, with memory for two looks, by turns."""
+    """Where loads are examined on a motion, with memory for two looks, by turns."""
 
     efforts: tuple[EffortLimit, ...]
     speeds: tuple[CartesianLimit, ...]
@@ -59,7 +59,7 @@ class LoadSamples(ReadOnly):
 
     @classmethod
     def of(cls, limits: Sequence[MotionLimit], pieces: int, nv: int) -> LoadSamples:
-        """Of a motion of so many pieces and coordinates."""
+        """Of a motion of a given number of pieces and coordinates."""
         efforts = tuple(one for one in limits if isinstance(one, EffortLimit))
         speeds = tuple(one.sketched for one in limits if isinstance(one, CartesianLimit))
         # accelerations are largest at the ends of pieces: one sample in the middle would miss torques there

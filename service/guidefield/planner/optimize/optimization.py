@@ -7,7 +7,7 @@ minimise
 
 by Newton's method on a banded system with a border for u, while μ falls (an interior point method: Boyd and
 Vandenberghe, Convex Optimization, 2004, chapter 11); every motion on the way is within its limits. The clearance is
-looked at seldom: in between its expansion to second order stands for it. Then the pieces are subdivided, which leaves
+examined seldom: in between its expansion to second order represents it. Then the pieces are subdivided, which leaves
 the curve as it is, and μ falls on. Steps are counted, not timed: the same problem has the same motion whatever the
 load, unless time runs out.
 
@@ -50,11 +50,11 @@ INSIDE = 1e-3  # share of a coordinate's range that the first motion keeps from 
 MOST_MOVING_PIECES = 192  # of them at most, where the motion begins or ends in motion. Unrecorded
 STOP_PIECES = 4  # of them at least for coming to rest there. Unrecorded
 LOOSENINGS = 8  # how often limits are tightened until such a motion is within. Unrecorded
-LOOSENED = 1.1  # limits are so many times what the motion takes of them. Unrecorded
+LOOSENED = 1.1  # limits are this many times what the motion takes of them. Unrecorded
 INWARD = 0.1  # weight of the limits' barrier then. Unrecorded
 INWARD_STEPS = 3  # Newton's steps each time. Unrecorded
 STRICTLY = 0.995  # share of the limits within which such a motion may begin. Unrecorded
-STRAIGHT_PIECES = 16  # of a straight motion by which the least time is told
+STRAIGHT_PIECES = 16  # of a straight motion by which the least time is estimated
 
 
 def motion_limits(problem: Problem) -> MotionLimits:
@@ -134,7 +134,7 @@ def longest_step(ends: tuple[End, End], limits: MotionLimits) -> float:
 
 
 def _stretched(motion: Trajectory, pieces: int, limits: MotionLimits) -> BSpline:
-    """A spline of so many pieces through samples of a motion evenly in time, as fast as it may be with some room."""
+    """A spline of some pieces through samples of a motion evenly in time, as fast as it may be with some room."""
     inner = pieces - ENDS  # the ends take the places before and after them
     times = motion.times[0] + motion.duration * np.arange(1, inner + 1) / (inner + 1)
     points = _with_room(motion.evaluate(times)[0], limits)
@@ -231,7 +231,7 @@ def optimize(
         sections: Path constraints, and where they hold; None: those of the problem, all along.
         leave_by: It begins before this [s], if it begins later than at 0.
         arrive_from: It ends after this [s].
-        touched: Points of the robot at which such motions were refused, which are looked at as well.
+        touched: Points of the robot at which such motions were refused, which are examined as well.
     """
     kept = Sections.whole(problem.constrained_frames, len(passages)) if sections is None else sections
     descending = _Descending(problem, settings, passages, kept, (leave_by, arrive_from), touched)
@@ -346,7 +346,7 @@ class _Descending:
     def _descended(
         self, question: Question, spline: BSpline, passed: tuple[float, ...], weights: Sequence[float], samples: int
     ) -> tuple[Look, float]:
-        """The motion after some weights of the limits' barrier, with so many samples on a piece; its objective."""
+        """The motion after some weights of the limits' barrier, with some samples on a piece; its objective."""
         settings, descent = self._settings, Descent.of(question, spline, samples)
         look, cost = descent.look(spline, passed, settings.stiffness), np.inf
         for limit_weight in weights:

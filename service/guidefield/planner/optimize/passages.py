@@ -123,7 +123,7 @@ class Passage(ReadOnly):
 
 
 def first_places(passages: Sequence[Passage], motion: Trajectory, pieces: int, sizes: np.ndarray) -> tuple[float, ...]:
-    """Where on a spline of so many pieces, evenly in time, the passages of a motion through all their waypoints are.
+    """Where on a spline of some pieces, evenly in time, the passages of a motion through all their waypoints are.
 
     Coordinates count by their sizes (nv,).
     """

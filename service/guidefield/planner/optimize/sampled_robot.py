@@ -23,8 +23,8 @@ from guidefield.robot.model.spaces import ChartPoints
 POINTS_WEIGHT = 100.0  # sum of the weights of all points. Unrecorded
 RANGE = 0.03  # of the barrier between links [m], at size 1. Unrecorded
 LEAST_RANGE = 0.004  # the same between links that are that close at an end of the motion [m]. Unrecorded
-COARSER = 3  # one in so many of a link's points stands for all against other links. Unrecorded
-TOUCHED_WEIGHT = 8.0  # a point at which the certificate refused a motion counts as so many. A choice
+COARSER = 3  # one in this many of a link's points represents all against other links. Unrecorded
+TOUCHED_WEIGHT = 8.0  # a point at which the certificate refused a motion counts as this many. A choice
 
 
 def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -> SampledRobot:
@@ -191,7 +191,7 @@ def _balls(links: DistanceTables) -> np.ndarray:
 
 
 def _balls_about(points: np.ndarray, every: int) -> np.ndarray:
-    """Centre and radius of a ball about each so many of some points (n, 3), n > 0: shape (balls, 4)."""
+    """Centre and radius of a ball about each group of some points (n, 3), n > 0: shape (balls, 4)."""
     first = np.arange(0, len(points), every)
     centres = 0.5 * (np.minimum.reduceat(points, first) + np.maximum.reduceat(points, first))
     away = np.linalg.norm(points - centres[np.arange(len(points)) // every], axis=1)

@@ -38,7 +38,7 @@ class OptimizationSettings:
     # third of them; a Panda at a door that moves kept 13 mm of 32
     few: bool = False
     piece: float = 0.18  # length of a piece before the last subdivision [rad or m]. Unrecorded
-    least_pieces: int = 16  # at least and at most so many. With 24 for 64 four of 21 motions of a Fetch were refused
+    least_pieces: int = 16  # at least and at most this many. With 24 for 64 four of 21 motions of a Fetch were refused
     most_pieces: int = 64  # together with the one above
     rough: tuple[float, ...] = ()  # weights of the limits' barrier before those of `coarse`, with half the pieces
     # weights of the limits' barrier, one after the other, until pieces are subdivided. Problems: 3e-3 and 3e-4 besides
@@ -130,7 +130,7 @@ def in_few_pieces(settings: OptimizationSettings) -> OptimizationSettings:
     While limits weigh much a motion's shape needs few pieces, and Newton's steps and looks at the clearance take time
     with their number. With less of `little` there are fewer looks, with less of `worth` more, and motions that keep a
     millimetre less without more weight. On 181 problems of a Panda, 30 of which in cages, a UR5, a Fetch and a Baxter
-    samples are looked at 0.81, 0.80, 0.82, 0.85 and 0.82 times as often, for motions that take 1.00 of the time and
+    samples are examined 0.81, 0.80, 0.82, 0.85 and 0.82 times as often, for motions that take 1.00 of the time and
     keep 0.3 mm less, 0.2 more, 0.6 less, 1.4 more and 0.8 less in the mean. Tried without
     gain: a third of the points until then, a Hessian that is scaled by secants for each sample, pieces chosen anew by
     the length of the motion, the Hessian of the weight before in the first step after it falls.

@@ -1,6 +1,6 @@
 """The configurations at the end of a step that leave the later steps possible.
 
-Ends are looked at, not the ways between them: each later step has to have a configuration that is free there, and a
+Ends are examined, not the ways between them: each later step has to have a configuration that is free there, and a
 straight way has to be one that the robot can follow, from some configuration that the steps before it leave.
 """
 
@@ -27,9 +27,9 @@ from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
-ENOUGH = 2  # so many configurations with a future are enough for a step, those nearest to its start
-BRANCHES = 3  # so many configurations of a later step are tried
-LOOKS = 30  # so many later steps are looked at for one step: what isn't refuted by then counts as possible
+ENOUGH = 2  # this many configurations with a future are enough for a step, those nearest to its start
+BRANCHES = 3  # this many configurations of a later step are tried
+LOOKS = 30  # this many later steps are examined for one step: what isn't refuted by then counts as possible
 DRAWS = 3  # how often other configurations are drawn where none that was found has a future
 
 
@@ -127,7 +127,7 @@ def _is_possible(course: Course[S], index: int, at: S, search: _LookAhead) -> bo
 
 
 def _find_ends(motion: StepMotion, index: int, search: _LookAhead) -> list[ChartPoint] | None:
-    """Where a step may end; None where that can't be told before it is planned."""
+    """Where a step may end; None where that can't be determined before it is planned."""
     problem = motion.problem
     if motion.way is None and (problem.guide_planes or isinstance(problem.goal, LastPlaneGoal)):
         return None

@@ -38,7 +38,7 @@ class Situation(Protocol):
         ...
 
     @property
-    def held(self) -> tuple[str, ...]:
+    def held_names(self) -> tuple[str, ...]:
         """Names of the objects that are held."""
         ...
 
@@ -102,7 +102,7 @@ class Course(Protocol[S]):
 
 
 AWAY = 5e-3  # an object that is so far from an obstacle has left it [m]
-LOOKS_A_SECOND = 200.0  # how often it is looked whether an object has left an obstacle [Hz]
+LOOKS_A_SECOND = 200.0  # how often it is checked whether an object has left an obstacle [Hz]
 MOST_LOOKS = 2000  # looks at most, over the whole time that it is held
 
 

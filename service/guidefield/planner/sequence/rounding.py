@@ -54,7 +54,7 @@ from guidefield.robot.group.path_constraints import ConstrainedFrames, EvenTurn,
 from guidefield.robot.model.spaces import ChartPoints
 
 PIECE = 0.5  # length of a piece before the last subdivision, as a share of the smallest radius
-LEAST_PIECES = 16  # at least so many for each step, and at most so many for all
+LEAST_PIECES = 16  # at least this many for each step, and at most this many for all
 MOST_PIECES = 160
 INSIDE = 0.95  # share of a radius up to which the tip is at a goal
 TIME_SHARE = 0.5  # share of the time that is left which may be taken
@@ -276,10 +276,10 @@ def _make_corner(curve: CurveByLength, after: CurveByLength, left: float, right:
 SPACING = 0.03  # between places of the path that is timed, at most [rad or m]
 TRIES = 10  # motions that are judged at most
 TIGHTER = 0.5  # the corners next to what is refused are this much smaller the next time
-# places, and the pieces of a motion with limits of jerk, are so many times as dense the next time where a way, or a
+# places, and the pieces of a motion with limits of jerk, are this many times as dense the next time where a way, or a
 # goal, isn't kept to
 DENSER = 2
-DENSEST = 32  # so many times as dense at most
+DENSEST = 32  # this many times as dense at most
 
 
 def round_motion(parts: Sequence[StepPart], stages: Stages) -> tuple[JoinedMotion, RoundedPath] | None:

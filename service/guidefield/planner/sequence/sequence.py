@@ -51,7 +51,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
 
-SNAPPED = 1e-6  # a time that is no further from a knot stands for the knot [s]
+SNAPPED = 1e-6  # a time that is no further from a knot represents the knot [s]
 
 STOPS = "to pass goals without stopping is no faster here, so the motion stops: `radius` is small for the limits"
 """Warning about steps that are not passed without stopping."""
@@ -64,7 +64,7 @@ class StepResult(ReadOnly, Generic[S]):
     index: int
     at: S
     span: tuple[float, float]  # when it begins and ends, its pause included [s]
-    conditions: Conditions  # what the motion of all joints is judged by meanwhile, where nothing may touch
+    conditions: Conditions  # what the motion of all joints is judged by, where nothing may touch
     # what the planner found, chart points of all joints, shape (n, nv); the start alone where nothing moves
     path: ChartPoints
     way: StraightWay | None = None

@@ -42,7 +42,7 @@ MOST_PLACES = 4000  # places at most
 
 
 def straight_plan(problem: Problem, way: StraightWay) -> Plan:
-    """Plan a motion along a straight way; no other way is looked for."""
+    """Plan a motion along a straight way; no other way is searched for."""
     stages, still = Stages(problem), without_movers(problem)
     try:
         with stages.entered("ends", "start and straight way") as stage:

@@ -88,11 +88,11 @@ class StraightWay:
             return 0.0
         return float(self.turn @ pin.log3(placement.rotation @ self.begin.rotation.T)) / self.angle**2
 
-    def aside(self, placement: Any) -> np.ndarray:
+    def sideways(self, placement: Any) -> np.ndarray:
         """From the line's nearest point to the origin of a placement (pinocchio.SE3), shape (3,) [m]."""
         away: np.ndarray = placement.translation - self.begin.translation
-        aside: np.ndarray = away - self.direction * (self.direction @ away)
-        return aside
+        sideways: np.ndarray = away - self.direction * (self.direction @ away)
+        return sideways
 
     def turned(self, placement: Any) -> float:
         """How far a placement (pinocchio.SE3) is turned away from the way's at its share [rad]."""
@@ -100,11 +100,11 @@ class StraightWay:
 
 
 REACHED = 1e-7  # how far off a place may be that counts as reached [m or rad]
-REACHED_CLOSELY = 1e-10  # the same where the exact end of the way is looked for
+REACHED_CLOSELY = 1e-10  # the same where the exact end of the way is searched for
 STEPS = 20  # Newton steps to a place, from the one before
 JUMP = 0.35  # largest change of a joint from one place to the next [rad or m]: beyond it the arm folds over
 DAMPING = 1e-6  # of the steps, times the largest singular value
-AHEAD = (1.0, 0.1, 0.01)  # shares of the step that failed at which the cause is looked for
+AHEAD = (1.0, 0.1, 0.01)  # shares of the step that failed at which the cause is searched for
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,19 +206,19 @@ def _place(way: StraightWay, share: float) -> str:
     return f"{format_rounded_down(share * length, 0.1)} mm along the straight way of {length:.1f} mm ({percent})"
 
 
-AT_ONCE = 64  # so many pieces of a motion are judged together
+AT_ONCE = 64  # this many pieces of a motion are judged together
 
 
 class Deviation(NamedTuple):
     """How far a frame may be off its way."""
 
-    aside: float  # from the line [m]
+    sideways: float  # from the line [m]
     beyond: float  # beyond an end of it [m]
     turned: float  # from the orientation of the way there [rad]
 
     def within(self, way: StraightWay) -> bool:
         """Return whether that is within the tolerances."""
-        return max(self.aside, self.beyond) <= way.line_tolerance and self.turned <= way.turn_tolerance
+        return max(self.sideways, self.beyond) <= way.line_tolerance and self.turned <= way.turn_tolerance
 
 
 def certify_straight(
@@ -270,7 +270,7 @@ class _Frame:
         way = self._way
         share = 0.0 if way.is_point else way.share(placement)
         beyond = max(-share, share - 1.0, 0.0) * way.length
-        return Deviation(float(np.linalg.norm(way.aside(placement))), beyond, way.turned(placement))
+        return Deviation(float(np.linalg.norm(way.sideways(placement))), beyond, way.turned(placement))
 
     def bounds(self, controls: Sequence[ChartPoints]) -> list[Deviation]:
         """How far the frame can be off its way on each of some Bezier curves, control points (k, nv)."""
@@ -284,7 +284,7 @@ class _Frame:
         place_rest, turn_rest = self._rests(jacobians, e)
         off = np.array([self._off(placement) for placement in placements])
         along = shifts @ way.direction
-        aside = np.linalg.norm(shifts - along[..., None] * way.direction, axis=2).max(axis=1)
+        sideways = np.linalg.norm(shifts - along[..., None] * way.direction, axis=2).max(axis=1)
         share = np.array([0.0 if way.is_point else way.share(placement) for placement in placements])
         ahead = share[:, None] * way.length + along
         beyond = np.maximum(np.maximum(-ahead.min(axis=1), ahead.max(axis=1) - way.length), 0.0)
@@ -295,7 +295,7 @@ class _Frame:
             even, even_rest = along[..., None] / way.length * way.turn, place_rest * way.angle / way.length
             beyond += place_rest
         uneven = np.linalg.norm(rotations - even, axis=2).max(axis=1)
-        found = np.column_stack([off[:, 0] + aside + place_rest, beyond, off[:, 2] + uneven + turn_rest + even_rest])
+        found = np.column_stack([off[:, 0] + sideways + place_rest, beyond, off[:, 2] + uneven + turn_rest + even_rest])
         return [Deviation(*row) for row in found.tolist()]
 
     def _rests(self, jacobians: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -30,7 +30,7 @@ SAMPLES = 4  # of a piece, by which the slowing down is found that a limit takes
 ROOM = 2e-3  # share of a limit that is left to what is between samples, and to the bound
 ROUNDING = 1e-9
 SLOWER = 1.002  # a motion is slowed down by so much where its bound is above a limit, and no sample is
-LEAST = 1e-3  # share of a limit that is there for speeding up, though gravity takes more
+LEAST = 1e-3  # share of a limit that is reserved for speeding up, though gravity takes more
 
 
 @memoized_for_alike
@@ -38,7 +38,7 @@ def mass_tree(group: PlanningGroup) -> MassTree | str:
     """The bodies that a group's joints move, or why there is no dynamics, in words."""
     model = group.model
     if any(joint.kind in (JointKind.SPHERICAL, JointKind.FLOATING) for joint in group.joints):
-        return "torques are told of joints of one coordinate, and planar ones"
+        return "torques are known of joints of one coordinate, and planar ones"
     inertias = list(model.inertias)
     masses = np.array([one.mass for one in inertias])
     unmoved = [joint.name for joint in group.joints if not _moved_mass(group, masses, joint.name) > 0.0]
@@ -247,7 +247,7 @@ def measure_efforts(
 ) -> Efforts:
     """The torques of a group along a motion, by its own limits, and by those that bind it instead.
 
-    Raises DeadlineExpired if time is up before all of a long motion is looked at.
+    Raises DeadlineExpired if time is up before all of a long motion is examined.
     """
     tree = tree_of(group)
     if isinstance(tree, str):

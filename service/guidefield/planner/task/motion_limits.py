@@ -1,7 +1,7 @@
 """Limits of what a motion does as a whole: of the speed and acceleration of a frame, or of a link's fastest point.
 
-What a motion reaches is known between samples too, by `kernels.timing.carried_rates`: no point is faster than is told
-by more than `ACCURACY`.
+What a motion reaches is known between samples too, by `kernels.timing.carried_rates`: no point is faster than is
+reported by more than `ACCURACY`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
 ACCURACY = 1e-3  # share by which the bound of what is reached may be above what was found
 CLOSE = 1e-6  # the same where a limit is between the two
 KEPT = 1.0 + 1e-6  # a share up to this keeps its limit, for rounding
-AT_ONCE = 10_000  # pieces of a motion that are looked at between looks at the time
+AT_ONCE = 10_000  # pieces of a motion that are examined between looks at the time
 FEW_POINTS = 12  # of a body that stand for all where no bound is needed
 CORNERS = 16  # of the prism about a cylinder, on each rim
 
@@ -279,7 +279,7 @@ def measure_cartesian(
 ) -> tuple[CartesianUse, ...]:
     """How fast bodies are along a motion, more closely where a limit is between what was found and its bound.
 
-    Through straight pieces, whose velocities jump, no acceleration is told, and none is limited.
+    Through straight pieces, whose velocities jump, no acceleration is reported, and none is limited.
 
     Raises DeadlineExpired if time is up before the last limit, or the last `AT_ONCE` pieces.
     """

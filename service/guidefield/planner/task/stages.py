@@ -36,7 +36,7 @@ def describe_kept(min_clearance: float) -> str:
 
 
 def make_stopped_message(status: Status, plane: str, distance: float) -> str:
-    """What is told of a plan that was stopped on its way to a guide plane.
+    """The message for a plan that was stopped on its way to a guide plane.
 
     Args:
         distance: Of the tip to it [m].
@@ -81,7 +81,7 @@ def make_refusal(conditions: Conditions, verdict: Verdict) -> Ending:
     if verdict.reason is Reason.UNDECIDED and conditions.execution is not None and conditions.execution.has_tube:
         message = (
             "the certificate refused the motion: where the execution may be, by its tolerance or between its ticks, it"
-            f" can't be told that {pair} {describe_kept(conditions.min_clearance)}"
+            f" can't be determined that {pair} {describe_kept(conditions.min_clearance)}"
         )
         return Ending(status, message, details)
     distance = clearance_at(conditions.world, group.expand_from_chart(verdict.chart_point)).obstacle_distance
@@ -114,7 +114,7 @@ class StageFailed(Exception):
 
 @dataclass
 class Stage:
-    """A stage under way; whoever runs it says how it ended."""
+    """A stage under way; its runner says how it ended."""
 
     outcome: str = ""
 

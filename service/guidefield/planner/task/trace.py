@@ -69,7 +69,7 @@ class TreeGrown:
     """The trees of a search when it ended, met or not."""
 
     # gives, for each tree, its nodes in the order in which it grew, chart points, shape (n, nv), and the index of each
-    # one's parent, shape (n,); -1 for a root. A search takes microseconds: who looks pays, and looks while it is told,
+    # one's parent, shape (n,); -1 for a root. A search takes microseconds: who looks pays, and looks while it is there,
     # as the next search begins in the same memory
     trees: Callable[[], tuple[tuple[ChartPoints, np.ndarray], ...]]
 

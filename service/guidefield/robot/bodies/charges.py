@@ -25,7 +25,7 @@ POINTS = 200  # about how many points a robot gets at most
 POINTS_PER_SHAPE = 33  # about how many a robot of few shapes gets for each: the thesis' links need eight rings of four
 
 SPREAD = 0.76
-"""Spacing of spread points over the side of the square that is their share, so that they are as many as meant."""
+"""Spacing of spread points over the side of the square that is their share, so that their number is the wanted one."""
 
 LEAST_SPACING = 1e-3
 """Points of a link are no denser than this for its thinness [m]: a link can be as thin as a line. At size 1."""

@@ -41,7 +41,7 @@ With 1500 plans for Baxter took a twentieth longer.
 
 
 SMALL = 2.0
-"""Covers of smaller robots than usual may leave the shapes by so many times as much, for their size.
+"""Covers of smaller robots than usual may leave the shapes by this factor more, for their size.
 
 Their links are as intricate: the first use of an SO-101 takes a tenth less so. Plans of a Panda of 0.35 and 0.1 times
 the size are as long and take as long (`tools/bench otherwise`).

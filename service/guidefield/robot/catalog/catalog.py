@@ -191,7 +191,7 @@ class Catalog:
         if line is None:
             line = summarize_sent(sent, self._package_dirs)
             if line.problem is None:
-                self._lines.put(_key(sent), line)
+                self._lines.insert(_key(sent), line)
         return line
 
     def load(self, reference: RobotReference | SentRobot) -> RobotModel:
@@ -204,7 +204,7 @@ class Catalog:
             self._loaded.remove(key)
             robot = self._build(reference)
             stamps = {file: _stamp(file) for file in _files(reference, robot)}
-            loaded = self._loaded.put(key, _Loaded(robot, stamps))
+            loaded = self._loaded.insert(key, _Loaded(robot, stamps))
         return loaded.robot
 
     def origin(self, reference: RobotReference | SentRobot) -> tuple[RobotReference | SentRobot, str]:
@@ -319,7 +319,7 @@ def _files(reference: RobotReference | SentRobot, robot: RobotModel) -> list[str
 def _companions(mesh: Path) -> list[str]:
     try:
         return [str(mesh.parent / name) for name in companions(mesh)]
-    except MeshFault:  # of a visual, which is told where it is drawn
+    except MeshFault:  # of a visual, which is reported where it is drawn
         return []
 
 

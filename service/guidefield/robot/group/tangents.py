@@ -80,7 +80,7 @@ def _slides(joint: Joint) -> slice:
 
 
 def _see_from(group: PlanningGroup, joint: Joint, zs: ChartPoints, rows: np.ndarray) -> np.ndarray:
-    """Translations (n, 2) or (n, 3) as they are seen from the frame that a planar or floating joint has moved."""
+    """Translations (n, 2) or (n, 3) seen from the frame that a planar or floating joint has moved."""
     if joint.kind is JointKind.PLANAR:
         return _turn_back(zs[:, joint.idx_v + 2], rows)
     reference = pin.Quaternion(np.asarray(group.q_origin[joint.idx_q + 3 : joint.idx_q + 7], float)).normalized()

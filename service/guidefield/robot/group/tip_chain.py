@@ -100,7 +100,7 @@ def chain_to(group: PlanningGroup, frame: int) -> TipChain:
 
 
 class _Parts:
-    """Parts as they are found from the world to the tip; `fixed` is what is fixed since the last."""
+    """Parts in the order from the world to the tip; `fixed` is what is fixed since the last."""
 
     def __init__(self) -> None:
         self.fixed = pin.SE3.Identity()

@@ -59,7 +59,7 @@ class SearchSettings:
     aim: float = 0.9
     round: int = 64  # random starts of a round. Unrecorded
     first_round: int = 16  # the same of the first rounds where one solution is asked for. Unrecorded
-    # the same where nothing was accepted for so many: poses in narrow places need many starts. The value is unrecorded
+    # the same where nothing was accepted that often: poses in narrow places need many starts. The value is unrecorded
     large_round: int = 512
     # accepted solutions for each that is asked for, from which those farthest apart are chosen. Unrecorded
     choice: int = 2

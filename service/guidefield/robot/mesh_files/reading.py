@@ -51,7 +51,7 @@ _MARKS: dict[str, re.Pattern[bytes]] = {
 }
 """How files of each kind begin."""
 
-_BEGINNING = 65_536  # the number of bytes in which a mark is looked for
+_BEGINNING = 65_536  # the number of bytes in which a mark is searched for
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 

@@ -1,7 +1,7 @@
 """3MF files: the objects that are built, components at their places.
 
 As other tools for robots have it, their numbers are metres, with the `scale` of the URDF: a file's own unit, which is
-millimetres by default, is told in a warning.
+millimetres by default, is reported in a warning.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def compile_text(text: str) -> CompiledModel:
     """Compile an MJCF that names no file.
 
     Raises:
-        RobotInvalid: if the package `mujoco` is missing, if the text names a file or stands for more than a robot has,
+        RobotInvalid: if the package `mujoco` is missing, if the text names a file or represents more than a robot has,
             or if MuJoCo refuses it.
     """
     for double, single in _FILE.findall(text):
@@ -84,7 +84,7 @@ def compile_text(text: str) -> CompiledModel:
 
 
 def _drop_buffers(text: str, most: int) -> str:
-    """Return an MJCF without its buffers; RobotInvalid if it stands for more than `most` elements, or larger pictures.
+    """Return an MJCF without its buffers; RobotInvalid if it represents more than `most` elements, or larger pictures.
 
     A line of MJCF can stand for any number of bodies, which MuJoCo would make without asking.
     """
@@ -99,7 +99,7 @@ def _drop_buffers(text: str, most: int) -> str:
         times[element] = within * (_product(element, "count") if _tag(element) in _REPEATED else 1.0)
         total += times[element]
         if total > most:
-            raise fault(element, f"the MJCF stands for more than {most} elements", limit=most)
+            raise fault(element, f"the MJCF expands to more than {most} elements", limit=most)
         if _tag(element) == "mesh" and max(_numbers(element, "params"), default=0.0) > MOST_PARAMETER:
             raise fault(element, f"'params' of <mesh> are too large: each is at most {MOST_PARAMETER}")
         sizes = _COMPUTED.get(_tag(element), ())

@@ -34,7 +34,7 @@ VELOCITY_SUFFIXES = {
 }
 """The same for velocities: tangents in the moved frame."""
 
-_SMALL = 1e-4  # below this angle a series stands for a sine [rad]: off by less than rounding
+_SMALL = 1e-4  # below this angle a series represents a sine [rad]: off by less than rounding
 
 ROTATION = {JointKind.SPHERICAL: slice(0, 3), JointKind.FLOATING: slice(3, 6)}
 """Which of a joint's chart coordinates are a rotation vector."""

@@ -75,7 +75,7 @@ def read_meshes(facts: UrdfFacts, warnings: list[str]) -> tuple[str, Meshes]:
 def settle(
     model: Any, geometry: Any, meshes: Meshes, uris: Mapping[str, str], size: float, warnings: list[str]
 ) -> tuple[GeometryChoice, ...]:
-    """Give each shape that stands for a mesh its triangles, or its hull where that is as tight; return the choices.
+    """Give each shape that represents a mesh its triangles, or its hull where that is as tight; return the choices.
 
     Args:
         model: Pinocchio model that the geometry belongs to.

@@ -77,7 +77,7 @@ def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -
 
 DEFAULT_ROTATION_SPEED = 1.0  # velocity limit of a rotation for which nobody names one [rad/s]
 DEFAULT_TRANSLATION_SPEED = 0.5  # velocity limit of a translation for which nobody names one [m/s]
-NO_SPEED_LIMIT = 1e6  # a velocity limit of this or more stands for none [rad/s or m/s]
+NO_SPEED_LIMIT = 1e6  # a velocity limit of this or more represents none [rad/s or m/s]
 TIME_TO_SPEED = 0.5  # acceleration limits that nobody names let a joint reach its velocity limit in this time [s]
 FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
 """No joint is planned for further than this from its zero [rad or m]: limits beyond stand for none, and a motion of

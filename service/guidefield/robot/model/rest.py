@@ -91,7 +91,7 @@ def _beyond(values: Positions, joints: Sequence[Joint]) -> list[str]:
 def _fitting(state: SrdfState, joints: Sequence[Joint], described: Srdf, warnings: list[str]) -> Positions:
     """Return the values of an SRDF's state that fit their joints: a root joint may be another than it was made for.
 
-    A virtual joint stands for the root joint. Quaternions are written with few digits there; they get length 1.
+    A virtual joint represents the root joint. Quaternions are written with few digits there; they get length 1.
     """
     known, fitting = {joint.name: joint for joint in joints}, {}
     for written, value in state.values.items():

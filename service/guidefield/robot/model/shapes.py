@@ -46,7 +46,7 @@ def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
     known = _KNOWN.get(key)
     if known is None:
         triangles = np.array([(one[0], one[1], one[2]) for one in map(face, range(count))])
-        known = _KNOWN.put(key, (triangles, 1.0), triangles.nbytes)
+        known = _KNOWN.insert(key, (triangles, 1.0), triangles.nbytes)
     for array in (vertices, known[0]):
         array.setflags(write=False)
     return vertices, known[0]
@@ -54,7 +54,7 @@ def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
 
 def know_triangulation(shape: Any, triangles: np.ndarray, unit: float) -> None:
     """Keep the triangles (t, 3) that a Coal mesh was made of, which needn't be read from it then, and its unit [m]."""
-    _KNOWN.put(_identify(shape), (np.array(triangles, np.int64), unit), triangles.nbytes)
+    _KNOWN.insert(_identify(shape), (np.array(triangles, np.int64), unit), triangles.nbytes)
 
 
 def _faces(shape: Any) -> tuple[np.ndarray, Callable[[int], Any], int]:
@@ -82,7 +82,7 @@ def hull(mesh: Any) -> Any | None:
     if known is None:
         found = _recall_hull(mesh)
         known = (convex(found["vertices"], found["triangles"]) if len(found["triangles"]) else None,)
-        known = _HULLS.put(key, known, sum(found[name].nbytes for name in ("vertices", "triangles")))
+        known = _HULLS.insert(key, known, sum(found[name].nbytes for name in ("vertices", "triangles")))
     return known[0]
 
 
@@ -138,7 +138,7 @@ def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
 
 
 def _hull_stand_off(around: Surface, body: Solid) -> float:
-    """How far a hull stands off a body, at most [m]; off a mesh that the body stands for, at least."""
+    """How far a hull stands off a body, at most [m]; off a mesh that the body represents, at least."""
     enough = HULL_STAND_OFF + body.reach
     distance = stand_off(around, body, enough, ROUGHLY)
     return (stand_off(around, body, enough) if distance > enough else distance) - body.reach

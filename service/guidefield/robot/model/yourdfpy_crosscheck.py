@@ -18,7 +18,7 @@ from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import RobotConfiguration
 
 SAME = 1e-6  # placements of links that differ by more than this [m, or 1] are not the same
-MOST_TOLD = 5  # of so many differences a sentence is made each; of the rest, how many they are
+MOST_TOLD = 5  # of this many differences a sentence is made each; of the rest, how many they are
 BENT = 0.3
 """Where in its range each joint stands while placements are compared; the value of those without limits [rad or m]."""
 _UNREAD = ("visual", "collision", "transmission", "gazebo")
@@ -98,7 +98,7 @@ def _read(root: Any) -> Any:
         length = np.linalg.norm(direction)
         if length > 0.0:  # that of a fixed joint may be anything
             axis.set("xyz", " ".join(map(repr, (direction / length).tolist())))
-    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)  # what it finds is told in the robot's warnings
+    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)  # what it finds is reported in the robot's warnings
     return yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), load_meshes=False, filename_handler=str)
 
 

@@ -70,7 +70,7 @@ class MeshResolver:
     enclosing: tuple[Path, ...] = ()  # the folders about the URDF that may hold packages too, the nearest first
     # files that are searched by the end of their path for what isn't where its URI says; None: no search
     nearby: NearbyFiles | None = None
-    # what an error says is allowed; None: the folders. Who asks over the wire is told no folder of ours
+    # what an error says is allowed; None: the folders. A client over the wire hears of no folder of ours
     told: tuple[str, ...] | None = None
     advice: str = ""  # what an error says to do about a mesh that isn't there
     folders: tuple[Path, ...] = field(init=False)  # every allowed folder: those of the other attributes

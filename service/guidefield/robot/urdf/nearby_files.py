@@ -141,7 +141,7 @@ class NearbyFiles:
             yield from self._packages[number].get(name, ())
 
     def find(self, path: str, *, in_package: bool) -> Match:
-        """Find the files whose paths share the longest end with a path, letters' case aside.
+        """Find the files whose paths share the longest end with a path, whatever the letters' case.
 
         The nearest level decides in which at least two names are shared, or all that the path has, and so does a
         given folder; else the nearest in which the file's name is. Files of equal bytes are one.

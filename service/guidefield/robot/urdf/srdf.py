@@ -27,7 +27,7 @@ class SrdfChain:
 
 @dataclass(frozen=True)
 class SrdfGroup:
-    """A group as written: joints, links (each stands for its parent joint), chains and other groups."""
+    """A group as written: joints, links (each represents its parent joint), chains and other groups."""
 
     joints: tuple[str, ...] = ()
     links: tuple[str, ...] = ()
