@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from guidefield.recorder.rrd_file import read_meshes
 
 from guidefield.recorder import bodies
+from guidefield.recorder.chunks import read_meshes
 from guidefield.recorder.reading import LEFT_OUT, self_contained
 from guidefield.recorder.stored import RecordingPlace
 from guidefield.robot.bodies.sphere_cover import coverage

@@ -18,7 +18,7 @@ from guidefield.messages.replies import make_error_reply
 from guidefield.messages.requests import RobotFiles, StoreRobot, StoreScene
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.store_requests import ReadRuns
-from guidefield.stores import run_writer
+from guidefield.stores import run_file
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase
@@ -83,8 +83,8 @@ def test_a_full_disk_is_told_and_what_was_kept_stays(small_disk: Path) -> None:
 def test_a_disk_that_is_full_from_the_start_is_told_and_used_once_it_has_room(
     small_disk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_writer, "RETRY_INTERVAL_S", 0.0)
-    monkeypatch.setattr(run_writer, "UPKEEP_INTERVAL_S", 0.02)
+    monkeypatch.setattr(run_file, "RETRY_INTERVAL_S", 0.0)
+    monkeypatch.setattr(run_file, "UPKEEP_INTERVAL_S", 0.02)
     database = RunDatabase(small_disk)
     begin(database, "abandoned")
     database.close()
@@ -110,7 +110,7 @@ def test_a_disk_that_is_full_from_the_start_is_told_and_used_once_it_has_room(
 def test_a_database_that_stays_damaged_is_told_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(run_writer, "UPKEEP_INTERVAL_S", 0.01)
+    monkeypatch.setattr(run_file, "UPKEEP_INTERVAL_S", 0.01)
     (tmp_path / FILE).write_bytes(b"no database" * 1_000)
     database = RunDatabase(tmp_path)
     with pytest.raises(DiskRefused, match="damaged"):
