@@ -125,7 +125,6 @@ class CertifyReply(Reply):
         timing: Time by stage.
         counters: Numbers of operations.
         recording: Key or file of the recording, if there is one.
-        schema: Version of this message.
         warnings: Harmless peculiarities of the request.
         proof: Key or file of the proof, if the request asks for one and there is one; else `warnings` says why not.
         execution: The rows of the curve that was judged, if the request has an `execution`.

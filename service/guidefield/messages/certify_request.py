@@ -92,7 +92,6 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         scene: A name, or the scene itself.
         path: Waypoints, a row for each; between them the motion is straight in the joints' coordinates.
         trajectory: Knots or samples in time, instead of a path.
-        schema: Version of this message.
         run_id: Name of the run; null: the service makes a name.
         robot_placement: Of the robot's root in the world.
         group: Joints that move: a group's name or their names; null: those of the columns.

@@ -33,7 +33,6 @@ class ForwardKinematicsReply(Reply):
         placements: By configuration, then by frame; empty if the request has `packed`.
         packed: The same as positions [m] and unit quaternions (x, y, z, w), shape (configurations, frames, 7).
         warnings: Harmless peculiarities of the robot or the scene.
-        schema: Version of this message.
     """
 
     placements: list[list[Placement]]
@@ -49,7 +48,6 @@ class InverseKinematicsReply(Reply):
         configurations: By pose.
         reasons: By pose, the reason for fewer solutions than requested; else empty.
         warnings: Harmless peculiarities of the robot or the scene.
-        schema: Version of this message.
     """
 
     configurations: list[list[Positions]]
@@ -94,7 +92,6 @@ class ClearanceReply(Reply):
         velocity_names: Columns of the gradients, in the tangent space.
         packed: The packed lists, instead of those above.
         warnings: Harmless peculiarities of the robot or the scene.
-        schema: Version of this message.
     """
 
     minimum: list[float | None]
@@ -119,7 +116,6 @@ class PointPotentialReply(Reply):
         gradient: [1/m^2], in the world.
         winding: Winding number of the solids around the point: 0 outside.
         warnings: Harmless peculiarities of the robot or the scene.
-        schema: Version of this message.
     """
 
     potential: list[float]
@@ -150,7 +146,6 @@ class RobotPotentialReply(Reply):
         velocity_names: Names of the columns, in the tangent space.
         links: By name.
         warnings: Harmless peculiarities of the robot or the scene.
-        schema: Version of this message.
     """
 
     potential: list[float]
@@ -172,7 +167,6 @@ class JacobianReply(Reply):
         packed: The Jacobians, shape (configurations, frames, 6, columns).
         packed_twist: The twists, shape (configurations, frames, 6).
         warnings: Harmless peculiarities of the robot or the scene.
-        schema: Version of this message.
     """
 
     jacobian: list[list[Rows]]
@@ -196,7 +190,6 @@ class DynamicsReply(Reply):
         centre_of_mass: Of the robot and its payload [m, world].
         packed: The packed fields by name; the fields above are null then.
         warnings: Harmless peculiarities of the robot or the scene.
-        schema: Version of this message.
     """
 
     velocity_names: list[str]

@@ -137,7 +137,6 @@ class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
         robot: The robot.
         frames: Their names.
         configurations: Joints left out are at the robot's rest configuration.
-        schema: Version of this message.
         robot_placement: Of the robot's root in the world.
         packed: Whether the reply packs its numbers.
         request_id: A name by which it can be cancelled; null: none.
@@ -176,7 +175,6 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
     Attributes:
         robot: The robot.
         poses: The poses.
-        schema: Version of this message.
         robot_placement: Of the robot's root in the world.
         tip: Name of the frame that reaches the poses; null: the robot's own.
         group: Joints that may move, as in `PlanRequest`.
@@ -219,7 +217,6 @@ class Clearance(Message, tag_field="type", tag="clearance"):
         robot: The robot.
         scene: The obstacles.
         configurations: Joints left out are at the robot's rest configuration.
-        schema: Version of this message.
         robot_placement: Of the robot's root in the world.
         attached_objects: Objects held by links; they are measured as links.
         allowed_collisions: Pairs of links and obstacles that may touch, and aren't measured.
@@ -259,7 +256,6 @@ class Potential(Message, tag_field="type", tag="potential"):
 
     Attributes:
         scene: The charged obstacles.
-        schema: Version of this message.
         points: The points [m, world].
         robot: The robot, if no points are given.
         robot_placement: Of its root in the world.
@@ -299,7 +295,6 @@ class Jacobian(Message, tag_field="type", tag="jacobian"):
         robot: The robot.
         frames: Their names.
         configurations: Joints left out are at the robot's rest configuration.
-        schema: Version of this message.
         robot_placement: Of the robot's root in the world.
         reference_frame: The frame in which twists are expressed.
         velocities: Velocities of the joints, one for each configuration in the reply's columns [rad/s or m/s]: the
@@ -356,7 +351,6 @@ class Dynamics(Message, tag_field="type", tag="dynamics"):
         quantities: The results: "inverse_dynamics", the torques or forces that drive the joints with the given
             velocities and accelerations; "gravity", those that hold the robot still; "mass_matrix";
             "centre_of_mass", of the whole robot and its payload, in the world.
-        schema: Version of this message.
         robot_placement: Of the robot's root in the world.
         velocities: Of the joints, one for each configuration [rad/s or m/s]; null: they are zero.
         accelerations: The same [rad/s^2 or m/s^2].

@@ -297,7 +297,6 @@ class PlanReply(Reply):
         seed: The request's.
         planner: The request's.
         recording: Key or file of the recording, if there is one.
-        schema: Version of this message.
         warnings: Harmless peculiarities of the request.
         objective: The request's.
         steps: The steps of a sequence. If one failed, those before it; `path` is then the failed step's, and

@@ -251,7 +251,6 @@ class RunReply(Reply):
         request: The request.
         reply: The reply, once there is one.
         error: The error that ended it instead.
-        schema: Version of this message.
     """
 
     run_id: str

@@ -231,7 +231,6 @@ class PlanRequest(Message):
         robot: A name of the catalog or of a stored robot, or the robot itself.
         scene: A name, the scene itself, or changes of a stored one (`RequestScene`).
         goal: The goal; null: there are `steps`.
-        schema: Version of this message.
         run_id: Name of the run; null: the service makes a name.
         robot_placement: Of the robot's root in the world.
         group: Joints that move: a group's name or their names; null: every actuated joint between root and tip.

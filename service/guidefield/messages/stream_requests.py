@@ -13,7 +13,6 @@ class StreamAim(Message):
 
     Attributes:
         goal: The goal; null: to stand. A goal also ends a stop.
-        schema: Version of this message.
     """
 
     goal: StreamGoal | None = None
@@ -36,7 +35,6 @@ class StreamJudge(Message):
 
     Attributes:
         time: Begin of the part to prove, by the client's clock [s].
-        schema: Version of this message.
     """
 
     time: float

@@ -105,7 +105,6 @@ class StreamOpen(Message):
         robot: A name of the catalog or of a stored robot, or the robot itself.
         scene: The obstacles at rest; none may have a `trajectory`.
         goal: The goal; null: to stand.
-        schema: Version of this message.
         robot_placement: Of the robot's root in the world.
         group: Joints that move: a group's name or their names; null: every actuated joint between root and tip.
         tip: Frame that reaches goals; null: the robot's own.
@@ -217,7 +216,6 @@ class StreamUpdate(Message):
         executing: Number of the piece that the robot executes at `time`; null: the last one that has begun.
         declare: New shapes; they replace those of the same name.
         gone: Obstacles that have disappeared.
-        schema: Version of this message.
     """
 
     time: float

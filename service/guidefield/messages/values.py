@@ -41,11 +41,19 @@ QUATERNION_TOLERANCE = 1e-6
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of all messages of clients: frozen, strict about fields."""
+    """Base of all messages of clients: frozen, strict about fields.
+
+    Attributes:
+        schema: Version of this message.
+    """
 
 
 class Reply(msgspec.Struct, frozen=True, kw_only=True):
-    """Base of all messages of the service: clients ignore unknown fields."""
+    """Base of all messages of the service: clients ignore unknown fields.
+
+    Attributes:
+        schema: Version of this message.
+    """
 
 
 class Float32Array(Message):
