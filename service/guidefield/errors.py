@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import errno
 import re
 from collections.abc import Iterator
 from typing import Any, ClassVar
@@ -209,12 +210,15 @@ ERRORS: dict[Status, type[GuidefieldError]] = {kind.code: kind for kind in Guide
 
 
 def convert_exception(error: Exception) -> GuidefieldError:
-    """Convert a foreign exception: out of memory, a disk error, or a bug; one of ours stays."""
+    """Convert a foreign exception: out of memory or files, a disk error, or a bug; one of ours stays."""
     if isinstance(error, GuidefieldError):
         return error
-    if isinstance(error, MemoryError):
+    number = error.errno if isinstance(error, OSError) else None
+    if isinstance(error, MemoryError) or number == errno.ENOMEM:
         return WorkerCrashed("the request needs more memory than there is")
-    if isinstance(error, OSError) and error.errno is not None and not isinstance(error, FileNotFoundError):
+    if number in (errno.EMFILE, errno.ENFILE):
+        return WorkerCrashed(f"the system refuses more open files: {strip_path(error)}")
+    if number is not None and not isinstance(error, FileNotFoundError | ConnectionError):
         return DiskRefused(f"the disk refuses: {strip_path(error)}")
     return InternalFailure.of(error)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -44,3 +45,10 @@ def run_queue(works: Iterator[Callable[[], object]], at_once: int) -> None:
             raise
 
     run_parallel(*[share] * at_once)
+
+
+def usable_processors() -> int:
+    """Return the number of processors for this process; if the system doesn't say, of all."""
+    if hasattr(os, "sched_getaffinity"):  # macOS binds no process to processors
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -62,10 +62,3 @@ def become_idle() -> None:
         with contextlib.suppress(OSError):  # a container may forbid it
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     os.nice(19)
-
-
-def usable_processors() -> int:
-    """Return the number of processors for this process; if the system doesn't say, of all."""
-    if hasattr(os, "sched_getaffinity"):  # macOS binds no process to processors
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

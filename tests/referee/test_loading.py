@@ -36,6 +36,16 @@ def told() -> dict[str, Any]:
     return made
 
 
+def _follow(case: dict[str, Any], followed: str) -> None:
+    """Let j1 of a case follow a joint, and a second one follow j1."""
+    second = (
+        '<link name="l2"/><joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/>'
+        '<mimic joint="j1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>'
+    )
+    law = f'<mimic joint="{followed}"/><limit lower="-2"'
+    case["robot"]["urdf"] = case["robot"]["urdf"].replace('<limit lower="-2"', law).replace("</robot>", second)
+
+
 @pytest.mark.parametrize(
     ("change", "fault"),
     [
@@ -48,6 +58,8 @@ def told() -> dict[str, Any]:
         (lambda case: case["motion"].update(positions=[[0.0], [float("nan")]]), "finite"),
         (lambda case: case["motion"].update(joints=["elbow"]), "'elbow' is missing"),
         (lambda case: case["robot"].update(urdf="<robot"), "can't be used"),
+        (lambda case: _follow(case, "j1"), "joint 'j1' follows 'j1', which follows itself"),
+        (lambda case: _follow(case, "j2"), "which follows itself"),
         (lambda case: case["left_out"].append(["l1", "ghost", "why"]), "'ghost', which has no body"),
         (lambda case: case["obstacles"][0].update(size=[1.0]), "can't be used"),
     ],

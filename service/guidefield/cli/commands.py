@@ -7,7 +7,6 @@ answer with an error.
 from __future__ import annotations
 
 import enum
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -44,6 +43,7 @@ from guidefield.messages.identities import DEFAULT_QUOTAS
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, RobotReply, RobotsReply
 from guidefield.messages.streams import DEFAULT_STREAMS
 from guidefield.messages.values import Reply
+from guidefield.parallel import usable_processors
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.runs import Retention
@@ -328,7 +328,7 @@ def serve(
         list[str] | None, typer.Option(help=f"Zenoh endpoint, may be repeated; else {DEFAULT_LISTEN}.")
     ] = None,
     name: Annotated[str, typer.Option(help="Name of this service; part of its keys.")] = "local",
-    workers: Annotated[int, typer.Option(min=1, max=1024, help="Worker processes.")] = os.cpu_count() or 1,
+    workers: Annotated[int, typer.Option(min=1, max=1024, help="Worker processes.")] = usable_processors(),
     streams: Annotated[
         int, typer.Option(min=0, help="How many streams may be open at once, each in a process of its own.")
     ] = DEFAULT_STREAMS,
@@ -439,8 +439,9 @@ def secure(
 def batch(
     requests: Annotated[Path, typer.Argument(help="File with one JSON request on each line.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of results and recordings.")] = Path("batch"),
-    workers: Annotated[int, typer.Option(min=1, max=1024, help="Worker processes on this machine.")] = os.cpu_count()
-    or 1,
+    workers: Annotated[
+        int, typer.Option(min=1, max=1024, help="Worker processes on this machine.")
+    ] = usable_processors(),
     ray: Annotated[str | None, typer.Option(help="Address of a Ray cluster that works instead.")] = None,
     recordings: Annotated[bool, typer.Option(help="Record the plans.")] = True,
     render: Annotated[

@@ -41,11 +41,10 @@ from guidefield.kernels.jit.compilers import load_imported
 from guidefield.kernels.simd.packing import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import size_of
-from guidefield.parallel import run_queue
+from guidefield.parallel import run_queue, usable_processors
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.shapes import hull_vertices, triangulation
-from guidefield.system import usable_processors
 
 _NO_VERTICES, _ZEROS = np.empty(0, np.float32), np.zeros(3, np.int64)
 

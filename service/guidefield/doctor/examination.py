@@ -32,10 +32,10 @@ from guidefield.first_start import (
     plain_numba,
     processor,
 )
+from guidefield.parallel import usable_processors
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.run_file import FILE, connect_reader, connect_writer, telling_faults
 from guidefield.stores.runs import DEFAULT_RETENTION
-from guidefield.system import usable_processors
 
 
 class FindingState(enum.StrEnum):
@@ -45,7 +45,7 @@ class FindingState(enum.StrEnum):
     REMARK = "remark"
     """It works, but less well than it could, or not everything does."""
     WRONG = "wrong"
-    """A service doesn't start, or doesn't answer."""
+    """A service doesn't start or answer, or can't keep what it makes."""
 
 
 @dataclass(frozen=True)

@@ -289,7 +289,11 @@ def _chart(model: Any, told: Told, laws: Mapping[str, tuple[str, float, float]])
         column += len(rows)
     for name in laws:
         driver, multiplier, shift = laws[name]
+        followed = {name}
         while driver in laws:
+            if driver in followed:
+                raise UnusableFile(f"joint {name!r} follows {driver!r}, which follows itself")
+            followed.add(driver)
             driver, other, more = laws[driver]
             multiplier, shift = multiplier * other, multiplier * more + shift
         if joints[name].nv != 1 or joints[driver].nv != 1:

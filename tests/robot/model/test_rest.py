@@ -5,7 +5,10 @@ import pinocchio as pin
 import pytest
 
 from guidefield.messages.requests import UrdfText
+from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.rest import stated
+from guidefield.robot.urdf.srdf import Srdf
 from tests.robots import load, robot
 
 LINK = '<link name="{name}"><collision><origin xyz="{at}"/><geometry><box size="{size}"/></geometry></collision></link>'
@@ -52,3 +55,12 @@ def test_links_that_touch_wherever_they_are_are_left_out_with_that_reason():
 def test_what_a_card_states_stays(name):
     assert not touching(robot(name), robot(name).rest)
     assert not any("touch in the rest configuration" in told for told in robot(name).remarks)
+
+
+def test_a_value_of_a_card_beyond_its_limits_is_warned_of():
+    model = load(folded(-2, 2))
+    card = RobotCard(urdf="", rest={"shoulder": 0.005, "elbow": 3.0})
+    warnings: list[str] = []
+    found = stated(model.model, model.joints, Srdf(), card, warnings)
+    assert found.q.tolist() == [0.005, 2.0]
+    assert warnings == ["the card's rest value of 'elbow' is beyond its limits: it has the limit instead"]

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable
 from guidefield.first_start import READY, UNTIL_READY, compiled_marker
 from guidefield.kernels.jit.cache import compile_alone, is_wanted, note_compiled, sources, uncompiled
 from guidefield.kernels.jit.compilers import load, quicken
-from guidefield.system import usable_processors
+from guidefield.parallel import usable_processors
 
 Told = Callable[[str], None]  # told, in one sentence, how far it is
 

@@ -326,7 +326,8 @@ def _connect_to_quickest(
         return None
     path = way.path
     message = f"of {len(goals)} goals {way.tried} tried; " if len(goals) > 1 else ""
-    message += "the straight motion is free" if len(path) == 2 else f"found by trees in {way.iterations} iterations"
+    straight = len(path) == 2 and (goals == path[-1]).all(axis=1).any()  # not to where a joint is turned otherwise
+    message += "the straight motion is free" if straight else f"found by trees in {way.iterations} iterations"
     if problem.optimization_iterations and len(path) > 2:
         rounds = ShorteningRounds(problem.optimization_iterations, RESOLUTION, MARGIN * problem.group.size)
         roots = np.concatenate([goals, *map(problem.group.turned_otherwise, goals)])

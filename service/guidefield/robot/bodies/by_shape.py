@@ -12,10 +12,9 @@ import numpy as np
 from guidefield.geometry.cache import Arrays, name_of, recall, remembered
 from guidefield.kernels.jit.compilers import load_imported
 from guidefield.memo import MISSING, Answers
-from guidefield.parallel import run_queue
+from guidefield.parallel import run_queue, usable_processors
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.size import power_of_two
-from guidefield.system import usable_processors
 
 _log = logging.getLogger(__name__)
 

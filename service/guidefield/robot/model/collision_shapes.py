@@ -16,7 +16,7 @@ from guidefield.errors import RobotInvalid
 from guidefield.geometry.cache import Arrays, recall, remembered
 from guidefield.geometry.convex import bvh, convex
 from guidefield.kernels.jit.compilers import load_imported
-from guidefield.parallel import run_queue
+from guidefield.parallel import run_queue, usable_processors
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import FileMesh, find_ignored_unit, read_mesh, unit_of
 from guidefield.robot.model.model import GeometryChoice
@@ -24,7 +24,6 @@ from guidefield.robot.model.shapes import HULL_STAND_OFF, hull_in_metres, hull_q
 from guidefield.robot.model.size import power_of_two
 from guidefield.robot.urdf.facts import UrdfFacts
 from guidefield.robot.urdf.links import THICKNESS
-from guidefield.system import usable_processors
 
 HARDLY_METRES = 10.0  # a link's mesh that is longer was probably drawn in millimetres [m]
 SLIVER = 1e-12  # twice the area of a triangle over its longest edge's square, up to which it is a line

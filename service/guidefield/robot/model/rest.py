@@ -48,7 +48,12 @@ def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard
     for joint in joints:
         if joint.name in values:
             q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, values[joint.name], RobotInvalid)
-    q = clamp(joints, q)
+    within = clamp(joints, q)
+    for joint in joints:
+        place = slice(joint.idx_q, joint.idx_q + joint.nq)
+        if joint.name in card.rest and np.abs(within[place] - q[place]).max() > LIMIT_TOLERANCE:
+            warnings.append(f"the card's rest value of {joint.name!r} is beyond its limits: it has the limit instead")
+    q = within
     follow(joints, q)
     return StatedRest(q, name)
 
