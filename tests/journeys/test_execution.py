@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
+import os
 import runpy
+import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 import yaml
+import zenoh
 from typer.testing import CliRunner
 
 import guidefield
@@ -167,6 +172,69 @@ def test_an_interrupt_cancels(endpoint: str, monkeypatch: pytest.MonkeyPatch) ->
     assert "canceling" in said
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_before_the_goal_is_accepted_cancels(endpoint: str, tmp_path: Path, number: signal.Signals) -> None:
+    plan_file, start = tmp_path / "plan.rrd", list(READY.values())
+    guidefield.answer(request(), record_to=plan_file)
+    words = ("execute", str(plan_file), "--ros-controller", CONTROLLER, "--ros-connect", endpoint)
+    tell_to_end = functools.partial(os.kill, os.getpid(), number)
+    with controller_listening(endpoint, JOINTS, start, late=0.5, on_goal=tell_to_end, speed=0.2) as stand_in:
+        code, said = ask(*words)
+    assert stand_in.canceled.is_set(), said
+    assert code == 1
+    assert f"{CONTROLLER}: canceled" in said
+
+
+def test_no_motion_goes_on_that_nobody_watches(endpoint: str) -> None:
+    certified = motion()
+
+    def end(error: type[BaseException], say: Callable[[str], None] = lambda _: None, **how: Any) -> None:
+        with (
+            controller_listening(endpoint, JOINTS, list(READY.values()), speed=0.1, **how) as stand_in,
+            controller_at(endpoint, 0, CONTROLLER, 1.0) as controller,
+            pytest.raises(error),
+        ):
+            controller.follow(certified, say)
+        assert stand_in.canceled.is_set()
+
+    def refuse_to_write(_: str) -> None:
+        raise BrokenPipeError
+
+    end(TimedOut, late=1.5)
+    end(MalformedRequest, unreadable=True)
+    end(BrokenPipeError, say=refuse_to_write)
+
+
+def test_a_motion_whose_result_cannot_be_asked_for_is_canceled(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    get = zenoh.Session.get
+
+    def fail(session: zenoh.Session, key: str, *given: Any, **how: Any) -> Any:
+        if "/get_result/" in str(key):
+            raise zenoh.ZError("the link is cut")
+        return get(session, key, *given, **how)
+
+    certified = motion()
+    with (
+        controller_listening(endpoint, JOINTS, list(READY.values()), speed=0.1) as stand_in,
+        controller_at(endpoint, 0, CONTROLLER, 1.0) as controller,
+    ):
+        monkeypatch.setattr(zenoh.Session, "get", fail)
+        with pytest.raises(NoService, match="the link is cut"):
+            controller.follow(certified, lambda _: None)
+    assert stand_in.canceled.is_set()
+
+
+def test_it_is_said_that_a_motion_could_not_be_canceled(endpoint: str) -> None:
+    said = list[str]()
+    with (
+        controller_listening(endpoint, JOINTS, list(READY.values()), late=60.0),
+        controller_at(endpoint, 0, CONTROLLER, 0.3) as controller,
+        pytest.raises(TimedOut, match="didn't answer the goal"),
+    ):
+        controller.follow(motion(), said.append)
+    assert any("the robot may be moving" in one for one in said)
+
+
 def test_what_is_wrong_with_a_controller_is_said_by_name(endpoint: str) -> None:
     there, start = motion(), list(READY.values())
 
@@ -179,7 +247,7 @@ def test_what_is_wrong_with_a_controller_is_said_by_name(endpoint: str) -> None:
             controller.follow(there, lambda _: None)
         return stand_in
 
-    refused(MalformedRequest, "refuses the motion", accepts=False)
+    assert not refused(MalformedRequest, "refuses the motion", accepts=False).canceled.is_set()
     refused(MalformedRequest, "joint 'panda_joint1' is at 0.5, not at 0", at=[0.5, *start[1:]])
     refused(TimedOut, "no joint states of panda_joint1", joints=[*JOINTS[1:], "other"])
     refused(MalformedRequest, "feedback has no joint 'panda_joint7'", told=[*JOINTS[:6], "other"])

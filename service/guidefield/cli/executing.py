@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -43,8 +46,8 @@ def execute(
 ) -> None:
     """Have a controller of ros2_control execute the certified motion of a run, over rmw_zenoh, and watch it.
 
-    The run must be certified for linear, cubic or quintic interpolation, and the robot at its start. Ctrl-C cancels.
-    Where the robot leaves its tolerance is reported.
+    The run must be certified for linear, cubic or quintic interpolation, and the robot at its start. Ctrl-C cancels,
+    as do SIGTERM and SIGHUP. Where the robot leaves its tolerance is reported.
 
     Exit code 0 where it succeeded within its tolerance, 1 where it didn't, 2 for an error.
     """
@@ -70,7 +73,7 @@ def execute(
     message = trajectory_message(SentMotion(reply.run_id, reply.position_names, rows))
     times, places = _curve(rows)
     motion = FollowedMotion(tuple(reply.position_names), message, rows.tolerance, times, places)
-    with controller_at(ros_connect, ros_domain, ros_controller, patience) as controller:
+    with controller_at(ros_connect, ros_domain, ros_controller, patience) as controller, _signals_interrupt():
         followed = controller.follow(motion, typer.echo)
     typer.echo(f"{ros_controller}: {': '.join(one for one in (followed.ended, followed.reason) if one)}")
     if followed.left:
@@ -83,6 +86,19 @@ def execute(
         assert isinstance(judged, CertifyReply), "a motion was judged"
         Console().print(motion_table(judged))
     raise typer.Exit(0 if followed.is_fine else 1)
+
+
+@contextlib.contextmanager
+def _signals_interrupt() -> Iterator[None]:
+    """Have the signals that would end the process act as Ctrl-C: nobody else would stop the robot."""
+    deadly = [one for one in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(one) is signal.SIG_DFL]
+    for number in deadly:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in deadly:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _curve(rows: ExecutionFigures) -> tuple[np.ndarray, np.ndarray]:

@@ -23,6 +23,7 @@ from guidefield.endpoint.ros.trajectory_action import VERSIONS, Version, action_
 
 ACTION = "control_msgs/action/FollowJointTrajectory"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+UNKNOWN_GOAL = 2  # code of an answer to who cancels what isn't accepted
 STEP = 0.01  # from one state to the next, on the controller's clock [s]
 
 
@@ -65,11 +66,15 @@ class StandIn:
     speed: float = 1.0  # how fast its clock runs, at most
     bend: Callable[[float], float] = lambda _: 0.0  # how far its robot is from where it desires it, by the time [s]
     accepts: bool = True
+    late: float = 0.0  # how long it takes to accept a goal [s]
+    unreadable: bool = False  # whether its answer to a goal is no message
+    on_goal: Callable[[], None] = lambda: None  # called once it has a goal, before it accepts it
     silent_after: float = np.inf  # when it says no more [s]
     told: list[str] = field(default_factory=lambda: [])  # joints of its feedback; none: its own
     goals: list[Any] = field(default_factory=lambda: [])
     executed: list[tuple[float, np.ndarray]] = field(default_factory=lambda: [])
     canceled: threading.Event = field(default_factory=threading.Event)
+    moves: threading.Event = field(default_factory=threading.Event)
     _status: int = 0
     _code: int = 0
     _ended: threading.Event = field(default_factory=threading.Event)
@@ -145,11 +150,15 @@ class StandIn:
             if self._over.is_set():
                 return
             response = self.types.write(self.types.new(f"{type_name}_Response", **fields), f"{type_name}_Response")
+            if self.unreadable and type_name.endswith("_SendGoal"):
+                response = b"\xff"
             query.reply(key, response, attachment=query.attachment.to_bytes())
 
     def _take_goal(self, asked: Any) -> dict[str, Any]:
         self.goals.append(asked.goal)
-        if self.accepts:
+        self.on_goal()
+        if self.accepts and not self._over.wait(self.late):
+            self.moves.set()
             thread = threading.Thread(target=self._execute, args=(asked.goal_id, asked.goal))
             self._threads.append(thread)
             thread.start()
@@ -190,6 +199,8 @@ class StandIn:
         return {"status": self._status, "result": {"error_code": self._code, "error_string": ""}}
 
     def _cancel(self, _asked: Any) -> dict[str, Any]:
+        if not self.moves.is_set():
+            return {"return_code": UNKNOWN_GOAL}
         self.canceled.set()
         return {"return_code": 0}
 

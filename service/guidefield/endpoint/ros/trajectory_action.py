@@ -91,6 +91,11 @@ CODES = {
 }
 """Codes of a result."""
 
+CANCEL_REFUSED, UNKNOWN_GOAL = (
+    1,
+    2,
+)  # codes of an answer of action_msgs/srv/CancelGoal; others: it is canceling, or over
+
 AT_START = 0.01  # a robot that is farther from the first row isn't moved [rad or m]
 LOOK_EVERY = 0.05  # how often the caller looks whether anything came [s]
 AHEAD = 0.5  # how much farther along the curve the controller is searched for than it can have got [s]
@@ -147,13 +152,17 @@ class TrajectoryController:
         self._hearing = self._version_of(offered, f"{ACTION}_FeedbackMessage", Kind.PUBLISHER, "feedback")
 
     def follow(self, motion: FollowedMotion, say: Callable[[str], None]) -> Followed:
-        """Have the controller follow a motion until it ends; an interrupt or an error cancels it.
+        """Have the controller follow a motion until it ends.
+
+        An interrupt cancels it, and watches it to its end. Whatever else ends this call cancels it, even before the
+        controller has accepted it.
 
         Args:
             motion: From where the robot is.
             say: Told what happens, in sentences.
 
         Raises:
+            NoService: if the link is lost.
             TimedOut: if joint states, or the controller, aren't heard.
             MalformedRequest: if the robot isn't at the start, or the controller refuses, or tells of other joints.
         """
@@ -161,18 +170,21 @@ class TrajectoryController:
         with self._listening():
             self._require_at_start(motion)
             goal_id, duration = os.urandom(16), float(motion.times[-1] - motion.times[0])
-            self._send(motion, goal_id)
+            is_accepted = True  # as far as is known
             try:
+                is_accepted = self._send(motion, goal_id)
+                if not is_accepted:
+                    raise MalformedRequest(f"controller {self.name!r} refuses the motion", controller=self.name)
                 say(f"{self.name} follows {duration:.3f} s")
                 self._ask_result(goal_id, duration)
                 self._watch(watch, say)
             except KeyboardInterrupt:
-                say("canceling")
-                self._cancel(goal_id)
+                say(self._cancel(goal_id))
+                self._ask_result(goal_id, duration)  # it may not have been asked for yet
                 self._watch(watch, say)
-            except GuidefieldError:  # nobody would watch what goes on moving
-                with contextlib.suppress(TimedOut, Unreadable):
-                    self._cancel(goal_id)
+            except BaseException:  # nobody would watch what goes on moving
+                if is_accepted:
+                    self._cancel_unwatched(goal_id, say)
                 raise
         return watch.followed()
 
@@ -257,22 +269,40 @@ class TrajectoryController:
             " is at the start isn't known"
         )
 
-    def _ask(self, name: str, type_name: str, types: Types, timeout: float, fields: Mapping[str, Any]) -> Any:
+    def _request(
+        self, name: str, type_name: str, timeout: float, fields: Mapping[str, Any], *take: Callable[[zenoh.Reply], None]
+    ) -> Any:
+        """Send a request; return an iterator over its replies, or None if they are taken.
+
+        Raises NoService if the link is lost.
+        """
+        types = self._sending
         payload = types.write(types.new(f"{type_name}_Request", **fields), f"{type_name}_Request")
-        replies = self._session.get(
-            self._entity(Kind.CLIENT, name, type_name, types).key(self._domain),
-            payload=payload,
-            attachment=Attachment(next(self._numbers), self._sender).write(),
-            target=zenoh.QueryTarget.ALL_COMPLETE,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=timeout,
-        )
-        for reply in replies:
+        try:
+            return self._session.get(
+                self._entity(Kind.CLIENT, name, type_name, types).key(self._domain),
+                *take,
+                payload=payload,
+                attachment=Attachment(next(self._numbers), self._sender).write(),
+                target=zenoh.QueryTarget.ALL_COMPLETE,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=timeout,
+            )
+        except zenoh.ZError as error:
+            raise NoService(f"controller {self.name!r} isn't reached: {error}", controller=self.name) from None
+
+    def _ask(self, name: str, type_name: str, fields: Mapping[str, Any]) -> Any:
+        for reply in self._request(name, type_name, self._patience, fields):
             if reply.ok is not None:
-                return types.read(reply.ok.payload.to_bytes(), f"{type_name}_Response")
+                try:
+                    return self._sending.read(reply.ok.payload.to_bytes(), f"{type_name}_Response")
+                except Unreadable as error:
+                    told = f"controller {self.name!r} answers {name} with what can't be read: {error}"
+                    raise MalformedRequest(told, controller=self.name) from None
         return None
 
-    def _send(self, motion: FollowedMotion, goal_id: bytes) -> None:
+    def _send(self, motion: FollowedMotion, goal_id: bytes) -> bool:
+        """Send a motion; return whether the controller accepts it."""
         tolerances = [
             {"name": joint, "position": value}
             for joint, value in zip(motion.joints, motion.tolerance, strict=True)
@@ -280,34 +310,49 @@ class TrajectoryController:
         ]
         goal = {"trajectory": motion.message, "path_tolerance": tolerances}
         asked = {"goal_id": _uuid(goal_id), "goal": goal}
-        answer = self._ask("send_goal", f"{ACTION}_SendGoal", self._sending, self._patience, asked)
+        answer = self._ask("send_goal", f"{ACTION}_SendGoal", asked)
         if answer is None:
             raise TimedOut(f"controller {self.name!r} is silent: it didn't answer the goal within {self._patience:g} s")
-        if not answer.accepted:
-            raise MalformedRequest(f"controller {self.name!r} refuses the motion", controller=self.name)
+        return bool(answer.accepted)
 
     def _ask_result(self, goal_id: bytes, duration: float) -> None:
-        types, name = self._sending, f"{ACTION}_GetResult"
+        name = f"{ACTION}_GetResult"
 
         def take(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 with contextlib.suppress(Unreadable):
-                    self._heard.put(("result", types.read(reply.ok.payload.to_bytes(), f"{name}_Response")))
+                    self._heard.put(("result", self._sending.read(reply.ok.payload.to_bytes(), f"{name}_Response")))
 
-        self._session.get(
-            self._entity(Kind.CLIENT, "get_result", name, types).key(self._domain),
-            take,
-            payload=types.write(types.new(f"{name}_Request", goal_id=_uuid(goal_id)), f"{name}_Request"),
-            attachment=Attachment(next(self._numbers), self._sender).write(),
-            target=zenoh.QueryTarget.ALL_COMPLETE,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=10.0 * (duration + self._patience),
-        )
+        timeout = 10.0 * (duration + self._patience)
+        self._request("get_result", name, timeout, {"goal_id": _uuid(goal_id)}, take)
 
-    def _cancel(self, goal_id: bytes) -> None:
-        asked = {"goal_info": {"goal_id": _uuid(goal_id)}}
-        if self._ask("cancel_goal", CANCEL, self._sending, self._patience, asked) is None:
-            raise TimedOut(f"controller {self.name!r} is silent: it didn't answer that the motion is to be canceled")
+    def _cancel(self, goal_id: bytes) -> str:
+        """Have the controller cancel a motion, which it may accept only now; return a sentence about it.
+
+        Raises:
+            TimedOut: if it doesn't answer, or knows no such motion all the while.
+            NoService, MalformedRequest: as `_ask`.
+        """
+        asked, until = {"goal_info": {"goal_id": _uuid(goal_id)}}, time.monotonic() + self._patience
+        while True:
+            answer = self._ask("cancel_goal", CANCEL, asked)
+            if answer is None:
+                raise TimedOut(
+                    f"controller {self.name!r} is silent: it didn't answer that the motion is to be canceled"
+                )
+            if answer.return_code != UNKNOWN_GOAL:
+                return "canceling" if answer.return_code != CANCEL_REFUSED else "the controller refuses to cancel"
+            if time.monotonic() > until:
+                raise TimedOut(f"controller {self.name!r} knows no such motion to cancel: it hasn't accepted it yet")
+            time.sleep(LOOK_EVERY)
+
+    def _cancel_unwatched(self, goal_id: bytes, say: Callable[[str], None]) -> None:
+        """Cancel a motion that nobody will watch; say so if that fails, if anybody hears it."""
+        try:
+            self._cancel(goal_id)
+        except GuidefieldError as error:
+            with contextlib.suppress(OSError):
+                say(f"the motion couldn't be canceled, and the robot may be moving: {error}")
 
     def _watch(self, watch: _Watch, say: Callable[[str], None]) -> None:
         heard = time.monotonic()
