@@ -25,8 +25,8 @@ from guidefield.cli import app
 from guidefield.cli.serving import free_port
 from guidefield.endpoint.ros.trajectory_action import (
     VERSIONS,
-    FollowedMotion,
-    TrajectoryController,
+    ControllerClient,
+    MotionToExecute,
     Version,
     action_types,
     controller_at,
@@ -62,7 +62,7 @@ def ask(*arguments: str) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-def motion(tolerance: float = 0.004) -> FollowedMotion:
+def motion(tolerance: float = 0.004) -> MotionToExecute:
     """A certified motion, with close places along it."""
     reply = guidefield.answer(request(tolerance=tolerance))
     plan, rows = reply.trajectory, reply.execution
@@ -70,7 +70,7 @@ def motion(tolerance: float = 0.004) -> FollowedMotion:
     message = trajectory_message(SentMotion("r", JOINTS, rows))
     types = action_types(VERSIONS[0])
     points = [types.new("trajectory_msgs/msg/JointTrajectoryPoint", **point) for point in message["points"]]
-    return FollowedMotion(
+    return MotionToExecute(
         tuple(JOINTS), message, rows.tolerance, times, np.array([interpolated(points, t) for t in times])
     )
 
@@ -126,20 +126,20 @@ def test_leaving_the_tube_and_coming_back_is_told(endpoint: str) -> None:
         ),
         controller_at(endpoint, 0, f"/{CONTROLLER}/", 5.0) as controller,
     ):
-        followed = controller.follow(motion(), said.append)
-    assert followed.ended == "succeeded"
-    assert not followed.is_fine
-    assert {round(apart, 3) for _, _, apart in followed.left} == {0.02}
-    assert all(0.15 < time < 0.35 for time, _, _ in followed.left)
+        outcome = controller.follow(motion(), said.append)
+    assert outcome.ended == "succeeded"
+    assert not outcome.is_fine
+    assert {round(apart, 3) for _, _, apart in outcome.violations} == {0.02}
+    assert all(0.15 < time < 0.35 for time, _, _ in outcome.violations)
     assert any(one.startswith("left the tolerance at 0.2") for one in said)
     assert any(one.startswith("back within the tolerance at 0.3") for one in said)
-    assert followed.off_curve < 1e-3
+    assert outcome.off_curve < 1e-3
 
 
 def test_another_curve_than_the_certified_one_is_told(endpoint: str) -> None:
     said, certified = list[str](), motion()
     points = [{**one, "velocities": [], "accelerations": []} for one in certified.message["points"][::6]]
-    coarse = FollowedMotion(
+    coarse = MotionToExecute(
         certified.joints,
         {**certified.message, "points": points},
         certified.tolerance,
@@ -150,25 +150,25 @@ def test_another_curve_than_the_certified_one_is_told(endpoint: str) -> None:
         controller_listening(endpoint, JOINTS, list(READY.values())),
         controller_at(endpoint, 0, CONTROLLER, 5.0) as controller,
     ):
-        followed = controller.follow(coarse, said.append)
-    assert followed.off_curve > 1e-3
+        outcome = controller.follow(coarse, said.append)
+    assert outcome.off_curve > 1e-3
     assert any("draws another curve" in one for one in said)
 
 
 def test_an_interrupt_cancels(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    said, watch = list[str](), TrajectoryController._watch
+    said, watch = list[str](), ControllerClient._watch
 
     def interrupted(*given: object) -> None:
-        monkeypatch.setattr(TrajectoryController, "_watch", watch)
+        monkeypatch.setattr(ControllerClient, "_watch", watch)
         time.sleep(0.1)
         raise KeyboardInterrupt
 
     with controller_listening(endpoint, JOINTS, list(READY.values()), speed=0.2) as stand_in:
         with controller_at(endpoint, 0, CONTROLLER, 5.0) as controller:
-            monkeypatch.setattr(TrajectoryController, "_watch", interrupted)
-            followed = controller.follow(motion(), said.append)
+            monkeypatch.setattr(ControllerClient, "_watch", interrupted)
+            outcome = controller.follow(motion(), said.append)
         assert stand_in.canceled.is_set()
-    assert followed.ended == "canceled"
+    assert outcome.ended == "canceled"
     assert "canceling" in said
 
 

@@ -54,7 +54,7 @@ def execute(
     from guidefield.engine import answer
 
     try:
-        from guidefield.endpoint.ros.trajectory_action import FollowedMotion, controller_at
+        from guidefield.endpoint.ros.trajectory_action import MotionToExecute, controller_at
     except ImportError:
         raise MalformedRequest("controllers are spoken to by rosbags: pip install 'guidefield[ros]'") from None
 
@@ -72,20 +72,22 @@ def execute(
     assert rows is not None, "else it is refused"
     message = trajectory_message(SentMotion(reply.run_id, reply.position_names, rows))
     times, places = _curve(rows)
-    motion = FollowedMotion(tuple(reply.position_names), message, rows.tolerance, times, places)
+    motion = MotionToExecute(tuple(reply.position_names), message, rows.tolerance, times, places)
     with controller_at(ros_connect, ros_domain, ros_controller, patience) as controller, _signals_interrupt():
-        followed = controller.follow(motion, typer.echo)
-    typer.echo(f"{ros_controller}: {': '.join(one for one in (followed.ended, followed.reason) if one)}")
-    if followed.left:
-        time, joint, apart = max(followed.left, key=lambda one: one[2])
-        typer.echo(f"{len(followed.left)} states were beyond the tolerance, {joint} by {apart:.3g} at {time:.3f} s")
+        outcome = controller.follow(motion, typer.echo)
+    typer.echo(f"{ros_controller}: {': '.join(one for one in (outcome.ended, outcome.reason) if one)}")
+    if outcome.violations:
+        time, joint, apart = max(outcome.violations, key=lambda one: one[2])
+        typer.echo(
+            f"{len(outcome.violations)} states were beyond the tolerance, {joint} by {apart:.3g} at {time:.3f} s"
+        )
     if states is not None:
-        _write_states(followed.states, states)
+        _write_states(outcome.states, states)
     if record is not None and isinstance(reply, PlanReply) and isinstance(found.request, PlanRequest):
-        judged = answer(judgement_of(found.request, reply, followed.states), record_to=record)
+        judged = answer(judgement_of(found.request, reply, outcome.states), record_to=record)
         assert isinstance(judged, CertifyReply), "a motion was judged"
         Console().print(motion_table(judged))
-    raise typer.Exit(0 if followed.is_fine else 1)
+    raise typer.Exit(0 if outcome.is_fine else 1)
 
 
 @contextlib.contextmanager

@@ -103,7 +103,7 @@ OFF_CURVE = 1e-3  # a controller that desires a place farther from the certified
 
 
 @dataclass(frozen=True, eq=False)
-class FollowedMotion:
+class MotionToExecute:
     """A certified trajectory, and places along the curve that is drawn of it."""
 
     joints: tuple[str, ...]
@@ -114,23 +114,24 @@ class FollowedMotion:
 
 
 @dataclass
-class Followed:
+class ExecutionOutcome:
     """What came of a motion."""
 
     states: JointStates  # where the robot was, by the time along the curve at first, then by the controller's clock
     ended: str = "silent"  # how the goal ended: succeeded, canceled, aborted, silent
     reason: str = ""
-    left: list[tuple[float, str, float]] = field(default_factory=list)  # time [s], joint, and how far off [rad or m]
+    # beyond the tolerance: time [s], joint, and how far off [rad or m]
+    violations: list[tuple[float, str, float]] = field(default_factory=list)
     off_curve: float = 0.0  # how far a place that the controller desired was from the curve at most [rad or m]
 
     @property
     def is_fine(self) -> bool:
         """Whether it succeeded, within the tolerance."""
-        return self.ended == "succeeded" and not self.left
+        return self.ended == "succeeded" and not self.violations
 
 
-class TrajectoryController:
-    """A controller that follows joint trajectories, in a session of its own.
+class ControllerClient:
+    """A client of a controller that follows joint trajectories.
 
     Args:
         session: Where nodes are met.
@@ -151,7 +152,7 @@ class TrajectoryController:
         self._sending = self._version_of(offered, f"{ACTION}_SendGoal", Kind.SERVICE, "send_goal")
         self._hearing = self._version_of(offered, f"{ACTION}_FeedbackMessage", Kind.PUBLISHER, "feedback")
 
-    def follow(self, motion: FollowedMotion, say: Callable[[str], None]) -> Followed:
+    def follow(self, motion: MotionToExecute, say: Callable[[str], None]) -> ExecutionOutcome:
         """Have the controller follow a motion until it ends.
 
         An interrupt cancels it, and watches it to its end. Whatever else ends this call cancels it, even before the
@@ -186,7 +187,7 @@ class TrajectoryController:
                 if is_accepted:
                     self._cancel_unwatched(goal_id, say)
                 raise
-        return watch.followed()
+        return watch.outcome()
 
     def _find(self) -> list[Seen]:
         action, until, others = f"{self.name}{SUFFIX}/_action/", time.monotonic() + self._patience, set[str]()
@@ -245,7 +246,7 @@ class TrajectoryController:
         with contextlib.suppress(Unreadable):
             self._heard.put((what, self._hearing.read(sample.payload.to_bytes(), type_name)))
 
-    def _require_at_start(self, motion: FollowedMotion) -> None:
+    def _require_at_start(self, motion: MotionToExecute) -> None:
         until = time.monotonic() + self._patience
         while (left := until - time.monotonic()) > 0.0:
             with contextlib.suppress(queue.Empty):
@@ -301,7 +302,7 @@ class TrajectoryController:
                     raise MalformedRequest(told, controller=self.name) from None
         return None
 
-    def _send(self, motion: FollowedMotion, goal_id: bytes) -> bool:
+    def _send(self, motion: MotionToExecute, goal_id: bytes) -> bool:
         """Send a motion; return whether the controller accepts it."""
         tolerances = [
             {"name": joint, "position": value}
@@ -375,8 +376,8 @@ class TrajectoryController:
 
 
 @contextlib.contextmanager
-def controller_at(endpoint: str, domain: int, name: str, patience: float) -> Iterator[TrajectoryController]:
-    """Find a controller through the router at a Zenoh endpoint; see `TrajectoryController`.
+def controller_at(endpoint: str, domain: int, name: str, patience: float) -> Iterator[ControllerClient]:
+    """Find a controller through the router at a Zenoh endpoint; see `ControllerClient`.
 
     Raises:
         NoService: if nothing is there.
@@ -386,16 +387,16 @@ def controller_at(endpoint: str, domain: int, name: str, patience: float) -> Ite
     except zenoh.ZError as error:
         raise NoService(f"nothing is reached at {endpoint!r}: {error}", endpoint=endpoint) from None
     with session:
-        yield TrajectoryController(session, domain, name, patience)
+        yield ControllerClient(session, domain, name, patience)
 
 
 class _Watch:
-    def __init__(self, motion: FollowedMotion) -> None:
+    def __init__(self, motion: MotionToExecute) -> None:
         self._motion = motion
         self._at = 0.0  # index of the place on the curve, and the share of the way to the next one
         self._first: tuple[float, float] | None = None  # time on the curve at the first feedback, and on its clock [s]
         self._times, self._rows = list[float](), list[list[float]]()
-        self._found, self._is_outside, self._told_curve = Followed(JointStates((), (), ())), False, False
+        self._outcome, self._is_outside, self._told_curve = ExecutionOutcome(JointStates((), (), ())), False, False
 
     def take(self, feedback: Any) -> str | None:
         motion, names = self._motion, list(feedback.joint_names)
@@ -416,7 +417,7 @@ class _Watch:
         self._first = self._first or (there, stamp)
         self._times.append(self._first[0] + stamp - self._first[1])
         self._rows.append(actual.tolist())
-        self._found.off_curve = max(self._found.off_curve, off)
+        self._outcome.off_curve = max(self._outcome.off_curve, off)
         if off > OFF_CURVE and not self._told_curve:
             self._told_curve = True
             return f"the controller draws another curve than the certified one: {off:.3g} from it at {there:.3f} s"
@@ -429,7 +430,7 @@ class _Watch:
         self._is_outside = bool(beyond[worst] > 1e-9)
         if not self._is_outside:
             return f"back within the tolerance at {there:.3f} s" if was_outside else None
-        self._found.left.append((there, motion.joints[worst], float(apart[worst])))
+        self._outcome.violations.append((there, motion.joints[worst], float(apart[worst])))
         if was_outside:
             return None
         return (
@@ -459,9 +460,9 @@ class _Watch:
         return on_curve[nearest], float(off[nearest])
 
     def end(self, result: Any) -> None:
-        self._found.ended = RESULTS.get(int(result.status), f"in state {result.status}")
+        self._outcome.ended = RESULTS.get(int(result.status), f"in state {result.status}")
         code = CODES.get(int(result.result.error_code), "")
-        self._found.reason = ": ".join(one for one in (code, str(result.result.error_string)) if one)
+        self._outcome.reason = ": ".join(one for one in (code, str(result.result.error_string)) if one)
 
     def where(self) -> str:
         if not self._times:
@@ -469,9 +470,9 @@ class _Watch:
         pairs = zip(self._motion.joints, self._rows[-1], strict=True)
         return f"at {', '.join(f'{joint} {value:.4g}' for joint, value in pairs)}"
 
-    def followed(self) -> Followed:
-        self._found.states = JointStates(self._motion.joints, self._times, self._rows)
-        return self._found
+    def outcome(self) -> ExecutionOutcome:
+        self._outcome.states = JointStates(self._motion.joints, self._times, self._rows)
+        return self._outcome
 
 
 def _uuid(value: bytes) -> dict[str, Any]:
