@@ -12,6 +12,7 @@ import pytest
 from guidefield.messages.identities import Asker
 from guidefield.pool import outbox as rooms
 from guidefield.pool.outbox import Outbox
+from tests.journeys.service import await_that
 
 PATIENCE = 60.0
 
@@ -58,6 +59,23 @@ def test_one_that_does_not_read_holds_up_nobody(name: str, outbox: Outbox) -> No
     stopped.await_all(20)
     if name:
         assert stopped.taken == list(range(20)), "one after the other"
+
+
+def test_a_thread_that_idles_is_told_of_one_answer_only(outbox: Outbox) -> None:
+    first, stopped, healthy = _Reader(), _Reader(), _Reader()
+    first.reads.set()
+    healthy.reads.set()
+    assert outbox.post(Asker(client="first"), 1, lambda: first.take(0))
+    first.await_all(1)
+    await_that(lambda: outbox._idle)
+    with outbox._lock:  # nobody takes one before all are posted
+        assert outbox.post(Asker(client="stopped"), 1, lambda: stopped.take(0))
+        for name in ("one", "another"):
+            assert outbox.post(Asker(client=name), 1, lambda: healthy.take(0))
+    healthy.await_all(2)
+    assert not stopped.taken
+    stopped.reads.set()
+    stopped.await_all(1)
 
 
 def test_what_waits_for_a_client_is_bounded_but_one_answer_is_always_sent(
@@ -144,6 +162,15 @@ class _Source:
     def close(self) -> None:
         self.box.end_polling(lambda: None)
         self.box.close(PATIENCE)
+
+
+def test_who_polls_sends_what_has_come() -> None:
+    source, senders = _Source(), queue.SimpleQueue[int]()
+    for _ in range(20):
+        source.have_posted(Asker(client="a"), lambda: senders.put(threading.get_ident()))
+    sent = [senders.get(timeout=PATIENCE) for _ in range(20)]
+    assert sent == source.threads
+    source.close()
 
 
 @pytest.mark.parametrize("name", ["greedy", ""])

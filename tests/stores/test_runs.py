@@ -22,7 +22,7 @@ from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import make_error_reply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.store_requests import RUNNING, UNREADABLE, ReadRuns
-from guidefield.stores import run_file
+from guidefield.stores import run_file, runs as module
 from guidefield.stores.recordings import LOG
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import NoRuns, Retention, RunDatabase, UserRuns
@@ -415,3 +415,18 @@ def test_another_program_that_holds_the_file_is_told(
         other.execute("COMMIT")
     keep(database, "r2")
     assert set(_statuses(runs)) == {"before", "r2"}
+
+
+def test_where_far_fewer_are_to_be_kept_no_answer_waits_for_all(
+    database: RunDatabase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MOST_DROPPED", 4)
+    for number in range(12):
+        keep(database, f"r{number}")
+    stricter = RunDatabase(tmp_path, Retention(runs=3))
+    left = []
+    for number in range(4):
+        keep(stricter, f"new{number}")
+        left.append(stricter.of(PLAIN).list(ALL).total)
+    assert left == [9, 6, 3, 3]
+    stricter.close()
