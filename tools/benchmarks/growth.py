@@ -1,9 +1,11 @@
 """How costs grow with everything that a user can have many of: at n, 4 n and 16 n.
 
-Usage: tools/bench growth [SUBJECT ..] [--runs 0,1000,100000] [--repeats N] [--small]
+Usage: tools/bench growth [SUBJECT ..] [--sizes 10,100,1000] [--repeats N] [--small]
 
-Subjects: boxes, polygons, triangles, points, movers, configurations, waypoints, goals, steps, joints, held (objects),
-results (of a batch), cycles (of a stream, 50 a second), clients, scenes and robots (stored), runs (kept).
+Subjects: boxes, polygons, triangles, points, movers, crossed (boxes at rest, with one that comes across the way),
+configurations, waypoints, goals, steps, links (of the thesis' chains), joints, held (objects), results (of a batch),
+cycles (of a stream, 50 a second), clients, scenes and robots (stored), runs (kept). Boxes are small, all but ten of
+them more than a metre away from where the robot is; movers are the same boxes, each of which slides to and fro.
 
 The first ones are measured in a process of their own for each size: *first* is the processor time of the first answer
 or of writing, *then* of the next one or of reading again (of a stream four times that of its last quarter), *memory*
@@ -12,9 +14,9 @@ all, or for 50 answers to each client; *then* for a list of all, or for as many 
 process has in the end, when the clients have gone. Of kept runs see the lines that are printed with them; *first* is a
 plan's cost, *then* a page's.
 
-The exponent is that of the power of the size that the growth of the time follows from n to 4 n and to 16 n: 1 is
+The exponent is that of the power of the size that the growth of the time follows over the last three sizes: 1 is
 linear, and 0 is written where hardly anything grows. Worse than linear is marked, beyond what caches and a busy machine
-do, and so is memory that grows where nothing is kept. With --small sizes are a quarter.
+do, and so is memory that grows where nothing is kept. Links grow by 2 n and 4 n. With --small sizes are a quarter.
 """
 
 from __future__ import annotations
@@ -43,10 +45,12 @@ SIZES: dict[str, int] = {
     "triangles": 5_000,
     "points": 5_000,
     "movers": 16,
+    "crossed": 625,
     "configurations": 500,
     "waypoints": 200,
     "goals": 256,
     "steps": 8,
+    "links": 12,
     "joints": 6,
     "held": 4,
     "results": 6_250,
@@ -57,6 +61,8 @@ SIZES: dict[str, int] = {
     "runs": 1_000,
 }
 """n of each subject."""
+RATIOS = {"links": 2}
+"""How many times as large the next size is, where it isn't 4."""
 FLAT = ("results", "cycles")
 """Subjects whose memory mustn't grow: nothing is kept of them in memory."""
 WORSE, GROWS = 1.25, 1.1
@@ -124,12 +130,12 @@ SERVED: dict[str, Callable[[int], Row]] = {
 }
 
 
-def exponent(times: Sequence[float]) -> float:
-    """Return the power of the size that the growth of times at n, 4 n and 16 n follows; 0 if nothing grows."""
-    small, middle, large = times
+def exponent(sizes: Sequence[int], times: Sequence[float]) -> float:
+    """Return the power of the size that the growth over the last three sizes follows; 0 if nothing grows."""
+    small, middle, large = times[-3:]
     if large < max(NOISE * small, small + LEAST):
         return 0.0
-    return math.log(max(1.0, (large - middle) / max(middle - small, 1e-9))) / math.log(4.0)
+    return math.log(max(1.0, (large - middle) / max(middle - small, 1e-9))) / math.log(sizes[-1] / sizes[-2])
 
 
 def print_growth(subject: str, sizes: Sequence[int], rows: Sequence[Row]) -> None:
@@ -137,8 +143,10 @@ def print_growth(subject: str, sizes: Sequence[int], rows: Sequence[Row]) -> Non
     print(f"\n{subject:>14s}{'first, ms':>12s}{'then, ms':>12s}{'memory, MB':>12s}")
     for size, (first, then, memory) in zip(sizes, rows, strict=True):
         print(f"{size:14d}{1e3 * first:12.1f}{1e3 * then:12.1f}{memory:12.1f}")
+    if len(sizes) < 3:
+        return
     first, then, memories = zip(*rows, strict=True)
-    powers = exponent(first), exponent(then)
+    powers = exponent(sizes, first), exponent(sizes, then)
     marks = [f"{name} worse than linear" for name, p in zip(("first", "then"), powers, strict=True) if p > WORSE]
     if subject in FLAT and memories[-1] > max(SMALLEST, GROWS * memories[0]):
         marks.append("memory grows")
@@ -149,28 +157,30 @@ def run(arguments: list[str]) -> None:
     """Measure the subjects."""
     parser = argparse.ArgumentParser(prog="tools/bench growth", description=__doc__.splitlines()[0])
     parser.add_argument("subjects", nargs="*", help=f"of {', '.join(SIZES)}")
-    parser.add_argument("--runs", default="", help="how many are kept, such as 0,1000,100000")
+    parser.add_argument("--sizes", type=_sizes, help="other ones, such as 10,100,1000")
     parser.add_argument("--repeats", type=int, default=30, help="plans for each number of kept runs")
     parser.add_argument("--small", action="store_true", help="a quarter of each size")
     options = parser.parse_args(arguments)
-    subjects = options.subjects or (["runs"] if options.runs else [*SIZES])
+    subjects = options.subjects or [*SIZES]
     if unknown := set(subjects) - set(SIZES):
         parser.error(f"there is no subject {', '.join(sorted(unknown))}; there are {', '.join(SIZES)}")
     for subject in subjects:
-        n = max(1, SIZES[subject] // 4) if options.small else SIZES[subject]
-        sizes = [n, 4 * n, 16 * n]
+        ratio = RATIOS.get(subject, 4)
+        n = max(1, SIZES[subject] // ratio) if options.small else SIZES[subject]
+        sizes = options.sizes or [n, ratio * n, ratio**2 * n]
         if subject == "runs":
-            counts = [int(count) for count in options.runs.split(",")] if options.runs else sizes
-            figures = measure(counts, options.repeats)
-            if len(counts) == 3:
-                print_growth(subject, counts, [(row[1], row[2], 0.0) for row in figures.values()])
-            continue
-        if subject in SERVED:
+            rows = [(row[1], row[2], 0.0) for row in measure(sizes, options.repeats).values()]
+        elif subject in SERVED:
             rows = [SERVED[subject](size) for size in sizes]
         else:
             rows = [measure_in_process(subject, size) for size in sizes]
         print_growth(subject, sizes, rows)
     print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+
+
+def _sizes(text: str) -> list[int]:
+    """Numbers between commas."""
+    return [int(size) for size in text.split(",")]
 
 
 @contextlib.contextmanager

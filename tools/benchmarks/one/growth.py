@@ -26,7 +26,7 @@ Costs = tuple[float, float]
 """Processor time of the first time and of the next one [s]."""
 
 
-def answered(made: Callable[[int, int], Made]) -> Callable[[int], Costs]:
+def answered(made: Callable[[int, int], Made], warmed: int = WARMED) -> Callable[[int], Costs]:
     """Return what measures answers: in a scene that was never seen, and again."""
 
     def measure(size: int) -> Costs:
@@ -39,7 +39,7 @@ def answered(made: Callable[[int, int], Made]) -> Callable[[int], Costs]:
         return time.process_time() - began
 
     for draw in range(2):
-        time_of(codec.decode_request(made(WARMED, draw)))
+        time_of(codec.decode_request(made(warmed, draw)))
     return measure
 
 
@@ -116,10 +116,12 @@ SUBJECTS: dict[str, Callable[[], Callable[[int], Costs]]] = {
     "triangles": lambda: answered(lambda size, draw: grown.plan(grown.terrain(size, draw))),
     "points": lambda: answered(lambda size, draw: grown.plan(grown.cloud(size, draw))),
     "movers": lambda: answered(lambda size, draw: grown.plan(grown.movers(size, draw))),
+    "crossed": lambda: answered(lambda size, draw: grown.plan(grown.crossed(size, draw))),
     "configurations": lambda: answered(configurations),
     "waypoints": lambda: answered(grown.judged),
     "goals": lambda: answered(goals),
     "steps": lambda: answered(grown.steps),
+    "links": lambda: answered(grown.chain, min(grown.CHAINS)),
     "joints": lambda: answered(joints),
     "held": lambda: answered(held),
     "results": lambda: batch_results,
