@@ -11,6 +11,7 @@ import json
 import math
 import re
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,7 +31,9 @@ from guidefield.referee.replay import replay_file
 from guidefield.referee.verdict import Answer, Verdict
 
 CHANGES = 16
-"""Changes of one proof."""
+"""Changes of one proof, at most."""
+CHANGES_SECONDS = 20.0
+"""No change is begun after this much processor time: replaying a robot of many triangles takes seconds [s]."""
 SECONDS = 3.0
 """Time in which the referee looks for what speaks against a changed motion [s]."""
 AGAINST = (Answer.CONTACT, Answer.TOO_CLOSE, Answer.INSIDE, Answer.BEYOND_LIMIT)
@@ -101,7 +104,10 @@ def doubt_proof(
         if verdict is None or (why := _false(one, one.arrays, verdict)):
             return counts, [Disagreement(Kind.PROOF, f"it is replayed, but {why}" if verdict else why)]
         found += _doubt_digest(rng, file, one.arrays)
+        until = time.process_time() + CHANGES_SECONDS
         for number in range(CHANGES):
+            if time.process_time() > until:
+                break
             change = CHANGES_OF_CLAIMS[number] if number < len(CHANGES_OF_CLAIMS) else _drawn(rng)
             changed = change(rng, one, earlier)
             if changed is None:
