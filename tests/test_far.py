@@ -38,7 +38,7 @@ from guidefield.messages.scene import HalfSpace, ObstacleTrajectory, PointCloud,
 from guidefield.messages.streams import Observation, StreamObstacle, StreamOpen, StreamUpdate
 from guidefield.messages.values import Float32Array, Placement
 from guidefield.recorder.chunks import read_chunks
-from guidefield.recorder.reading import read_recording
+from guidefield.recorder.stored import read_recording
 from guidefield.referee.replay import replay_file
 from guidefield.referee.verdict import Answer
 from guidefield.rendering import Renderings

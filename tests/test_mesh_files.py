@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.model.shapes import triangulation
+from guidefield.robot.model.collision_shapes import triangulation
 from guidefield.robot.urdf.meshes import catalog_share
 
 TOOLS = Path(__file__).resolve().parent.parent / "tools"

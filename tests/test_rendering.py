@@ -15,7 +15,7 @@ from guidefield.messages import requests
 from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest, PlanStep, RobotFiles, UrdfFile
 from guidefield.messages.scene import Box, PointCloud, Scene
 from guidefield.messages.scene_changes import RequestScene, SceneDiff
-from guidefield.recorder.reading import read_recording
+from guidefield.recorder.stored import read_recording
 from guidefield.rendering import Renderings, rendered
 from guidefield.run import whole_recording
 from guidefield.run_log import LARGE_BYTES, MAGIC

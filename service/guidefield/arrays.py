@@ -46,7 +46,7 @@ def run_arrays(run: PlanReply | Path | str) -> RunArrays:
     if isinstance(run, PlanReply):
         reply = run
     else:
-        from guidefield.recorder.reading import read_recording
+        from guidefield.recorder.stored import read_recording
 
         reply = read_recording(Path(run)).reply
     if isinstance(reply, CertifyReply):

@@ -36,7 +36,6 @@ from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import requests
 from guidefield.messages.faults import field_path
-from guidefield.messages.frozen_scenes import copy_scene
 from guidefield.messages.replies import (
     CertifyReply,
     Done,
@@ -50,7 +49,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.request_reader import read_request
 from guidefield.messages.scene import Obstacle, Scene as SceneMessage
-from guidefield.messages.scene_changes import RequestScene, SceneDiff, apply_change
+from guidefield.messages.scene_changes import RequestScene, SceneDiff, apply_change, copy_scene
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Reply
 from guidefield.progress import ProgressReporter, Watcher

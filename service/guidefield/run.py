@@ -210,7 +210,7 @@ def whole_recording(recordings: Recordings, run_id: str) -> bytes:
 
     Raises UnknownObject if the run has no recording, or not yet, or a damaged one; raises OSError if the disk refuses.
     """
-    from guidefield.recorder.reading import self_contained
+    from guidefield.recorder.stored import self_contained
 
     file = recordings.find(run_id)
     try:

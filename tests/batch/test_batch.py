@@ -19,7 +19,7 @@ import guidefield
 from guidefield.batch.cluster import _why
 from guidefield.batch.results import RESULTS, Item
 from guidefield.cli import app
-from guidefield.recorder.reading import read_recording
+from guidefield.recorder.stored import read_recording
 from guidefield.stores.recordings import Recordings
 
 BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}

@@ -21,7 +21,7 @@ from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.recorder.reading import read_recording
+from guidefield.recorder.stored import read_recording
 from guidefield.stores.runs import RunDatabase
 from guidefield.versions import versions
 from tests.kept_runs import keep

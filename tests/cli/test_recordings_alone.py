@@ -20,7 +20,7 @@ from guidefield.errors import MalformedRequest, Status, UnknownObject
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.recorder.reading import read_recording
+from guidefield.recorder.stored import read_recording
 from guidefield.versions import versions
 from tests.recorder.runs import made_up
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.memo import memoized
-from guidefield.robot.model.self_contacts import scratch_space
+from guidefield.robot.model.pairs import scratch_space
 
 
 @memoized

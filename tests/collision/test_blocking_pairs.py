@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from guidefield.collision.blocking_pairs import (
+from guidefield.collision.clearance import (
     blocking_pairs,
     contacts_among,
     contacts_at,

@@ -4,7 +4,7 @@ import coal
 import numpy as np
 import pytest
 
-from guidefield.collision.blocking_pairs import contacts_at
+from guidefield.collision.clearance import contacts_at
 from guidefield.messages import scene as messages
 from tests.collision.listed import touching
 from tests.collision.scenery import scattered, world_of

@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.blocking_pairs import contacts_at
+from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import SceneInvalid
 from guidefield.messages import scene as messages

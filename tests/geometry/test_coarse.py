@@ -11,8 +11,7 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.cover import cover
 from guidefield.geometry.decomposition import decompose
 from guidefield.geometry.inner import inner_balls
-from guidefield.geometry.solid import Solid, solid
-from guidefield.geometry.solid_cache import CELL, WORTH, coarse_solid
+from guidefield.geometry.solid import CELL, WORTH, Solid, coarse_solid, solid
 from tests.geometry import solids
 
 BODIES = {

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry.convex import all_as_met, bvh
-from guidefield.robot.model.self_contacts import scratch_space
+from guidefield.robot.model.pairs import scratch_space
 
 CORNERS = np.array([(0.0, 0.0, 0.0), (1.0, 0.2, -0.3), (0.5, 0.1, -0.15)])
 """In a line."""

@@ -8,8 +8,7 @@ import pytest
 from guidefield.geometry.convex import hull_planes
 from guidefield.geometry.cover import cover
 from guidefield.geometry.decomposition import decompose
-from guidefield.geometry.solid import solid
-from guidefield.geometry.solid_cache import filled, find_nested
+from guidefield.geometry.solid import filled, find_nested, solid
 from tests.geometry import solids
 from tests.scene.solids import prism
 

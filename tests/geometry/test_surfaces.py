@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.surfaces import Surface
-from guidefield.scene.flat import flat_polygons
+from guidefield.scene.guide_plane import flat_polygons
 from tests.geometry.measures import areas, is_closed, volume
 
 laws = settings(deadline=None, max_examples=15)

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.blocking_pairs import contacts_at
+from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import MalformedRequest, UnknownFrame
 from guidefield.handlers.plan import answer_plan

@@ -13,7 +13,7 @@ import guidefield
 from guidefield.errors import InvalidConfiguration, MalformedRequest, UnknownObject
 from guidefield.messages.executed import JointStates, judgement_of
 from guidefield.messages.requests import JointLimits, PlanRequest, PlanStep
-from guidefield.recorder.reading import read_recording
+from guidefield.recorder.stored import read_recording
 from tests.handlers.test_certify import NAMES, certify, planned
 from tests.handlers.test_plan import READY
 from tests.recorder.runs import Recording

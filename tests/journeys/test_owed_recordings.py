@@ -12,7 +12,7 @@ from pathlib import Path
 
 from guidefield import Client, GuidefieldError, JointsGoal, PlanRequest
 from guidefield.messages.identities import PLAIN
-from guidefield.recorder.reading import read_recording
+from guidefield.recorder.stored import read_recording
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.runs import RunDatabase
 from tests.journeys.service import (

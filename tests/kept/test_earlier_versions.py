@@ -28,7 +28,7 @@ from guidefield.messages.replies import ErrorReply, PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import Scene
 from guidefield.messages.store_requests import ReadRobot, ReadScene
-from guidefield.recorder.reading import read_recording
+from guidefield.recorder.stored import read_recording
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.runs import RunDatabase, answered_before
 from guidefield.stores.scenes import SceneStore

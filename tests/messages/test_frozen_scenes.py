@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.messages import frozen_scenes
-from guidefield.messages.frozen_scenes import freeze, name_index
+from guidefield.messages import scene_changes
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.messages.scene_changes import SceneDiff, apply_change
+from guidefield.messages.scene_changes import SceneDiff, apply_change, freeze, name_index
 from guidefield.messages.values import Placement
 
 NAMES = [f"o{k}" for k in range(14)]
@@ -54,7 +53,7 @@ def _require_all_found(scene: Scene) -> None:
 
 
 def test_where_very_many_are_gone_the_others_are_numbered_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frozen_scenes, "MAX_GONE_NUMBERS", 2)
+    monkeypatch.setattr(scene_changes, "MAX_GONE_NUMBERS", 2)
     scene = spheres(*NAMES)
     for name in NAMES[:6]:
         scene = apply_change(scene, SceneDiff(remove=[name]))

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import contacts_at
+from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.messages import codec, scene as messages

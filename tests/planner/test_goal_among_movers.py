@@ -12,8 +12,7 @@ import pinocchio as pin
 import pytest
 
 import guidefield
-from guidefield.collision.blocking_pairs import contacts_at
-from guidefield.collision.clearance import clearance_at
+from guidefield.collision.clearance import clearance_at, contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.messages import scene as messages

@@ -7,8 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from guidefield.collision.blocking_pairs import contacts_at
-from guidefield.collision.clearance import clearance_at
+from guidefield.collision.clearance import clearance_at, contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.judgement import GivenProblem, Judgement, judge

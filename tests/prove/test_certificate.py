@@ -8,8 +8,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.blocking_pairs import contacts_at
-from guidefield.collision.clearance import clearance_at
+from guidefield.collision.clearance import clearance_at, contacts_at
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages

@@ -9,7 +9,7 @@ import pytest
 from guidefield.engine import Engine
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
-from guidefield.recorder.reading import read_recording
+from guidefield.recorder.stored import read_recording
 from tests.recorder.runs import Recording
 
 HOME = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]

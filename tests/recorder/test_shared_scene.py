@@ -11,8 +11,7 @@ import msgspec
 import pytest
 
 from guidefield.messages import scene as messages
-from guidefield.recorder.reading import LINK, read_recording, self_contained
-from guidefield.recorder.stored import FOLDER, RecordingPlace
+from guidefield.recorder.stored import FOLDER, LINK, RecordingPlace, read_recording, self_contained
 from guidefield.scene.scene import build
 from guidefield.stores.recordings import SCENE_LINK
 from tests.recorder.runs import MadeUp, Recording, every_kind, made_up

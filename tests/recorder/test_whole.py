@@ -12,8 +12,7 @@ import pytest
 
 from guidefield.recorder import bodies
 from guidefield.recorder.chunks import read_meshes
-from guidefield.recorder.reading import LEFT_OUT, self_contained
-from guidefield.recorder.stored import RecordingPlace
+from guidefield.recorder.stored import LEFT_OUT, RecordingPlace, self_contained
 from guidefield.robot.bodies.sphere_cover import coverage
 from tests.recorder.runs import MadeUp, Recording, made_up
 

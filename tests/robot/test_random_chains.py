@@ -22,7 +22,7 @@ from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.frames import joint_table
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.self_contacts import scratch_space
+from guidefield.robot.model.pairs import scratch_space
 from tests.robot.by_formula import ByFormula, given_by
 from tests.robot.random_chains import KINDS, WOUND, chain, chains
 from tests.robots import load

@@ -8,8 +8,7 @@ import pytest
 from guidefield.bounded_map import BYTES_PER_FACE, BoundedMap, Limit
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.messages import scene as messages
-from guidefield.messages.frozen_scenes import freeze
-from guidefield.messages.scene_changes import SceneDiff, apply_change
+from guidefield.messages.scene_changes import SceneDiff, apply_change, freeze
 from guidefield.messages.values import Float32Array, Placement
 from guidefield.scene import built, obstacle
 from guidefield.scene.built import BuiltScenes

@@ -8,8 +8,7 @@ import pytest
 
 from guidefield.bounded_map import Limit
 from guidefield.messages import scene as messages
-from guidefield.messages.frozen_scenes import freeze
-from guidefield.messages.scene_changes import SceneDiff, apply_change
+from guidefield.messages.scene_changes import SceneDiff, apply_change, freeze
 from guidefield.messages.values import Placement
 from guidefield.scene.built import BuiltScenes
 from guidefield.scene.crop import Ball, nearest_obstacles

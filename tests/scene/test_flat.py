@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.scene import flat as flats
-from guidefield.scene.flat import PLANARITY, FlatPolygon, FlatPolygons, flat_polygons
+from guidefield.scene import guide_plane as flats
+from guidefield.scene.guide_plane import PLANARITY, FlatPolygon, FlatPolygons, flat_polygons
 
 
 def flat_polygon(points: np.ndarray) -> FlatPolygon:

@@ -13,8 +13,7 @@ from guidefield.bounded_map import Limit
 from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.messages import codec, scene as messages
-from guidefield.messages.frozen_scenes import freeze
-from guidefield.messages.scene_changes import SceneDiff, apply_change
+from guidefield.messages.scene_changes import SceneDiff, apply_change, freeze
 from guidefield.messages.values import Placement
 from guidefield.prove.tables import obstacle_bodies
 from guidefield.scene import obstacle

@@ -13,7 +13,7 @@ from guidefield.messages import codec
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.scene_changes import MAX_VERSIONS, SceneDiff
 from guidefield.messages.values import Placement
-from guidefield.stores import scene_versions
+from guidefield.stores import scenes
 from guidefield.stores.scenes import SceneStore
 
 BALL = Scene("s", obstacles=[Sphere(name="ball", radius=0.1)])
@@ -153,7 +153,7 @@ def test_a_change_that_the_disk_refuses_is_no_version(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as full:
-        full.setattr(scene_versions.os, "fsync", refused)
+        full.setattr(scenes.os, "fsync", refused)
         with pytest.raises(OSError, match="No space"):
             store.change("s", to(2.0))
     for reader in (store, SceneStore(tmp_path)):

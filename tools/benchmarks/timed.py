@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 
 import guidefield
-from guidefield.collision.blocking_pairs import contacts_at
+from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.conditions import JointLimits

@@ -38,7 +38,7 @@ def read_fields(file: Path) -> dict[str, Any]:
     if not file.is_file():
         raise UnknownObject(f"there is no file {str(file)!r}", path=str(file))
     if file.suffix == ".rrd":
-        from guidefield.recorder.reading import read_recording
+        from guidefield.recorder.stored import read_recording
 
         recorded = read_recording(file)
         return make_recorded_fields(recorded.request, msgspec.to_builtins(recorded.reply), file.name)

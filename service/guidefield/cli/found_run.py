@@ -199,7 +199,7 @@ def find_run(run: str, data: Path | None, name: str) -> FoundRun:
         UnknownObject: if there is no such run or file, or it has no reply.
         MalformedRequest: if the file is no whole recording of guidefield.
     """
-    from guidefield.recorder.reading import read_recording
+    from guidefield.recorder.stored import read_recording
     from guidefield.run_log import made_with_of
 
     if run.endswith(".rrd"):

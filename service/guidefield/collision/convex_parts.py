@@ -44,7 +44,7 @@ from guidefield.memo import size_of
 from guidefield.parallel import run_queue, usable_processors
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.model.shapes import hull_vertices, triangulation
+from guidefield.robot.model.collision_shapes import hull_vertices, triangulation
 
 _NO_VERTICES, _ZEROS = np.empty(0, np.float32), np.zeros(3, np.int64)
 

@@ -16,7 +16,7 @@ import coal
 from guidefield.collision.convex_parts import recall_mesh_tree
 from guidefield.collision.solids import hulls_of
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.geometry.solid_cache import clear_solids
+from guidefield.geometry.solid import clear_solids
 from guidefield.memo import MemoSet
 from guidefield.robot.bodies.by_shape import ShapeTask, find_in_parallel
 from guidefield.robot.bodies.charges import link_bodies, surface_samples

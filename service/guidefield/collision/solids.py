@@ -16,8 +16,8 @@ from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.kernels.cover.winding import RUN, UNSURE, find_run_boxes, winding_by_angles, winding_by_crossings
 from guidefield.memo import memoized
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
+from guidefield.robot.model.collision_shapes import hull, triangulation
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.shapes import hull, triangulation
 from guidefield.scene.obstacle import Obstacle
 
 MOST_TRIANGLES = 20_000  # an obstacle of more has no hull

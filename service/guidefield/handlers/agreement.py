@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 
 from guidefield.case_file import Motion, write
-from guidefield.collision.blocking_pairs import Contact
+from guidefield.collision.clearance import Contact
 from guidefield.collision.pairs import PairNames
 from guidefield.collision.world import World
 from guidefield.geometry import cache

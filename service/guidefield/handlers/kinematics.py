@@ -11,8 +11,7 @@ import msgspec
 import numpy as np
 
 from guidefield.collector import pause_collector
-from guidefield.collision.blocking_pairs import blocking_pairs
-from guidefield.collision.clearance import ClearanceAt, clearance_gradient
+from guidefield.collision.clearance import ClearanceAt, blocking_pairs, clearance_gradient
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import InvalidConfiguration, at_path

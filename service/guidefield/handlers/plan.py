@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from guidefield.case_file import Motion
-from guidefield.collision.blocking_pairs import contacts_at
+from guidefield.collision.clearance import contacts_at
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline

@@ -13,9 +13,8 @@ from guidefield.bounded_map import READ_SCENES, BoundedMap, content_key
 from guidefield.collector import pause_collector
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
-from guidefield.messages.frozen_scenes import FrozenFacts, freeze
 from guidefield.messages.scene import Scene
-from guidefield.messages.scene_changes import RequestScene
+from guidefield.messages.scene_changes import FrozenFacts, RequestScene, freeze
 
 MIN_HASHED_BYTES = 2**13
 """Smaller scenes are decoded each time, which takes a tenth of a millisecond."""

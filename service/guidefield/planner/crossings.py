@@ -18,8 +18,7 @@ from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.planner.task.stages import Ending, Stage, StageFailed, Stages
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
-from guidefield.scene.flat import axes_across
-from guidefield.scene.guide_plane import GuidePlane, build
+from guidefield.scene.guide_plane import GuidePlane, axes_across, build
 
 
 def cross_planes(

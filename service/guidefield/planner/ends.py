@@ -14,8 +14,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import BlockingPairs, blocking_pairs, contacts_at, depth_of, find_touching_each
-from guidefield.collision.clearance import clearance_at
+from guidefield.collision.clearance import (
+    BlockingPairs,
+    blocking_pairs,
+    clearance_at,
+    contacts_at,
+    depth_of,
+    find_touching_each,
+)
 from guidefield.collision.enclosure import enclosed, find_enclosed_each
 from guidefield.collision.world import World
 from guidefield.errors import Status

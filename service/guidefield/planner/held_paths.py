@@ -22,8 +22,7 @@ from guidefield.planner.task.trace import Note
 from guidefield.read_only import ReadOnly
 from guidefield.robot.ik.pose_search import EXACT, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
-from guidefield.scene.flat import axes_across
-from guidefield.scene.guide_plane import GuidePlane
+from guidefield.scene.guide_plane import GuidePlane, axes_across
 
 SHARE = 0.5
 """Share of the time for a connection before a lesser one is searched for: from the start instead of from where derived

@@ -17,7 +17,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import Contact, contacts_at
+from guidefield.collision.clearance import Contact, contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import DeadlineExpired

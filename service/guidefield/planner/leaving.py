@@ -9,8 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import Contact, contacts_at
-from guidefield.collision.clearance import clearance_at
+from guidefield.collision.clearance import Contact, clearance_at, contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.motion.trajectory import Trajectory, concatenate, unwrap_towards

@@ -16,7 +16,7 @@ from guidefield.geometry.convex import FlatError, convex_hull
 from guidefield.geometry.surfaces import area_of
 from guidefield.robot.mesh_files import reading as mesh_files
 from guidefield.robot.mesh_files.numbers import MeshFault
-from guidefield.robot.model.shapes import triangulation
+from guidefield.robot.model.collision_shapes import triangulation
 
 CREASE = np.radians(40.0)  # faces that meet at less than this angle are shaded as one smooth surface [rad]
 SKETCH_CREASE = np.radians(85.0)  # the same for sketches, which have few and coarse faces [rad]

@@ -14,8 +14,7 @@ import coal
 import numpy as np
 
 from guidefield.referee.case import Body
-from guidefield.referee.shapes import hull
-from guidefield.referee.solid import distinct
+from guidefield.referee.shapes import distinct, hull
 
 NEAR = 1e-5  # beyond this a point isn't looked for among the corners of a shape [m]
 CLOSE = 1e-7  # a point that is as near to a corner isn't looked for between planes [m]: that is single precision

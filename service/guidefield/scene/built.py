@@ -8,7 +8,7 @@ from guidefield.bounded_map import BUILT_SCENES, BYTES_PER_FACE, BoundedMap, Lim
 from guidefield.collector import pause_collector
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.messages import scene as messages
-from guidefield.messages.frozen_scenes import Derivation, FrozenFacts, frozen_facts
+from guidefield.messages.scene_changes import Derivation, FrozenFacts, frozen_facts
 from guidefield.scene import scene as scenes
 from guidefield.scene.content import Content, are_many, change_content, scene_content
 from guidefield.scene.incremental import Rows

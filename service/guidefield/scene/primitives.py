@@ -14,7 +14,7 @@ from guidefield.geometry.placements import se3, transform_points, unit
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.messages import scene as messages
-from guidefield.scene.flat import axes_across
+from guidefield.scene.guide_plane import axes_across
 from guidefield.scene.recipe import Charges, Recipe
 
 HALF_SPACE_PATCH = 4.0  # side of the square that represents a half-space in drawings [m]

@@ -1,4 +1,9 @@
-"""Scenes by name: those that come with the package, and those that clients stored on disk."""
+"""Scenes by name: those of the package, and those that clients stored on disk, with their last versions.
+
+`<name>.json` holds a version of the scene, `<name>.changes` a line for each later version: its change, or the scene
+stored anew. A change costs a line, however large the scene is; now and then both files are written again. Changes are
+made under a lock; reading needs none, because every line and file has the number of its version.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +11,247 @@ import contextlib
 import os
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from guidefield.bounded_map import READ_VERSIONS, BoundedMap
-from guidefield.errors import RequestTooLarge, SceneInvalid
+from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid
+from guidefield.messages import codec
 from guidefield.messages.faults import list_choices, suggest
 from guidefield.messages.scene import Scene
-from guidefield.messages.scene_changes import SceneDiff
+from guidefield.messages.scene_changes import MAX_VERSIONS, SceneDiff, apply_change, freeze
 from guidefield.scene import library
-from guidefield.stores.files import alone, checked_name
-from guidefield.stores.scene_versions import SceneVersions
+from guidefield.stores.files import alone, checked_name, decoded
+from guidefield.whole_file import write_whole
+
+MOST_LINES = 4 * MAX_VERSIONS
+"""Changes behind a whole scene after which the files are written again, if they are longer than it is."""
+MOST_SHORT_LINES = 64 * MAX_VERSIONS
+"""The same if they are shorter: to write and read 10,000 boxes takes every process as long as a hundred changes."""
+READ_AGAIN = 5  # number of readings of files that another process writes
+
+
+class _Whole(msgspec.Struct):
+    scene: Scene
+    version: int = 1
+
+
+class _VersionRecord(msgspec.Struct):
+    version: int
+    diff: SceneDiff | None = None
+    scene: Scene | None = None
+
+
+@dataclass
+class _Known:
+    file: tuple[int, int]  # inode of its file, and time of writing [ns]
+    size: int  # length of that file [bytes]
+    first: int  # the version in that file
+    changes: int  # inode of the file of changes; 0: there was none
+    end: int  # length of it that was read [bytes]
+    versions: dict[int, Scene]  # the last ones, the newest at the end; nobody changes them
+
+    @property
+    def newest(self) -> tuple[Scene, int]:
+        version = next(reversed(self.versions))
+        return self.versions[version], version
+
+    def add(self, version: int, scene: Scene) -> None:
+        self.versions[version] = scene
+        while len(self.versions) > MAX_VERSIONS:
+            del self.versions[next(iter(self.versions))]
+
+
+class SceneVersions:
+    """A stored scene by its files in a folder; once these are read, only later lines are read again."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._name = name
+        self._file, self._changes = folder / f"{name}.json", folder / f"{name}.changes"
+        self._known: _Known | None = None
+
+    def read(self, version: int | None = None) -> tuple[Scene, int] | None:
+        """Return a version, or the newest, with its number; None if nothing is stored.
+
+        Raises SceneInvalid if the files are damaged, or there is no such version any more, or yet; lists those there
+        are.
+        """
+        known = self._read()
+        if known is None or version is None:
+            return None if known is None else known.newest
+        if version not in known.versions:
+            there = list(known.versions)
+            raise SceneInvalid(
+                f"scene {self._name!r} has no version {version}; the last {len(there)} are kept, "
+                f"{there[0]} to {there[-1]}",
+                scene=self._name,
+                available=there,
+            )
+        return known.versions[version], version
+
+    def change(self, diff: SceneDiff) -> tuple[Scene, int] | None:
+        """Change the newest version, under the lock; return the new one with its number, None if nothing is stored.
+
+        Raises SceneInvalid if the change does not fit, or another version was meant.
+        """
+        known = self._read()
+        if known is None:
+            return None
+        scene, before = known.newest
+        if diff.version not in (None, before):
+            raise SceneInvalid(
+                f"scene {self._name!r} has version {before}, and version {diff.version} was to be changed; nothing "
+                "was: read the scene again",
+                scene=self._name,
+                version=before,
+            )
+        after = self._append(known, scene, _VersionRecord(before + 1, diff=diff))
+        if before + 1 - known.first >= (MOST_LINES if known.end > known.size else MOST_SHORT_LINES):
+            self._write_again(known)
+        return after, before + 1
+
+    def store(self, scene: Scene) -> int:
+        """Store a scene anew, in place of a damaged one too, under the lock; return the number of its version."""
+        try:
+            known = self._read()
+        except SceneInvalid:
+            self.delete()
+            known = None
+        if known is None:
+            write_whole(self._file, codec.encode(_Whole(scene)))
+            return 1
+        before, version = known.newest
+        self._append(known, before, _VersionRecord(version + 1, scene=scene))
+        if version + 1 - known.first >= MAX_VERSIONS:
+            self._write_again(known)
+        return version + 1
+
+    def delete(self) -> bool:
+        """Delete it, under the lock; return whether there was anything."""
+        there = self._file.exists()
+        self._changes.unlink(missing_ok=True)
+        self._file.unlink(missing_ok=True)
+        self._known = None
+        return there
+
+    def _append(self, known: _Known, before: Scene, line: _VersionRecord) -> Scene:
+        """Write the line of a version behind those that there are, and return the scene after it.
+
+        The line counts as it is read back, because the caller may change its own later. Raises MalformedRequest if it
+        can't be read.
+        """
+        data = codec.encode(line)
+        read = decoded(data, _VersionRecord)
+        if read is None:
+            raise MalformedRequest("what is to be stored holds what no message can", path="$")
+        after = _after(before, read)
+        with self._changes.open("ab") as file:
+            file.truncate(known.end)  # a line that was cut short was never answered
+            try:
+                file.write(data + b"\n")
+                file.flush()
+                os.fsync(file.fileno())
+            except OSError:
+                os.truncate(self._changes, known.end)  # a refused line is no version for anybody
+                raise
+            known.changes, known.end = os.fstat(file.fileno()).st_ino, file.tell()
+        known.add(line.version, after)
+        return after
+
+    def _write_again(self, known: _Known) -> None:
+        """Write the oldest version that is kept as the file of the scene, and the changes since behind it."""
+        oldest = next(iter(known.versions))
+        with contextlib.suppress(OSError):  # the change is made; the next one tries again
+            lines = [line for line in _lines(self._changes.read_bytes())[0] or [] if line.version > oldest]
+            write_whole(self._file, codec.encode(_Whole(known.versions[oldest], oldest)))
+            write_whole(self._changes, b"".join(codec.encode(line) + b"\n" for line in lines))
+            self._known = None
+
+    def _read(self) -> _Known | None:
+        """Read the files; None if nothing is stored; raises SceneInvalid if they are damaged."""
+        for _ in range(READ_AGAIN):
+            try:
+                if self._is_known() or self._read_on():
+                    return self._known
+            except FileNotFoundError:
+                self._known = None
+                return None
+        raise SceneInvalid(f"scene {self._name!r} can't be read: its file is damaged; store it again", scene=self._name)
+
+    def _is_known(self) -> bool:
+        known = self._known
+        if known is None:
+            return False
+        return (known.file, (known.changes, known.end)) == (_identify(self._file), _extent(self._changes))
+
+    def _read_on(self) -> bool:
+        """Read later lines, or all; return whether the files fit together: not while they are written."""
+        file, (changes, _) = _identify(self._file), _extent(self._changes)
+        known, self._known = self._known, None
+        if known is None or (known.file, known.changes) != (file, changes):
+            known = self._read_whole(file, changes)
+        if known is None:
+            return False
+        lines, read = _lines(_read_from(self._changes, known.end))
+        if lines is None:
+            return False
+        scene, version = known.newest
+        for line in lines:
+            if line.version <= version:
+                continue
+            if line.version != version + 1 or (line.diff is None) == (line.scene is None):
+                return False
+            scene, version = _after(scene, line), line.version
+            known.add(version, scene)
+        known.end += read
+        self._known = known
+        return True
+
+    def _read_whole(self, file: tuple[int, int], changes: int) -> _Known | None:
+        """Read the file of the scene, without its changes; None if it is damaged."""
+        data = self._file.read_bytes()
+        whole = decoded(data, _Whole)
+        if whole is None:
+            scene = decoded(data, Scene)  # as 0.1 stored it
+            if scene is None:
+                return None
+            whole = _Whole(scene)
+        return _Known(file, len(data), whole.version, changes, 0, {whole.version: freeze(whole.scene)})
+
+
+def _after(scene: Scene, line: _VersionRecord) -> Scene:
+    return apply_change(scene, line.diff) if line.diff is not None else freeze(line.scene or scene)
+
+
+def _read_from(file: Path, begin: int) -> bytes:
+    """Read a file from a place on [bytes]; nothing where there is none."""
+    with contextlib.suppress(FileNotFoundError), file.open("rb") as opened:
+        opened.seek(begin)
+        return opened.read()
+    return b""
+
+
+def _lines(text: bytes) -> tuple[list[_VersionRecord] | None, int]:
+    """Return the changes in whole lines, None if one is damaged, and their length together [bytes]."""
+    end = text.rfind(b"\n") + 1
+    lines = [decoded(line, _VersionRecord) for line in text[:end].splitlines()]
+    whole = [line for line in lines if line is not None]
+    return (whole if len(whole) == len(lines) else None), end
+
+
+def _identify(file: Path) -> tuple[int, int]:
+    stat = file.stat()
+    return stat.st_ino, stat.st_mtime_ns
+
+
+def _extent(file: Path) -> tuple[int, int]:
+    try:
+        stat = file.stat()
+    except FileNotFoundError:
+        return 0, 0
+    return stat.st_ino, stat.st_size
 
 
 class PackagedScenes:

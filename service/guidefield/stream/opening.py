@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import contacts_at
+from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, MalformedRequest, UnknownObject
 from guidefield.geometry.placements import se3

@@ -19,7 +19,7 @@ from guidefield.kernels.collide.layout import BAND
 from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
-from guidefield.robot.model.shapes import triangulation
+from guidefield.robot.model.collision_shapes import triangulation
 from guidefield.scene.scene import build
 from tests.collision.scenery import scattered
 from tests.robots import group

@@ -7,8 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from guidefield.collision.blocking_pairs import contacts_at
-from guidefield.collision.clearance import clearance_at
+from guidefield.collision.clearance import clearance_at, contacts_at
 from guidefield.errors import Status
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.planner.guide.guide import ATTEMPTS, cross_plane

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guidefield.collision.blocking_pairs import contacts_at
-from guidefield.collision.clearance import clearance_at
+from guidefield.collision.clearance import clearance_at, contacts_at
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement

@@ -20,7 +20,7 @@ from guidefield.messages.requests import UrdfFile
 from guidefield.robot.bodies import by_shape
 from guidefield.robot.bodies.sphere_cover import coverage, recall_coverage
 from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.model import shapes
+from guidefield.robot.model import collision_shapes
 from tests.geometry import solids
 from tests.robot.odd_meshes import odd, stl
 
@@ -33,7 +33,7 @@ def _cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(trees, "_KNOWN", BoundedMap(MESH_TREES))
-    monkeypatch.setattr(shapes, "_HULLS", BoundedMap(TRIANGULATIONS))
+    monkeypatch.setattr(collision_shapes, "_HULLS", BoundedMap(TRIANGULATIONS))
 
 
 def many(folder: Path, count: int = 6) -> UrdfFile:

@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.robot.bodies.charges import surface
 from guidefield.robot.bodies.sphere_cover import DELTA, coverage
-from guidefield.robot.model.shapes import triangulation
+from guidefield.robot.model.collision_shapes import triangulation
 from tests.geometry import solids
 from tests.robots import ARMS, robot
 

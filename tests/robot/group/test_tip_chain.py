@@ -5,8 +5,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.kernels.kinematics.inverse_kinematics import LEVER, Tolerances, squared_errors
-from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.group.tip_chain import ChainToTip, chain_to_tip
+from guidefield.robot.group.kinematics import ChainToTip, Kinematics, chain_to_tip
 from tests.robots import box_arm, group, grouped, rest
 
 ARMS_OF_EVERY_KIND = (

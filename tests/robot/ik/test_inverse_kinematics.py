@@ -12,8 +12,8 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import DISTINCT
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.group.tip_chain import DISTINCT
 from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_search import EXACT, PoseTarget
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire

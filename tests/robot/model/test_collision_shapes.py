@@ -11,8 +11,8 @@ import guidefield
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.model.collision_shapes import triangulation
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.shapes import triangulation
 from tests.robot.mesh_files import written
 from tests.robot.mesh_files.written import WRITERS, part
 

@@ -16,8 +16,8 @@ from guidefield.messages.requests import GuidePlaneGoal, PlanRequest, PoseGoal, 
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
 from guidefield.planner.guide.tip_reach import arm_reach
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import chain_to_tip
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.group.tip_chain import chain_to_tip
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.frames import joint_table
 from guidefield.robot.model.model import JointKind

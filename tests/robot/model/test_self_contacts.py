@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.robot.model import pairs
-from guidefield.robot.model.self_contacts import SelfContacts, scratch_space
+from guidefield.robot.model.pairs import SelfContacts, scratch_space
 from tests.robots import robot
 
 

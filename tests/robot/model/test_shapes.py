@@ -11,8 +11,8 @@ import trimesh
 
 import guidefield
 from guidefield.messages.requests import UrdfFile
+from guidefield.robot.model.collision_shapes import HULL_STAND_OFF, triangulation
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.shapes import HULL_STAND_OFF, triangulation
 from guidefield.robot.model.size import USUAL_REACH
 from tests.geometry import solids
 from tests.robots import ARMS, load, robot

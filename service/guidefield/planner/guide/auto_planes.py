@@ -22,8 +22,7 @@ from guidefield.messages import scene as messages
 from guidefield.planner.guide.tip_reach import arm_reach, tip_radius
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
-from guidefield.scene.flat import axes_across, centroid
-from guidefield.scene.guide_plane import GuidePlane, build
+from guidefield.scene.guide_plane import GuidePlane, axes_across, build, centroid
 
 GRID_SPACING = 0.05  # of the grid in which a coarse way of the tip is searched for [m], at size 1. Unrecorded
 MOST_POINTS = 2_000_000  # the grid is made coarser where it would have more. Unrecorded

@@ -15,7 +15,7 @@ from guidefield.kernels.field.field_tables import frozen
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.group.tip_chain import chain_to_tip
+from guidefield.robot.group.kinematics import chain_to_tip
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene

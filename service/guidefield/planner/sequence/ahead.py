@@ -14,7 +14,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import blocking_pairs, contacts_at
+from guidefield.collision.clearance import blocking_pairs, contacts_at
 from guidefield.errors import Status
 from guidefield.planner.ends import explain_unreached, find_goal_points
 from guidefield.planner.sequence.course import Course, S, StepMotion

@@ -17,9 +17,9 @@ from guidefield.geometry.closed import edge_counts
 from guidefield.geometry.distance_bodies import DistanceBody, body_rows, body_tables, primitive, triangulated_body
 from guidefield.kernels.distance.distance import SHEET, SOLID, DistanceTables
 from guidefield.memo import memoized
+from guidefield.robot.model.collision_shapes import triangulation
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.self_contacts import collision_pairs, scratch_space
-from guidefield.robot.model.shapes import triangulation
+from guidefield.robot.model.pairs import collision_pairs, scratch_space
 
 POINTS = 200  # about how many points a robot gets at most
 POINTS_PER_SHAPE = 33  # about how many a robot of few shapes gets for each: the thesis' links need eight rings of four

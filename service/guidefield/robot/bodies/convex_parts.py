@@ -9,11 +9,11 @@ import numpy as np
 
 from guidefield.geometry.cache import Arrays
 from guidefield.geometry.decomposition import ConvexPart, Decomposition, decompose
-from guidefield.geometry.solid_cache import fill_solid_of_mesh
+from guidefield.geometry.solid import fill_solid_of_mesh
 from guidefield.geometry.surfaces import Surface
 from guidefield.robot.bodies.by_shape import ByShape, Question, log_task
+from guidefield.robot.model.collision_shapes import WIDEST_GAP, triangulation
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
 from guidefield.robot.model.size import scale
 
 TIGHT = 0.005  # a part that stands off its mesh by no more isn't halved [m], at size 1

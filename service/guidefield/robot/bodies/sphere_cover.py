@@ -22,12 +22,12 @@ from guidefield.geometry.primitive_covers import (
     inner_cylinder,
     inner_sphere,
 )
-from guidefield.geometry.solid_cache import fill_solid_of_mesh, filled, near_solid_of_mesh, solid_of_mesh
+from guidefield.geometry.solid import fill_solid_of_mesh, filled, near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.surfaces import Floats
 from guidefield.memo import memoized
 from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, log_task
+from guidefield.robot.model.collision_shapes import WIDEST_GAP, triangulation
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
 from guidefield.robot.model.size import scale
 
 DELTA = 0.015  # by how much covers may leave the shapes, unless told otherwise [m], at size 1

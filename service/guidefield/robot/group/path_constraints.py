@@ -19,8 +19,7 @@ from guidefield.kernels.tree.path_constraints import CONE, EVEN_TURN, NEAR, VECT
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.kinematics import lent_data
-from guidefield.robot.group.tip_chain import chain_to
+from guidefield.robot.group.kinematics import chain_to, lent_data
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.spaces import ChartPoint
 

@@ -16,7 +16,7 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.kinematics.inverse_kinematics import distinct, farthest_apart
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.tip_chain import ChainToTip, without_limits
+from guidefield.robot.group.kinematics import ChainToTip, without_limits
 from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseSearch, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 

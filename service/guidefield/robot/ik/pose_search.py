@@ -14,7 +14,7 @@ from guidefield.kernels.kinematics.inverse_kinematics import Tolerances
 from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.tip_chain import ChainToTip, chain_to_tip
+from guidefield.robot.group.kinematics import ChainToTip, chain_to_tip
 from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 

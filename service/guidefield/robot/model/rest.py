@@ -16,7 +16,7 @@ from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.configuration import LENGTHS, LIMIT_TOLERANCE, clamp, values_from_wire
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import ROOT_JOINT, Joint, JointKind
-from guidefield.robot.model.self_contacts import SelfContacts
+from guidefield.robot.model.pairs import SelfContacts
 from guidefield.robot.model.size import MARGIN
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
