@@ -61,7 +61,7 @@ class Judged:
         return towards(start, wanted, np.full(self.group.nv, np.inf), bounds, begins, 0.03, 1e-7)
 
     def told(self, commit: Commit, most: int = 5000) -> CommitReason:
-        return self.judge.judge(commit, self.obstacles.seen(0.0), most).reason
+        return self.judge.judge(commit, self.obstacles.see(0.0), most).reason
 
     def least_room(self, commit: Commit, seen: Observation, shape: Any, rate: float, samples: int = 60) -> float:
         """By how much the distance exceeds what is promised, where least: dense samples, Pinocchio and Coal."""
@@ -190,5 +190,5 @@ def test_ways_are_bounded_by_what_is_travelled() -> None:
             now = np.array([pose.translation for pose in placed.oMg])
             ways += 0.0 if before is None else np.linalg.norm(now - before, axis=1)
             before = now
-        bound = judged.judge.travelled(commit, judged.obstacles.seen(0.0), 0.0, commit.stops)
+        bound = judged.judge.travelled(commit, judged.obstacles.see(0.0), 0.0, commit.stops)
         assert ways.max() <= bound <= 6.0 * ways.max() + 0.05

@@ -31,7 +31,7 @@ def test_only_what_is_seen_anew_moves_and_what_is_gone_stands_nowhere() -> None:
     assert obstacles.boxes([0.0]).shape == (0, 16)
     obstacles.observe(Observation("a", 1.0, Placement((1.0, 2.0, 3.0), TURNED), (0.1, 0.0, 0.0)))
     obstacles.observe(Observation("b", 2.0))
-    seen = obstacles.seen(0.5)
+    seen = obstacles.see(0.5)
     movers, before = seen.movers, seen.movers.poses[::2].copy()
     placed = se3((1.0, 2.0, 3.0), TURNED)
     assert np.allclose(before[0].reshape(3, 4), np.column_stack([placed.rotation, placed.translation]), atol=1e-15)
@@ -45,12 +45,12 @@ def test_only_what_is_seen_anew_moves_and_what_is_gone_stands_nowhere() -> None:
     boxes = obstacles.boxes([1.0, 3.0])
     assert boxes[:, [3, 7, 11]].tolist() == [[1.0, 2.0, 3.0], [0.0, 0.0, 0.0], [1.2, 2.0, 3.0], [0.0, 0.0, 0.0]]
     obstacles.observe(Observation("b", 2.5, Placement((5.0, 0.0, 0.0))))
-    movers = obstacles.seen(0.5).movers
+    movers = obstacles.see(0.5).movers
     assert np.array_equal(movers.poses[0], before[0])
     assert movers.poses[2, 3] == 5.0
-    assert obstacles.seen(0.5).bodies.boxes.apart.tolist() == [0, 1, 2]
+    assert obstacles.see(0.5).bodies.boxes.apart.tolist() == [0, 1, 2]
     obstacles.lose("a")
-    assert obstacles.seen(0.5).bodies.boxes.apart.tolist() == [0, 2]
+    assert obstacles.see(0.5).bodies.boxes.apart.tolist() == [0, 2]
     assert obstacles.boxes([2.5])[:, 3].tolist() == [5.0]
     # what is declared anew, in another shape, is where it was seen
     obstacles.take(obstacles.prepared(StreamObstacle(Box(name="b", size=(1.0, 1.0, 1.0)), 0.4), "$", ()))
@@ -61,7 +61,7 @@ def test_deviations_take_the_place_of_largest_speeds() -> None:
     obstacles = known(Deviation(0.1, 0.2))
     seen = Observation("a", 1.0, Placement(), (0.3, 0.0, 0.4), (0.0, 1.0, 0.0))
     obstacles.observe(seen)
-    movers = obstacles.seen(0.0).movers
+    movers = obstacles.see(0.0).movers
     reach = 0.5 * np.sqrt(0.2**2 + 0.4**2 + 0.6**2)
     assert movers.growths[0] == pytest.approx(0.1 + 1.2 * reach, abs=1e-9)
     assert movers.twists[0].tolist() == [0.3, 0.0, 0.4, 0.0, 0.0, 0.0]

@@ -135,7 +135,7 @@ class Journal(Watching):
         self._entries.put(None)
         self._thread.join()
 
-    def begun(self) -> None:
+    def begin_update(self) -> None:
         """An update came."""
         self._updated_at = time.monotonic()
 
@@ -153,7 +153,7 @@ class Journal(Watching):
         wall, seconds = self._updated_at - self._began, now - self._updated_at
         self._hand_over(Updated.of(update, answer, refused, noted=noted, took=took, wall=wall, seconds=seconds))
 
-    def sought(self, goal: StreamGoal) -> None:
+    def seek(self, goal: StreamGoal) -> None:
         """Configurations of a goal are looked for."""
         self._hand_over(SoughtGoal(goal))
 

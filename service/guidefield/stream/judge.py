@@ -160,9 +160,9 @@ class Judge:
             return 0.0
         motion, shares = commit.polynomials, []
         for one in self._in_space:
-            bound = one.reached(motion, UNHALVED)[0].bound
+            bound = one.measure(motion, UNHALVED)[0].bound
             if bound > STREAM.in_space * one.speed:
-                bound = one.reached(motion)[0].bound
+                bound = one.measure(motion)[0].bound
             shares.append(bound / one.speed)
         return max(shares)
 

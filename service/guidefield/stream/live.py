@@ -36,7 +36,7 @@ class LiveStream(Watching):
         self._began = self._sent = time.monotonic()
         self._is_shown = self._has_given_up = False
 
-    def begun(self) -> None:
+    def begin_update(self) -> None:
         """An update came."""
         self._began = time.monotonic()
 

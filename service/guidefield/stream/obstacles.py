@@ -201,7 +201,7 @@ class Obstacles:
         """Names in the judge's order."""
         return [*self.scene.names, *self.known]
 
-    def seen(self, reserve: float) -> SeenObstacles:
+    def see(self, reserve: float) -> SeenObstacles:
         """What is there, also with what obstacles cover in a time [s] in reserve; the same arrays each time."""
         self._bring_up_to_date()
         np.add(self._movers.margins, reserve * self._movers.growths, out=self._reserved)

@@ -217,7 +217,7 @@ def restore_random(rng: np.random.Generator, state: str) -> None:
 class Watching:
     """Hears of a stream, and does nothing about it; none of these may take long, or raise."""
 
-    def begun(self) -> None:
+    def begin_update(self) -> None:
         """An update came, and is worked on."""
 
     def updated(
@@ -235,7 +235,7 @@ class Watching:
             answer: What was answered; None where it was noted, or refused.
         """
 
-    def sought(self, goal: StreamGoal) -> None:
+    def seek(self, goal: StreamGoal) -> None:
         """Configurations of a goal are looked for."""
 
     def aimed(self, number: int | None) -> None:

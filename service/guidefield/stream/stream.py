@@ -195,7 +195,7 @@ class CertifiedStream:
         state.sought, self._seeking = state.sought + 1, self._seeking + 1
         rng = np.random.default_rng([self.request.seed, state.sought])
         work = partial(_search_goals, self._inward(asked), self.group, self.executing.ends, rng)
-        self._watching.sought(asked)
+        self._watching.seek(asked)
         return Sought(state.sought, self._planner.beside(work))
 
     def take_goal(self, sought: Sought | None) -> int:
@@ -236,7 +236,7 @@ class CertifiedStream:
 
     def _report(self, update: StreamUpdate, work: Callable[[StreamUpdate], _A], *, noted: bool) -> _A:
         """What comes of an update, which observers hear of."""
-        self._watching.begun()
+        self._watching.begin_update()
         ordered = self._state.ordered
         try:
             answer = work(update)
@@ -275,7 +275,7 @@ class CertifiedStream:
             base = self._stand_elsewhere(measured, base)
         if now - self._obstacles.oldest > self.request.age_limit:
             return self._tell_none(now, "stale", broken, base)
-        executed, seen = state.find_executed(now), self._obstacles.seen(STREAM.reserve)
+        executed, seen = state.find_executed(now), self._obstacles.see(STREAM.reserve)
         return self._find_piece(_Cycle(now, now + self.request.latency, executed, broken, seen))
 
     def _find_break(self, now: float) -> CommitVerdict | None:
@@ -353,7 +353,7 @@ class CertifiedStream:
         That is what the last update said, with the piece that answered it, if there was one.
         """
         executed = one_after_another(self._state.find_executed(time))
-        return self._judge.judge(executed, self._obstacles.seen(STREAM.reserve), STREAM.evaluations, since=time)
+        return self._judge.judge(executed, self._obstacles.see(STREAM.reserve), STREAM.evaluations, since=time)
 
     def _take_observations(self, update: StreamUpdate) -> bool:
         """Take what an update says of obstacles; whether one is new."""

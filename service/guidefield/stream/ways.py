@@ -141,7 +141,7 @@ class Room:
         ends = [points[0], points[-1]]
         clearance = self.clearance(STREAM.resting, ends)
 
-        def taken(zs: ChartPoints) -> np.ndarray:
+        def is_taken(zs: ChartPoints) -> np.ndarray:
             out = np.any((zs < self._lower) | (zs > self._upper), axis=1)
             return np.asarray(out | self.lanes.touching(zs, clearance))
 
@@ -149,7 +149,7 @@ class Room:
         kinds = (STREAM.going, STREAM.waiting, STREAM.ending)
         kept = np.array([kept.from_each(drifting.rates, self.size) + wanted for kept in kinds])
         sides = sides_of(self.lanes, drifting, way, self._speeds, self._sides, self.size)
-        tube = tube_about(way, sides, self._speeds, taken, foreseen)
+        tube = tube_about(way, sides, self._speeds, is_taken, foreseen)
         return timed(self.lanes, drifting, kept, tube, way, foreseen, self.size)
 
     def _among(self, drifting: Drifting, kept: Kept, z0: ChartPoint, z1: ChartPoint) -> BatchCollision:

@@ -44,7 +44,7 @@ def test_a_limit_of_speed_in_space_gives_a_motion_another_shape() -> None:
         slower = retime_motion(made, optimized(asked, path).trajectory)
         assert slower is not None
         motion = stretch_spline_to_limits(slower, limits_of(made))
-        reached = limit.reached(motion.polynomials)[0]
+        reached = limit.measure(motion.polynomials)[0]
         assert 0.24 < reached.found <= reached.bound <= 0.25 * (1.0 + 1e-6)
         durations.append(motion.duration)
     assert durations[0] < 0.9 * durations[1]

@@ -75,7 +75,7 @@ def test_nothing_is_faster_than_the_bound_and_something_nearly_as_fast(model, na
     limit = (link_limit if is_link else frame_limit)(planned, name, 1.0, 1.0)
     motion = random_motion(planned, 4)
     dense = dense_rates(planned, limit, motion)
-    for reached, most in zip(limit.reached(motion), dense, strict=True):
+    for reached, most in zip(limit.measure(motion), dense, strict=True):
         assert reached.found <= reached.bound <= (1.0 + ACCURACY) * reached.found
         assert most <= reached.bound * (1.0 + 1e-9)
         assert reached.found <= most * (1.0 + 1e-3)  # samples of ours may be where those aren't
@@ -88,7 +88,7 @@ def test_a_bound_holds_on_chains_of_any_joints(kinds, seed, degree) -> None:
     limit = link_limit(planned, f"l{len(kinds) + 1}", 1.0, 1.0)
     motion = random_motion(planned, seed, 2, degree)
     dense = dense_rates(planned, limit, motion)
-    for reached, most in zip(limit.reached(motion), dense, strict=True):
+    for reached, most in zip(limit.measure(motion), dense, strict=True):
         assert most <= reached.bound * (1.0 + 1e-9) + 1e-12
 
 
@@ -100,7 +100,7 @@ def test_a_timed_motion_keeps_its_limits_in_space_and_reaches_one(seed, speed) -
     limits = Limits(planned.velocity_limits, planned.acceleration_limits, np.full(planned.nv, np.inf), (limit,))
     places = np.cumsum(np.random.default_rng(seed).normal(0.0, 0.3, (6, planned.nv)), axis=0)
     motion = stretch_spline_to_limits(parameterize(PathCurve.along(places), limits), limits)
-    fastest, strongest = limit.reached(motion.polynomials)
+    fastest, strongest = limit.measure(motion.polynomials)
     rates = np.abs(motion.velocities) / planned.velocity_limits
     assert fastest.bound <= speed * (1.0 + 1e-9)
     assert strongest.bound <= 4.0 * speed * (1.0 + 1e-9)

@@ -324,7 +324,7 @@ class _Room:
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class _TreePlace:
     """Where a thread's searches begin."""
 
     room: _Room
@@ -336,17 +336,17 @@ class _Places(threading.local):
     """A thread's, by how many coordinates and what size: to make them takes longer than to find a simple path."""
 
     def __init__(self) -> None:
-        self.kept: dict[tuple[int, int], _Place] = {}
+        self.kept: dict[tuple[int, int], _TreePlace] = {}
 
 
 _PLACES = _Places()
 
 
-def _place(group: PlanningGroup, nv: int) -> _Place:
+def _place(group: PlanningGroup, nv: int) -> _TreePlace:
     place = _PLACES.kept.get((nv, FIRST_CAPACITY))
     if place is None or place.group() is not group:
         room = _Room.build(nv, FIRST_CAPACITY) if place is None else place.room
-        place = _PLACES.kept[nv, FIRST_CAPACITY] = _Place(room, weakref.ref(group), sources_of(group))
+        place = _PLACES.kept[nv, FIRST_CAPACITY] = _TreePlace(room, weakref.ref(group), sources_of(group))
     return place
 
 

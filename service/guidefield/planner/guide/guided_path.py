@@ -79,9 +79,9 @@ class GuidedPath:
         if swept.exact:
             self._refused = (z0, z1)
             return False
-        return self.judged(q0, q1)
+        return self.judge(q0, q1)
 
-    def judged(self, q0: Configuration, q1: Configuration) -> bool:
+    def judge(self, q0: Configuration, q1: Configuration) -> bool:
         """`free` by the certificate, where capsules can't tell; each configuration of shape (nq,).
 
         A sample that is too close refuses it sooner.

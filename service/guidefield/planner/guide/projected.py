@@ -117,7 +117,7 @@ def descend(
         q, longest = found[steps - 1] if steps else q, 1.0
         if answer == UNDECIDED:
             before = potentials[-1]
-            if guided.judged(path[-1] if path else guided.q, found[steps][planned]):
+            if guided.judge(path[-1] if path else guided.q, found[steps][planned]):
                 q = found[steps]
                 path.append(q[planned])
                 potentials.append(float(trial[REACHED]))

@@ -87,7 +87,7 @@ class Occupancy:
         """The cells from one before to one after; never the ends, whose times are known for certain."""
         return slice(max(1, cell - 1), min(self.count - 1, cell + 2))
 
-    def _reached(self, index: int) -> int:
+    def _find_reached(self, index: int) -> int:
         """How many cells may be looked at in a slice: no schedule is faster than the motion, but places are rounded."""
         time = self._times[0] + (index + 2) * self.slices.length
         return min(int(np.searchsorted(self.at, time, side="right")) + 1, self.count)
@@ -95,13 +95,13 @@ class Occupancy:
     def _near(self, block: int) -> np.ndarray:
         """Cells that aren't free all along in some slices together: others needn't be looked at in each of them."""
         if block not in self._blocks:
-            reached = self._reached((block + 1) * SCHEDULE.together - 1)
+            reached = self._find_reached((block + 1) * SCHEDULE.together - 1)
             touching = self.slices.touching(block, self._zs[:reached], SCHEDULE.together)
             self._blocks[block] = np.flatnonzero(touching)
         return self._blocks[block]
 
     def _row(self, index: int) -> np.ndarray:
-        row, reached = np.zeros(self.count, np.uint8), self._reached(index)
+        row, reached = np.zeros(self.count, np.uint8), self._find_reached(index)
         row[:reached] = 1
         if not (self.free_at_rest and index >= self.slices.resting_from):
             near = self._near(index // SCHEDULE.together)

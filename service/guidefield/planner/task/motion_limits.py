@@ -104,7 +104,7 @@ class CartesianLimit(ReadOnly):
         read_only(*few)
         return replace(self, body=body._replace(points=few[0], radii=few[1]))
 
-    def reached(self, motion: MotionPolynomials, accuracy: float = ACCURACY) -> tuple[Reached, Reached]:
+    def measure(self, motion: MotionPolynomials, accuracy: float = ACCURACY) -> tuple[Reached, Reached]:
         """The largest speed and acceleration along a motion; the bound of the acceleration only counts if limited."""
         found = np.empty((2, 3))
         largest_point_rates(self.body, motion, accuracy, math.isfinite(self.acceleration), found)
@@ -113,7 +113,7 @@ class CartesianLimit(ReadOnly):
 
     def stretch(self, motion: MotionPolynomials) -> float:
         """As in `MotionLimit`: bounds are stretched with what they bound."""
-        speed, acceleration = self.reached(motion)
+        speed, acceleration = self.measure(motion)
         return max(speed.bound / self.speed, math.sqrt(acceleration.bound / self.acceleration))
 
     def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
@@ -295,9 +295,9 @@ def measure_cartesian(
 
 
 def _closely(limit: CartesianLimit, motion: MotionPolynomials) -> tuple[Reached, Reached]:
-    made = limit.reached(motion)
+    made = limit.measure(motion)
     if any(it.found <= most < it.bound for it, most in zip(made, (limit.speed, limit.acceleration), strict=True)):
-        made = limit.reached(motion, CLOSE)
+        made = limit.measure(motion, CLOSE)
     return made
 
 
