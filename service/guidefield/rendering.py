@@ -17,7 +17,7 @@ from guidefield.errors import GuidefieldError
 from guidefield.messages.requests import PlanRequest, UrdfFile
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model.model import RobotModel
-from guidefield.run import draw, whole_recording
+from guidefield.run import Drawing, whole_recording
 from guidefield.run_log import RunLog, UnreadableLog, read_log
 from guidefield.scene.built import BuiltScenes
 from guidefield.stores.recordings import LOG, NEEDED, Recordings
@@ -54,8 +54,8 @@ class Renderings:
         try:
             with _read(recordings, name, data) as log:
                 file, bodies = recordings.path(name), None if whole else recordings.bodies_folder
-                motion = self._motion(log)
-                return draw(file, bodies, log.request, log.reply, motion, log.events, log.made_with, log.anchor)
+                drawing = Drawing(log.request, log.reply, self._motion(log), log.events, log.made_with, log.anchor)
+                return drawing.write(file, bodies)
         except UnreadableLog as error:
             return f"{error}"
         except GuidefieldError as error:

@@ -220,62 +220,51 @@ def whole_recording(recordings: Recordings, run_id: str) -> bytes:
         raise UnknownObject(f"the recording of run {run_id!r} is damaged", run_id=run_id) from None
 
 
-def draw(
-    file: Path,
-    bodies: Path | None,
-    request: MotionRequest,
-    reply: MotionReply,
-    motion: RecordedMotion,
-    events: EventLog,
-    made_with: str,
-    anchor: Anchor | None = None,
-) -> str | None:
-    """Write a recording.
+@dataclass(frozen=True)
+class Drawing:
+    """All that the recording of a run is drawn from."""
 
-    `anchor` is the place from which the motion is seen; None: the world's origin.
+    request: MotionRequest
+    reply: MotionReply
+    motion: RecordedMotion
+    events: EventLog
+    made_with: str
+    anchor: Anchor | None = None  # the place from which the motion is seen; None: the world's origin
 
-    Returns:
-        The reason why it isn't stored; None if it is.
+    def write(self, file: Path, bodies: Path | None) -> str | None:
+        """Write the recording, with robots' meshes in a folder, or in itself; return why it isn't stored, if it isn't.
 
-    Raises:
-        OSError: if the disk refuses.
-    """
-    from guidefield.recorder.bodies import cache_folder
-    from guidefield.recorder.stored import RecordingPlace
+        Raises OSError if the disk refuses.
+        """
+        from guidefield.recorder.bodies import cache_folder
+        from guidefield.recorder.stored import RecordingPlace
 
-    place = RecordingPlace(file, bodies or cache_folder(), whole=bodies is None)
-    _record(place, request, reply, motion, events, made_with, anchor)
-    size = file.stat().st_size
-    if size <= LARGEST_RECORDING:
-        return None
-    file.unlink()
-    return f"it has {size} bytes, at most {LARGEST_RECORDING} are kept"
+        self.record(RecordingPlace(file, bodies or cache_folder(), whole=bodies is None))
+        size = file.stat().st_size
+        if size <= LARGEST_RECORDING:
+            return None
+        file.unlink()
+        return f"it has {size} bytes, at most {LARGEST_RECORDING} are kept"
 
+    def record(self, place: RecordingPlace) -> None:
+        """Record the run at a place."""
+        from guidefield.handlers.certify import JudgedMotion
+        from guidefield.recorder.documents import RecordedRun
+        from guidefield.recorder.recorder import record_judgement, record_plan
 
-def _record(
-    place: RecordingPlace,
-    request: MotionRequest,
-    reply: MotionReply,
-    motion: RecordedMotion,
-    events: EventLog,
-    made_with: str,
-    anchor: Anchor | None,
-) -> None:
-    from guidefield.handlers.certify import JudgedMotion
-    from guidefield.recorder.documents import RecordedRun
-    from guidefield.recorder.recorder import record_judgement, record_plan
-
-    profile = motion.profile()
-    group, scene = motion.view()
-    if isinstance(request, PlanRequest):
-        assert isinstance(reply, PlanReply), "a plan was answered"
-        record_plan(place, RecordedRun(group, scene, request, reply, profile, made_with, anchor), events)
-    else:
-        assert isinstance(request, CertifyRequest), "only plans and judgements are recorded"
-        assert isinstance(reply, CertifyReply), "a judgement was answered"
-        assert isinstance(motion, JudgedMotion), "a motion was judged"
-        run = RecordedRun(group, scene, request, reply, profile, made_with, anchor)
-        record_judgement(place, run, motion.given, motion.planned)
+        request, reply, motion = self.request, self.reply, self.motion
+        profile = motion.profile()
+        group, scene = motion.view()
+        if isinstance(request, PlanRequest):
+            assert isinstance(reply, PlanReply), "a plan was answered"
+            plan = RecordedRun(group, scene, request, reply, profile, self.made_with, self.anchor)
+            record_plan(place, plan, self.events)
+        else:
+            assert isinstance(request, CertifyRequest), "only plans and judgements are recorded"
+            assert isinstance(reply, CertifyReply), "a judgement was answered"
+            assert isinstance(motion, JudgedMotion), "a motion was judged"
+            judged = RecordedRun(group, scene, request, reply, profile, self.made_with, self.anchor)
+            record_judgement(place, judged, motion.given, motion.planned)
 
 
 @dataclass(frozen=True)
@@ -323,7 +312,9 @@ class _LiveView:
     def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
         told = reply if self._anchor is None else self._anchor.outward(reply)
         try:
-            _record(self._run.place, self._request, told, motion, self._events, describe_versions(), self._anchor)
+            Drawing(self._request, told, motion, self._events, describe_versions(), self._anchor).record(
+                self._run.place
+            )
         except Exception:
             _log.exception("run %s can't be shown", told.run_id)
 
@@ -367,9 +358,8 @@ class _Recording:
             told = self._anchor.outward(told)
         try:
             if to.log is None or not self._defer(*to.log, told, motion):
-                fault = draw(
-                    to.file, to.bodies, self._request, told, motion, self._events, describe_versions(), self._anchor
-                )
+                drawing = Drawing(self._request, told, motion, self._events, describe_versions(), self._anchor)
+                fault = drawing.write(to.file, to.bodies)
                 if fault is not None:
                     self._warnings.add(f"the recording is not kept: {fault}")
                     return
