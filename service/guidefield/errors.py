@@ -213,14 +213,15 @@ def convert_exception(error: Exception) -> GuidefieldError:
     """Convert a foreign exception: out of memory or files, a disk error, or a bug; one of ours stays."""
     if isinstance(error, GuidefieldError):
         return error
-    number = error.errno if isinstance(error, OSError) else None
-    if isinstance(error, MemoryError) or number == errno.ENOMEM:
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return WorkerCrashed("the request needs more memory than there is")
-    if number in (errno.EMFILE, errno.ENFILE):
+    if not isinstance(error, OSError) or error.errno is None:
+        return InternalFailure.of(error)
+    if error.errno in (errno.EMFILE, errno.ENFILE):
         return WorkerCrashed(f"the system refuses more open files: {strip_path(error)}")
-    if number is not None and not isinstance(error, FileNotFoundError | ConnectionError):
-        return DiskRefused(f"the disk refuses: {strip_path(error)}")
-    return InternalFailure.of(error)
+    if isinstance(error, FileNotFoundError | ConnectionError):
+        return InternalFailure.of(error)
+    return DiskRefused(f"the disk refuses: {strip_path(error)}")
 
 
 def strip_path(error: OSError) -> str:
