@@ -6,6 +6,7 @@ import logging
 import pkgutil
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -13,7 +14,7 @@ import pytest
 
 from guidefield.engine import Engine, LocalFiles
 from guidefield.errors import InternalFailure, MalformedRequest, RobotInvalid, SceneInvalid, TimedOut, UnknownObject
-from guidefield.handlers.recording import PackedMotion, PlainMotion
+from guidefield.handlers.recording import PlainMotion
 from guidefield.messages import requests
 from guidefield.messages.replies import PlanReply, RobotReply
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
@@ -190,7 +191,7 @@ def _refuse_to_record(*_: object) -> None:
     raise OSError(28, "No space left on device")
 
 
-GROUP: Any = None
+CONDITIONS: Any = SimpleNamespace(group=None)
 
 
 @pytest.fixture
@@ -202,7 +203,7 @@ def planned(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         asked.append(about)
         reply = plan_reply(about["run_id"])
         if (recording := about["record"](None, scene)) is not None:
-            recording.finish(reply, PlainMotion(GROUP, scene, lambda: None, PackedMotion))
+            recording.finish(reply, PlainMotion(scene, CONDITIONS, None))
         return reply
 
     monkeypatch.setattr("guidefield.handlers.plan.answer_plan", answer_plan)

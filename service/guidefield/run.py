@@ -264,7 +264,7 @@ class Drawing:
             assert isinstance(reply, CertifyReply), "a judgement was answered"
             assert isinstance(motion, JudgedMotion), "a motion was judged"
             judged = RecordedRun(group, scene, request, reply, profile, self.made_with, self.anchor)
-            record_judgement(place, judged, motion.given, motion.planned)
+            record_judgement(place, judged, motion.conditions.motion, motion.conditions.planned)
 
 
 @dataclass(frozen=True)

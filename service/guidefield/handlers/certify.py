@@ -20,15 +20,13 @@ from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.certify_problem import certify_problem, planning_group
 from guidefield.handlers.certify_reply import reply_to
 from guidefield.handlers.preparation import crop_to_reach, prepare_plan
-from guidefield.handlers.recording import PackedClearance, PackedMotion, PlainMotion, Prove, Record
+from guidefield.handlers.recording import PackedMotion, PlainMotion, Prove, Record
 from guidefield.messages import scene as messages
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, Judgement, Leaving, judge, judge_leaving
-from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_load import measure_limit_shares
 from guidefield.planner.quality import (
-    Clearance,
     ClearanceProfile,
     TimedMotion,
     measure_clearance,
@@ -47,8 +45,12 @@ from guidefield.scene.scene import Scene, build
 class JudgedMotion(PlainMotion):
     """A motion that was judged."""
 
-    given: GivenMotion
-    planned: GivenMotion | None  # what it was to follow; None where nobody says
+    conditions: GivenProblem
+
+    def profile(self) -> ClearanceProfile:
+        """As in `RecordedMotion`; distances that weren't measured in time are measured here."""
+        found = self.found or measure_clearance(_motion(self.conditions), self.conditions)
+        return measure_clearance_profile((found, self.conditions, self.scene))
 
 
 @keep_contradictions
@@ -101,7 +103,7 @@ def answer_certify(
     seconds = {"queue": began - received, "load": load_seconds, **stages.seconds}
     reply = reply_to(problem, judgement, measured, run_id, received, seconds, warnings)
     if recording is not None:
-        recording.finish(reply, _recorded(scene, problem, measured))
+        recording.finish(reply, JudgedMotion(scene, problem, measured))
     return reply
 
 
@@ -110,19 +112,7 @@ def restore_certify(request: CertifyRequest, robot: RobotModel, scene: Scene, pa
     problem, _ = certify_problem(request, robot, scene, UNLIMITED)
     problem = crop_to_reach(problem, UNLIMITED, limited=False)
     found = None if packed.found is None else packed.found.clearance(_motion(problem), problem)
-    return _recorded(scene, problem, found)
-
-
-def _recorded(scene: Scene, problem: GivenProblem, measured: Clearance | None) -> JudgedMotion:
-    """A motion as a recording shows it; distances that weren't measured in time are measured for it."""
-
-    def measure() -> ClearanceProfile:
-        return measure_clearance_profile((measured or measure_clearance(_motion(problem), problem), problem, scene))
-
-    def pack() -> PackedMotion:
-        return PackedMotion(found=None if measured is None else PackedClearance.of(measured))
-
-    return JudgedMotion(problem.group, scene, measure, pack, problem.motion, problem.planned)
+    return JudgedMotion(scene, problem, found)
 
 
 def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotModel]) -> None:

@@ -21,7 +21,7 @@ from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.plan_problem import Derivation, problem_of, with_derived_planes
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.preparation import connects, crop_to_reach, is_laid_out, prepare_links, prepare_problem
-from guidefield.handlers.recording import PackedClearance, PackedKnots, PackedMotion, PlainMotion, Prove, Record
+from guidefield.handlers.recording import PackedMotion, PlainMotion, Prove, Record
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject, PlanRequest
@@ -29,9 +29,8 @@ from guidefield.planner.guide.guide import ATTEMPTS, PROJECTED
 from guidefield.planner.judgement import split_where_left
 from guidefield.planner.motion.drawn_motion import draw_plan
 from guidefield.planner.motion.given_motion import GivenMotion
-from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
-from guidefield.planner.quality import UNMEASURED, Clearance, TimedMotion, measure_clearance_profile, measure_clearances
+from guidefield.planner.quality import UNMEASURED, TimedMotion, measure_clearances
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import LimitFault, limit_faults
@@ -103,7 +102,7 @@ def answer_plan(
     reply = reply_to(request, problem, made, drawn, found, run_id, received, seconds, warnings)
     if recording is not None:
         parts = 1 if drawn is None else drawn.parts
-        recording.finish(reply, _recorded(scene, problem, made.trajectory, found, parts))
+        recording.finish(reply, PlainMotion(scene, problem, found, made.trajectory, parts))
     return reply
 
 
@@ -119,22 +118,11 @@ def restore_plan(request: PlanRequest, robot: RobotModel, scene: Scene, packed: 
         if problem.execution is not None:
             motion = draw_plan(trajectory, problem.execution, packed.parts).motion.measured_among(problem.scene)
         found = packed.found.clearance(motion, problem)
-    return _recorded(scene, problem, trajectory, found, packed.parts)
+    return PlainMotion(scene, problem, found, trajectory, packed.parts)
 
 
 def _is_guided(request: PlanRequest, problem: Problem) -> bool:
     return bool(problem.guide_planes) or request.guide_planes == "auto"
-
-
-def _recorded(
-    scene: Scene, problem: Problem, trajectory: Trajectory | None, found: Clearance | None, parts: int
-) -> PlainMotion:
-    def pack() -> PackedMotion:
-        knots = None if trajectory is None else PackedKnots.of(trajectory)
-        return PackedMotion(knots, None if found is None else PackedClearance.of(found), parts=parts)
-
-    measure = lambda: None if found is None else measure_clearance_profile((found, problem, scene))  # noqa: E731
-    return PlainMotion(problem.group, scene, measure, pack)
 
 
 def _motions(request: PlanRequest, problem: Problem, made: Plan) -> list[Motion]:

@@ -12,7 +12,13 @@ from guidefield.case_file import Motion
 from guidefield.deadline import Deadline
 from guidefield.messages.replies import MotionReply
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.quality import Clearance, ClearanceProfile, SmallestDistance, TimedMotion
+from guidefield.planner.quality import (
+    Clearance,
+    ClearanceProfile,
+    SmallestDistance,
+    TimedMotion,
+    measure_clearance_profile,
+)
 from guidefield.planner.task.problem import Conditions
 from guidefield.planner.task.trace import Event, PackedArray
 from guidefield.prove.curve import Curve
@@ -137,19 +143,21 @@ class PackedMotion(msgspec.Struct, array_like=True, frozen=True):
 class PlainMotion:
     """A motion of one group in one scene."""
 
-    group: PlanningGroup
     scene: Scene
-    measure: Callable[[], ClearanceProfile | None]
-    packed: Callable[[], PackedMotion]
+    conditions: Conditions
+    found: Clearance | None  # distances along it; None if they weren't measured
+    trajectory: Trajectory | None = None  # None if there is none, or the request gives the motion
+    parts: int = 1  # into which the span between two rows that a controller is sent is divided
 
     def view(self) -> tuple[PlanningGroup, Scene]:
         """As in `RecordedMotion`."""
-        return self.group, self.scene
+        return self.conditions.group, self.scene
 
     def profile(self) -> ClearanceProfile | None:
         """As in `RecordedMotion`."""
-        return self.measure()
+        return None if self.found is None else measure_clearance_profile((self.found, self.conditions, self.scene))
 
     def pack(self) -> PackedMotion:
         """As in `RecordedMotion`."""
-        return self.packed()
+        knots = None if self.trajectory is None else PackedKnots.of(self.trajectory)
+        return PackedMotion(knots, None if self.found is None else PackedClearance.of(self.found), parts=self.parts)
