@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 
 
 class Engines:
-    """Engines of all users of a service; local files are refused."""
+    """Engines of all users of a service; local files are refused.
+
+    Where stores are only read, to answer the requests of earlier runs again, nothing is kept, and local files may be
+    named: whoever reads them all owns them.
+    """
 
     def __init__(
         self, instance: str, stores: StoresByUser, packages: Sequence[Path] = (), viewer: str | None = None
@@ -123,10 +127,10 @@ class Engines:
         return Engine(
             self._instance if user == PLAIN else f"{self._instance}/{USERS}/{user}",
             runs=stores.runs,
-            recordings=stores.recordings,
+            recordings=None if self.stores.reading else stores.recordings,
             scenes=stores.scenes,
             robots=stores.robots,
-            local_files=LocalFiles.REFUSED,
+            local_files=LocalFiles.ALLOWED if self.stores.reading else LocalFiles.REFUSED,
             packages=self._packages,
             loaded=self._loaded,
             lend=partial(self._lend, user),

@@ -23,6 +23,7 @@ from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.recorder.stored import read_recording
 from guidefield.stores.runs import RunDatabase
+from guidefield.stores.scenes import SceneStore
 from guidefield.versions import versions
 from tests.kept_runs import keep
 from tests.replies import plan_reply
@@ -48,6 +49,9 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         keep(database, name, msgspec.structs.replace(reply, run_id=name, path=path), REQUEST)
     keep(database, "stuck", Status.STUCK_IN_MINIMUM, REQUEST)
     keep(database, "hers", reply, REQUEST, owner="alice")
+    stored = SceneStore(folder / "users" / "alice" / "scenes")
+    stored.write(msgspec.structs.replace(REQUEST.scene, name="cell"))
+    keep(database, "in_her_cell", reply, msgspec.structs.replace(REQUEST, scene="cell"), owner="alice")
     database.close()
     return folder
 
@@ -69,10 +73,10 @@ def test_runs_are_listed_and_filtered(data: Path) -> None:
         said = _said(0, "runs", "list", "--data", str(data), "--json", *options)
         return {run["run_id"] for run in json.loads(said)["runs"]}
 
-    assert names() == {"good", "moved", "same", "stuck", "alice:hers"}
+    assert names() == {"good", "moved", "same", "stuck", "alice:hers", "alice:in_her_cell"}
     assert names("--status", "STUCK_IN_MINIMUM") == {"stuck"}
     assert names("--text", "BY HAND") == {"stuck"}
-    assert names("--limit", "2") == {"alice:hers", "stuck"}
+    assert names("--limit", "2") == {"alice:hers", "alice:in_her_cell"}
     assert names("--robot", "ur5") == names("--since", "2999-01-01") == set()
     assert "STUCK_IN_MINIMUM" in _said(0, "runs", "list", "--data", str(data))
     assert "must be one of SUCCESS" in _said(2, "runs", "list", "--data", str(data), "--status", "success")
@@ -107,6 +111,19 @@ def test_another_users_run_is_named_with_its_owner(data: Path, tmp_path: Path) -
     assert json.loads((tmp_path / "motion.json").read_text())["path"]
     with pytest.raises(UnknownObject, match="no run 'hers'"):
         find_plan("hers", data, "local")
+
+
+def test_another_users_run_is_planned_and_judged_in_its_owners_scenes(data: Path) -> None:
+    assert "bit-identical" in _said(0, "replay", "alice:in_her_cell", "--data", str(data))
+    assert "free" in _said(0, "certify", "alice:in_her_cell", "--data", str(data))
+
+
+def test_what_looks_at_runs_makes_no_folder(data: Path) -> None:
+    before = {path for path in data.rglob("*") if path.is_dir()}
+    _said(0, "replay", "good", "--data", str(data))
+    _said(0, "certify", "good", "--data", str(data))
+    _said(0, "replay", "alice:hers", "--data", str(data))
+    assert {path for path in data.rglob("*") if path.is_dir()} == before
 
 
 def test_runs_of_the_first_version_are_taken_over_by_a_service(tmp_path: Path) -> None:

@@ -276,6 +276,11 @@ def test_only_what_is_certified_for_a_controller_is_sent(endpoint: str, tmp_path
     beyond |= {"interpolation": "linear", "execution": {"interpolation": "linear"}}
     failed = guidefield.answer(beyond, record_to=tmp_path / "failed.rrd")
     assert failed.execution is not None
+    still = {**beyond, "trajectory": {"times": [0.0, 1.0], "positions": [[*READY.values()]] * 2}}
+    guidefield.answer(still, record_to=tmp_path / "still.rrd")
+    code, said = ask("execute", str(tmp_path / "still.rrd"), *words, "--record", str(tmp_path / "judged.rrd"))
+    assert code == 2
+    assert "only a plan's execution is judged, so leave out --record" in said
     code, said = ask("execute", str(tmp_path / "failed.rrd"), *words)
     assert code == 2
     assert "is not certified: " in said

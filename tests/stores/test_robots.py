@@ -98,6 +98,7 @@ def test_a_name_of_the_catalog_means_the_same_everywhere(store: RobotStore):
 
 @pytest.mark.parametrize("name", ["../mine", ".mine", "a/b", "a\0b"])
 def test_no_name_leads_out_of_the_folder(name: str, store: RobotStore, tmp_path: Path):
+    (tmp_path / "robots").mkdir()
     (tmp_path / "robots" / "mine").write_text("x")
     for ask in (store.find, store.delete, lambda name: store.write(name, PLAIN, load)):
         with pytest.raises(MalformedRequest):

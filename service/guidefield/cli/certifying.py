@@ -8,18 +8,22 @@ import warnings
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import typer
 
-from guidefield.cli.found_run import find_run
+from guidefield.cli.found_run import data_folder, find_run, owner_of, replaying_engine
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec, requests
 from guidefield.messages.executed import SHARED_FIELDS, JointStates, judgement_of
+from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
+
+if TYPE_CHECKING:
+    from guidefield.engine import Engine
 
 MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")  # suffixes of motion files
 
@@ -247,19 +251,26 @@ def _read_states(file: Path, joints: Sequence[str], topic: str) -> JointStates:
         raise MalformedRequest(f"{file.name!r} holds no joint states: {error}", path=str(file)) from None
 
 
-def run_referee(request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool) -> bool:
+def judging_engine(run: str, data: Path | None, name: str) -> Engine:
+    """Make the engine that judges a motion of a run, or of a file; it knows the scenes and robots of the run's user."""
+    owner = PLAIN if run.endswith(MOTION_ENDINGS) else owner_of(run)
+    return replaying_engine(owner, data_folder(data, name), ())
+
+
+def run_referee(
+    engine: Engine, request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool
+) -> bool:
     """Have the referee certify a motion if asked, and write its file; return whether all verdicts are free.
 
     If the certificate is free and a verdict refuses the motion, one of them has a bug, and a line says so.
     """
     # Pinocchio and Coal are loaded only here
     from guidefield import case_file
-    from guidefield.engine import motions_of
     from guidefield.referee.judge import judge
     from guidefield.referee.loading import case_of
     from guidefield.referee.verdict import Answer, lines
 
-    motions = motions_of(request)
+    motions = engine.motions_of(request)
     if file is not None:
         case_file.write(file, *motions)
     if not asked:

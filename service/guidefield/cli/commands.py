@@ -20,6 +20,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from guidefield.cli.certifying import (
+    judging_engine,
     make_certify_request,
     make_executed_request,
     make_robot_reference,
@@ -238,12 +239,11 @@ def certify(
     else:
         _require_nothing_else(given)
         request = make_executed_request(motion, against, begin, topic, allowed_time, data, name)
-    from guidefield.engine import answer
-
+    engine = judging_engine(motion if against is None else against, data, name)
     compile_kernels(err.print, wholly=False)
-    reply = answer(request, record_to=record, proof_to=proof)
+    reply = engine.answer(request, record_to=record, proof_to=proof)
     assert isinstance(reply, CertifyReply), "a certify request was answered"
-    if (referee or case is not None) and not run_referee(request, reply, case, asked=referee):
+    if (referee or case is not None) and not run_referee(engine, request, reply, case, asked=referee):
         _show(reply, output)
         raise typer.Exit(1)
     _report(reply, output)

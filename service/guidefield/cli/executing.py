@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from guidefield.cli.found_run import Data, RunName, Service, find_run, require_writable
+from guidefield.cli.found_run import (
+    Data,
+    RunName,
+    Service,
+    data_folder,
+    find_run,
+    owner_of,
+    replaying_engine,
+    require_writable,
+)
 from guidefield.cli.tables import motion_table
 from guidefield.errors import MalformedRequest
 from guidefield.messages.executed import JointStates, judgement_of
@@ -51,8 +60,6 @@ def execute(
 
     Exit code 0 where it succeeded within its tolerance, 1 where it didn't, 2 for an error.
     """
-    from guidefield.engine import answer
-
     try:
         from guidefield.endpoint.ros.trajectory_action import MotionToExecute, controller_at
     except ImportError:
@@ -61,6 +68,11 @@ def execute(
     found = find_run(run, data, name)
     reply = found.reply
     reply.export("ros.json")  # says why, if that isn't certified
+    if record is not None and not isinstance(found.request, PlanRequest):
+        raise MalformedRequest(
+            f"run {run!r} judged a motion that was given: only a plan's execution is judged, so leave out --record, and"
+            " give its --states to certify"
+        )
     if isinstance(found.request, PlanRequest):
         for step in found.request.steps:
             if (thing := step.detach or (step.attach and step.attach.object)) is not None:
@@ -84,7 +96,8 @@ def execute(
     if states is not None:
         _write_states(outcome.states, states)
     if record is not None and isinstance(reply, PlanReply) and isinstance(found.request, PlanRequest):
-        judged = answer(judgement_of(found.request, reply, outcome.states), record_to=record)
+        engine = replaying_engine(owner_of(run), data_folder(data, name), ())
+        judged = engine.answer(judgement_of(found.request, reply, outcome.states), record_to=record)
         assert isinstance(judged, CertifyReply), "a motion was judged"
         Console().print(motion_table(judged))
     raise typer.Exit(0 if outcome.is_fine else 1)

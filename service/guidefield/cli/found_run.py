@@ -107,7 +107,7 @@ def replay_stream(
             now = begun.snapshot.state.now
             since = f"{now} s of its client's clock" if math.isfinite(now) else "its first update"
             say(f"{file.parent.name} is kept from {since} on: {begun.index - 1} files before made room")
-        done = replayed(file, _make_engine(begun.user, folder, packages).stream)
+        done = replayed(file, replaying_engine(begun.user, folder, packages).stream)
         name = f"{file.parent.name}/{file.name}"
         if done.same:
             say(f"{name}: bit-identical: {done.updates} updates, {done.pieces} pieces")
@@ -124,17 +124,15 @@ def record_stream(files: Sequence[Path], folder: Path, packages: Sequence[Path],
     from guidefield.stream.shown import record
 
     begun, _ = read(files[-1])
-    record(files, _make_engine(begun.user, folder, packages).stream, recording)
+    record(files, replaying_engine(begun.user, folder, packages).stream, recording)
 
 
-def _make_engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:
-    from guidefield.engine import Engine
+def replaying_engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:
+    """Make an engine that answers a user's requests again, with what is stored in a data folder; it writes nothing."""
     from guidefield.engines import Engines
     from guidefield.stores.by_user import StoresByUser
 
-    if not folder.is_dir():
-        return Engine(packages=packages)
-    return Engines("local", StoresByUser(folder), packages).of(user)
+    return Engines("local", StoresByUser(folder, reading=True), [one.resolve() for one in packages]).of(user)
 
 
 def _summarize(answer: Piece | StreamState | str | None) -> str:
@@ -184,12 +182,15 @@ def open_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
     )
 
 
+def owner_of(run: str) -> str:
+    """Return whose run is named: another user's is ``user:id``, and a recording's file is nobody's, so `PLAIN`'s."""
+    owner, colon, _ = run.partition(":")
+    return check_user(owner) if colon and owner != PLAIN and not run.endswith(".rrd") else PLAIN
+
+
 def split_run_name(run: str, data: Path | None, name: str) -> tuple[UserRuns, str]:
-    """Return the store and the id of a named run; another user's is ``user:id``."""
-    owner, colon, own = run.partition(":")
-    if not colon:
-        return open_runs(data, name), run
-    return open_runs(data, name, owner if owner == PLAIN else check_user(owner)), own
+    """Return the store and the id of a named run."""
+    return open_runs(data, name, owner_of(run)), run.partition(":")[2] or run
 
 
 def find_run(run: str, data: Path | None, name: str) -> FoundRun:

@@ -18,8 +18,10 @@ from guidefield.cli.found_run import (
     StreamName,
     data_folder,
     find_run,
+    owner_of,
     record_stream,
     replay_stream,
+    replaying_engine,
     require_writable,
     stream_files,
 )
@@ -123,18 +125,7 @@ def replay(
     if record is not None:
         raise MalformedRequest(f"{run!r} is no stream, and has a recording already", run=run)
     before = find_run(run, data, name)
-    from guidefield.engine import Engine
-    from guidefield.stores.robots import RobotStore
-    from guidefield.stores.scenes import SceneStore
-
-    folder = data_folder(data, name)
-    there = folder.is_dir()  # looking leaves no folder behind
-    engine = Engine(
-        name,
-        scenes=SceneStore(folder / "scenes") if there else None,
-        robots=RobotStore(folder / "robots") if there else None,
-        packages=tuple(one.resolve() for one in packages or ()),
-    )
+    engine = replaying_engine(owner_of(run), data_folder(data, name), packages or ())
     try:
         now = engine.answer(msgspec.structs.replace(before.request, run_id=None, recording="off"))
     except GuidefieldError:

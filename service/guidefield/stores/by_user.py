@@ -60,11 +60,14 @@ class Stores:
 class StoresByUser:
     """The stores of all users in a data folder: those of `PLAIN` in it, all others' below ``users``.
 
-    Several processes may share the folder, and any thread may ask.
+    Several processes may share the folder, and any thread may ask. `reading`: whether nothing is stored, so that no
+    folder is made.
     """
 
-    def __init__(self, data: Path, quotas: Quotas = DEFAULT_QUOTAS, database: RunDatabase | None = None) -> None:
-        self._data, self._quotas, self._database = data, quotas, database
+    def __init__(
+        self, data: Path, quotas: Quotas = DEFAULT_QUOTAS, database: RunDatabase | None = None, *, reading: bool = False
+    ) -> None:
+        self._data, self._quotas, self._database, self.reading = data, quotas, database, reading
         self._open = BoundedMap[str, Stores](OPEN_STORES)
         self._lock = threading.Lock()
 
@@ -123,8 +126,10 @@ class StoresByUser:
     def _open_stores(self, user: str) -> Stores:
         folder = self._folder(user)
         with self._lock:  # one thread at a time counts users, and adds one
-            if user != PLAIN and not folder.is_dir() and len(self.users()) >= MOST_USERS:
-                raise QuotaExceeded(f"{MOST_USERS} users have something stored already", limit=MOST_USERS)
+            if not (self.reading or folder.is_dir()):
+                if user != PLAIN and len(self.users()) >= MOST_USERS:
+                    raise QuotaExceeded(f"{MOST_USERS} users have something stored already", limit=MOST_USERS)
+                folder.mkdir(parents=True, exist_ok=True)
             return Stores(
                 NoRuns() if self._database is None else self._database.of(user),
                 Recordings(folder / "recordings"),

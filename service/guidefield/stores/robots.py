@@ -68,17 +68,21 @@ class _Description(msgspec.Struct, frozen=True):
 
 
 class RobotStore:
-    """Clients' robots in a folder, which several processes may share. Where the disk refuses, OSError comes through."""
+    """Clients' robots in a folder, made with the first one.
+
+    Several processes may share it. Where the disk refuses, OSError comes through.
+    """
 
     def __init__(self, folder: Path, limit: int = MAX_ROBOTS, limit_bytes: int = MAX_BYTES) -> None:
         self._names, self._contents = folder / "names", folder / "contents"
         self._limit, self._limit_bytes = limit, limit_bytes
-        for made in (self._names, self._contents):
-            made.mkdir(parents=True, exist_ok=True)
 
     def names(self) -> list[str]:
         """The robots that clients stored, in alphabetical order."""
-        return sorted(path.name for path in self._names.iterdir() if not path.name.startswith("."))
+        try:
+            return sorted(path.name for path in self._names.iterdir() if not path.name.startswith("."))
+        except FileNotFoundError:
+            return []
 
     def find(self, name: str) -> SentRobot | None:
         """A stored robot, or None.
@@ -165,6 +169,8 @@ class RobotStore:
 
     def _alone(self) -> AbstractContextManager[None]:
         """One process at a time changes the store."""
+        for made in (self._names, self._contents):
+            made.mkdir(parents=True, exist_ok=True)
         return alone(self._contents.parent / ".lock")
 
     def _path(self, name: str) -> Path:

@@ -313,7 +313,7 @@ class PackagedScenes:
 
 
 class SceneStore(PackagedScenes):
-    """The packaged scenes, and clients' own with their last versions in a folder, made if it isn't there.
+    """The packaged scenes, and clients' own with their last versions in a folder, made with the first one.
 
     Several processes may share the folder. Where the disk refuses, OSError comes through.
     """
@@ -322,7 +322,6 @@ class SceneStore(PackagedScenes):
         self._folder, self._limit = folder, limit
         self._mutex = threading.RLock()
         self._versions = BoundedMap[str, SceneVersions](READ_VERSIONS)
-        folder.mkdir(parents=True, exist_ok=True)
 
     def names(self) -> list[str]:
         """List the scenes that can be read, in alphabetical order."""
@@ -330,7 +329,10 @@ class SceneStore(PackagedScenes):
 
     def stored(self) -> list[str]:
         """List those of them that clients stored, in alphabetical order."""
-        names = os.listdir(self._folder)  # noqa: PTH208 - for each scene that is stored all names are read
+        try:
+            names = os.listdir(self._folder)  # noqa: PTH208 - for each scene that is stored all names are read
+        except FileNotFoundError:
+            return []
         stored = (name.removesuffix(".json") for name in names if name.endswith(".json"))
         return sorted(name for name in stored if not name.startswith("."))
 
@@ -371,5 +373,7 @@ class SceneStore(PackagedScenes):
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
-        with self._mutex, alone(self._folder / ".lock"):
-            yield
+        with self._mutex:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            with alone(self._folder / ".lock"):
+                yield
