@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import gc
+import pickle
 import weakref
 from pathlib import Path
 from typing import Any
@@ -92,6 +94,18 @@ def test_what_is_found_for_all_objects_is_bounded_in_bytes(monkeypatch: pytest.M
     find(things[1], "b")
     assert asked == ["a", "b", "c", "b"]
     assert first() is None
+
+
+def test_a_copy_of_an_object_has_answers_of_its_own_and_none_travel() -> None:
+    @memoized
+    def find(thing: Thing) -> int:
+        return id(thing)
+
+    thing = Thing()
+    assert find(thing) == id(thing)
+    for other in (copy.copy(thing), pickle.loads(pickle.dumps(thing))):
+        assert find(other) == id(other)
+    assert find(thing) == id(thing)
 
 
 def test_answers_are_the_same_where_everything_found_is_forgotten_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from guidefield.collision.bodies import bodies, joint_placements
 from guidefield.collision.robot_ball import reach_ball
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
-from tests.robots import box_arm, grouped, random_configuration, robot
+from tests.robots import box_arm, group, grouped, random_configuration, robot
 
 TURNED = pin.SE3(pin.exp3(np.array([0.3, -0.8, 1.1])), np.array([1.0, -2.0, 0.5]))
 
@@ -36,6 +36,19 @@ def test_robots_stay_in_it_wherever_they_stand(name: str) -> None:
         assert 0.5 * ball.radius < farthest(planned, 200) <= ball.radius
 
 
+@pytest.mark.parametrize("joints", ["x oblique slide y screw", "slide slide slide", "continuous mimic gear x", "slide"])
+def test_chains_of_every_kind_stay_in_it(joints: str) -> None:
+    planned = grouped(box_arm(joints, 3))
+    ball = reach_ball(planned)
+    assert ball is not None
+    assert farthest(planned, 300) <= ball.radius
+
+
 @pytest.mark.parametrize("joints", ["planar x", "x floating", "x planar y"])
 def test_what_may_go_anywhere_has_none(joints: str) -> None:
     assert reach_ball(grouped(box_arm(joints, 2))) is None
+
+
+def test_a_joint_that_slides_beyond_its_limits_may_go_anywhere() -> None:
+    assert reach_ball(grouped(box_arm("x slide", 2)), limited=False) is None
+    assert reach_ball(group("panda"), limited=False) == reach_ball(group("panda"))

@@ -36,6 +36,19 @@ def test_a_sealed_hollow_is_found_whichever_way_it_faces(inverted: bool) -> None
     assert found.volume == pytest.approx(inner)
 
 
+def test_pieces_beside_each_other_or_across_are_not_within() -> None:
+    large = solids.box((0.4, 0.4, 0.4))
+    for centre in ((0.5, 0.0, 0.0), (0.2, 0.0, 0.0), (0.15, 0.0, 0.0)):
+        assert find_nested(*solids.together(large, solids.box((0.1, 0.1, 0.1), centre))).pieces == 0
+    # all corners inside of the channel's box, but in the open
+    vertices, _ = solids.channel()
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    small = solids.box(tuple(0.1 * (high - low)), tuple(0.5 * (low + high)))
+    both = solids.together(solids.channel(), small)
+    inside = solids.winding(small[0], solids.channel()) > 0.5
+    assert find_nested(*both).pieces == int(inside.all())
+
+
 def test_what_reaches_through_a_wall_between_its_corners_is_not_within() -> None:
     caps = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 5], [3, 4, 5]])
     outline = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], float)

@@ -38,6 +38,15 @@ def test_where_solids_overlap_the_deeper_one_counts() -> None:
     assert body.depths(points) == pytest.approx(np.maximum(*signed), abs=1e-12)
 
 
+def test_a_piece_inside_out_in_nothing_is_a_solid() -> None:
+    mesh = solids.together(solids.box((0.2, 0.2, 0.2)), solids.turned(solids.box((0.1, 0.1, 0.1), (0.5, 0.0, 0.0))))
+    body = solid(*mesh)
+    assert len(body.spans) == 2
+    assert body.depths(np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.3, 0.0, 0.0]])) == pytest.approx(
+        [0.1, 0.05, -0.15]
+    )
+
+
 def test_a_crack_is_closed_if_it_may_be() -> None:
     mesh = solids.cracked()
     centre = np.zeros((1, 3))

@@ -430,6 +430,14 @@ def test_samples_are_judged_as_the_spline_and_on_request_as_straight_pieces() ->
     assert linear.limits.velocity.share <= spline.limits.velocity.share + 1e-9
 
 
+def test_a_long_motion_is_refused_at_its_place() -> None:
+    swings = [[0.001 * (-1.0) ** k, *HOME[1:]] for k in range(2_500)]
+    reply = certify(path=[*swings, TURN, [TURN[0], 0.9, 0.0, -1.2, *HOME[4:]]], position_names=NAMES)
+    assert reply.certificate.reason == "contact"
+    assert 2_500.0 < reply.certificate.free_until.row <= reply.certificate.place.row < 2_501.0
+    assert 2_500.0 < reply.clearance.row <= 2_501.0
+
+
 @pytest.mark.parametrize("interpolation", ["spline", "linear"])
 def test_times_are_those_of_the_scene_and_arrays_may_stand_for_rows(interpolation: str) -> None:
     places = [{"position": [0.45, y, 0.5]} for y in (-0.8, 0.8)]

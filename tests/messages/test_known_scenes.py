@@ -174,6 +174,11 @@ def test_a_scene_in_dicts_and_lists_is_read_once_and_a_change_is_noticed() -> No
     assert read(given).obstacles[7].size[0] == 0.2
 
 
+def test_a_change_of_a_stored_scene_is_never_known(known: BoundedMap[bytes, Any]) -> None:
+    read({"base": "table", "add": in_lists()["obstacles"]})
+    assert not len(known)
+
+
 @pytest.mark.parametrize("encoding", list(Encoding))
 def test_a_scene_in_a_payload_is_read_once(encoding: Encoding) -> None:
     scene = in_messages(in_arrays())

@@ -130,3 +130,18 @@ def test_coal_sees_what_is_met() -> None:
         assert part.shape.num_tris == part.faces == part.facets.count < one.faces
         assert (part.box[0] >= one.box[0]).all()
         assert (part.box[1] <= one.box[1]).all()
+
+
+def test_what_has_no_area_hides_no_surface() -> None:
+    """A line near the ball is nearer to all of its places than the ground; kernels measure to the ground alone."""
+    vertices, triangles = grid((-6.0, -6.0, -5.0), (12.0, 0.0, 0.0), (0.0, 12.0, 0.0), 90)
+    line = np.array([[0.9, 0.2, 0.6], [0.9, 0.3, 0.6], [0.9, 0.4, 0.6]])
+    count = len(vertices)
+    with_line = np.concatenate([triangles, [[count, count + 1, count + 2]]])
+    whole = build(messages.Scene(name="yard", obstacles=[mesh("m", np.concatenate([vertices, line]), with_line)]))
+    met = crop(whole, Ball(0.0, 0.0, 0.3, 1.2))[0].obstacles[0]
+    assert met is not whole.obstacles[0]
+    assert met.cropped is not None
+    below = (met.vertices[met.triangles][:, :, 2] < -4.0).all(axis=1)
+    assert 0 < below.sum() < len(triangles)
+    assert (~below).sum() == 1

@@ -7,6 +7,7 @@ import pytest
 
 from guidefield.geometry.curve_order import along_curve
 from guidefield.geometry.surface_rows import box_nodes
+from guidefield.kernels.cover.crop_to_ball import distance_to_triangles
 from guidefield.kernels.distance.ray_winding import BALL, PLACE, REACH, ROOM, TURNS, surely_outside_seen
 from guidefield.kernels.distance.triangle_distance import Span, SurfaceTables
 from guidefield.kernels.jit.arrays import Rows
@@ -72,6 +73,16 @@ def test_sides_within_the_ball_are_those_that_all_of_the_surface_tells(mesh: sol
     np.testing.assert_array_equal(told, outside)
 
 
+def test_beyond_the_ball_and_without_room_nothing_is_certain() -> None:
+    mesh, centre = solids.torus(), np.zeros(3)
+    tables = seen_in(mesh, centre, 1.0)
+    span, anchor = (0, (len(tables.nodes) + 1) // 2, 0, len(tables.corners)), anchor_of(*mesh, centre, 0.5)
+    for place, wanted in (((0.0, 0.01, 0.3), True), ((0.0, 0.01, 0.6), False), ((0.1, 0.0, 0.0), False)):
+        assert outside_seen(*place, tables, span, anchor[None], 0) == wanted
+    anchor[ROOM] = 0.0
+    assert not outside_seen(0.0, 0.01, 0.3, tables, span, anchor[None], 0)
+
+
 @pytest.mark.parametrize("mesh", SOLIDS.values(), ids=SOLIDS)
 def test_what_is_about_it_is_free_and_in_the_ball(mesh: solids.Mesh) -> None:
     for seed in range(2):
@@ -82,3 +93,23 @@ def test_what_is_about_it_is_free_and_in_the_ball(mesh: solids.Mesh) -> None:
         assert 0.0 < anchor[ROOM] <= 0.5 * solids.distance(place, mesh)[0] * (1.0 + 1e-12)
         assert np.linalg.norm(place - centre) + anchor[ROOM] <= radius
         assert anchor[TURNS] == np.rint(solids.winding(place, mesh)[0])
+
+
+def test_a_ball_about_a_place_on_the_surface_has_it_elsewhere() -> None:
+    mesh = solids.torus()
+    anchor = anchor_of(*mesh, mesh[0][5], 0.05)
+    assert np.linalg.norm(anchor[PLACE:ROOM] - mesh[0][5]) > 0.02
+    assert anchor[ROOM] > 0.004
+
+
+def test_where_windings_are_no_whole_numbers_there_is_no_room() -> None:
+    assert anchor_of(*solids.bowl(), np.array([0.0, 0.0, -0.04]), 0.2)[ROOM] == 0.0
+
+
+@pytest.mark.parametrize("mesh", SOLIDS.values(), ids=SOLIDS)
+def test_the_distance_to_all_triangles_is_the_least_of_each(mesh: solids.Mesh) -> None:
+    points = solids.in_box_of(mesh, 60, np.random.default_rng(3))
+    arrays = np.ascontiguousarray(mesh[0]), np.ascontiguousarray(mesh[1], np.int64)
+    found = [distance_to_triangles(*point, *arrays) for point in points.tolist()]
+    np.testing.assert_allclose(found, solids.distance(points, mesh), rtol=1e-9, atol=1e-12)
+    assert distance_to_triangles(0.0, 0.0, 0.0, arrays[0], np.empty((0, 3), np.int64)) == np.inf

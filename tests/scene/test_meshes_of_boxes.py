@@ -37,6 +37,21 @@ def test_a_box_is_found_however_it_stands(size: tuple[float, float, float]) -> N
         assert np.linalg.det(found.rotation) == pytest.approx(1.0)
 
 
+def test_what_has_eight_corners_and_is_no_box_is_none() -> None:
+    vertices, triangles = solids.box((0.3, 0.2, 0.1))
+    for change in ("corner", "sheared", "tapered", "dented"):
+        changed = vertices.copy()
+        if change == "corner":
+            changed[0, 0] += 1e-5
+        elif change == "sheared":
+            changed[:, 0] += 0.01 * changed[:, 1]
+        elif change == "tapered":
+            changed[changed[:, 2] > 0.0, :2] *= 0.9
+        else:
+            changed[0] = 0.0
+        assert find_boxes(changed, [triangles]) == [None], change
+
+
 def test_distances_from_a_mesh_of_boxes_are_those_from_the_boxes() -> None:
     rng = np.random.default_rng(5)
     meshes = [placed(solids.box(size), rng, 0.4) for size in SIZES[:2]]

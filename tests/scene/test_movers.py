@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.scene.movers import gaps_from_boxes, moving_ball, sweep_obstacles
+from guidefield.scene.movers import EVERYWHERE, gaps_from_boxes, moving_ball, sweep_obstacles
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import build
 from tests.scene.test_motion import KINDS
@@ -50,6 +50,13 @@ def test_it_stays_in_the_box_of_each_stretch(kind: messages.Obstacle, seed: int)
             assert (np.linalg.norm(placed - middle, axis=1) + one.rounding <= radius + 1e-9).all()
             assert (placed - one.rounding >= box[:3] - 1e-12).all()
             assert (placed + one.rounding <= box[3:] + 1e-12).all()
+
+
+def test_what_is_endless_is_everywhere() -> None:
+    floor = next(one for one in KINDS if isinstance(one, messages.HalfSpace))
+    one = build(messages.Scene("s", obstacles=[floor])).obstacles[0]
+    assert moving_ball(one) is None
+    assert (boxes_of(one) == EVERYWHERE).all()
 
 
 @pytest.mark.parametrize("seed", range(4))
