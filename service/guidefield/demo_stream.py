@@ -13,7 +13,7 @@ from guidefield.messages.scene import Box
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
 from guidefield.messages.values import Placement
 from guidefield.stream.journal import Journal, files_of
-from guidefield.stream.replay import replayed
+from guidefield.stream.replay import replay
 from guidefield.stream.shown import record
 
 BENT: Positions = {
@@ -88,7 +88,7 @@ def serve(folder: Path, say: Callable[[str], None]) -> Served:
     (file,) = files_of(kept)
     recording = folder / "demo-stream.rrd"
     record([file], engine.stream, recording)
-    return Served(places, pieces, reasons, replayed(file, engine.stream).same, recording)
+    return Served(places, pieces, reasons, replay(file, engine.stream).same, recording)
 
 
 def _place(count: int) -> JointsGoal:

@@ -69,9 +69,9 @@ if TYPE_CHECKING:
     from guidefield.scene.anchor import Anchor
     from guidefield.scene.built import BuiltScenes
     from guidefield.scene.scene import Scene
+    from guidefield.stream.path_planner import TakeOver
     from guidefield.stream.state import Watching
     from guidefield.stream.stream import CertifiedStream
-    from guidefield.stream.ways import TakeOver
 
 Lend = Callable[[Kind, str, str], "Engine"]
 """Returns the engine of a user that shares something of a kind and name; raises NotAllowed if it isn't shared."""

@@ -106,11 +106,11 @@ class Engines:
         GuidefieldError if its robot or scene is refused now; OSError if the disk refuses.
         """
         from guidefield.stream import journal
-        from guidefield.stream.shown import recorded
+        from guidefield.stream.shown import render
 
         files = journal.kept_files(self.stores.streams_of(owner), name)
         try:
-            recording = recorded(files, self.of(owner).stream)
+            recording = render(files, self.of(owner).stream)
         except MalformedRequest as error:
             raise UnknownObject(f"stream {name!r} has no recording: {error.message}", stream=name) from None
         if len(recording) > LARGEST_RECORDING:

@@ -36,7 +36,7 @@ from guidefield.worker import EngineSetup
 
 if TYPE_CHECKING:
     from guidefield.stream.journal import Journal
-    from guidefield.stream.stream import CertifiedStream, Sought
+    from guidefield.stream.stream import CertifiedStream, GoalSearch
 
 MOST_AT_ONCE = 256  # the most that is taken at once: a sender without end is answered all the same
 MOST_SOUGHT = 8  # for this many goals configurations may be looked for at once
@@ -161,13 +161,13 @@ class StreamConversation:
         return Journal(folder, self.request, self.user, made_with, file_bytes)
 
     def _open_stream(self, journal: Journal | None) -> CertifiedStream:
-        from guidefield.stream.ways import WhenFound
+        from guidefield.stream.path_planner import WhenReady
 
         compile_kernels(_log.info)
         engine = self.setup.engines().of(self.user)
-        with engine.stream(self.request, WhenFound()) as rehearsed:
+        with engine.stream(self.request, WhenReady()) as rehearsed:
             _rehearse(rehearsed)
-        return engine.stream(self.request, WhenFound(), journal)
+        return engine.stream(self.request, WhenReady(), journal)
 
 
 def _rehearse(stream: CertifiedStream) -> None:
@@ -182,7 +182,7 @@ def _rehearse(stream: CertifiedStream) -> None:
 class _Answering:
     def __init__(self, stream: CertifiedStream, encoding: Encoding, line: Connection) -> None:
         self._stream, self._encoding, self._line = stream, encoding, line
-        self._sought: dict[int, tuple[Sought, Encoding]] = {}
+        self._sought: dict[int, tuple[GoalSearch, Encoding]] = {}
         self._woken, self._wake = os.pipe()
 
     def answer_all(self) -> None:
@@ -269,7 +269,7 @@ class _Answering:
             del self._sought[number]
             self._answer(number, encoding, partial(self._aim_at, sought))
 
-    def _aim_at(self, sought: Sought) -> StreamAimed:
+    def _aim_at(self, sought: GoalSearch) -> StreamAimed:
         return StreamAimed(goal=self._stream.take_goal(sought))
 
 

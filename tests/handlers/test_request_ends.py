@@ -13,7 +13,7 @@ from guidefield.errors import InvalidConfiguration
 from guidefield.messages import codec
 from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.messages.streams import StreamOpen
-from guidefield.stream.opening import Opened, read_opening
+from guidefield.stream.opening import StreamSetup, read_opening
 
 LIMIT = '<limit lower="-1.5708" upper="1.5708" velocity="1" effort="1"/>'
 EMPTY = {"name": "empty", "obstacles": []}
@@ -83,7 +83,7 @@ def test_a_planar_root_keeps_its_turns() -> None:
     assert rows(reply)[[0, -1]] == pytest.approx(np.array([[0.1, 0.2, -20.0], [0.5, 0.0, -6.0 * math.pi]]), abs=1e-12)
 
 
-def opening(**fields: Any) -> Opened:
+def opening(**fields: Any) -> StreamSetup:
     request: StreamOpen = codec.convert({"scene": EMPTY, **fields}, StreamOpen)
     engine = Engine()
     return read_opening(request, engine._load_robot(request.robot), engine._build_scene(request.scene))

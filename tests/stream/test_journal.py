@@ -20,11 +20,11 @@ from guidefield.messages.values import Placement
 from guidefield.scene.scene import build
 from guidefield.stream import journal as journals
 from guidefield.stream.journal import Journal, Updated, files_of
-from guidefield.stream.replay import read, replayed
-from guidefield.stream.shown import recorded
+from guidefield.stream.path_planner import TakeOver, WhenReady
+from guidefield.stream.replay import read, replay
+from guidefield.stream.shown import render
 from guidefield.stream.state import encode_part
 from guidefield.stream.stream import CertifiedStream
-from guidefield.stream.ways import TakeOver, WhenFound
 from tests.journeys.service import await_that
 from tests.robots import robot
 
@@ -91,7 +91,7 @@ def eventful(stream: CertifiedStream, cycles: int, journal: Journal | None = Non
 
 def test_every_file_is_repeated_to_the_bit_and_the_oldest_are_dropped(tmp_path: Path) -> None:
     journal = Journal(tmp_path, ASKED, "plain", {"guidefield": "1"}, file_bytes=100_000, most_files=4)
-    taking = WhenFound()
+    taking = WhenReady()
     with CertifiedStream(ASKED, robot("ur5"), EMPTY, taking, journal) as stream:
         pieces = eventful(stream, 3_000, journal, 6)
     journal.close()
@@ -101,7 +101,7 @@ def test_every_file_is_repeated_to_the_bit_and_the_oldest_are_dropped(tmp_path: 
     assert 1 < len(files) <= 4
     updates = 0
     for file in files:
-        done = replayed(file, opens)
+        done = replay(file, opens)
         assert done.same, (file, done)
         updates += done.updates
         assert file.stat().st_size < 1_000_000
@@ -142,7 +142,7 @@ def test_a_piece_that_is_another_one_is_found(tmp_path: Path) -> None:
             stream.update(StreamUpdate(0.02 * cycle, [seen("ball", 0.02 * cycle, rng)]))
     journal.close()
     (file,) = files_of(tmp_path)
-    assert replayed(file, opens).pieces == 5
+    assert replay(file, opens).pieces == 5
     begun, entries = read(file)
     third = entries[2]
     assert isinstance(third, Updated)
@@ -154,7 +154,7 @@ def test_a_piece_that_is_another_one_is_found(tmp_path: Path) -> None:
         for one in (begun, *entries[:2], changed, *entries[3:]):
             payload = msgspec.msgpack.encode(one, enc_hook=encode_part)
             write.write(journals._LENGTH.pack(len(payload)) + payload)
-    done = replayed(file, opens)
+    done = replay(file, opens)
     assert (done.same, done.first, done.updates) == (False, 0.04, 3)
     file.write_bytes(file.read_bytes()[:-100])  # whoever wrote it died
     assert len(read(file)[1]) == len(entries) - 1
@@ -177,7 +177,7 @@ def test_a_file_of_another_version_is_told_from_one_that_is_none(tmp_path: Path)
         for one in (older, *others):
             payload = msgspec.msgpack.encode(one, enc_hook=encode_part)
             write.write(journals._LENGTH.pack(len(payload)) + payload)
-    for ask in (read, lambda path: replayed(path, opens), lambda path: recorded([path], opens)):
+    for ask in (read, lambda path: replay(path, opens), lambda path: render([path], opens)):
         with pytest.raises(
             MalformedRequest, match=r"000001\.stream hasn't the fields .* `planned` - at `\$\.snapshot\.state`"
         ):
@@ -199,8 +199,8 @@ def test_what_can_not_be_written_in_time_goes_on_in_another_file(
 ) -> None:
     monkeypatch.setattr(journals, "MOST_WAITING", 1)
     journal = Journal(tmp_path, ASKED, "plain", {})
-    with CertifiedStream(ASKED, robot("ur5"), EMPTY, WhenFound(), journal) as stream:
+    with CertifiedStream(ASKED, robot("ur5"), EMPTY, WhenReady(), journal) as stream:
         eventful(stream, 60)
     journal.close()
     for file in files_of(tmp_path):
-        assert replayed(file, opens).same
+        assert replay(file, opens).same

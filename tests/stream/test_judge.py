@@ -15,10 +15,10 @@ from guidefield.messages.streams import Deviation, Observation, StreamObstacle, 
 from guidefield.messages.values import Placement
 from guidefield.scene.obstacle import build as built
 from guidefield.scene.scene import build
-from guidefield.stream.commit import Commit, JointBounds, towards
+from guidefield.stream.commit import Commit, JointBounds, plan_commit
 from guidefield.stream.judge import CommitReason, Judge
 from guidefield.stream.obstacles import Obstacles
-from guidefield.stream.opening import Opened, read_opening
+from guidefield.stream.opening import StreamSetup, read_opening
 from tests.robots import robot
 
 EMPTY = build(Scene("empty"))
@@ -41,7 +41,7 @@ class Judged:
     def __init__(self, name: str, obstacles: list[StreamObstacle], scene: Scene | None = None, **fields: Any) -> None:
         model = robot(name)
         self.scene = EMPTY if scene is None else build(scene)
-        self.opened: Opened = read_opening(StreamOpen(name, "empty", **fields), model, self.scene)
+        self.opened: StreamSetup = read_opening(StreamOpen(name, "empty", **fields), model, self.scene)
         self.group = self.opened.group
         request = self.opened.request
         tolerances = np.full(self.group.nv, request.tracking_tolerance)
@@ -58,7 +58,7 @@ class Judged:
         start = np.column_stack([z, rng.uniform(-0.7, 0.7, self.group.nv) * rates[:, 0], np.zeros(self.group.nv)])
         wanted = rng.uniform(-1.0, 1.0, self.group.nv) * rates[:, 0]
         bounds = JointBounds(np.full(self.group.nv, -np.inf), np.full(self.group.nv, np.inf), rates)
-        return towards(start, wanted, np.full(self.group.nv, np.inf), bounds, begins, 0.03, 1e-7)
+        return plan_commit(start, wanted, np.full(self.group.nv, np.inf), bounds, begins, 0.03, 1e-7)
 
     def told(self, commit: Commit, most: int = 5000) -> CommitReason:
         return self.judge.judge(commit, self.obstacles.see(0.0), most).reason
@@ -190,5 +190,5 @@ def test_ways_are_bounded_by_what_is_travelled() -> None:
             now = np.array([pose.translation for pose in placed.oMg])
             ways += 0.0 if before is None else np.linalg.norm(now - before, axis=1)
             before = now
-        bound = judged.judge.travelled(commit, judged.obstacles.see(0.0), 0.0, commit.stops)
+        bound = judged.judge.bound_travel(commit, judged.obstacles.see(0.0), 0.0, commit.stops)
         assert ways.max() <= bound <= 6.0 * ways.max() + 0.05

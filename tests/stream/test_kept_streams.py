@@ -1,4 +1,4 @@
-"""Where journals are kept: the oldest streams make room, and one of the same name begins anew."""
+"""Where journals are kept: the oldest streams make paths, and one of the same name begins anew."""
 
 from __future__ import annotations
 

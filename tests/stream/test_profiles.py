@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from guidefield.stream.commit import Commit, JointBounds, towards
+from guidefield.stream.commit import Commit, JointBounds, plan_commit
 
 VELOCITY, ACCELERATION, JERK = 2.0, 10.0, 400.0
 BOUNDS = JointBounds(np.array([-3.0]), np.array([3.0]), np.array([[VELOCITY, ACCELERATION, JERK]]))
@@ -16,12 +16,12 @@ share = st.floats(-1.0, 1.0)
 def state(q: float, v: float, a: float) -> np.ndarray:
     """A state whose acceleration can be ended within the velocity's limit, shape (1, 3); shares of the limits."""
     acceleration = 0.999 * a * ACCELERATION
-    room = VELOCITY * 0.999 - acceleration**2 / (2.0 * JERK)
-    return np.array([[q, v * room, acceleration]])
+    paths = VELOCITY * 0.999 - acceleration**2 / (2.0 * JERK)
+    return np.array([[q, v * paths, acceleration]])
 
 
 def piece(start: np.ndarray, velocity: float, goal: float = np.inf, within: float = 0.0) -> Commit:
-    return towards(start, np.array([velocity]), np.array([goal]), BOUNDS, 0.0, 0.03, within)
+    return plan_commit(start, np.array([velocity]), np.array([goal]), BOUNDS, 0.0, 0.03, within)
 
 
 @settings(max_examples=18, deadline=None)
@@ -59,7 +59,7 @@ def test_no_goal_is_passed_that_need_not_be(v: float, u: float, away: float) -> 
 @given(share)
 def test_braking_lasts_as_long_as_it_has_to(v: float) -> None:
     start = state(0.0, v, 0.0)
-    commit = towards(start, np.zeros(1), np.array([np.inf]), BOUNDS, 0.0, 1e-9, 0.0)
+    commit = plan_commit(start, np.zeros(1), np.array([np.inf]), BOUNDS, 0.0, 1e-9, 0.0)
     speed = abs(start[0, 1])
     # a triangle of acceleration, or a trapezoid where its limit is reached
     quickest = speed / ACCELERATION + ACCELERATION / JERK
@@ -78,7 +78,7 @@ def test_from_rest_all_coordinates_go_straight_on_together(shares: list[float], 
     velocities = np.array(shares) * rates[:, 0]
     state, goals = np.zeros((3, 3)), np.full(3, np.inf)
     for begins in (0.0, 0.02, 0.04):  # each follows the one before
-        commit = towards(state, velocities, goals, bounds, begins, 0.03, 0.0)
+        commit = plan_commit(state, velocities, goals, bounds, begins, 0.03, 0.0)
         states = np.array([commit.state(time) for time in np.linspace(begins, commit.stops, 50)])
         assert (np.abs(states[:, :, 1:]) <= rates * (1.0 + ROUNDING)).all()
         states = np.array([commit.state(time) for time in np.linspace(begins, commit.brakes, 30)])
@@ -93,7 +93,7 @@ def test_from_rest_all_coordinates_go_straight_on_together(shares: list[float], 
 @given(share, st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4), st.sampled_from([0.0, 5.0, 9e8]))
 def test_what_is_told_keeps_the_jerk_however_late_the_next_piece_is(v: float, later: list[float], clock: float) -> None:
     """Also from the last moments of a braking, where a square root loses half its digits, and by a clock long on."""
-    commit = towards(state(0.0, v, 0.0), np.zeros(1), np.array([np.inf]), BOUNDS, clock, 0.03, 1e-7)
+    commit = plan_commit(state(0.0, v, 0.0), np.zeros(1), np.array([np.inf]), BOUNDS, clock, 0.03, 1e-7)
     for share_of in later:
         told = commit.trajectory()
         spans, accelerations = np.diff(told.times), np.array(told.accelerations)[:, 0]
@@ -105,4 +105,4 @@ def test_what_is_told_keeps_the_jerk_however_late_the_next_piece_is(v: float, la
         assert (np.abs(np.diff(accelerations)) <= JERK * (spans + rounded)).all()
         since = (1.0 - 1e-6 * share_of**4) * (commit.stops - commit.begins)
         now = commit.state(commit.begins + since)[:, :3]
-        commit = towards(now, np.zeros(1), np.array([np.inf]), BOUNDS, commit.begins + since, 0.03, 1e-7)
+        commit = plan_commit(now, np.zeros(1), np.array([np.inf]), BOUNDS, commit.begins + since, 0.03, 1e-7)

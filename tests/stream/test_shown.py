@@ -21,10 +21,10 @@ from guidefield.messages.streams import Observation, Piece, StreamObstacle, Stre
 from guidefield.messages.values import Placement
 from guidefield.scene.scene import Scene as BuiltScene
 from guidefield.stream.journal import Journal, files_of
+from guidefield.stream.path_planner import TakeOver
 from guidefield.stream.replay import read
-from guidefield.stream.shown import record, recorded
+from guidefield.stream.shown import record, render
 from guidefield.stream.stream import CertifiedStream
-from guidefield.stream.ways import TakeOver
 from tests.journeys.service import await_that
 from tests.robots import robot
 from tests.stream.test_journal import EMPTY
@@ -74,7 +74,7 @@ def test_it_shows_what_moved_where_the_robot_would_stand_and_why_there_was_no_pi
     assert horizon[2:] == pytest.approx([piece.stops - piece.update for piece in pieces])
     assert all(row[0] > 0.0 for row in _column(chunks["/plots/latency"], "scalars"))
     with pytest.raises(MalformedRequest, match=r"the robot of 000001\.stream has other joints now"):
-        recorded([file], opens_another)
+        render([file], opens_another)
     kept = file.read_bytes()
     file.write_bytes(kept[: 4 + int.from_bytes(kept[:4], "little")])  # the beginning alone
     with pytest.raises(MalformedRequest, match="holds no update"):
@@ -94,20 +94,20 @@ def test_all_files_of_a_stream_are_one_recording(tmp_path: Path) -> None:
     journal.close()
     files = files_of(tmp_path / "s")
     assert len(files) > 1
-    chunks = _drawn(recorded(files, opens), tmp_path)
+    chunks = _drawn(render(files, opens), tmp_path)
     crate = chunks["/obstacles/single/crate"]
     assert _times([one for one in crate if _has(one, "vertex_positions")]) == pytest.approx([0.0, 0.12])
     assert _times([one for one in crate if _has(one, "is_recursive")]) == pytest.approx([0.1])
     moved = [one for one in crate if _has(one, "translation")]
     assert _times(moved) == pytest.approx([0.02 * cycle for cycle in range(12) if cycle != 5])
     held = [path for path in files if len(read(path)[1])]
-    each = [_drawn(recorded([path], opens), tmp_path) for path in held]
+    each = [_drawn(render([path], opens), tmp_path) for path in held]
     for entity, column in (("/plots/horizon", "scalars"), ("/plots/latency", "scalars"), ("/path/stop", "positions")):
         together = [row for chunk in chunks[entity] for row in _column(chunk, column)]
         assert len(together) == 12
         assert together == [row for one in each for chunk in one[entity] for row in _column(chunk, column)]
     held[0].unlink()
-    left = _drawn(recorded(files, opens), tmp_path)
+    left = _drawn(render(files, opens), tmp_path)
     assert _times(left["/plots/horizon"]) == _times(chunks["/plots/horizon"])[len(_times(each[0]["/plots/horizon"])) :]
 
 

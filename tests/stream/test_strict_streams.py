@@ -11,7 +11,7 @@ import pytest
 
 from guidefield import Piece, Stream, StreamState
 from guidefield.errors import InvalidGoal, MalformedRequest, SceneInvalid, StreamUnknown, UnknownObject
-from guidefield.stream.dodging import Way
+from guidefield.stream.dodging import TimedPath
 
 GOAL = {"type": "joints", "positions": {"shoulder_pan_joint": 0.9, "elbow_joint": 1.0}}
 START = {"shoulder_lift_joint": -1.5, "elbow_joint": 0.5}
@@ -148,7 +148,7 @@ def _is_apart(stream: Stream) -> None:
 def test_places_on_a_way_are_the_same_however_slow_joints_are() -> None:
     rng = np.random.default_rng(5)
     points, z = rng.normal(size=(6, 3)), rng.normal(size=3)
-    plain = Way(points, np.array([1.0, 2.0, 3.0]))
+    plain = TimedPath(points, np.array([1.0, 2.0, 3.0]))
     for slowed in (1e-3, 1e-300):
-        way = Way(points, slowed * np.array([1.0, 2.0, 3.0]))
+        way = TimedPath(points, slowed * np.array([1.0, 2.0, 3.0]))
         assert way.nearest(z, 0.0, np.inf) * slowed == pytest.approx(plain.nearest(z, 0.0, np.inf), rel=1e-9)

@@ -12,8 +12,8 @@ from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Placement
 from guidefield.scene.scene import build
+from guidefield.stream.path_planner import AtRecordedTimes, TakeOver, WhenReady
 from guidefield.stream.stream import CertifiedStream
-from guidefield.stream.ways import AsBefore, TakeOver, WhenFound
 from tests.robots import robot
 
 EMPTY = build(Scene("empty"))
@@ -37,7 +37,7 @@ def seen(now: float, placement: Placement = IN_THE_WAY) -> Observation:
 
 
 def test_what_was_taken_over_when_it_was_found_is_repeated_to_the_bit() -> None:
-    taking, at, answers = WhenFound(), [], []
+    taking, at, answers = WhenReady(), [], []
     with opened(taking) as stream:
         for cycle in range(120):
             now = 0.02 * cycle
@@ -47,7 +47,7 @@ def test_what_was_taken_over_when_it_was_found_is_repeated_to_the_bit() -> None:
             if cycle % 7 == 0 and stream._state.ordered is not None:  # some are found in time, some are not
                 stream._state.ordered.found.result()
     assert at, "a way was planned and taken over"
-    with opened(AsBefore(at)) as again:
+    with opened(AtRecordedTimes(at)) as again:
         assert [again.update(StreamUpdate(0.02 * k, [seen(0.02 * k)])) for k in range(120)] == answers
     assert any(isinstance(one, Piece) for one in answers)
 

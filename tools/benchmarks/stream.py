@@ -174,10 +174,10 @@ def panda_run(index: int, hunters: bool, made: type[CertifiedStream] = Certified
 def _panda_problem(robot: Any, scene: Any, rng: np.random.Generator, centre: np.ndarray, hunters: bool) -> Any:
     """Start and goal, free of the floor and apart, and boxes that are away from both."""
     with CertifiedStream(StreamOpen("panda", "floor"), robot, scene) as stream:
-        group, room = stream.group, stream._room
+        group, paths = stream.group, stream._paths
         while True:
             zs = np.array([group.random(rng) for _ in range(2)])
-            if room.resting_free(zs).all() and np.abs(zs[0] - zs[1]).max() > 0.8:
+            if paths.find_free(zs).all() and np.abs(zs[0] - zs[1]).max() > 0.8:
                 break
         names = group.position_names
 
@@ -190,7 +190,7 @@ def _panda_problem(robot: Any, scene: Any, rng: np.random.Generator, centre: np.
             row[0, [0, 5, 10]] = 1.0
             row[0, [3, 7, 11]], row[0, 12:15] = where, 0.5 * size
             gap = 0.5 if hunters else SMALLEST_GAP
-            if room.lanes.gaps(row, np.array(zs), 0.6).min() < gap:
+            if paths.lanes.gaps(row, np.array(zs), 0.6).min() < gap:
                 continue
             speed = 0.9 if hunters else rng.uniform(0.1, 0.5)
             direction = rng.normal(size=3)

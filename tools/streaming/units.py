@@ -109,7 +109,7 @@ def _free(stream: CertifiedStream, rng: np.random.Generator) -> np.ndarray:
     found: list[np.ndarray] = []
     while len(found) < 3:
         z = stream.group.random(rng)
-        if stream._room.resting_free(z[None]).all():
+        if stream._paths.find_free(z[None]).all():
             found.append(z)
     return np.array(found)
 
@@ -194,5 +194,5 @@ def _held(
         return []
     with stream:
         zs = [stream.group.random(rng) for _ in range(HELD)]
-        fits = sum(bool(stream._room.resting_free(z[None])[0]) for z in zs) >= 3
+        fits = sum(bool(stream._paths.find_free(z[None])[0]) for z in zs) >= 3
     return held if fits else []

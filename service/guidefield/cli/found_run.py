@@ -97,7 +97,7 @@ def replay_stream(
         GuidefieldError: if the request that opened it is refused now.
     """
     from guidefield.first_start import compile_kernels
-    from guidefield.stream.replay import read, replayed
+    from guidefield.stream.replay import read, replay
 
     compile_kernels(say)
     code = 0
@@ -107,7 +107,7 @@ def replay_stream(
             now = begun.snapshot.state.now
             since = f"{now} s of its client's clock" if math.isfinite(now) else "its first update"
             say(f"{file.parent.name} is kept from {since} on: {begun.index - 1} files before made room")
-        done = replayed(file, replaying_engine(begun.user, folder, packages).stream)
+        done = replay(file, replaying_engine(begun.user, folder, packages).stream)
         name = f"{file.parent.name}/{file.name}"
         if done.same:
             say(f"{name}: bit-identical: {done.updates} updates, {done.pieces} pieces")

@@ -31,11 +31,11 @@ from guidefield.planner.schedule.schedule import (
     Occupancy,
     Schedule,
     Stuck,
-    at_any_rate,
-    at_one_rate,
+    choose_step,
+    count_slices,
     depart_after,
-    slices_in,
-    step_of,
+    schedule_at_any_rate,
+    schedule_at_one_rate,
 )
 from guidefield.planner.schedule.slices import SCHEDULE, WAYS, Slices, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
@@ -109,7 +109,7 @@ class _Search:
         self, problem: Problem, goals: ChartPoints | None, stages: Stages, also: MotionJudge | None = None
     ) -> None:
         self._problem, self._goals, self._stages, self._also = problem, goals, stages, also
-        self._slices = Slices(problem, step_of(problem.group) / slices_in(step_of(problem.group)))
+        self._slices = Slices(problem, choose_step(problem.group) / count_slices(choose_step(problem.group)))
         self._free_from: dict[bytes, float] = {}
         self._farthest: tuple[float, ChartPoint] | None = None
         self._ending: Ending | None = None
@@ -214,7 +214,7 @@ class _Search:
         of the time is up.
         """
         deadline, known = self._problem.deadline.share(WAYS.share), set[tuple[bytes, bool]]()
-        step, best, in_vain = step_of(self._problem.group), np.inf, 0
+        step, best, in_vain = choose_step(self._problem.group), np.inf, 0
         for way in ways:
             key = way.found.path.tobytes(), way.at_rest
             if len(remove_repetitions(way.found.path)) == 1 or key in known or not self._ends_free(way):
@@ -322,12 +322,14 @@ class _Search:
         return self._free_from[key]
 
     def _earliest(self, motion: Trajectory, occupancy: Occupancy, rooms: Sequence[float]) -> list[Schedule]:
-        problem, even = self._problem, at_one_rate(self._problem, motion, occupancy)
+        problem, even = self._problem, schedule_at_one_rate(self._problem, motion, occupancy)
         found, by = [even], even.arrival if isinstance(even, Schedule) else np.inf
-        found += [at_any_rate(problem, motion, room, occupancy, by) for room in rooms if motion.duration / room < by]
+        found += [
+            schedule_at_any_rate(problem, motion, room, occupancy, by) for room in rooms if motion.duration / room < by
+        ]
         waits = isinstance(even, Stuck) or bool(problem.beside)  # at its own rate it keeps all limits
         if waits and occupancy.free_at_rest and occupancy.leave_by == np.inf:
-            found.append(depart_after(motion, problem.scene.end, step_of(problem.group)))
+            found.append(depart_after(motion, problem.scene.end, choose_step(problem.group)))
         schedules = sorted((one for one in found if isinstance(one, Schedule)), key=lambda one: one.arrival)
         if not schedules:
             cell = max(one.cell for one in found if isinstance(one, Stuck))

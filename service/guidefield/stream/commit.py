@@ -104,7 +104,7 @@ class Commit(ReadOnly):
         )
 
 
-def one_after_another(commits: Sequence[Commit]) -> Commit:
+def join_commits(commits: Sequence[Commit]) -> Commit:
     """The motion of commits each of which is left for the next one when that begins; all of the last one."""
     first, last = commits[0], commits[-1]
     if first is last:
@@ -142,7 +142,7 @@ class JointBounds(ReadOnly):
         return np.column_stack([self.lower, self.upper, self.rates])
 
 
-def towards(
+def plan_commit(
     state: np.ndarray,
     velocities: np.ndarray,
     goals: np.ndarray,

@@ -11,27 +11,27 @@ import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.kernels.collide.parts import BALL_ROW
-from guidefield.kernels.stream.dodge import Tube, Wanted, dodged
+from guidefield.kernels.stream.dodge import KeptClearances, Tube, find_schedule
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
-from guidefield.stream.obstacles import Drifting
+from guidefield.stream.obstacles import DriftingObstacles
 from guidefield.stream.settings import STREAM
 from guidefield.stream.shapes import read_only_views
 
 
 @dataclass(frozen=True, eq=False)
 class Aim(ReadOnly):
-    """Where to aim."""
+    """The next target along a path."""
 
     direction: np.ndarray  # from where the robot could stand, shape (nv,)
-    place: float  # how far along the way that is, in time at full speed [s]
-    # what is aimed at, if it is not to be passed: the way's end, or where to wait, shape (nv,); else None
+    place: float  # how far along the path that is, in time at full speed [s]
+    # what is aimed at, if it is not to be passed: the path's end, or where to wait, shape (nv,); else None
     last: ChartPoint | None
-    left: float  # the rest of the way, in time at full speed [s]
+    left: float  # the rest of the path, in time at full speed [s]
 
 
-class Way:
-    """A way, measured by the time that the slowest coordinate takes at full speed.
+class TimedPath:
+    """A path, measured by the time that the slowest coordinate takes at full speed.
 
     Args:
         points: Shape (m, nv), m > 1.
@@ -84,7 +84,7 @@ class Way:
 
         Args:
             stand: Where the robot could stand at the soonest, shape (nv,).
-            since: The place [s] from which on the nearest one is searched for; 0: on all of the way.
+            since: The place [s] from which on the nearest one is searched for; 0: on all of the path.
             ahead: How far ahead of that to aim [s].
             due: How far along one may be [s].
         """
@@ -98,12 +98,12 @@ class Way:
         return Aim(target - stand, place, self.goal if last else None, self.length - place)
 
     def rest(self, stand: ChartPoint, place: float, until: float = np.inf) -> ChartPoints:
-        """From where the robot could stand, shape (nv,), along the way after a place until another one [s], (k, nv)."""
+        """From where the robot could stand, shape (nv,), along the path from a place to another one [s], (k, nv)."""
         inner = self.points[(self.begins > place) & (self.begins < until)]
         return np.concatenate([stand[None], inner, self.at(min(until, self.length))[None]])
 
     def nearest(self, z: ChartPoint, since: float, until: float) -> float:
-        """The place [s] of a stretch of the way that is nearest to a point (nv,)."""
+        """The place [s] of a stretch of the path that is nearest to a point (nv,)."""
         first = int(np.clip(np.searchsorted(self.begins, since, side="right") - 1, 0, len(self.points) - 2))
         last = max(first + 1, int(np.searchsorted(self.begins, min(until, self.length), side="left")))
         shares = self.speeds.min() / self.speeds  # at most 1: however slow joints are, nothing overflows
@@ -154,15 +154,15 @@ def flights(gradient: np.ndarray, speeds: np.ndarray, rng: np.random.Generator) 
 
 
 @dataclass(frozen=True, eq=False)
-class Timed(ReadOnly):
-    """A way with times."""
+class ScheduledPath(ReadOnly):
+    """A path with times among what moves."""
 
-    cost: float  # what it costs among what moves: the time of arrival, and what lacks on the way [s]
+    cost: float  # what it costs among what moves: the time of arrival, and of distance that lacks on it [s]
     points: ChartPoints  # shape (m, nv), m > 1
     times: np.ndarray  # when to be there, since its beginning [s], shape (m,)
 
 
-def drawn_sides(count: int, speeds: np.ndarray) -> np.ndarray:
+def draw_sides(count: int, speeds: np.ndarray) -> np.ndarray:
     """Random directions, the same each time, shape (count, nv), as far as one goes at full speed within a step.
 
     Args:
@@ -173,24 +173,22 @@ def drawn_sides(count: int, speeds: np.ndarray) -> np.ndarray:
     return sides
 
 
-def sides_of(
-    lanes: BatchCollision, drifting: Drifting, way: Way, speeds: np.ndarray, drawn: np.ndarray, size: float
-) -> np.ndarray:
-    """Where to sidestep from a way: `drawn` (k, nv), back, and away from what comes close; shape (d, nv)."""
-    back = way.at(0.0) - way.at(STREAM.back)
+def choose_sides(lanes: BatchCollision, drifting: DriftingObstacles, way: TimedPath, drawn: np.ndarray) -> np.ndarray:
+    """Where to sidestep from a path: `drawn` (k, nv), back, and away from what comes close; shape (d, nv)."""
+    back, speeds, near = way.at(0.0) - way.at(STREAM.back), way.speeds, STREAM.pressed * lanes.world.group.size
     directions = [back / speeds]
     for after, place in STREAM.aside:
         boxes = drifting.after(after)
-        directions.append(-speeds * pressure_slope(lanes, boxes, way.at(place), STREAM.pressed * size))
+        directions.append(-speeds * pressure_slope(lanes, boxes, way.at(place), near))
     largest = [float(np.abs(one).max()) for one in directions]
     led = [STREAM.step * speeds * one / most for one, most in zip(directions, largest, strict=True) if most > 0.0]
     return np.concatenate([drawn, np.array(led).reshape(-1, len(speeds))])
 
 
-def tube_about(
-    way: Way, sides: np.ndarray, speeds: np.ndarray, taken: Callable[[ChartPoints], np.ndarray], foreseen: int
+def build_tube(
+    way: TimedPath, sides: np.ndarray, speeds: np.ndarray, taken: Callable[[ChartPoints], np.ndarray], foreseen: int
 ) -> Tube:
-    """The tube about a way with sides (d, nv), for a given number of steps.
+    """The tube about a path with sides (d, nv), for a given number of steps.
 
     `taken` tells of (n, nv) where the robot can't be, (n,).
     """
@@ -205,10 +203,10 @@ def tube_about(
     return read_only_views(Tube(rows, sides, blocked, speeds, STREAM.step, STREAM.stays))
 
 
-def timed(
-    lanes: BatchCollision, drifting: Drifting, kept: np.ndarray, tube: Tube, way: Way, foreseen: int, size: float
-) -> Timed:
-    """The cheapest way in a tube, and the rest of its way.
+def schedule_path(
+    lanes: BatchCollision, drifting: DriftingObstacles, kept: np.ndarray, tube: Tube, way: TimedPath, foreseen: int
+) -> ScheduledPath:
+    """Find the cheapest timed path in a tube, with the rest of the path behind it.
 
     Args:
         kept: What to keep from each on the move, where the robot waits, and at the end at least; shape (3, k) [m].
@@ -216,17 +214,18 @@ def timed(
     steps, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
     boxes, balls = max(STREAM.few, len(drifting.boxes)), max(STREAM.plain, len(lanes.robot.bodies.cover) // BALL_ROW)
     width = STREAM.beside * STREAM.few * STREAM.plain // (boxes * balls)
-    wanted = read_only_views(Wanted(kept, STREAM.widening * size, STREAM.dear / size))
-    rows, cost = dodged(lanes.words, drifting.boxes, drifting.drifts, wanted, tube, width, steps, reached)
+    size = lanes.world.group.size
+    wanted = read_only_views(KeptClearances(kept, STREAM.widening * size, STREAM.dear / size))
+    rows, cost = find_schedule(lanes.words, drifting.boxes, drifting.drifts, wanted, tube, width, steps, reached)
     points, times = _along(way, tube, steps[:rows], reached[:rows])
     while len(points) > 2 and (points[-2] == points[-1]).all():
         points, times = points[:-1], times[:-1]
     times[-1] = times[-2] + float((np.abs(points[-1] - points[-2]) / tube.speeds).max())
-    return Timed(float(cost), points, times)
+    return ScheduledPath(float(cost), points, times)
 
 
-def _along(way: Way, tube: Tube, steps: ChartPoints, reached: np.ndarray) -> tuple[ChartPoints, np.ndarray]:
-    """Where to be when, with the corners of the way between its places: straight past them isn't free."""
+def _along(way: TimedPath, tube: Tube, steps: ChartPoints, reached: np.ndarray) -> tuple[ChartPoints, np.ndarray]:
+    """Where to be when, with the corners of the path between its places: straight past them isn't free."""
     places, columns = np.divmod(reached, tube.taken.shape[1])
     at = np.minimum(tube.step * places, way.length)
     points, times = [steps[:1]], [np.zeros(1)]
@@ -239,7 +238,7 @@ def _along(way: Way, tube: Tube, steps: ChartPoints, reached: np.ndarray) -> tup
         points.append(steps[i : i + 1])
         times.append(np.array([tube.step * i]))
     since, now = float(at[-1]), tube.step * (len(steps) - 1)
-    if columns[-1] > 0:  # from beside the way to its next place
+    if columns[-1] > 0:  # from beside the path to its next place
         now, since = now + tube.step, min(since + tube.step, way.length)
         points.append(way.at(since)[None])
         times.append(np.array([now]))

@@ -24,8 +24,8 @@ from guidefield.errors import GuidefieldError, UnknownObject
 from guidefield.messages.replies import ErrorReply, make_error_reply
 from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.stores.files import checked_name
+from guidefield.stream.path_planner import lower_priority
 from guidefield.stream.state import Snapshot, Watching, decode_part, encode_part
-from guidefield.stream.ways import give_way
 
 ENDING = ".stream"  # of the files
 FILE_BYTES = 8 << 20  # a file whose entries are as large ends, and another one begins [bytes]
@@ -187,7 +187,7 @@ class Journal(Watching):
             _log.warning("a stream's journal can't keep up: it goes on in another file")
 
     def _write_all(self) -> None:
-        give_way()
+        lower_priority()
         file = None
         try:
             while (entry := self._entries.get()) is not None:

@@ -33,7 +33,7 @@ from guidefield.kernels.prove.tables import (
     MovingRobot,
     ObstacleBodies,
 )
-from guidefield.kernels.stream.judge import broken_limit, travelled
+from guidefield.kernels.stream.judge import bound_travel, broken_limit
 from guidefield.planner.task.motion_limits import CartesianLimit
 from guidefield.prove.search import EVERY_KIND, RESOLUTION_FLOOR, TOLERANCE
 from guidefield.prove.tables import ARITHMETIC, body_pairs, robot_bodies, rounding_of
@@ -70,7 +70,7 @@ class CommitVerdict:
         return self.reason is CommitReason.FREE
 
 
-class Closed(NamedTuple):
+class ClosedSurface(NamedTuple):
     """A closed surface, inside of which the robot touches nothing."""
 
     obstacle: int
@@ -85,7 +85,7 @@ class SeenObstacles(NamedTuple):
     movers: MovingObstacles  # how those move that were declared
     reserved: MovingObstacles  # the same, of which more is kept: what they may cover in a time in reserve
     left_out: np.ndarray  # pairs with obstacles that may touch, as `PairTable` has them, shape (k,)
-    closed: tuple[Closed, ...]
+    closed: tuple[ClosedSurface, ...]
     error: float  # what distances from them may be off [m]
 
 
@@ -166,14 +166,14 @@ class Judge:
             shares.append(bound / one.speed)
         return max(shares)
 
-    def travelled(self, commit: Commit, seen: SeenObstacles, since: float, until: float, parts: int = 16) -> float:
+    def bound_travel(self, commit: Commit, seen: SeenObstacles, since: float, until: float, parts: int = 16) -> float:
         """How far any point of the robot comes between two times by a commit, at most [m].
 
         Off by its tolerances or not.
         """
         begin = max(0.0, since - commit.begins)
         moving, exact = (self._moving(commit, seen, off, seen.movers) for off in (self._tolerances, self._exact))
-        return float(travelled(moving, exact.curve, begin, max(begin, until - commit.begins), parts))
+        return float(bound_travel(moving, exact.curve, begin, max(begin, until - commit.begins), parts))
 
     def _moving(
         self, commit: Commit, seen: SeenObstacles, tolerances: np.ndarray, movers: MovingObstacles

@@ -23,7 +23,7 @@ from guidefield.scene import obstacle as obstacles
 from guidefield.scene.motion import put_at
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
-from guidefield.stream.judge import Closed, SeenObstacles
+from guidefield.stream.judge import ClosedSurface, SeenObstacles
 from guidefield.stream.shapes import StreamShape, read_only_views, shape_of
 
 HALF_SPACE_TURNS = "a half-space that turns sweeps everything: `largest_angular_speed` must be 0"
@@ -34,7 +34,7 @@ HALF_SPACE_SEEN_TURNING = "a half-space that turns sweeps everything: its `angul
 
 
 @dataclass
-class Known:
+class TrackedObstacle:
     """An obstacle of a stream."""
 
     declared: StreamObstacle
@@ -61,7 +61,7 @@ class Assumption:
 
 
 @dataclass(frozen=True, eq=False)
-class Drifting(ReadOnly):
+class DriftingObstacles(ReadOnly):
     """What moves, for planning."""
 
     boxes: np.ndarray  # rounded boxes that stand for it, shape (k, 16) [m, world]
@@ -84,14 +84,14 @@ class Obstacles:
     assumption: Assumption
     pairs: Callable[[str], np.ndarray]  # which of the moving bodies meet an obstacle of a name, shape (m,)
     origin: Vector3 = ORIGIN  # point of the world that the scene is seen from [m]; observations are of the world
-    known: dict[str, Known] = field(default_factory=dict)
+    known: dict[str, TrackedObstacle] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._resting = parts_in_world(self.scene)
         self._remade = True
         self._met_changed = True
 
-    def prepared(self, declared: StreamObstacle, path: str, links: Iterable[str]) -> Known:
+    def prepared(self, declared: StreamObstacle, path: str, links: Iterable[str]) -> TrackedObstacle:
         """A shape that may be taken; nothing is by now.
 
         Raises:
@@ -117,9 +117,9 @@ class Obstacles:
         deviation = self.assumption.deviation
         if shape.endless and deviation is not None and deviation.angular_speed > 0.0:
             raise SceneInvalid(f"`{path}`: {HALF_SPACE_MAY_TURN}", obstacle=message.name, path=path)
-        return Known(declared, shape, built.warnings)
+        return TrackedObstacle(declared, shape, built.warnings)
 
-    def require(self, declared: Sequence[Known], update: StreamUpdate) -> None:
+    def require(self, declared: Sequence[TrackedObstacle], update: StreamUpdate) -> None:
         """Refuse an update that can't be taken as a whole.
 
         Raises:
@@ -161,7 +161,7 @@ class Obstacles:
                     path = f"$.obstacles[{index}].angular_velocity"
                     raise MalformedRequest(f"`{path}`: {HALF_SPACE_SEEN_TURNING}", object=seen.name, path=path)
 
-    def take(self, prepared: Known) -> None:
+    def take(self, prepared: TrackedObstacle) -> None:
         """Take a shape, in place of the one of the same name; one that is gone is forgotten for it, if need be."""
         before = self.known.get(prepared.name)
         if before is None and len(self.known) >= MOST_OBSTACLES:
@@ -257,7 +257,7 @@ class Obstacles:
         moving = read_only_views(self._movers)
         left_out = np.flatnonzero(~meets.T.ravel())
         read_only(left_out)
-        closed = [Closed(k, solid_of_obstacle(one), place) for k, one, place in self._surfaces()]
+        closed = [ClosedSurface(k, solid_of_obstacle(one), place) for k, one, place in self._surfaces()]
         self._seen = SeenObstacles(
             read_only_views(bodies._replace(boxes=read_only_views(bodies.boxes))),
             moving,
@@ -332,13 +332,13 @@ class Obstacles:
             rows.append(moved)
         return np.concatenate(rows)
 
-    def drifting(self, now: float) -> Drifting:
+    def drifting(self, now: float) -> DriftingObstacles:
         """What represents what was seen, and how it goes on from a time [s]."""
         boxes = self.boxes([now])
         if not len(boxes):
-            return Drifting(boxes, np.empty((0, 3)), np.empty(0), np.empty(0))
+            return DriftingObstacles(boxes, np.empty((0, 3)), np.empty(0), np.empty(0))
         of, movers = self._boxes_of[self._there[self._boxes_of]], self._movers
-        return Drifting(
+        return DriftingObstacles(
             boxes, self._drifts.copy(), movers.growths[of], movers.margins[of] + self.assumption.min_clearance
         )
 

@@ -29,7 +29,7 @@ from guidefield.stream.shapes import require_one_axis
 
 
 @dataclass(frozen=True, eq=False)
-class Opened:
+class StreamSetup:
     """A stream's robot and what it keeps."""
 
     request: StreamOpen
@@ -49,7 +49,7 @@ class Opened:
         return np.array([frozenset((names[body], name)) not in allowed for body in moving], bool)
 
 
-def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: Sequence[str] = ()) -> Opened:
+def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: Sequence[str] = ()) -> StreamSetup:
     """The values of a request.
 
     Args:
@@ -115,7 +115,7 @@ def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: S
             path="$.attached_objects",
         )
     touching = _touching(world, group.expand(q_start))
-    return Opened(
+    return StreamSetup(
         request=request,
         group=group,
         world=world,

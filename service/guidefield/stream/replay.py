@@ -12,14 +12,14 @@ from guidefield.errors import GuidefieldError, MalformedRequest
 from guidefield.messages.replies import make_error_reply
 from guidefield.messages.streams import Piece, StreamOpen, StreamState
 from guidefield.stream.journal import Aimed, Begun, Entry, Halted, SoughtGoal, Updated, entries_of
-from guidefield.stream.stream import CertifiedStream, Sought
-from guidefield.stream.ways import AsBefore, TakeOver
+from guidefield.stream.path_planner import AtRecordedTimes, TakeOver
+from guidefield.stream.stream import CertifiedStream, GoalSearch
 
 Opens = Callable[[StreamOpen, TakeOver], CertifiedStream]  # opens a stream in this process
 
 
 @dataclass(frozen=True)
-class Replayed:
+class Replay:
     """What came of it."""
 
     updates: int
@@ -53,7 +53,7 @@ def read(file: Path) -> tuple[Begun, list[Entry]]:
     return first, entries
 
 
-def replayed(file: Path, opens: Opens) -> Replayed:
+def replay(file: Path, opens: Opens) -> Replay:
     """Do a file of a journal again.
 
     Raises:
@@ -63,13 +63,13 @@ def replayed(file: Path, opens: Opens) -> Replayed:
     begun, entries = read(file)
     times = [one.update.time for one in entries if isinstance(one, Updated) and one.took]
     request = msgspec.structs.replace(begun.request, goal=None, obstacles=[])
-    with opens(request, AsBefore(times)) as stream:
+    with opens(request, AtRecordedTimes(times)) as stream:
         stream.resume(begun.snapshot)
-        return _done_again(stream, entries)
+        return _replay_entries(stream, entries)
 
 
-def _done_again(stream: CertifiedStream, entries: Sequence[Entry]) -> Replayed:
-    sought: dict[int, Sought] = {}
+def _replay_entries(stream: CertifiedStream, entries: Sequence[Entry]) -> Replay:
+    sought: dict[int, GoalSearch] = {}
     updates = pieces = 0
     for entry in entries:
         if isinstance(entry, SoughtGoal):
@@ -84,8 +84,8 @@ def _done_again(stream: CertifiedStream, entries: Sequence[Entry]) -> Replayed:
             now = _updated(stream, entry)
             updates, pieces = updates + 1, pieces + isinstance(now, Piece)
             if now != was:
-                return Replayed(updates, pieces, entry.update.time, was, now)
-    return Replayed(updates, pieces)
+                return Replay(updates, pieces, entry.update.time, was, now)
+    return Replay(updates, pieces)
 
 
 def _updated(stream: CertifiedStream, entry: Updated) -> Piece | StreamState | str | None:

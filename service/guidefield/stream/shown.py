@@ -21,9 +21,9 @@ from guidefield.scene import obstacle as obstacles
 from guidefield.stream.commit import Commit
 from guidefield.stream.journal import Begun, Entry, Updated
 from guidefield.stream.obstacles import in_its_frame
+from guidefield.stream.path_planner import FixedDelay
 from guidefield.stream.replay import Opens, read
 from guidefield.stream.stream import CertifiedStream
-from guidefield.stream.ways import Counted
 from guidefield.whole_file import write_whole
 
 
@@ -34,10 +34,10 @@ def record(files: Sequence[Path], opens: Opens, recording: Path) -> None:
         MalformedRequest: as `recorded`.
         OSError: if a file can't be read, or the recording can't be written.
     """
-    write_whole(recording, recorded(files, opens), durable=False)
+    write_whole(recording, render(files, opens), durable=False)
 
 
-def recorded(files: Sequence[Path], opens: Opens) -> bytes:
+def render(files: Sequence[Path], opens: Opens) -> bytes:
     """The recording of a journal's files: the content of an `.rrd` file, with all that a viewer needs.
 
     Files are read one after the other, so that no more than one is held in memory.
@@ -60,7 +60,7 @@ def recorded(files: Sequence[Path], opens: Opens) -> bytes:
                 continue
             if stream is None:
                 request = msgspec.structs.replace(begun.request, goal=None, obstacles=[])
-                stream = stack.enter_context(opens(request, Counted()))
+                stream = stack.enter_context(opens(request, FixedDelay()))
             moved.take(begun, entries)
             answered = [one for one in entries if isinstance(one, Updated) and (one.piece or one.state)]
             updated = [one for one in answered if one.state is None or one.state.reason != "late"]
@@ -183,7 +183,7 @@ def _knot(piece: Piece, k: int) -> tuple[list[float], list[float], list[float]]:
 
 
 @dataclass
-class _Seen:
+class _TrackedBody:
     """An obstacle, as it was declared last, with what was seen of it."""
 
     declared: StreamObstacle
@@ -212,7 +212,7 @@ class SeenBodies:
     """What was seen, each as it was declared last, from file to file."""
 
     def __init__(self, declared: Sequence[StreamObstacle] = ()) -> None:
-        self._known: dict[str, _Seen] = {}
+        self._known: dict[str, _TrackedBody] = {}
         for shape in declared:
             self._declare(shape)
 
@@ -244,8 +244,8 @@ class SeenBodies:
         """List what was seen, in the frame of an origin [m, world]."""
         return [_body(one, origin) for one in self._known.values() if one.observations or one.gone]
 
-    def _declare(self, shape: StreamObstacle) -> _Seen:
-        known = self._known.setdefault(shape.obstacle.name, _Seen(shape))
+    def _declare(self, shape: StreamObstacle) -> _TrackedBody:
+        known = self._known.setdefault(shape.obstacle.name, _TrackedBody(shape))
         known.declared = shape
         return known
 
@@ -262,7 +262,7 @@ class SeenBodies:
             self._known[name].lose(now if np.isfinite(now := begun.snapshot.state.now) else 0.0)
 
 
-def _body(one: _Seen, origin: Vector3) -> MovingBody:
+def _body(one: _TrackedBody, origin: Vector3) -> MovingBody:
     there = sorted(one.observations, key=lambda seen: seen.time)
     placements = np.array([(*seen.placement.position, *seen.placement.quaternion_xyzw) for seen in there])
     placements = placements.reshape(-1, 7)

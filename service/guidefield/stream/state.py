@@ -13,8 +13,8 @@ from guidefield.errors import GuidefieldError, StreamUnknown
 from guidefield.messages.streams import Observation, Piece, StreamGoal, StreamObstacle, StreamState, StreamUpdate
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.stream.commit import Commit
-from guidefield.stream.dodging import Way
-from guidefield.stream.ways import Ordered
+from guidefield.stream.dodging import TimedPath
+from guidefield.stream.path_planner import PathOrder
 
 MAX_COMMITS = 64  # most commits that are remembered: the one that is executed and the last ones
 
@@ -23,8 +23,8 @@ class Phase(enum.Enum):
     """The phases of a stream."""
 
     STANDING = "standing"  # without a goal
-    FOLLOWING = "following"  # on a way to the goal
-    PLANNING = "planning"  # the same, while another way is planned beside the cycle
+    FOLLOWING = "following"  # on a path to the goal
+    PLANNING = "planning"  # the same, while another path is planned beside the cycle
     HALTED = "halted"  # told to stop
     CLOSED = "closed"
 
@@ -34,8 +34,8 @@ class Event(enum.Enum):
 
     AIM = "aim"  # a goal was found
     STAND = "stand"  # there is no goal any more
-    ORDER = "order"  # a way is to be planned
-    TAKE = "take"  # that way is taken over, or given up
+    ORDER = "order"  # a path is to be planned
+    TAKE = "take"  # that path is taken over, or given up
     STOP = "stop"
     CLOSE = "close"
 
@@ -44,7 +44,7 @@ ASKED = {Event.AIM: Phase.FOLLOWING, Event.STAND: Phase.STANDING, Event.STOP: Ph
 """What clients ask for leads to the same phase from each that isn't closed."""
 
 
-class Row(NamedTuple):
+class PhaseRule(NamedTuple):
     """What a stream has in a phase, and where it goes on from there."""
 
     # fields of `State` beside those that every phase has; what a phase hasn't is dropped when it begins
@@ -53,25 +53,25 @@ class Row(NamedTuple):
 
 
 PHASES = {
-    Phase.STANDING: Row(frozenset(), ASKED),
-    Phase.FOLLOWING: Row(frozenset({"pursuit"}), ASKED | {Event.ORDER: Phase.PLANNING}),
-    Phase.PLANNING: Row(frozenset({"pursuit", "ordered"}), ASKED | {Event.TAKE: Phase.FOLLOWING}),
-    Phase.HALTED: Row(frozenset(), ASKED),
-    Phase.CLOSED: Row(frozenset(), {Event.CLOSE: Phase.CLOSED}),
+    Phase.STANDING: PhaseRule(frozenset(), ASKED),
+    Phase.FOLLOWING: PhaseRule(frozenset({"pursuit"}), ASKED | {Event.ORDER: Phase.PLANNING}),
+    Phase.PLANNING: PhaseRule(frozenset({"pursuit", "ordered"}), ASKED | {Event.TAKE: Phase.FOLLOWING}),
+    Phase.HALTED: PhaseRule(frozenset(), ASKED),
+    Phase.CLOSED: PhaseRule(frozenset(), {Event.CLOSE: Phase.CLOSED}),
 }
 
 
 class Pursuit(msgspec.Struct, eq=False):
-    """What is known on the way to a goal."""
+    """The goal's configurations, and the path that is followed to one of them."""
 
     goals: np.ndarray  # its configurations, (k, nv)
-    way: Way | None = None  # the way that is followed; None: nothing is known of one
+    way: TimedPath | None = None  # the path that is followed; None: nothing is known of one
     place: float = 0.0  # how far along it is [s]
     refused: int = 0  # updates without a piece, one after the other
-    unfound: bool = False  # whether no way was found at the last planning
+    unfound: bool = False  # whether no path was found at the last planning
 
-    def follow(self, way: Way) -> None:
-        """Follow a way from its beginning."""
+    def follow(self, way: TimedPath) -> None:
+        """Follow a path from its beginning."""
         self.way, self.place = way, 0.0
 
 
@@ -86,9 +86,9 @@ class State(msgspec.Struct, eq=False):
     fresh: bool  # whether something was seen for the first time by an update that was not answered
     sought: int  # goals that were looked for
     goal: int  # number of the goal
-    planned: float  # when a way was planned last [s]; -inf: none was
+    planned: float  # when a path was planned last [s]; -inf: none was
     pursuit: Pursuit | None
-    ordered: Ordered | None  # the way that is being planned
+    ordered: PathOrder | None  # the path that is being planned
 
     @classmethod
     def at_rest(cls, start: ChartPoint) -> State:
@@ -120,12 +120,12 @@ class State(msgspec.Struct, eq=False):
             raise StreamUnknown("the stream is closed: what was sent last is executed to its end; open another")
 
     def aim(self, goals: np.ndarray | None) -> None:
-        """Begin with another goal, configurations of shape (k, nv), or none: nothing is known of a way to it."""
+        """Begin with another goal, configurations of shape (k, nv), or none: nothing is known of a path to it."""
         self.enter(Event.STAND if goals is None else Event.AIM)
         self.goal, self.pursuit = self.goal + 1, None if goals is None else Pursuit(goals)
 
-    def order(self, ordered: Ordered) -> None:
-        """Have another way planned beside the cycle."""
+    def order(self, ordered: PathOrder) -> None:
+        """Have another path planned beside the cycle."""
         self.enter(Event.ORDER)
         self.ordered, self.planned = ordered, self.now
 
@@ -184,8 +184,8 @@ class Snapshot(msgspec.Struct, frozen=True):
 
 
 def encode_part(value: Any) -> Any:
-    """Write an array as its type, shape and bytes, a number as it is, a way by its arrays: a hook of `msgspec`."""
-    if isinstance(value, Way):
+    """Write an array as its type, shape and bytes, a number as it is, a path by its arrays: a hook of `msgspec`."""
+    if isinstance(value, TimedPath):
         return value.points, value.speeds, value.times
     if not value.shape:
         return value.item()
@@ -194,8 +194,8 @@ def encode_part(value: Any) -> Any:
 
 def decode_part(kind: Any, written: Any) -> Any:
     """Read what `encode_part` wrote."""
-    if kind is Way:
-        return Way(*(decode_part(np.ndarray, one) for one in written))
+    if kind is TimedPath:
+        return TimedPath(*(decode_part(np.ndarray, one) for one in written))
     dtype, shape, data = written
     return np.frombuffer(data, np.dtype(dtype)).reshape(shape).copy()
 
@@ -248,7 +248,7 @@ class Watching:
         """What the stream goes on from can be had.
 
         Args:
-            snapshot: That; a way that is being planned is given up then, and planned again.
+            snapshot: That; a path that is being planned is given up then, and planned again.
         """
 
 

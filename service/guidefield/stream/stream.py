@@ -34,11 +34,21 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
-from guidefield.stream.commit import Commit, one_after_another, towards
-from guidefield.stream.dodging import Way, flights, pressure_slope, pressures
+from guidefield.stream.commit import Commit, join_commits, plan_commit
+from guidefield.stream.dodging import TimedPath, flights, pressure_slope, pressures
 from guidefield.stream.judge import CommitReason, CommitVerdict, Judge, SeenObstacles
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import read_opening
+from guidefield.stream.path_planner import (
+    INSIDE,
+    NOTHING,
+    BackgroundPlanner,
+    FixedDelay,
+    PathOrder,
+    PathPlanner,
+    TakeOver,
+    find_goals,
+)
 from guidefield.stream.settings import STREAM, WITHIN
 from guidefield.stream.state import (
     MAX_COMMITS,
@@ -53,7 +63,6 @@ from guidefield.stream.state import (
     random_state,
     restore_random,
 )
-from guidefield.stream.ways import INSIDE, NOTHING, Counted, Ordered, Planner, Room, TakeOver, goals_of
 
 _A = TypeVar("_A", bound=Piece | StreamState | None)
 
@@ -74,7 +83,7 @@ KERNELS = (
 
 
 @dataclass(frozen=True)
-class Sought:
+class GoalSearch:
     """Configurations of a goal that are looked for."""
 
     number: int
@@ -85,7 +94,7 @@ class CertifiedStream:
     """A stream of pieces, each of which ends in a proven stop. It reads no clock: the same updates get the same bits.
 
     Args:
-        taking: When ways that are planned beside the cycle are taken over; None: counted, by `planning_time`.
+        taking: When paths that are planned beside the cycle are taken over; None: counted, by `planning_time`.
         watching: Who hears what it is asked and answers; None: nobody.
 
     Raises:
@@ -110,10 +119,10 @@ class CertifiedStream:
         self._opened = asked = read_opening(self._inward(request), robot, scene, coarse)
         self.group, self.scene = asked.group, scene
         keeping = (request.min_clearance, request.tracking_tolerance)
-        self._room = Room(asked.group, asked.world, asked.bounds, *keeping)
-        self._taking: TakeOver = taking or Counted()
-        beside = Room(asked.group, asked.world, asked.bounds, *keeping)
-        self._planner = Planner(beside, self._taking.niceness)
+        self._paths = PathPlanner(asked.group, asked.world, asked.bounds, *keeping)
+        self._taking: TakeOver = taking or FixedDelay()
+        beside = PathPlanner(asked.group, asked.world, asked.bounds, *keeping)
+        self._planner = BackgroundPlanner(beside, self._taking.niceness)
         self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met, self.origin)
         for index, one in enumerate(request.obstacles):
             self._obstacles.take(self._obstacles.prepared(one, f"$.obstacles[{index}]", asked.group.robot.links))
@@ -184,7 +193,7 @@ class CertifiedStream:
         """
         return self.take_goal(None if goal is None else self.seek(goal))
 
-    def seek(self, goal: StreamGoal | dict[str, Any]) -> Sought:
+    def seek(self, goal: StreamGoal | dict[str, Any]) -> GoalSearch:
         """Have the configurations of a goal looked for beside the cycle, from where the robot will stand.
 
         What is given back has to be taken, in the order in which it was asked for, also where it failed.
@@ -196,9 +205,9 @@ class CertifiedStream:
         rng = np.random.default_rng([self.request.seed, state.sought])
         work = partial(_search_goals, self._inward(asked), self.group, self.executing.ends, rng)
         self._watching.seek(asked)
-        return Sought(state.sought, self._planner.beside(work))
+        return GoalSearch(state.sought, self._planner.submit(work))
 
-    def take_goal(self, sought: Sought | None) -> int:
+    def take_goal(self, sought: GoalSearch | None) -> int:
         """Aim for what `seek` found from now on, and wait for it; None: to stand.
 
         Returns:
@@ -247,8 +256,8 @@ class CertifiedStream:
         self._rest_if_wanted()
         return answer
 
-    def _has_taken(self, ordered: Ordered | None) -> bool:
-        """Whether a way that was ordered was taken over since."""
+    def _has_taken(self, ordered: PathOrder | None) -> bool:
+        """Whether a path that was ordered was taken over since."""
         return ordered is not None and self._state.ordered is not ordered
 
     def _answer_update(self, update: StreamUpdate) -> Piece | StreamState:
@@ -322,7 +331,7 @@ class CertifiedStream:
             self._watching.may_rest(self.snapshot, planning=self._state.phase is Phase.PLANNING)
 
     def snapshot(self) -> Snapshot:
-        """What it goes on from. A way that is being planned is given up, and planned again in the next cycle."""
+        """What it goes on from. A path that is being planned is given up, and planned again in the next cycle."""
         state = self._state
         if state.phase is Phase.PLANNING and state.pursuit is not None:
             state.enter(Event.TAKE)
@@ -352,7 +361,7 @@ class CertifiedStream:
 
         That is what the last update said, with the piece that answered it, if there was one.
         """
-        executed = one_after_another(self._state.find_executed(time))
+        executed = join_commits(self._state.find_executed(time))
         return self._judge.judge(executed, self._obstacles.see(STREAM.reserve), STREAM.evaluations, since=time)
 
     def _take_observations(self, update: StreamUpdate) -> bool:
@@ -432,7 +441,7 @@ class CertifiedStream:
         goals, slowed = np.full(self.group.nv, np.inf) if last is None else last, 0
         while True:
             bounds = self._opened.bounds
-            commit = towards(state, velocities, goals, bounds, cycle.begins, self.request.piece, WITHIN)
+            commit = plan_commit(state, velocities, goals, bounds, cycle.begins, self.request.piece, WITHIN)
             if slowed == STREAM.slowed or not velocities.any():
                 return commit
             if (share := self._judge.speed_share(commit)) <= 1.0:
@@ -442,7 +451,7 @@ class CertifiedStream:
     def _follow(
         self, cycle: _Cycle, pursuit: Pursuit | None, state: np.ndarray, still: Commit
     ) -> tuple[Commit, str] | None:
-        """A proven piece along the way to the goal, or None; then the cycle knows why."""
+        """A proven piece along the path to the goal, or None; then the cycle knows why."""
         if pursuit is None:
             cycle.reason = "standing"
             return None
@@ -467,23 +476,23 @@ class CertifiedStream:
                 flees = share <= STREAM.threatened and self._is_threatened(
                     cycle, commit.ends, way, pursuit.place, share
                 )
-                stays = closing and flees and self._room.stays_free(self._obstacles.drifting(cycle.now), way.goal)
+                stays = closing and flees and self._paths.is_goal_free(self._obstacles.drifting(cycle.now), way.goal)
                 cycle.threatened = flees and not stays
                 return commit, "goal"
         if cycle.verdict is None or pursuit.unfound:
             cycle.reason = "no_way"
         return None
 
-    def _is_threatened(self, cycle: _Cycle, end: ChartPoint, way: Way, place: float, share: float) -> bool:
-        """Whether what is foreseen comes close to where a piece ends (nv,), and to where the way leads by then.
+    def _is_threatened(self, cycle: _Cycle, end: ChartPoint, way: TimedPath, place: float, share: float) -> bool:
+        """Whether what is foreseen comes close to where a piece ends (nv,), and to where the path leads by then.
 
-        The piece ends at a place of the way [s].
+        The piece ends at a place of the path [s].
         """
         boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
         then = min(place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
         places = (end, way.at(max(then, place)))
         near = STREAM.threat * self.group.size
-        return bool((pressures(self._room.lanes, boxes, np.array(places), near) > 0.0).all())
+        return bool((pressures(self._paths.lanes, boxes, np.array(places), near) > 0.0).all())
 
     def _flee(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
         """A proven piece away from what is predicted to come close, or None."""
@@ -491,7 +500,7 @@ class CertifiedStream:
         if not len(boxes):
             return None
         near = STREAM.near * self.group.size
-        lanes = self._room.lanes
+        lanes = self._paths.lanes
         before = float(pressures(lanes, boxes, still.ends[None], near)[0])
         if before <= 0.0:
             return None
@@ -503,14 +512,14 @@ class CertifiedStream:
 
     def _leave(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
         """A proven piece from where the robot stands to where it keeps more from what rests, or None."""
-        before = self._room.kept_from_resting(still.ends)
+        before = self._paths.count_kept(still.ends)
         if before == len(STREAM.leaving):
             return None
         tried: list[tuple[float, int, Commit]] = []
         for velocities in flights(np.zeros(self.group.nv), self._speeds, self._rng):
             for towards_it in (velocities, -velocities):
                 commit = self._make_commit(cycle, state, towards_it, None)
-                after = self._room.kept_from_resting(commit.ends)
+                after = self._paths.count_kept(commit.ends)
                 if after > before:
                     tried.append((-after, len(tried), commit))
         return self._choose_flight(cycle, tried, reserved=True)
@@ -522,7 +531,7 @@ class CertifiedStream:
         for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
             if self._prove(cycle, commit, reserved):
                 if self._state.pursuit is not None:
-                    self._state.pursuit.place = 0.0  # the way may be nearest elsewhere then
+                    self._state.pursuit.place = 0.0  # the path may be nearest elsewhere then
                 return commit, "away"
         return None
 
@@ -541,32 +550,34 @@ class CertifiedStream:
         asked = self.request
         if asked.appear_distance is None:
             return True
-        until = one_after_another([*cycle.executed, commit])
-        gone = self._judge.travelled(until, cycle.seen, cycle.now, commit.stops, TRAVELLED_IN)
+        until = join_commits([*cycle.executed, commit])
+        gone = self._judge.bound_travel(until, cycle.seen, cycle.now, commit.stops, TRAVELLED_IN)
         come = asked.appear_speed * (commit.stops - cycle.now + asked.clock_error)
         return gone + come < asked.appear_distance
 
-    def _update_way(self, cycle: _Cycle, pursuit: Pursuit, stand: ChartPoint) -> Way:
-        """The way that is followed, after what was planned is taken over and what has to be is ordered."""
+    def _update_way(self, cycle: _Cycle, pursuit: Pursuit, stand: ChartPoint) -> TimedPath:
+        """The path that is followed, after what was planned is taken over and what has to be is ordered."""
         state, goal = self._state, self._choose_goal(cycle, pursuit, stand)
         if (ordered := state.ordered) is not None and self._taking.takes(ordered, cycle.now):
             found = ordered.found.result()
             pursuit.unfound = found.nowhere
             if found.way is not None and self._is_same(ordered.goal, goal):
-                pursuit.follow(Way(found.way.points, self._speeds, ordered.due + STREAM.lag + found.way.times))
+                pursuit.follow(TimedPath(found.way.points, self._speeds, ordered.due + STREAM.lag + found.way.times))
             state.enter(Event.TAKE)
         if pursuit.way is None or not self._is_same(pursuit.way.goal, goal):
-            pursuit.follow(Way(np.array([stand, goal]), self._speeds))
+            pursuit.follow(TimedPath(np.array([stand, goal]), self._speeds))
         assert pursuit.way is not None, "one is followed"
         if state.phase is Phase.FOLLOWING:
             self._order_if_due(cycle, pursuit, pursuit.way, stand, goal)
         return pursuit.way
 
-    def _order_if_due(self, cycle: _Cycle, pursuit: Pursuit, way: Way, stand: ChartPoint, goal: ChartPoint) -> None:
-        """Have a way planned where the one that is followed isn't free of what rests, or something moves.
+    def _order_if_due(
+        self, cycle: _Cycle, pursuit: Pursuit, way: TimedPath, stand: ChartPoint, goal: ChartPoint
+    ) -> None:
+        """Have a path planned where the one that is followed isn't free of what rests, or something moves.
 
-        It begins on the way that is followed, where the robot could stand when it is taken over; or where it could
-        stand now, if it isn't on its way.
+        It begins on the path that is followed, where the robot could stand when it is taken over; or where it could
+        stand now, if it isn't on its path.
         """
         state, speeds = self._state, self._speeds
         due = cycle.now + self.request.planning_time
@@ -591,7 +602,7 @@ class CertifiedStream:
         """The goal that is nearest (nv,), of those that nothing is predicted on if there are any."""
         goals, way = pursuit.goals, pursuit.way
         boxes = self._obstacles.boxes([cycle.now, cycle.now + STREAM.predicted])
-        taken = np.array([(self._room.gaps(boxes, z) < -INSIDE * self.group.size).any() for z in goals], bool)
+        taken = np.array([(self._paths.gaps(boxes, z) < -INSIDE * self.group.size).any() for z in goals], bool)
         if taken.all():
             cycle.reason = "goal_taken"
             taken[:] = False
@@ -608,10 +619,10 @@ class CertifiedStream:
         """Whether a chart point (nv,) is a goal (nv,), or whole turns from it where that is the same configuration."""
         return bool((np.abs(self.group.unwrapped(goal, z) - z) <= GOAL_TOLERANCE).all())
 
-    def _is_free(self, way: Way, place: float, stand: ChartPoint) -> bool:
+    def _is_free(self, way: TimedPath, place: float, stand: ChartPoint) -> bool:
         points = way.rest(stand, place, place + STREAM.looked_at)
-        clearance = self._room.clearance(STREAM.resting_looked_at, [stand, way.goal])
-        return self._room.straight(NOTHING, STREAM.going, clearance, points)
+        clearance = self._paths.choose_clearance(STREAM.resting_looked_at, [stand, way.goal])
+        return self._paths.is_free(NOTHING, STREAM.going, clearance, points)
 
     def _is_at_goal(self, z: ChartPoint) -> bool:
         way = None if self._state.pursuit is None else self._state.pursuit.way
@@ -669,9 +680,9 @@ class CertifiedStream:
 
 
 def _search_goals(
-    goal: StreamGoal, group: PlanningGroup, near: ChartPoint, rng: np.random.Generator, room: Room
+    goal: StreamGoal, group: PlanningGroup, near: ChartPoint, rng: np.random.Generator, paths: PathPlanner
 ) -> ChartPoints:
-    return goals_of(goal, group, room, near, rng)
+    return find_goals(goal, group, paths, near, rng)
 
 
 class _Cycle:

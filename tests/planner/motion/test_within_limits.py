@@ -4,7 +4,7 @@ import numpy as np
 import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
-from guidefield.planner.schedule.retimed import bezier, bounded_slopes, leaving, smoothly_within
+from guidefield.planner.schedule.retimed import bezier, bound_slopes, clamp_smoothly, find_leaving
 from guidefield.prove.curve import excesses
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -31,7 +31,7 @@ def smooth_curve(waypoints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def test_a_smooth_curve_brought_within_keeps_its_ends_and_is_smooth(seed):
     waypoints, lower, upper = clamped_walk(seed)
     knots, slopes = smooth_curve(waypoints)
-    values, rates = smoothly_within(knots, waypoints, slopes, lower, upper)
+    values, rates = clamp_smoothly(knots, waypoints, slopes, lower, upper)
     assert excesses(bezier(knots, values, rates), lower, upper)[0].max() <= SLIGHT
     np.testing.assert_array_equal(values[[0, -1]], waypoints[[0, -1]])
     # the only C² cubic through its knots with its slopes at the ends is scipy's
@@ -47,8 +47,8 @@ def test_bounded_slopes_keep_a_curve_within(seed):
     lower, upper = np.array([-1.0, -np.inf]), np.array([1.0, 0.5])
     values = np.clip(rng.normal(size=(len(knots), 2)), lower, upper)
     slopes = rng.normal(size=values.shape) * 5.0
-    bounded = bounded_slopes(knots, values, slopes, lower, upper)
+    bounded = bound_slopes(knots, values, slopes, lower, upper)
     assert excesses(bezier(knots, values, bounded), lower, upper)[0].max() <= 1e-13
     assert (np.abs(bounded) <= np.abs(slopes)).all()
-    assert not leaving(knots, values, bounded, lower, upper).any()
-    np.testing.assert_allclose(bounded_slopes(knots, values, 0.1 * bounded, lower, upper), 0.1 * bounded)
+    assert not find_leaving(knots, values, bounded, lower, upper).any()
+    np.testing.assert_allclose(bound_slopes(knots, values, 0.1 * bounded, lower, upper), 0.1 * bounded)

@@ -18,10 +18,10 @@ from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
     Schedule,
     Stuck,
-    at_any_rate,
-    at_one_rate,
-    slices_in,
-    step_of,
+    choose_step,
+    count_slices,
+    schedule_at_any_rate,
+    schedule_at_one_rate,
 )
 from guidefield.planner.schedule.slices import SCHEDULE, Slices, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
@@ -142,14 +142,14 @@ def test_where_the_start_must_be_left_and_the_middle_is_closed_it_slows_down_wit
     made = asked(ball(trajectory=flight([0.0, 3.0], (3.0, 0.0, 0.0), (3.0, 1.0, 0.0))), jerk_limits=limits)
     path = np.array([START, moved(1.2, 0.3, 0.0, 0.4, 0.0, 0.0, 0.0), moved(1.6, 0.1, 0.3, 0.4, 0.0, 0.5, 0.0)])
     motion = time_path(made, path)
-    length = step_of(PANDA) / slices_in(step_of(PANDA))
+    length = choose_step(PANDA) / count_slices(choose_step(PANDA))
     half = 0.5 * motion.duration
 
     def closed(time: float, share: float) -> bool:
         return (share < 0.2 and time > half) or (0.45 < share < 0.55 and time < 4.0 * half)
 
     gate = Gate(motion, 50, closed, length)
-    rooms = [at_any_rate(made, motion, room, gate) for room in SCHEDULE.rooms]
+    rooms = [schedule_at_any_rate(made, motion, room, gate) for room in SCHEDULE.rooms]
     found = [retime(made, one) for one in rooms if isinstance(one, Schedule)]
     kept = [one for one in found if one is not None]
     assert kept, "some room is enough"
@@ -194,7 +194,7 @@ def require_within(made: Problem, motion: Trajectory) -> None:
 def test_a_path_that_is_closed_for_good_is_told_with_how_far_it_went() -> None:
     made = asked(ball(trajectory=flight([0.0, 1.0], (3.0, 0.0, 0.0), (3.0, 1.0, 0.0))))
     motion = swing(made)
-    gate = Gate(motion, 50, lambda _, share: 0.5 < share < 0.6, step_of(PANDA) / slices_in(step_of(PANDA)))
-    for found in (at_one_rate(made, motion, gate), at_any_rate(made, motion, 0.9, gate)):
+    gate = Gate(motion, 50, lambda _, share: 0.5 < share < 0.6, choose_step(PANDA) / count_slices(choose_step(PANDA)))
+    for found in (schedule_at_one_rate(made, motion, gate), schedule_at_any_rate(made, motion, 0.9, gate)):
         assert isinstance(found, Stuck)
         assert 15 <= found.cell <= 26

@@ -53,7 +53,7 @@ class Tube(NamedTuple):
 TUBE = numba_type(Tube)
 
 
-class Wanted(NamedTuple):
+class KeptClearances(NamedTuple):
     """Requirements on a path among moving obstacles."""
 
     # what to keep from each on the move, where the robot waits, and at the way's end at least; shape (3, k) [m]
@@ -64,11 +64,11 @@ class Wanted(NamedTuple):
     dear: float  # what a lack of 1 m for 1 s costs [s]
 
 
-WANTED = numba_type(Wanted)
+KEPT_CLEARANCES = numba_type(KeptClearances)
 
 
 @inlined
-def _aside(column: int, levels: int) -> int:
+def _level(column: int, levels: int) -> int:
     """Return how many steps beside the way a column is."""
     return 0 if column == 0 else (column - 1) % levels + 1
 
@@ -77,7 +77,7 @@ def _aside(column: int, levels: int) -> int:
 def _time_left(tube: Tube, state: int, columns: int, levels: int) -> float:
     """Return how long it is at least from a state to the end [s]."""
     places = tube.places.shape[0] - 1 - state // columns
-    return float(tube.step * max(places, _aside(state % columns, levels)))
+    return float(tube.step * max(places, _level(state % columns, levels)))
 
 
 @inlined
@@ -87,7 +87,7 @@ def _write_state(tube: Tube, state: int, columns: int, levels: int, z: Floats) -
     for j in range(z.shape[0]):
         z[j] = tube.places[place, j]
         if column > 0:
-            z[j] += _aside(column, levels) * tube.sides[(column - 1) // levels, j]
+            z[j] += _level(column, levels) * tube.sides[(column - 1) // levels, j]
 
 
 @inlined
@@ -99,7 +99,7 @@ def _column_beside(column: int, which: int, reach: int, levels: int) -> int:
     if column == 0:
         new = 0 if which == 0 else 1 + (which - 1) * levels
         return new if new < reach else -1
-    level = _aside(column, levels)
+    level = _level(column, levels)
     if which == 0:
         return 0 if level == 1 else column - 1
     return column + which - 1 if which == 1 or (which == 2 and level < levels) else -1
@@ -119,7 +119,7 @@ def _is_a_step(tube: Tube, old: int, new: int, columns: int, levels: int, z: Flo
 
 
 @inlined
-def _waits(tube: Tube, old: int, new: int, columns: int) -> bool:
+def _is_wait(tube: Tube, old: int, new: int, columns: int) -> bool:
     """Tell if a step stays where it is: at a state, or at the end."""
     if old == new:
         return True
@@ -128,7 +128,7 @@ def _waits(tube: Tube, old: int, new: int, columns: int) -> bool:
 
 
 @inlined
-def _all_kept(wanted: Wanted) -> float:
+def _all_kept(wanted: KeptClearances) -> float:
     """The most that is kept from anything [m]."""
     most = 0.0
     for k in range(wanted.kept.shape[1]):
@@ -137,7 +137,7 @@ def _all_kept(wanted: Wanted) -> float:
 
 
 @inlined
-def _move(boxes: Floats, drifts: Floats, time: float, moved: Floats32) -> None:
+def _place_boxes(boxes: Floats, drifts: Floats, time: float, moved: Floats32) -> None:
     """Write where what moves is after a time [s] to boxes that are otherwise the same, shape (k, 16)."""
     for k in range(boxes.shape[0]):
         for r in range(3):
@@ -146,7 +146,7 @@ def _move(boxes: Floats, drifts: Floats, time: float, moved: Floats32) -> None:
 
 @inlined
 def _write_kept_at_end(
-    words: Integers, boxes: Floats, drifts: Floats, wanted: Wanted, tube: Tube, moved: Floats32, ends: Floats32
+    words: Integers, boxes: Floats, drifts: Floats, wanted: KeptClearances, tube: Tube, moved: Floats32, ends: Floats32
 ) -> None:
     """Write each one's distance at the way's end after each step, shape (n, k) [m]: how far it will be from there.
 
@@ -155,7 +155,7 @@ def _write_kept_at_end(
     most, end = _all_kept(wanted), np.empty((1, tube.places.shape[1]), np.float32)
     end[0] = tube.places[tube.places.shape[0] - 1]
     for i in range(ends.shape[0]):
-        _move(boxes, drifts, i * tube.step, moved)
+        _place_boxes(boxes, drifts, i * tube.step, moved)
         write_gaps(words, moved, most, end, ends[i : i + 1])
         for k in range(boxes.shape[0]):
             if ends[i, k] < wanted.kept[2, k]:
@@ -163,7 +163,7 @@ def _write_kept_at_end(
 
 
 @inlined
-def _lacks(gaps: Floats32, wanted: Wanted, enough: Floats32, more: float) -> tuple[float, float]:
+def _lacks(gaps: Floats32, wanted: KeptClearances, enough: Floats32, more: float) -> tuple[float, float]:
     """What lacks where obstacles are some gaps (k,) away, on the move and where the robot waits [m].
 
     `enough` (k,) is kept of each at the way's end when the robot can be there, `more` more is enough here [m].
@@ -209,7 +209,7 @@ def _write_path(
 
 
 @inlined
-def _come(
+def _expand(
     tube: Tube, active: Integers, size: int, costs: Floats, reach: int, best: float, values: Floats, origins: Integers,
     coming: Integers, z: Floats, y: Floats,
 ) -> int:  # fmt: skip
@@ -239,18 +239,18 @@ def _come(
                 if values[new, 0] == np.inf and values[new, 1] == np.inf:
                     coming[arriving] = new
                     arriving += 1
-                kind = 1 if _waits(tube, old, new, columns) else 0
+                kind = 1 if _is_wait(tube, old, new, columns) else 0
                 if value < values[new, kind]:
                     values[new, kind], origins[new, kind] = value, old
     return arriving
 
 
 @kernel
-def dodged(
+def find_schedule(
     words: Indices,
     boxes: Rows,
     drifts: Rows,
-    wanted: Wanted,
+    wanted: KeptClearances,
     tube: Tube,
     width: int,
     timed: RowsOut,
@@ -284,10 +284,10 @@ def dodged(
         costs[0], active[0], size = 0.0, 0, 1
         end, last = -1, 0
         for i in range(1, times):
-            arriving = _come(tube, active, size, costs, reach, best, values, origins, coming, z, y)
+            arriving = _expand(tube, active, size, costs, reach, best, values, origins, coming, z, y)
             chosen = _most_promising(tube, coming, arriving, most, values, columns)
             price, size = wanted.dear * tube.step / (1.0 + i * tube.step / FADING), 0
-            _move(boxes, drifts, i * tube.step, moved)
+            _place_boxes(boxes, drifts, i * tube.step, moved)
             for c in range(chosen):
                 _write_state(tube, coming[c], columns, levels, zs[c])
             write_gaps(words, moved, all_kept, zs[:chosen], gaps)

@@ -151,7 +151,7 @@ def broken_limit(phases: Blocks, counts: Indices, start: Rows, limits: Rows, unt
 
 
 @kernel
-def travelled(moving: MovingRobot, exact: BezierCurve, since: float, until: float, parts: int) -> float:
+def bound_travel(moving: MovingRobot, exact: BezierCurve, since: float, until: float, parts: int) -> float:
     """Bound how far any point of the robot comes from where it is at first, between two parameters [m].
 
     The robot is off its motion by its tolerances, at first and later; `exact` is the motion without these. It is added

@@ -18,7 +18,7 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, Ch
 ROUNDING = 1e-12  # a curve that is beyond a limit by no more than this keeps it [rad or m]
 
 
-def leaving(
+def find_leaving(
     knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
 ) -> np.ndarray:
     """Which coordinates of a Hermite curve, knots (n,), values and slopes (n, c), leave limits (c,), shape (c,)."""
@@ -27,10 +27,10 @@ def leaving(
     return left
 
 
-def smoothly_within(
+def clamp_smoothly(
     knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
 ) -> tuple[ChartPoints, ChartRates]:
-    """A C² cubic curve as of `leaving` brought within limits, still C²: values and slopes (n, c), its ends kept.
+    """A C² cubic curve as of `find_leaving` brought within limits, still C²: values and slopes (n, c), its ends kept.
 
     Its de Boor points are brought within, in whose hull it is. With steps h, that of knot i is b - (h_{i-1} / h_i) (c -
     b), b and c being the inner control points of the piece that begins there (Farin, Curves and Surfaces for CAGD,
@@ -48,10 +48,10 @@ def smoothly_within(
     return kept, 3.0 * rates
 
 
-def bounded_slopes(
+def bound_slopes(
     knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
 ) -> ChartRates:
-    """Slopes (n, c) with which a cubic Hermite curve through values as of `leaving` keeps limits; C² it need not be.
+    """Slopes (n, c) with which a cubic Hermite curve through values as of `find_leaving` keeps limits; not always C².
 
     The control points next to a knot, a third of a step along the slope away from its value, are brought within.
     """
@@ -150,9 +150,9 @@ def _through_knots(problem: Problem, schedule: Schedule) -> Knots:
     positions, velocities = _sample(schedule, times)
     velocities[[0, -1]] = 0.0
     lower, upper = problem.group.lower, problem.group.upper
-    changed = leaving(times, positions, velocities, lower, upper)
+    changed = find_leaving(times, positions, velocities, lower, upper)
     if changed.any():
-        velocities[:, changed] = bounded_slopes(
+        velocities[:, changed] = bound_slopes(
             times, positions[:, changed], velocities[:, changed], lower[changed], upper[changed]
         )
     return times, positions, velocities
@@ -164,9 +164,9 @@ def _through_samples(problem: Problem, schedule: Schedule) -> Knots:
     times = np.linspace(0.0, schedule.duration, count + 1)
     positions, velocities = fit_smooth_spline(times, _sample(schedule, times)[0])
     lower, upper = problem.group.lower, problem.group.upper
-    changed = leaving(times, positions, velocities, lower, upper)
+    changed = find_leaving(times, positions, velocities, lower, upper)
     if changed.any():
-        positions[:, changed], velocities[:, changed] = smoothly_within(
+        positions[:, changed], velocities[:, changed] = clamp_smoothly(
             times, positions[:, changed], velocities[:, changed], lower[changed], upper[changed]
         )
     return times, positions, velocities

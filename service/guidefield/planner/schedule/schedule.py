@@ -165,26 +165,26 @@ class Stuck:
     spent: bool = False
 
 
-def step_of(group: PlanningGroup) -> float:
+def choose_step(group: PlanningGroup) -> float:
     """How long a step of schedules lasts for a group [s]."""
     slowest = float((group.velocity_limits / group.acceleration_limits).max())
     wanted = SCHEDULE.braking / SCHEDULE.rates * slowest
     return float(np.clip(wanted, SCHEDULE.shortest_step, SCHEDULE.longest_step))
 
 
-def slices_in(step: float) -> int:
+def count_slices(step: float) -> int:
     """Into how many slices a step is divided."""
     return math.ceil(step / SCHEDULE.slice_length)
 
 
-def at_one_rate(problem: Problem, motion: Trajectory, occupancy: Occupancy) -> Schedule | Stuck:
+def schedule_at_one_rate(problem: Problem, motion: Trajectory, occupancy: Occupancy) -> Schedule | Stuck:
     """The earliest schedule that waits at the start and then goes along the path at one rate."""
-    places = _places(motion, step_of(problem.group))
+    places = _places(motion, choose_step(problem.group))
     none = np.zeros((places, SCHEDULE.rates + 1), np.int64)
     return _search(problem, motion, occupancy, none, none)
 
 
-def at_any_rate(
+def schedule_at_any_rate(
     problem: Problem, motion: Trajectory, room: float, occupancy: Occupancy, by: float = np.inf
 ) -> Schedule | Stuck:
     """The earliest schedule that changes its rate within the limits of acceleration and jerk.
@@ -218,7 +218,7 @@ def _changes(problem: Problem, motion: Trajectory) -> tuple[np.ndarray, np.ndarr
     q''' v^3 + 3 q'' v u + q' du/dt, where u changes within a step by no more than twice what it may be. Limits of what
     the motion does as a whole are of the same form in v^2 and u; those of speed are kept at every rate up to 1.
     """
-    group, step = problem.group, step_of(problem.group)
+    group, step = problem.group, choose_step(problem.group)
     at = _spacing(step) * np.arange(_places(motion, step))
     points, first, second = motion.evaluate(at)
     kept = np.broadcast_to(group.acceleration_limits, first.shape)
@@ -255,8 +255,8 @@ def _search(
     room: float = 1.0,
     by: float = np.inf,
 ) -> Schedule | Stuck:
-    step = step_of(problem.group)
-    spacing, per_step = _spacing(step), slices_in(step)
+    step = choose_step(problem.group)
+    spacing, per_step = _spacing(step), count_slices(step)
     cells = occupancy.cells(spacing * room * np.arange(len(lowest)))
     horizon = min(max(problem.scene.end, 0.0) + SCHEDULE.slack * motion.duration + 1.0, by)
     costs = np.full((len(lowest), SCHEDULE.rates + 1), kernel.UNREACHED)

@@ -1,4 +1,4 @@
-"""Ways to a goal: looked at in every cycle, and planned beside it."""
+"""Paths to a goal: checked in every cycle, and planned in a thread beside it."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.configuration import LIMIT_TOLERANCE, configuration_from_wire, limit_faults
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.stream.commit import JointBounds
-from guidefield.stream.dodging import Timed, Way, drawn_sides, sides_of, timed, tube_about
-from guidefield.stream.obstacles import Drifting
-from guidefield.stream.settings import STREAM, Kept
+from guidefield.stream.dodging import ScheduledPath, TimedPath, build_tube, choose_sides, draw_sides, schedule_path
+from guidefield.stream.obstacles import DriftingObstacles
+from guidefield.stream.settings import STREAM, ClearanceRule
 
 FAR = 0.3  # distances are measured up to this [m], at size 1
-NOTHING = Drifting(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))  # nothing moves
+NOTHING = DriftingObstacles(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))  # nothing moves
 
 _T = TypeVar("_T")
 
@@ -51,8 +51,8 @@ YIELDING = 10  # by how much what is done beside the cycle is nicer than the cyc
 INSIDE = 0.005  # by so much what is grown is less than an end is away from it [m], at size 1
 
 
-class Room:
-    """A robot among what rests and what moves, by samples; with memory of its own: not for two threads.
+class PathPlanner:
+    """Plans and checks paths by samples, among what rests and what drifts; with memory of its own: not for two threads.
 
     Args:
         least: What to keep from what rests at least [m]; beyond that it is `STREAM.resting` as a rule.
@@ -62,7 +62,7 @@ class Room:
     def __init__(self, group: PlanningGroup, world: World, bounds: JointBounds, least: float, tolerance: float) -> None:
         self._speeds = bounds.rates[:, 0].copy()
         self._lower, self._upper = bounds.lower, bounds.upper
-        self._sides = drawn_sides(STREAM.sides, self._speeds)
+        self._sides = draw_sides(STREAM.sides, self._speeds)
         self.lanes = BatchCollision.build(world)
         self._group, self._data, self._bound = group, lent_data(group, self), world.motion_bound
         self._bodies = world.bodies
@@ -74,23 +74,23 @@ class Room:
         kept: np.ndarray = self.lanes.gaps(boxes, z[None], FAR * self.size)[0] - INSIDE * self.size
         return kept
 
-    def stays_free(self, drifting: Drifting, z: ChartPoint) -> bool:
+    def is_goal_free(self, drifting: DriftingObstacles, z: ChartPoint) -> bool:
         """Whether coordinates (nv,) keep from what moves what an end has to, now and as far as flights are foreseen."""
         kept = STREAM.ending.from_each(drifting.rates, self.size) + drifting.margins
         soon = (drifting.boxes, drifting.after(STREAM.foreseen))
         return all(bool((self.lanes.gaps(boxes, z[None], FAR * self.size) >= kept).all()) for boxes in soon)
 
-    def clearance(self, most: float, ends: list[ChartPoint]) -> float:
+    def choose_clearance(self, most: float, ends: list[ChartPoint]) -> float:
         """What to keep from what rests [m]: `most` at size 1 beyond the least, or less where an end (nv,) is closer.
 
         What the robot may be off by there is kept as well, unless an end is closer than that.
         """
-        zs, off = np.array(ends), self.swept(ends)
+        zs, off = np.array(ends), self.bound_error(ends)
         beyond = [*(off + share * most * self.size for share in STREAM.closer), 0.0]
         kept = [self._least + one for one in beyond]
         return next((one for one in kept if not self.lanes.touching(zs, one).any()), kept[-1])
 
-    def swept(self, ends: list[ChartPoint]) -> float:
+    def bound_error(self, ends: list[ChartPoint]) -> float:
         """How far the robot may be off at some points (nv,) [m]."""
         group, data, tolerances = self._group, self._data, np.full((1, len(ends[0])), self._tolerance)
         most = 0.0
@@ -100,27 +100,29 @@ class Room:
             most = max(most, float(self._bound.at(jacobian[None], centres, tolerances)[1].max(initial=0.0)))
         return most
 
-    def resting_free(self, zs: ChartPoints) -> np.ndarray:
+    def find_free(self, zs: ChartPoints) -> np.ndarray:
         """Which of chart points (n, nv) keep from what rests, and touch nothing of the robot itself, shape (n,)."""
         return ~self.lanes.touching(zs, self._least + STREAM.resting * self.size)
 
-    def kept_from_resting(self, z: ChartPoint) -> int:
+    def count_kept(self, z: ChartPoint) -> int:
         """How many of `STREAM.leaving` are kept from what rests at coordinates z (nv,), and from the robot itself."""
         kept = [self._least + one * self.size for one in STREAM.leaving]
         return next((k for k, one in enumerate(kept) if self.lanes.touching(z[None], one).any()), len(kept))
 
-    def straight(self, drifting: Drifting, kept: Kept, clearance: float, points: ChartPoints) -> bool:
-        """Whether a way (m, nv), straight from point to point, is free, with a clearance from what rests [m]."""
+    def is_free(self, drifting: DriftingObstacles, kept: ClearanceRule, clearance: float, points: ChartPoints) -> bool:
+        """Tell if a path (m, nv), straight from point to point, is free, with a clearance from what rests [m]."""
         lanes = self._among(drifting, kept, points[0], points[-1])
         return lanes.free_until(points, STREAM.resolution, clearance) == len(points) - 1
 
-    def way(self, drifting: Drifting, kept: Kept, z0: ChartPoint, z1: ChartPoint, seed: int) -> ChartPoints | None:
-        """A way from z0 to z1, each (nv,), shape (m, nv), by trees and short cuts; None: none was found.
+    def find_path(
+        self, drifting: DriftingObstacles, kept: ClearanceRule, z0: ChartPoint, z1: ChartPoint, seed: int
+    ) -> ChartPoints | None:
+        """A path from z0 to z1, each (nv,), shape (m, nv), by trees and short cuts; None: none was found.
 
-        Where a joint turns without end the way may end whole turns from z1.
+        Where a joint turns without end the path may end whole turns from z1.
         """
         ends, straight = [z0, z1], cast(ChartPoints, np.array([z0, z1]))
-        lanes, clearance = self._among(drifting, kept, z0, z1), self.clearance(STREAM.resting, ends)
+        lanes, clearance = self._among(drifting, kept, z0, z1), self.choose_clearance(STREAM.resting, ends)
         if lanes.free_until(straight, STREAM.resolution, clearance):
             return straight
         found = tree_search.grow(
@@ -133,33 +135,35 @@ class Room:
         way[0], way[-1] = z0, self._group.unwrapped(z1, way[-1])
         return way
 
-    def timed(self, drifting: Drifting, points: ChartPoints) -> Timed:
-        """Where to be when on a way (m, nv) among what moves, or beside it, and what that costs."""
-        way = Way(points, self._speeds)
+    def schedule(self, drifting: DriftingObstacles, points: ChartPoints) -> ScheduledPath:
+        """Where to be when on a path (m, nv) among what moves, or beside it, and what that costs."""
+        way = TimedPath(points, self._speeds)
         if way.length == 0.0 or not len(drifting.boxes):
-            return Timed(way.length, points, way.begins)
+            return ScheduledPath(way.length, points, way.begins)
         ends = [points[0], points[-1]]
-        clearance = self.clearance(STREAM.resting, ends)
+        clearance = self.choose_clearance(STREAM.resting, ends)
 
         def is_taken(zs: ChartPoints) -> np.ndarray:
             out = np.any((zs < self._lower) | (zs > self._upper), axis=1)
             return np.asarray(out | self.lanes.touching(zs, clearance))
 
-        wanted, foreseen = drifting.margins + self.swept(ends), math.ceil(STREAM.arriving / STREAM.step)
+        wanted, foreseen = drifting.margins + self.bound_error(ends), math.ceil(STREAM.arriving / STREAM.step)
         kinds = (STREAM.going, STREAM.waiting, STREAM.ending)
         kept = np.array([kept.from_each(drifting.rates, self.size) + wanted for kept in kinds])
-        sides = sides_of(self.lanes, drifting, way, self._speeds, self._sides, self.size)
-        tube = tube_about(way, sides, self._speeds, is_taken, foreseen)
-        return timed(self.lanes, drifting, kept, tube, way, foreseen, self.size)
+        sides = choose_sides(self.lanes, drifting, way, self._sides)
+        tube = build_tube(way, sides, self._speeds, is_taken, foreseen)
+        return schedule_path(self.lanes, drifting, kept, tube, way, foreseen)
 
-    def _among(self, drifting: Drifting, kept: Kept, z0: ChartPoint, z1: ChartPoint) -> BatchCollision:
-        """The robot among what rests, and what moves, on ways between two points (nv,)."""
+    def _among(
+        self, drifting: DriftingObstacles, kept: ClearanceRule, z0: ChartPoint, z1: ChartPoint
+    ) -> BatchCollision:
+        """The robot among what rests, and what moves, on paths between two points (nv,)."""
         if not len(drifting.boxes):
             return self.lanes
         boxes = np.empty((len(drifting.boxes), DRIFTING_BOX), np.float32)
         later = float(min(np.max(np.abs(z1 - z0) / self._speeds), STREAM.planned))
         boxes[:, :ROUNDED_BOX], boxes[:, VELOCITY:KEPT] = drifting.boxes, drifting.drifts
-        boxes[:, KEPT] = kept.from_each(drifting.rates, self.size) + drifting.margins + self.swept([z0, z1])
+        boxes[:, KEPT] = kept.from_each(drifting.rates, self.size) + drifting.margins + self.bound_error([z0, z1])
         boxes[:, KEPT_AT_START] = self.gaps(drifting.boxes, z0)
         boxes[:, KEPT_AT_GOAL] = self.gaps(drifting.after(later), z1)
         return self.lanes.among(
@@ -175,91 +179,91 @@ class Room:
 
 
 @dataclass(frozen=True)
-class Found:
-    """What came of planning."""
+class PlannedPath:
+    """The outcome of planning."""
 
-    way: Timed | None  # the way, where to be on it when; None: none was found
+    way: ScheduledPath | None  # the path, where to be on it when; None: none was found
     nowhere: bool
 
 
 @dataclass(frozen=True)
-class Ordered:
-    """A way that is being planned."""
+class PathOrder:
+    """A path that is being planned."""
 
     due: float  # when it is taken over, by the client's clock [s]
     goal: ChartPoint  # where it leads, shape (nv,)
-    found: Future[Found]
+    found: Future[PlannedPath]
 
 
-class Planner:
-    """Plans ways beside the cycle, one at a time, in a thread of its own.
+class BackgroundPlanner:
+    """Plans paths beside the cycle, one at a time, in a thread of its own.
 
     Args:
         niceness: By how much the thread gives way to others, where the system knows priorities of threads.
     """
 
-    def __init__(self, room: Room, niceness: int = 0) -> None:
-        self._room = room
-        self._thread = ThreadPoolExecutor(1, "guidefield-ways", give_way, (niceness,))
+    def __init__(self, paths: PathPlanner, niceness: int = 0) -> None:
+        self._paths = paths
+        self._thread = ThreadPoolExecutor(1, "guidefield-ways", lower_priority, (niceness,))
 
-    def beside(self, work: Callable[[Room], _T]) -> Future[_T]:
-        """Have something else done with its room, when its turn comes."""
-        return self._thread.submit(work, self._room)
+    def submit(self, work: Callable[[PathPlanner], _T]) -> Future[_T]:
+        """Have other work done with its path planner, when its turn comes."""
+        return self._thread.submit(work, self._paths)
 
     def order(
         self,
         due: float,
         z0: ChartPoint,
         z1: ChartPoint,
-        drifting: Drifting,
+        drifting: DriftingObstacles,
         followed: ChartPoints | None,
         rng: np.random.Generator,
-    ) -> Ordered:
-        """Have a way from z0 to z1 (nv,) planned, due at a time [s], that costs less than the rest of one."""
+    ) -> PathOrder:
+        """Have a path from z0 to z1 (nv,) planned, due at a time [s], that costs less than the rest of one."""
         seed = int(rng.integers(1 << 62))
-        return Ordered(due, z1, self._thread.submit(self._planned, z0, z1, drifting, followed, seed))
+        return PathOrder(due, z1, self._thread.submit(self._plan, z0, z1, drifting, followed, seed))
 
     def close(self) -> None:
         """End its thread."""
         self._thread.shutdown(wait=True, cancel_futures=True)
 
-    def _planned(
+    def _plan(
         self,
         z0: ChartPoint,
         z1: ChartPoint,
-        drifting: Drifting,
+        drifting: DriftingObstacles,
         followed: ChartPoints | None,
         seed: int,
-    ) -> Found:
-        room = self._room
+    ) -> PlannedPath:
+        paths = self._paths
         straight = np.array([z0, z1])
         found: list[ChartPoints] = []
         for kept in STREAM.kept:
-            way = room.way(drifting, kept, z0, z1, seed)
+            way = paths.find_path(drifting, kept, z0, z1, seed)
             if way is None:
                 break  # none that keeps more is found either
             found.append(way)
-        if room.straight(NOTHING, STREAM.going, room.clearance(STREAM.resting, [z0, z1]), straight):
+        if paths.is_free(NOTHING, STREAM.going, paths.choose_clearance(STREAM.resting, [z0, z1]), straight):
             found.append(straight)
         if not found and followed is None:
-            return Found(None, nowhere=True)
-        ways = [room.timed(drifting, way) for way in found]
+            return PlannedPath(None, nowhere=True)
+        ways = [paths.schedule(drifting, way) for way in found]
         best = min(ways, key=lambda one: one.cost, default=None)
         if followed is not None:
-            before = room.timed(drifting, followed)
+            before = paths.schedule(drifting, followed)
             if best is None or best.cost > before.cost - max(STREAM.gain, STREAM.gain_share * before.cost):
                 best = before
-        return Found(best, nowhere=False)
+        return PlannedPath(best, nowhere=False)
 
 
-def give_way(niceness: int = YIELDING) -> None:
+def lower_priority(niceness: int = YIELDING) -> None:
     """Have this thread be nicer than the others of its process by so much, as Linux counts."""
     if niceness and sys.platform == "linux":  # elsewhere a process has one priority for all of its threads
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), niceness)
 
 
-def goals_of(
-    goal: StreamGoal, group: PlanningGroup, room: Room, near: ChartPoint, rng: np.random.Generator
+def find_goals(
+    goal: StreamGoal, group: PlanningGroup, paths: PathPlanner, near: ChartPoint, rng: np.random.Generator
 ) -> ChartPoints:
     """The configurations that a goal means, free of what rests and of themselves, shape (k, nv).
 
@@ -270,7 +274,7 @@ def goals_of(
         InvalidGoal: if it names joints that don't move, or no configuration of it is within limits and free.
     """
     if isinstance(goal, PoseGoal):
-        found = solve(group, PoseTarget.from_wire(goal), [near], STREAM.goals, rng=rng, accept=room.resting_free)
+        found = solve(group, PoseTarget.from_wire(goal), [near], STREAM.goals, rng=rng, accept=paths.find_free)
         if not found.solutions:
             raise InvalidGoal(f"the goal's pose can't be reached: {found.reason}", **found.details)
         return np.array(found.solutions)
@@ -286,7 +290,7 @@ def goals_of(
             value=fault.value,
         )
     zs = np.clip(zs[within], group.lower, group.upper)
-    free = room.resting_free(zs)
+    free = paths.find_free(zs)
     if not free.any():
         raise InvalidGoal("the goal touches the scene or the robot itself, or is closer to the scene than 4 mm")
     return cast(ChartPoints, zs[free])
@@ -308,28 +312,28 @@ def _configuration(goal: JointsGoal | JointSetGoal, index: int, group: PlanningG
 
 
 class TakeOver(Protocol):
-    """Decides in each cycle whether the way that was ordered is taken over."""
+    """Decides in each cycle whether the path that was ordered is taken over."""
 
     @property
     def niceness(self) -> int:
         """By how much the thread that plans gives way to others."""
 
-    def takes(self, ordered: Ordered, now: float) -> bool:
+    def takes(self, ordered: PathOrder, now: float) -> bool:
         """Whether to take it over at an update's time [s]; if it isn't found yet, it is waited for."""
 
 
-class Counted:
-    """A counted time after it was ordered: the same updates get the same pieces, however long planning takes."""
+class FixedDelay:
+    """Takes a path over a fixed time after it was ordered: the same updates get the same pieces."""
 
     niceness = 0
 
-    def takes(self, ordered: Ordered, now: float) -> bool:
+    def takes(self, ordered: PathOrder, now: float) -> bool:
         """Whether it is due."""
         return now >= ordered.due
 
 
-class WhenFound:
-    """As soon as it is found: nobody ever waits for it.
+class WhenReady:
+    """Takes a path over as soon as it is found: nobody ever waits for it.
 
     Attributes:
         last: Time of the last update at which one was taken over [s]; None: there was none.
@@ -340,7 +344,7 @@ class WhenFound:
     def __init__(self) -> None:
         self.last: float | None = None
 
-    def takes(self, ordered: Ordered, now: float) -> bool:
+    def takes(self, ordered: PathOrder, now: float) -> bool:
         """Whether it is found."""
         if not ordered.found.done():
             return False
@@ -348,8 +352,8 @@ class WhenFound:
         return True
 
 
-class AsBefore:
-    """At the updates at which ways were taken over before.
+class AtRecordedTimes:
+    """Takes paths over at the updates at which they were taken over before.
 
     Args:
         times: Of these updates [s].
@@ -360,6 +364,6 @@ class AsBefore:
     def __init__(self, times: Collection[float]) -> None:
         self._times = frozenset(times)
 
-    def takes(self, ordered: Ordered, now: float) -> bool:  # noqa: ARG002 - what was found isn't asked
+    def takes(self, ordered: PathOrder, now: float) -> bool:  # noqa: ARG002 - what was found isn't asked
         """Whether one was taken over then."""
         return now in self._times

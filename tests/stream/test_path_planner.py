@@ -11,19 +11,19 @@ import pinocchio as pin
 import pytest
 
 from guidefield.kernels.collide.layout import DRIFTING_BOX, KEPT, ROUNDED_BOX
-from guidefield.kernels.stream.dodge import FADING, Tube, Wanted, dodged
+from guidefield.kernels.stream.dodge import FADING, KeptClearances, Tube, find_schedule
 from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import Box, HalfSpace, Scene
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState
 from guidefield.messages.values import Placement
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.scene import build
-from guidefield.stream.dodging import Way, _along, tube_about
-from guidefield.stream.obstacles import Drifting
-from guidefield.stream.settings import STREAM, Kept
+from guidefield.stream.dodging import TimedPath, _along, build_tube
+from guidefield.stream.obstacles import DriftingObstacles
+from guidefield.stream.path_planner import NOTHING
+from guidefield.stream.settings import STREAM, ClearanceRule
 from guidefield.stream.shapes import read_only_views
 from guidefield.stream.stream import CertifiedStream
-from guidefield.stream.ways import NOTHING
 from tests.robots import robot
 
 LARGER = 0.05
@@ -57,12 +57,12 @@ def test_a_way_begins_where_the_robot_is_closer_than_ways_keep() -> None:
         with CertifiedStream(
             StreamOpen("ur5", "room", start=UP, tracking_tolerance=0.0), robot("ur5"), scene
         ) as stream:
-            room, z0 = stream._room, stream.executing.ends
+            paths, z0 = stream._paths, stream.executing.ends
             z1 = z0.copy()
             z1[1] -= 1.0
-            assert room.resting_free(np.array([z0, z1])).tolist() == [kept == 1.0, True]
-            assert room.clearance(STREAM.resting, [z0, z1]) == kept * STREAM.resting
-            way = room.way(NOTHING, Kept(0.1, 0.0), z0, z1, 0)
+            assert paths.find_free(np.array([z0, z1])).tolist() == [kept == 1.0, True]
+            assert paths.choose_clearance(STREAM.resting, [z0, z1]) == kept * STREAM.resting
+            way = paths.find_path(NOTHING, ClearanceRule(0.1, 0.0), z0, z1, 0)
         assert way is not None
         assert np.array_equal(way[[0, -1]], [z0, z1])
 
@@ -75,17 +75,19 @@ def test_ways_keep_what_the_robot_may_be_off_by_and_what_the_judge_wants_of_each
     )
     with CertifiedStream(asked, robot("ur5"), scene) as stream:
         stream.update(time=0.0, obstacles=[Observation("crate", 0.0, Placement((0.3, 0.3, 1.5)))])
-        room, z = stream._room, stream.executing.ends
+        paths, z = stream._paths, stream.executing.ends
         drifting = stream._obstacles.drifting(0.0)
-        swept, largest = room.swept([z]), most_moved(stream, z, tolerance)
+        swept, largest = paths.bound_error([z]), most_moved(stream, z, tolerance)
         ends = [z, z + 0.5]
         assert largest <= swept <= 1.5 * largest
-        assert room.swept(ends) == max(swept, room.swept(ends[1:])) > swept
-        kept = 0.02 + room.swept(ends) + STREAM.resting
-        assert room.clearance(STREAM.resting, ends) == pytest.approx(kept, rel=1e-15)
+        assert paths.bound_error(ends) == max(swept, paths.bound_error(ends[1:])) > swept
+        kept = 0.02 + paths.bound_error(ends) + STREAM.resting
+        assert paths.choose_clearance(STREAM.resting, ends) == pytest.approx(kept, rel=1e-15)
         assert drifting.margins == pytest.approx([0.01 + 0.02 + 0.4 * 0.005])
-        kept_from_each = room._among(drifting, Kept(0.05, 0.1), *ends).drifting.boxes.reshape(-1, DRIFTING_BOX)[:, KEPT]
-        assert kept_from_each == pytest.approx(0.05 + 0.1 * 0.4 + drifting.margins + room.swept(ends))
+        kept_from_each = paths._among(drifting, ClearanceRule(0.05, 0.1), *ends).drifting.boxes.reshape(
+            -1, DRIFTING_BOX
+        )[:, KEPT]
+        assert kept_from_each == pytest.approx(0.05 + 0.1 * 0.4 + drifting.margins + paths.bound_error(ends))
 
 
 def most_moved(stream: CertifiedStream, z: ChartPoint, tolerance: float) -> float:
@@ -109,18 +111,20 @@ def most_moved(stream: CertifiedStream, z: ChartPoint, tolerance: float) -> floa
     return most
 
 
-def ball(where: tuple[float, float, float], drift: tuple[float, float, float], radius: float = 0.1) -> Drifting:
+def ball(
+    where: tuple[float, float, float], drift: tuple[float, float, float], radius: float = 0.1
+) -> DriftingObstacles:
     """One that drifts, and may be as fast as that."""
     row = np.zeros((1, 16))
     row[0, [0, 5, 10]], row[0, [3, 7, 11]], row[0, 15] = 1.0, where, radius
-    return Drifting(row, np.array([drift]), np.array([np.linalg.norm(drift)]), np.zeros(1))
+    return DriftingObstacles(row, np.array([drift]), np.array([np.linalg.norm(drift)]), np.zeros(1))
 
 
 def test_gaps_are_no_larger_than_distances_and_motions_keep_from_what_drifts() -> None:
     """Against Coal's distances; links are told to be larger than they are."""
     rng, told, most = np.random.default_rng(0), [], 0.4
     with CertifiedStream(StreamOpen("ur5", "empty", start=UP), robot("ur5"), build(Scene("empty"))) as stream:
-        group, room = stream.group, stream._room
+        group, paths = stream.group, stream._paths
     placed, data = group.geometry.createData(), group.model.createData()
     for _ in range(60):
         z, sides, rows = group.random(rng), rng.uniform(0.05, 0.2, (3, 3)), np.zeros((3, ROUNDED_BOX))
@@ -139,18 +143,20 @@ def test_gaps_are_no_larger_than_distances_and_motions_keep_from_what_drifts() -
             )
             for side, turn, row in zip(sides, turns, rows, strict=True)
         ])  # fmt: skip
-        gaps = room.lanes.gaps(rows, z[None], most)[0]
+        gaps = paths.lanes.gaps(rows, z[None], most)[0]
         assert (gaps <= np.minimum(np.maximum(distances, -np.inf), most) + 1e-5).all()
         apart = distances > 0.0
         assert (gaps[apart] >= np.minimum(distances, most)[apart] - LARGER).all()
         kept = rng.uniform(0.0, most, 3)
         told.append(bool((gaps < kept).any()))
-        resting = Drifting(rows, np.zeros((3, 3)), np.zeros(3), kept - room.swept([z, z]))
-        assert room._among(resting, Kept(0.0, 0.0), z, z).drifting.boxes.reshape(3, -1)[:, KEPT] == pytest.approx(kept)
+        resting = DriftingObstacles(rows, np.zeros((3, 3)), np.zeros(3), kept - paths.bound_error([z, z]))
+        assert paths._among(resting, ClearanceRule(0.0, 0.0), z, z).drifting.boxes.reshape(3, -1)[
+            :, KEPT
+        ] == pytest.approx(kept)
     assert 10 < sum(told) < 50
 
 
-def later(drifting: Drifting, time: float) -> np.ndarray:
+def later(drifting: DriftingObstacles, time: float) -> np.ndarray:
     """Its boxes after a time [s], shape (k, 16)."""
     boxes = drifting.boxes.copy()
     boxes[:, [3, 7, 11]] += time * drifting.drifts
@@ -168,13 +174,13 @@ ALL = 10.0
 
 
 def searched(
-    room: Any, drifting: Drifting, kept: np.ndarray, tube: Tube, foreseen: int, dear: float, width: int
+    paths: Any, drifting: DriftingObstacles, kept: np.ndarray, tube: Tube, foreseen: int, dear: float, width: int
 ) -> tuple[float, np.ndarray]:
     """What the cheapest way in a tube costs, and where it is at each step."""
     timed, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
     tube = read_only_views(tube._replace(speeds=np.ascontiguousarray(tube.speeds)))
-    wanted = read_only_views(Wanted(kept, WIDENING, dear))
-    rows, cost = dodged(room.lanes.words, drifting.boxes, drifting.drifts, wanted, tube, width, timed, reached)
+    wanted = read_only_views(KeptClearances(kept, WIDENING, dear))
+    rows, cost = find_schedule(paths.lanes.words, drifting.boxes, drifting.drifts, wanted, tube, width, timed, reached)
     columns = reached[:rows] % tube.taken.shape[1]
     assert (timed[:rows][columns == 0] == tube.places[reached[:rows] // tube.taken.shape[1]][columns == 0]).all()
     return cost, timed[:rows]
@@ -184,7 +190,7 @@ def searched(
 def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait(ending: float) -> None:
     """Against all of them, one after the other."""
     with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
-        room, z0, speeds = stream._room, stream.executing.ends, stream._opened.bounds.rates[:, 0]
+        paths, z0, speeds = stream._paths, stream.executing.ends, stream._opened.bounds.rates[:, 0]
     step, steps, dear, stays = 0.1, 8, 60.0, 1
     places = np.array([z0 + k * np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]) for k in (0, 1, 2, 3, 3)])
     tube = Tube(places, np.empty((0, 6)), np.zeros((5, 1), np.int64), speeds, step, stays)
@@ -192,7 +198,7 @@ def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait(ending: floa
     costs = []
     for start in (0.2, 0.5, 0.8):
         drifting = ball((0.6, start, 0.5), (0.0, -0.5, 0.0))
-        least = np.array([room.lanes.gaps(later(drifting, step * i), places, 0.25)[:, 0] for i in range(steps + 1)])
+        least = np.array([paths.lanes.gaps(later(drifting, step * i), places, 0.25)[:, 0] for i in range(steps + 1)])
         best = np.inf
         for moves in product((-1, 0, 1), repeat=steps):
             place, cost = 0, 0.0
@@ -210,7 +216,7 @@ def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait(ending: floa
                 lack = max(0.0, min(kept[1 if waits else 0, 0], enough) - least[i, place])
                 cost += step * (1.0 + dear * lack / (1.0 + step * i / FADING))
             best = min(best, cost + step * (len(places) - 1 - place))
-        found, _ = searched(room, drifting, kept, tube, steps, dear, 0)
+        found, _ = searched(paths, drifting, kept, tube, steps, dear, 0)
         assert found == pytest.approx(best, rel=1e-12)
         costs.append(found)
     assert max(costs) > 0.5, "who is in the way costs something"
@@ -220,11 +226,11 @@ def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait(ending: floa
 def test_a_way_is_followed_no_earlier_than_it_says() -> None:
     speeds, ahead = np.array([1.0, 2.0]), 0.2
     points = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.0], [0.3, 0.0], [0.3, 0.4]])
-    way = Way(points, speeds, np.array([5.0, 5.1, 5.6, 5.8, 6.0]))
+    way = TimedPath(points, speeds, np.array([5.0, 5.1, 5.6, 5.8, 6.0]))
     assert [way.due(time) for time in (4.0, 5.0, 5.05, 5.3, 5.7, 5.9, 6.0)] == pytest.approx(
         [0.0, 0.0, 0.05, 0.1, 0.2, 0.4, np.inf]
     )
-    assert Way(points, speeds).due(-1e9) == np.inf
+    assert TimedPath(points, speeds).due(-1e9) == np.inf
     stand = np.array([0.02, 0.0])
     waits = way.aim(stand, 0.0, ahead, way.due(5.3))
     assert waits.last == pytest.approx([0.1, 0.0])
@@ -232,7 +238,7 @@ def test_a_way_is_followed_no_earlier_than_it_says() -> None:
     goes = way.aim(stand, 0.0, ahead, way.due(5.9))
     assert goes.last is None
     assert goes.direction == pytest.approx([0.2, 0.0])
-    there = Way(np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.0]]), speeds, np.array([0.0, 0.3, 0.6]))
+    there = TimedPath(np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.0]]), speeds, np.array([0.0, 0.3, 0.6]))
     assert there.aim(np.array([0.01, 0.0]), 0.0, ahead, there.due(0.1)).place == pytest.approx(0.01), (
         "not where it ends"
     )
@@ -241,15 +247,15 @@ def test_a_way_is_followed_no_earlier_than_it_says() -> None:
 def test_ways_are_planned_to_where_obstacles_will_be() -> None:
     """The straight way is free of a ball that has left it by then, and not of one that comes."""
     with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
-        room, z0, speeds = stream._room, stream.executing.ends, stream._opened.bounds.rates[:, 0]
-    z1, model, kept = z0.copy(), stream.group.model, Kept(0.02, 0.0)
+        paths, z0, speeds = stream._paths, stream.executing.ends, stream._opened.bounds.rates[:, 0]
+    z1, model, kept = z0.copy(), stream.group.model, ClearanceRule(0.02, 0.0)
     z1[0] += 1.5
     data = model.createData()
     pin.framesForwardKinematics(model, data, stream.group.expand_from_chart(0.5 * (z0 + z1)))
     tip, rise = data.oMf[stream.group.tip_id].translation, 2.0
     drop = rise * 0.75 / speeds[0]
     free = {
-        name: room.straight(ball((tip[0], tip[1], height), (0.0, 0.0, drift)), kept, 0.0, np.array([z0, z1]))
+        name: paths.is_free(ball((tip[0], tip[1], height), (0.0, 0.0, drift)), kept, 0.0, np.array([z0, z1]))
         for name, height, drift in (
             ("rests there", tip[2], 0.0),
             ("leaves", tip[2], rise),
@@ -263,22 +269,22 @@ def test_ways_are_planned_to_where_obstacles_will_be() -> None:
 def test_a_way_with_times_keeps_its_corners() -> None:
     """Straight from one place of its tube to the next isn't free of what rests; turning back neither."""
     with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
-        room, z0, speeds = stream._room, stream.executing.ends, stream._opened.bounds.rates[:, 0]
+        paths, z0, speeds = stream._paths, stream.executing.ends, stream._opened.bounds.rates[:, 0]
     rng, beside = np.random.default_rng(0), 0
     for k in range(30):
         corners = z0 + np.concatenate([np.zeros((1, 6)), rng.uniform(-0.4, 0.4, (6, 6))]).cumsum(axis=0)
         far = k == 0
         centre = np.full(3, 9.0) if far else rng.uniform((0.3, -0.8, 0.2), (0.9, 0.8, 0.8))
-        timed = room.timed(ball(tuple(centre), tuple(rng.uniform(-0.8, 0.8, 3))), corners)
+        timed = paths.schedule(ball(tuple(centre), tuple(rng.uniform(-0.8, 0.8, 3))), corners)
         assert np.array_equal(timed.points[[0, -1]], corners[[0, -1]])
         assert (np.diff(timed.times) >= 0.0).all()
-        places = require_no_corner_passed(Way(corners, speeds), timed.points)
+        places = require_no_corner_passed(TimedPath(corners, speeds), timed.points)
         beside += None in places
         if far:
             assert timed.times == pytest.approx(places, abs=1e-9), "nothing is in the way"
     assert beside > 0
-    way, step = Way(corners, speeds), STREAM.step
-    tube = tube_about(way, np.full((1, 6), 0.01), speeds, lambda zs: np.zeros(len(zs), bool), 10)
+    way, step = TimedPath(corners, speeds), STREAM.step
+    tube = build_tube(way, np.full((1, 6), 0.01), speeds, lambda zs: np.zeros(len(zs), bool), 10)
     reached = np.array([0, 1, 2, 3, 3, 2, 1, 2])
     points, times = _along(way, tube, tube.places[reached], reached * tube.taken.shape[1])
     assert way.length > 4.0 * step
@@ -288,7 +294,7 @@ def test_a_way_with_times_keeps_its_corners() -> None:
     assert np.array_equal(points[-1], corners[-1])
 
 
-def require_no_corner_passed(way: Way, points: ChartPoints) -> list[float | None]:
+def require_no_corner_passed(way: TimedPath, points: ChartPoints) -> list[float | None]:
     """Where on a way each of some points (m, nv) is; None: beside it. No corner is between two that follow."""
     nearest_places = [way.nearest(point, 0.0, np.inf) for point in points]
     off = [float(np.abs(way.at(a) - point).max()) for a, point in zip(nearest_places, points, strict=True)]
@@ -308,7 +314,7 @@ def test_a_way_may_end_whole_turns_from_its_goal_where_a_joint_turns_without_end
         end, slower = pursuit.goals[0] + 2.0 * np.pi * np.eye(6)[0], pursuit.goals[0] + 2.0 * np.pi * np.eye(6)[1]
         assert stream._is_same(end, pursuit.goals[0])
         assert not stream._is_same(slower, pursuit.goals[0])
-        pursuit.follow(Way(np.array([stream.executing.ends, end]), stream._speeds))
+        pursuit.follow(TimedPath(np.array([stream.executing.ends, end]), stream._speeds))
         time, answer = 0.0, stream.update(time=0.0)
         while isinstance(answer, Piece) and time < 20.0:
             time += 0.02
