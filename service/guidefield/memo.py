@@ -73,12 +73,13 @@ class Answers(Generic[Found]):
         mark = vars(owner).get(_PLACE)
         if mark is None or mark.owner != id(owner):
             return cast(Found, MISSING)
-        found = _FOUND.get((id(mark), self._number, asked))
+        found: tuple[Found] | None = _FOUND.get((id(mark), self._number, asked))
         if found is None:
             return cast(Found, MISSING)
         latest = mark.asked[self._number]
-        latest[asked] = latest.pop(asked, None)
-        return cast(Found, found[0])
+        if len(latest) > 1:
+            latest[asked] = latest.pop(asked, None)
+        return found[0]
 
     def keep(self, owner: object, asked: object, answer: Found) -> Found:
         """Store a result unless there is one already; return the stored one."""

@@ -36,7 +36,7 @@ from guidefield.prove.search import Goal, SearchResult
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.model.spaces import ChartCurves, Configurations, ModelConfigurations
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, Configurations, ModelConfigurations
 from guidefield.scene.scene import Scene
 
 LENGTH_STEPS = 100  # chords by which the length of a path is measured, at least. Unrecorded
@@ -188,7 +188,7 @@ def measure_clearance(trajectory: TimedMotion, problem: Conditions) -> Clearance
         )
         for one in (*found.obstacle, found.own)
     ]
-    start = world.group.expand_from_chart(curve.point_at(times[0]))
+    start = world.group.expand_from_chart(cast(ChartPoint, curve.pieces[0, 0]))
     # what is in the open at the start and touches nothing stays there
     if min(one.distance for one in closest) <= 0.0 or enclosed(world_at(world, times[0]), start) is not None:
         n_self, begins = world.pairs.n_self, np.array([*(begin for begin, _ in spans), times[0]])

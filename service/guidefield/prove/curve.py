@@ -163,11 +163,6 @@ class Curve(ReadOnly):
         points: ChartPoints = row[:, 0]
         return points
 
-    def point_at(self, time: float) -> ChartPoint:
-        """The point (nv,) at a time [s]."""
-        pieces, shares = find_pieces(self.times, np.array([time]))
-        return self.point(int(pieces[0]), float(shares[0]))
-
     def point(self, piece: int, parameter: float) -> ChartPoint:
         """The point (nv,) of a piece at a parameter from 0 to 1."""
         return point_on(self.pieces[piece], parameter)

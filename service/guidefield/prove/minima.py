@@ -14,7 +14,7 @@ from guidefield.kernels.prove.tables import NEARLY
 from guidefield.prove.closest import ClosestPairs, put_obstacle
 from guidefield.prove.curve import Curve
 from guidefield.prove.search import ContradictionError, Goal, SearchResult, Smallest, search
-from guidefield.prove.tables import world_tables
+from guidefield.prove.tables import arithmetic_error
 from guidefield.prove.verdict import with_coal_error
 
 DEPTHS = 4  # maximum number of samples in contact at which depth is measured
@@ -57,7 +57,7 @@ def confirm(
 
 def _confirm(world: World, curve: Curve, answers: Mapping[tuple[float, int], Smallest]) -> None:
     """Have Coal measure the pair of each answer without contact where it is smallest, by time and pair."""
-    error = world_tables(world, in_time=True).error + SLACK + ACCURACY
+    error = arithmetic_error(world) + SLACK + ACCURACY
     apart = [one for one in answers.values() if one.pair >= 0 and one.distance > NEARLY]
     for one, z in zip(apart, curve.at(np.array([one.time for one in apart])), strict=True):
         world.place(world.group.expand_from_chart(z))

@@ -47,7 +47,7 @@ def descended(
     asked = RULES._replace(**rules)
     ends, none = ends_of(spline), no_loads(points.shape[1])
     kept = unconstrained("panda") if kept is None else kept
-    step, begin, taken = newton_descent(
+    step, begin, taken, _ = newton_descent(
         model, none, ends, limits, times, kept, asked, unit, longest_step, 0.02, spline.step, spline.begin, points,
         room_for_descent(*points.shape, times),
     )  # fmt: skip

@@ -149,7 +149,7 @@ def _times(
 
 
 @compiled(
-    types.Tuple((types.float64, types.float64, types.int64))(
+    types.Tuple((types.float64, types.float64, types.int64, types.float64))(
         CLEARANCE,
         LOADS,
         STATES,
@@ -181,7 +181,7 @@ def newton_descent(
     begin: float,
     points_out: Floats,
     room: DescentRoom,
-) -> tuple[float, float, int]:
+) -> tuple[float, float, int, float]:
     """Lower the objective of `motion_objective` by Newton's method; every motion on the way is within limits.
 
     Under path constraints each step is followed by a second-order correction (Nocedal and Wright, Numerical
@@ -204,7 +204,7 @@ def newton_descent(
         room: Memory.
 
     Returns:
-        Length of pieces [s]; departure [s]; how many steps were taken.
+        Length of pieces [s]; departure [s]; how many steps were taken; by how much they lowered the objective.
     """
     n, nv = points_out.shape
     free, more = nv * (n - 2 * ENDS), 1 + times.departs
@@ -215,7 +215,7 @@ def newton_descent(
     trial, corrected, scratch = np.empty((n, nv)), np.empty((n, nv)), np.empty(4 * nv)
     constrained = kept.frames.kinds.shape[0] > 0
     coupled_groups(model, constrained or loads.rows > 0, room.groups)
-    groups, taken = room.groups, 0
+    groups, taken, gained = room.groups, 0, 0.0
     for _ in range(rules.steps):
         value = motion_objective(
             model, loads, ends, limits, times, kept, groups, points_out, step, begin, first_step, limit_weight, blocks,
@@ -256,10 +256,11 @@ def newton_descent(
         if not lower < value:
             break
         taken += 1
+        gained += value - lower
         step, begin = length, departure
         points_out[:, :] = trial
         if value - lower < rules.little * abs(value) or _distance(trial, model.points, limits.sizes) > rules.trusted:
             break
         if stride == 1.0 and abs(value - lower - 0.5 * promised) < rules.settled * abs(value):
             break
-    return step, begin, taken
+    return step, begin, taken, gained

@@ -10,7 +10,7 @@ import functools
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -99,6 +99,11 @@ class Question(ReadOnly):
         return _CheckedOnce(newton_descent)
 
     @cached_property
+    def limit_barrier(self) -> _CheckedOnce:
+        """The kernel of the barrier of limits."""
+        return _CheckedOnce(limit_barrier)
+
+    @cached_property
     def rules(self) -> DescentRules:
         """When Newton's steps are taken."""
         settings = self.settings
@@ -126,18 +131,38 @@ class Look(NamedTuple):
     stiffness: float  # share of Gauss and Newton's Hessian of the clearance that the model has
 
 
-class _Memory(NamedTuple):
-    """For the Hessians of a model, as written and as seen."""
+class _Derivatives(NamedTuple):
+    """Those of a `ClearanceModel`, and where they are."""
 
+    gradient: np.ndarray
+    pieces: np.ndarray
+    basis: np.ndarray
     hessians: np.ndarray
-    seen: np.ndarray
+    border: np.ndarray
+    by_times: np.ndarray
+    corner: np.ndarray
+
+
+class _Memory(NamedTuple):
+    """For the derivatives of a model, as they are written and as they are seen."""
+
+    written: _Derivatives
+    seen: _Derivatives
 
     @classmethod
-    def of(cls, places: int, nv: int) -> _Memory:
-        hessians = np.empty((places, nv, nv))
-        seen = hessians.view()
-        read_only(seen)
-        return cls(hessians, seen)
+    def of(cls, places: int, n: int, nv: int) -> _Memory:
+        written = _Derivatives(
+            np.empty((n, nv)),
+            np.empty(places, np.int64),
+            np.empty((places, 4)),
+            np.empty((places, nv, nv)),
+            np.empty((2, n, nv)),
+            np.empty(2),
+            np.empty((2, 2)),
+        )
+        seen = _Derivatives(*(array.view() for array in written))
+        read_only(*seen)
+        return cls(written, seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +178,9 @@ class Descent(ReadOnly):
     ends: MotionEnds
     unit: float  # length of the first motion's pieces, if it had as many [s]
     room: DescentRoom
-    # memory for the Hessians of two looks, by turns: new one would cost as much as a third of a look
-    hessians: tuple[_Memory, _Memory]
+    nothing_loaded: LoadModel
+    # memory for the derivatives of two looks, by turns: new one would cost as much as a third of a look
+    memory: tuple[_Memory, _Memory]
 
     @classmethod
     def of(cls, question: Question, spline: BSpline, samples: int) -> Descent:
@@ -181,9 +207,9 @@ class Descent(ReadOnly):
         n, nv = spline.points.shape
         room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
         places = len(placed.pieces) + len(question.passages)
-        hessians = _Memory.of(places, nv), _Memory.of(places, nv)
+        memory = _Memory.of(places, n, nv), _Memory.of(places, n, nv)
         loads = LoadSamples.of(question.beside, spline.pieces, nv) if question.beside else None
-        return cls(question, placed, near, samples, loads, constrained, ends, unit, room, hessians)
+        return cls(question, placed, near, samples, loads, constrained, ends, unit, room, no_loads(nv), memory)
 
     def look(
         self,
@@ -195,20 +221,17 @@ class Descent(ReadOnly):
     ) -> Look:
         """A look at the clearance of a motion, which costs most, and at its passages, near where they were.
 
-        Its Hessian is good until the next look, or where that is `beside` it, until the one after that.
+        Its derivatives are good until the next look, or where that is `beside` it, until the one after that.
 
         Args:
             passed: Where it came nearest to each passage, in pieces from the start.
             stiffness: As `Look.stiffness`.
             most: Clearance from which on the motion isn't wanted: it counts as infinite then.
         """
-        question, (n, nv) = self.question, spline.points.shape
-        one, other = self.hessians
-        turn = 1 if beside is not None and beside.model.hessians is one.seen else 0
-        memory = other if turn else one
-        hessians, loads = memory.hessians, self.loads
-        gradient, pieces, basis = np.empty((n, nv)), np.empty(len(hessians), np.int64), np.empty((len(hessians), 4))
-        border, by_times, corner = np.empty((2, n, nv)), np.empty(2), np.empty((2, 2))
+        question, loads = self.question, self.loads
+        one, other = self.memory
+        turn = 1 if beside is not None and beside.model.hessians is one.seen.hessians else 0
+        written, seen = other if turn else one
         weight = question.settings.load_weight
         if loads is not None:
             most -= 0.5 * loads.weight(weight) * loads.measure(spline)
@@ -223,14 +246,9 @@ class Descent(ReadOnly):
             question.clearance,
             most,
             self.near,
-            gradient,
-            pieces,
-            basis,
-            hessians,
-            border,
-            by_times,
-            corner,
+            *written,
         )
+        gradient, pieces, basis, hessians, border, _, corner = written
         if stiffness != 1.0:
             hessians[:count] *= stiffness
             border *= stiffness
@@ -243,15 +261,11 @@ class Descent(ReadOnly):
                 passage.place, spline, here[-1], PASSAGE_WEIGHT, crossing, count, gradient, pieces, basis, hessians
             )
             count += 1
-        places = count, pieces, basis, memory.seen
-        model = ClearanceModel(
-            value, spline.points, spline.step, spline.begin, gradient, *places, border, by_times, corner
-        )
-        read_only(gradient, pieces, basis, border, by_times, corner)
+        model = ClearanceModel(value, spline.points, spline.step, spline.begin, seen.gradient, count, *seen[1:])
         kept = self.constrained
         if here and question.sections.frames.constraints:  # which hold where depends on what was passed by then
             kept = constraint_samples(question.sections, spline.pieces, here, self.count)
-        expanded = no_loads(nv) if loads is None or value == math.inf else loads.expand(spline, turn, weight)
+        expanded = self.nothing_loaded if loads is None or value == math.inf else loads.expand(spline, turn, weight)
         return Look(spline, model, expanded, kept, tuple(here), stiffness)
 
     def cost(self, look: Look, limit_weight: float) -> float:
@@ -272,17 +286,18 @@ class Descent(ReadOnly):
     def _barrier(self, spline: BSpline) -> float:
         """The barrier of limits and times; infinite where the motion isn't strictly within."""
         of_times = time_barrier(self.question.times, spline.begin, spline.duration)
-        return limit_barrier(spline.points, spline.step, self.question.limits) + of_times
+        of_limits: float = self.question.limit_barrier(spline.points, spline.step, self.question.limits)
+        return of_limits + of_times
 
-    def lower(self, look: Look, limit_weight: float, steps: int | None = None) -> BSpline | None:
-        """Return a better motion as far as a look tells, after some of Newton's steps; None where none is worth it.
+    def lower(self, look: Look, limit_weight: float, steps: int | None = None) -> tuple[BSpline, float]:
+        """A motion after some of Newton's steps, and by how much its objective is lower as far as a look tells.
 
         Args:
             steps: Maximum number of Newton's steps; None: that of the settings.
         """
         spline, rules = look.spline, self.question.rules
         points = spline.points.copy()
-        step, begin, taken = self.question.newton_descent(
+        step, begin, taken, gained = self.question.newton_descent(
             look.model,
             look.loads,
             self.ends,
@@ -298,26 +313,25 @@ class Descent(ReadOnly):
             points,
             self.room,
         )
-        return BSpline(points, step, spline.start, spline.end, begin) if taken > 0 else None
+        return (BSpline(points, step, spline.start, spline.end, begin) if taken > 0 else spline), gained
 
-    def stepped(self, look: Look, before: float, limit_weight: float) -> tuple[Look, float] | None:
-        """A look at a motion of a lower objective, and that; None where none is found that is worth it.
+    def stepped(self, look: Look, spline: BSpline, before: float, limit_weight: float) -> tuple[Look, float] | None:
+        """A look at a motion of a lower objective, the one given or one closer to the last, and that; None if none is.
 
         Where the clearance proves to be another than the last look had told, a motion closer to that one is tried. The
         next look's model is stiffer then, and softer where the first motion is better.
         """
-        settings = self.question.settings
-        spline = self.lower(look, limit_weight)
+        settings, tried = self.question.settings, cast(BSpline | None, spline)
         stiffness = max(settings.least_stiffness, SOFTER * look.stiffness)
         for _ in range(LOOKS):
-            if spline is None:
+            if tried is None:
                 return None
-            rest = self._but_clearance(spline, limit_weight)
-            found = self.look(spline, look.passed, stiffness, before - rest, look)
+            rest = self._but_clearance(tried, limit_weight)
+            found = self.look(tried, look.passed, stiffness, before - rest, look)
             if (cost := rest + self._of_samples(found)) < before:
                 return found, cost
             stiffness = min(1.0, STIFFER * max(stiffness, look.stiffness))
-            spline = self._closer(look.spline, spline)
+            tried = self._closer(look.spline, tried)
         return None
 
     def _closer(self, near: BSpline, far: BSpline) -> BSpline | None:

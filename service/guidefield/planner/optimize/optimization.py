@@ -21,7 +21,7 @@ import enum
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -238,7 +238,7 @@ def optimize(
     best = descending.coarse(motion)
     rest = iter(others)
     while descending.outcome is None and not (
-        best and best.look.spline.duration <= settings.enough * least_time(problem, best.look.spline)
+        best and best.found.look.spline.duration <= settings.enough * least_time(problem, best.found.look.spline)
     ):
         other = next(rest, None)
         if other is None:
@@ -266,12 +266,24 @@ def optimize(
     return Optimized(trajectory, steps, motion.duration, outcome, passed)
 
 
+class _Descended(NamedTuple):
+    """A motion after some weights of the limits' barrier."""
+
+    look: Look
+    cost: float  # its objective
+    ahead: BSpline  # what the look promises to be better, by less than another look is worth
+
+    def finer(self) -> tuple[BSpline, tuple[float, ...]]:
+        """That one in twice the pieces, and where it comes nearest to each passage."""
+        return self.ahead.subdivide(), tuple(2.0 * at for at in self.look.passed)
+
+
 @dataclass(frozen=True, eq=False)
 class _Coarse(ReadOnly):
     """A motion that is optimised as far as its pieces allow."""
 
     question: Question
-    look: Look
+    found: _Descended
     cost: float  # its objective, as a time [s]
 
 
@@ -332,50 +344,49 @@ class _Descending:
         if self._passages:  # links of chains have many points, and through a gate all of them are near something
             coarse = dataclasses.replace(question, robot=few_points(robot))
         if settings.rough:
-            begun = _finer(self._descended(coarse, *begun, settings.rough, settings.samples)[0])
-        look, cost = self._descended(coarse, *begun, settings.coarse, settings.samples)
-        return _Coarse(coarse if settings.few else question, look, question.duration * cost)
+            begun = self._descended(coarse, *begun, settings.rough, settings.samples).finer()
+        found = self._descended(coarse, *begun, settings.coarse, settings.samples)
+        return _Coarse(coarse if settings.few else question, found, question.duration * found.cost)
 
-    def fine(self, found: _Coarse) -> Look:
+    def fine(self, coarse: _Coarse) -> Look:
         """The motion with its pieces subdivided, after all fine weights."""
         if self.outcome is not None:
-            return found.look
-        settings, begun = self._settings, _finer(found.look)
-        return self._descended(found.question, *begun, settings.fine, settings.fine_samples)[0]
+            return coarse.found.look
+        settings = self._settings
+        return self._descended(coarse.question, *coarse.found.finer(), settings.fine, settings.fine_samples).look
 
     def _descended(
         self, question: Question, spline: BSpline, passed: tuple[float, ...], weights: Sequence[float], samples: int
-    ) -> tuple[Look, float]:
-        """The motion after some weights of the limits' barrier, with some samples on a piece; its objective."""
+    ) -> _Descended:
+        """The motion after some weights of the limits' barrier, with some samples on a piece."""
         settings, descent = self._settings, Descent.of(question, spline, samples)
-        look, cost = descent.look(spline, passed, settings.stiffness), np.inf
+        look, cost, ahead = descent.look(spline, passed, settings.stiffness), np.inf, spline
         for limit_weight in weights:
             cost, worth = descent.cost(look, limit_weight), settings.worth * math.sqrt(limit_weight)
             for _ in range(MOST_STEPS):
                 self.outcome = self._ended()
                 if self.outcome is not None:
-                    return look, cost
-                stepped = descent.stepped(look, cost, limit_weight)
+                    return _Descended(look, cost, ahead)
+                ahead, promised = descent.lower(look, limit_weight)
+                if promised <= worth * abs(cost):
+                    break
+                stepped, ahead = descent.stepped(look, ahead, cost, limit_weight), look.spline
                 if stepped is None:
                     break
                 before, (look, cost) = cost, stepped
+                ahead = look.spline
                 self.steps += 1
                 if self._problem.is_observed:
                     self._problem.tell(PathRelaxed(look.spline.waypoints(), cost))
                 if before - cost < worth * abs(before):
                     break
-        return look, cost
+        return _Descended(look, cost, ahead)
 
     def _ended(self) -> Outcome | None:
         if (status := self._problem.deadline.status()) is not None:
             return _ENDINGS[status]
         most = self._problem.optimization_iterations
         return Outcome.OUT_OF_ITERATIONS if most is not None and self.steps >= most else None
-
-
-def _finer(look: Look) -> tuple[BSpline, tuple[float, ...]]:
-    """A motion with its pieces subdivided, and where it comes nearest to each passage, in these."""
-    return look.spline.subdivide(), tuple(2.0 * place for place in look.passed)
 
 
 def least_time(problem: Problem, spline: BSpline) -> float:
@@ -407,5 +418,5 @@ def brought_within(question: Question, spline: BSpline) -> BSpline | None:
         read_only(*rows)
         loosened = limits._replace(velocity=rows[0], acceleration=rows[1], jerk=rows[2])
         descent = Descent.of(dataclasses.replace(question, limits=loosened), spline, settings.samples)
-        spline = descent.lower(descent.look(spline), INWARD, INWARD_STEPS) or spline
+        spline, _ = descent.lower(descent.look(spline), INWARD, INWARD_STEPS)
     return None

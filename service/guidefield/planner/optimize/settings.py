@@ -10,6 +10,7 @@ now. What no preset changes stands beside its use.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -45,8 +46,8 @@ class OptimizationSettings:
     # take more steps to the same motions
     coarse: tuple[float, ...] = (1e-2, 1e-3)
     fine: tuple[float, ...] = (1e-4, 1e-5)  # the same after that. Problems: 1e-5 alone keeps 0.5 mm less
-    # what a look at the clearance has to bring at a weight for another one, as a share of the objective, against the
-    # root of the weight; see `free`
+    # what a look at the clearance has to bring at a weight for another one, and what that one is promised to bring, as
+    # a share of the objective, against the root of the weight; see `free`
     worth: float = 0.0
     stiffness: float = 1.0  # share of Gauss and Newton's Hessian of the clearance that the first model has; see `free`
     least_stiffness: float = 1.0  # at least so much of it is left
@@ -113,6 +114,7 @@ def of_many(settings: OptimizationSettings) -> OptimizationSettings:
     return dataclasses.replace(settings, most_pieces=few, newton_steps=1, longest=0.05, fine=(3e-5,))
 
 
+@functools.cache
 def free(settings: OptimizationSettings) -> OptimizationSettings:
     """For a motion that keeps no path constraints, of up to `MANY` coordinates, and passes nothing among what rests.
 
@@ -124,6 +126,7 @@ def free(settings: OptimizationSettings) -> OptimizationSettings:
     return dataclasses.replace(settings, worth=0.4, stiffness=0.5, least_stiffness=0.3)
 
 
+@functools.cache
 def in_few_pieces(settings: OptimizationSettings) -> OptimizationSettings:
     """The same from rest to rest among what rests: it begins with half the pieces, which are subdivided twice.
 
@@ -145,7 +148,7 @@ def in_few_pieces(settings: OptimizationSettings) -> OptimizationSettings:
         coarse=settings.fine[:1],
         fine=settings.fine[1:],
         little=1e-3,
-        worth=0.3,
+        worth=0.2,
     )
 
 
