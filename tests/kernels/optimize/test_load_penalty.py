@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.kernels.optimize.load_penalty import load_penalty
-from guidefield.kernels.optimize.torque_loads import torque_derivatives
+from guidefield.kernels.optimize.torque_loads import expand_torque_loads
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.loads import FREE_SHARE, LoadSamples
 from guidefield.planner.task.effort import EffortLimit, tree_of
@@ -102,11 +102,13 @@ def test_derivatives_of_torques_are_pinocchios(kinds, seed) -> None:
     planned = weighty_chain(kinds, seed)
     tree, (z, dz, ddz) = tree_of(planned), np.random.default_rng(seed).normal(size=(3, planned.nv))
     assert not isinstance(tree, str)
-    torques, found = np.empty(planned.nv), np.empty((3, planned.nv, planned.nv))
-    torque_derivatives(tree, z, dz, ddz, torques, found)
+    nv, bases = planned.nv, np.eye(3, 4)[None]  # of a motion whose control points are point and rates
+    rows, slopes = (np.empty(nv, np.int64), np.empty(nv, np.int64), np.empty(nv)), np.empty((nv, 3, nv))
+    points = np.array([z, dz, ddz, np.zeros(nv)])
+    assert expand_torque_loads(tree, np.ones(nv), points, 1.0, bases, np.zeros(1), -1.0, *rows, slopes) == nv
     expand = planned.expand_velocity
     q, data = planned.expand_from_chart(z), planned.model.createData()
-    rows = pin.computeRNEADerivatives(planned.model, data, q, expand @ dz, expand @ ddz)
-    mass = np.triu(rows[2]) + np.triu(rows[2], 1).T
-    for got, row in zip(found, (rows[0], rows[1], mass), strict=True):
+    by = pin.computeRNEADerivatives(planned.model, data, q, expand @ dz, expand @ ddz)
+    mass = np.triu(by[2]) + np.triu(by[2], 1).T
+    for got, row in zip(slopes.swapaxes(0, 1), (by[0], by[1], mass), strict=True):
         np.testing.assert_allclose(got, row, rtol=1e-9, atol=1e-9)

@@ -100,16 +100,3 @@ def expand_torque_loads(
             values_out[count] = rest
             count += 1
     return count
-
-
-@kernel
-def torque_derivatives(tree: MassTree, z: Row, rates: Row, rises: Row, torques_out: RowOut, by_out: BlocksOut) -> None:
-    """Write torques (nv,) and their derivatives [order, torque, coordinate] by z, z' and z'', each of shape (nv,)."""
-    n, m, nv = tree.joints.table.parents.shape[0], tree.joints.sources.shape[0], z.shape[0]
-    places, state, room = joint_places(tree.joints), empty_bounds(nv, m), torque_room(n, nv, tree.chains.shape[1])
-    made = derivative_room(n, m, nv)
-    state.z[:], state.dz[:], state.ddz[:] = z, rates, rises
-    place_tree(tree, state, places)
-    write_torques(tree, state, places, room, torques_out)
-    write_torque_derivatives(tree, state, places, room, made)
-    by_out[:, :, :] = made.by
