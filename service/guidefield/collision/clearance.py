@@ -199,7 +199,7 @@ def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
     Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer. The bound is
     that of balls and boxes about them first; where a mesh is in a pair, then the distance of hulls, sooner had.
     """
-    inside = find_enclosed_pairs(world, q)
+    inside = next(find_enclosed_pairs(world, [q]))
     world.place(q)
     centres = world.bodies.centres_in_world(world.joint_placements)
     own, obstacle = _closest(world, centres, np.arange(world.pairs.n_self)), _closest_obstacle(world, centres)

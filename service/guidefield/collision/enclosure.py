@@ -33,9 +33,12 @@ def find_enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[P
     return [enclosed(world, q) for q in qs] if len(qs) == 1 else _find_enclosed_each(world, qs)
 
 
-def find_enclosed_pairs(world: World, q: ModelConfiguration) -> list[int]:
-    """Indices of all pairs of bodies one wholly inside the other's closed mesh, as `enclosed`, in ascending order."""
-    return list(next(_enclosures(world, [q])))
+def find_enclosed_pairs(world: World, qs: Sequence[ModelConfiguration], since: int = 0) -> Iterator[list[int]]:
+    """Of each of some configurations all pairs of bodies one wholly inside the other's closed mesh, as `enclosed`.
+
+    Yields indices in ascending order, of pairs from an index on, found when they are asked for.
+    """
+    return map(list, _enclosures(world, qs, since))
 
 
 def _find_enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
@@ -43,15 +46,18 @@ def _find_enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[
     return [None if pair is None else world.pair_names(pair) for pair in first]
 
 
-def _enclosures(world: World, qs: Sequence[ModelConfiguration]) -> Iterator[Iterator[int]]:
-    """Of each of some configurations the pairs one of whose bodies is inside the other; to be asked in order."""
+def _enclosures(world: World, qs: Sequence[ModelConfiguration], since: int = 0) -> Iterator[Iterator[int]]:
+    """Of each of some configurations the pairs one of whose bodies is inside the other; to be asked in order.
+
+    Pairs before the index `since` are left out.
+    """
     closed = find_closed_bodies(world.group)
     if not len(qs) or (world.scene.convex and not closed.any()):
         yield from (iter(()) for _ in qs)
         return
     for q, pairs in zip(qs, world.near_each(qs, closed), strict=True):
         world.place(q)
-        yield (pair for pair in pairs if _is_one_around_the_other(world, *world.pairs.of(pair)))
+        yield (pair for pair in pairs if pair >= since and _is_one_around_the_other(world, *world.pairs.of(pair)))
 
 
 def _is_one_around_the_other(world: World, first: int, second: int) -> bool:

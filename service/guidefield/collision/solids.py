@@ -71,7 +71,8 @@ class Solid:
         within = np.ones((len(low), len(points)), bool)
         for axis in range(3):  # sooner than all together
             within &= (points[:, axis] > low[:, axis, None]) & (points[:, axis] < high[:, axis, None])
-        return any(self._winds_around(points[i], *self.surfaces[k]) for k, i in np.argwhere(within).tolist())
+        found = zip(*(at.tolist() for at in within.nonzero()), strict=True)
+        return any(self._winds_around(points[i], *self.surfaces[k]) for k, i in found)
 
     def _winds_around(self, point: np.ndarray, triangles: np.ndarray, runs: np.ndarray) -> bool:
         """Tell if a solid winds around a point (3,): crossings tell, where they don't solid angles."""

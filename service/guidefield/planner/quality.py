@@ -199,8 +199,10 @@ def measure_clearance(trajectory: TimedMotion, problem: Conditions) -> Clearance
             _with_enclosure(one, pairs, time, world)
             for one, pairs, time in zip(closest, [*obstacles, own], begins.tolist(), strict=True)
         ]
-        within = [any(pair >= n_self for pair in pairs) for pairs in enclosures_at(world, curve, coarse, deadline)]
-        distances = np.where(within, np.minimum(distances, 0.0), distances)
+        apart = np.flatnonzero(distances > 0.0)
+        within = [len(pairs) > 0 for pairs in enclosures_at(world, curve, coarse[apart], deadline, since=n_self)]
+        distances = distances.copy()
+        distances[apart[within]] = 0.0
     obstacle, *inner, own_closest = closest
     return Clearance(
         obstacle=obstacle,

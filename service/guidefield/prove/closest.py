@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,25 +25,31 @@ def world_at(world: World, time: float) -> World:
     return World(world.group, world.scene.at(time), world.pairs) if world.scene.moves else world
 
 
-def find_enclosed_pairs_at(world: World, q: ModelConfiguration, time: float) -> list[int]:
-    """Return the pairs of which one body is wholly inside the other at q (model.nq,) and a time [s]."""
-    if world.scene.convex and not find_closed_bodies(world.group).any():
-        return []
-    return find_enclosed_pairs(world_at(world, time), q)
+def _find_enclosed_pairs_at(
+    world: World, qs: Sequence[ModelConfiguration], times: Iterable[float], since: int = 0
+) -> Iterator[list[int]]:
+    """As `find_enclosed_pairs`, among obstacles where they are at times, as many [s]."""
+    if not world.scene.moves or (world.scene.convex and not find_closed_bodies(world.group).any()):
+        return find_enclosed_pairs(world, qs, since)
+    each = zip(qs, times, strict=True)
+    return (next(find_enclosed_pairs(world_at(world, time), [q], since)) for q, time in each)
 
 
-def enclosures_at(world: World, curve: Curve, times: np.ndarray, deadline: Deadline = UNLIMITED) -> list[list[int]]:
+def enclosures_at(
+    world: World, curve: Curve, times: np.ndarray, deadline: Deadline = UNLIMITED, since: int = 0
+) -> list[list[int]]:
     """Return the pairs of which one body is wholly inside the other, at times (k,) [s] of a motion, for each of them.
 
-    Obstacles that move are met where they are then.
+    Obstacles that move are met where they are then. Pairs before the index `since` are left out.
 
     Raises:
         DeadlineExpired: if the deadline passed before all are found.
     """
-    found = []
-    for time, z in zip(times.tolist(), curve.at(times), strict=True):
+    qs, found = [world.group.expand_from_chart(z) for z in curve.at(times)], list[list[int]]()
+    inside = _find_enclosed_pairs_at(world, qs, times.tolist(), since)
+    while len(found) < len(qs):
         deadline.check("the motion was measured")
-        found.append(find_enclosed_pairs_at(world, world.group.expand_from_chart(z), time))
+        found.append(next(inside))
     return found
 
 
@@ -81,8 +87,8 @@ class ClosestPairs:
         if is_open:
             enclosed = [False] * int(apart.sum())
         elif in_time:
-            touched = zip(configurations[apart], clock[apart].tolist(), strict=True)
-            enclosed = [bool(find_enclosed_pairs_at(self.world, q, time)) for q, time in touched]
+            touched = [*configurations[apart]], clock[apart].tolist()
+            enclosed = [len(pairs) > 0 for pairs in _find_enclosed_pairs_at(self.world, *touched)]
         else:
             enclosed = [pair is not None for pair in find_enclosed_each(self.world, [*configurations[apart]])]
         alone[np.flatnonzero(apart)[enclosed]] = True
