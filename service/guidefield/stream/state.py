@@ -265,5 +265,5 @@ class Watchers(Watching):
 
             return tell_each
 
-        for name in ("begun", "updated", "sought", "aimed", "halted", "may_rest"):
+        for name in ("begin_update", "updated", "seek", "aimed", "halted", "may_rest"):
             setattr(self, name, tell(name))
