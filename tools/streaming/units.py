@@ -94,10 +94,12 @@ def unit(seed: int, longest: float = LONGEST) -> Outcome:
     if more.random() < 0.3:
         request = msgspec.structs.replace(request, tracking_tolerance=float(more.choice([0.002, 0.01])))
         faults.astray = request.tracking_tolerance
-    changes = [(LONGEST / 3.0 * (k + 1), JointsGoal(goal)) for k, goal in enumerate(goals[1:])]
     place = coal.Transform3s(np.eye(3), np.zeros(3))
     resting = [("floor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), -0.05), place)]
     with CertifiedStream(request, robot, scene) as stream:
+        # a robot that stands at its goal shows nothing: with five goals it moves for 1.7 times as long as with two
+        goals += [dict(zip(names, z.tolist(), strict=True)) for z in _free(stream, np.random.default_rng([21, seed]))]
+        changes = [(LONGEST / len(goals) * k, JointsGoal(goal)) for k, goal in enumerate(goals) if k]
         return simulate(
             stream, movers, resting, longest, rng, faults, charged=False, deviating=deviating, to_the_end=True,
             goals=changes,
