@@ -14,7 +14,7 @@ from doubting.loaded import Loaded
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
 from guidefield.messages.scene import Mesh, Obstacle, PointCloud
-from guidefield.referee.judge import judge
+from guidefield.referee.judge import Along, judge
 from guidefield.referee.loading import case_of
 from guidefield.referee.verdict import Answer, Finding
 
@@ -54,10 +54,12 @@ def refereed(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> tu
     refused = not verdict.collision_free
     if " after " in verdict.covers or (refused and verdict.reason not in ("contact", "too close", "undecided")):
         return Outcome.NOT_ASKED, []
-    case, extra = _told(loaded, request, reply), 0.0
+    case, extra = case_of(_told(loaded, request, reply)), 0.0
     if refused:
         extra = MOVING if any(one.trajectory for one in _obstacles(request)) else OFF
-    found = judge(case_of(case), extra, extra, SECONDS).finding
+        if verdict.pair and {*verdict.pair} not in map(set, Along(case, 0.0, 0.0, SECONDS).names):
+            return Outcome.NOT_JUDGED, []  # no planned joint parts them: what touches did so from the start
+    found = judge(case, extra, extra, SECONDS).finding
     if found.answer in SILENT:
         return SILENT[found.answer], []
     if refused and found.answer is Answer.FREE:
