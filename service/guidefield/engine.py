@@ -67,8 +67,7 @@ if TYPE_CHECKING:
     from guidefield.robot.model.model import RobotModel
     from guidefield.run_log import RobotOrigin
     from guidefield.scene.anchor import Anchor
-    from guidefield.scene.built import BuiltScenes
-    from guidefield.scene.scene import Scene
+    from guidefield.scene.scene import BuiltScenes, Scene
     from guidefield.stream.path_planner import TakeOver
     from guidefield.stream.state import Watching
     from guidefield.stream.stream import CertifiedStream
@@ -119,7 +118,7 @@ class SharedCaches:
     @functools.cached_property
     def scenes(self) -> BuiltScenes:
         """The built scenes."""
-        from guidefield.scene.built import BuiltScenes
+        from guidefield.scene.scene import BuiltScenes
 
         return BuiltScenes()
 

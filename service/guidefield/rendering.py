@@ -19,7 +19,7 @@ from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model.model import RobotModel
 from guidefield.run import Drawing, whole_recording
 from guidefield.run_log import RunLog, UnreadableLog, read_log
-from guidefield.scene.built import BuiltScenes
+from guidefield.scene.scene import BuiltScenes
 from guidefield.stores.recordings import LOG, NEEDED, Recordings
 
 if TYPE_CHECKING:  # a command that renders nothing loads no planner

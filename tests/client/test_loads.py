@@ -6,7 +6,7 @@ from collections import Counter
 
 from hypothesis import given, strategies as st
 
-from guidefield.client.instances import Loads
+from guidefield.client.exchange import Loads
 
 
 def test_a_burst_is_spread_though_nobody_told_anything_yet() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from guidefield.messages import keys, stream_keys
+from guidefield.messages import keys, stream_requests
 from guidefield.messages.codec import Encoding
 from guidefield.messages.schemas import make_schemas
 from guidefield.messages.served import KEYS, SERVED, KeyInfo
@@ -18,7 +18,7 @@ def _query(key: KeyInfo, parameters: dict[str, str] | None = None, payload: byte
 
 
 def _check(query: keys.Query) -> None:
-    (stream_keys.check if stream_keys.is_stream(query) else keys.check)(query)
+    (stream_requests.check if stream_requests.is_stream(query) else keys.check)(query)
 
 
 def test_every_message_has_its_schema() -> None:
@@ -48,7 +48,7 @@ def test_a_key_takes_a_payload_if_it_has_messages_for_it(key: KeyInfo) -> None:
 
 
 def test_every_rule_is_told() -> None:
-    own = {key.key for key in QUERIED if stream_keys.is_stream(_query(key))}
+    own = {key.key for key in QUERIED if stream_requests.is_stream(_query(key))}
     assert own == {"streams", *(f"streams/<id>{what}" for what in ("", "/goal", "/judge", "/stop", "/recording"))}
     told = {(key.key.split("/")[0], key.key.count("/") + 1) for key in QUERIED}
     assert set(keys._RULES) <= told

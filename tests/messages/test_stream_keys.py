@@ -7,7 +7,7 @@ import pytest
 from guidefield.errors import MalformedRequest
 from guidefield.messages.codec import Encoding
 from guidefield.messages.keys import Query
-from guidefield.messages.stream_keys import (
+from guidefield.messages.stream_requests import (
     AimStream,
     EndStream,
     HaltStream,

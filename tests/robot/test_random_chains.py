@@ -20,8 +20,7 @@ from guidefield.messages.scene import Scene, Sphere
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
-from guidefield.robot.model.frames import joint_table
-from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.model import RobotModel, joint_table
 from guidefield.robot.model.pairs import scratch_space
 from tests.robot.by_formula import ByFormula, given_by
 from tests.robot.random_chains import KINDS, WOUND, chain, chains

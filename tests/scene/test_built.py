@@ -10,8 +10,8 @@ from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.messages import scene as messages
 from guidefield.messages.scene_changes import SceneDiff, apply_change, freeze
 from guidefield.messages.values import Float32Array, Placement
-from guidefield.scene import built, obstacle
-from guidefield.scene.built import BuiltScenes
+from guidefield.scene import obstacle, scene as scenes
+from guidefield.scene.scene import BuiltScenes
 
 
 def scan(name: str, count: int) -> messages.Scene:
@@ -58,6 +58,6 @@ def test_large_clouds_are_kept_only_as_long_as_memory_allows(monkeypatch: pytest
 def test_a_large_scene_whose_time_is_up_is_not_even_hashed(monkeypatch: pytest.MonkeyPatch) -> None:
     points = [(float(i), 0.0, 0.0) for i in range(1000)]
     cloud = messages.PointCloud(name="cloud", points=points, radius=0.1)
-    monkeypatch.setattr(built, "scene_content", lambda *_: pytest.fail("there is no time"))
+    monkeypatch.setattr(scenes, "scene_content", lambda *_: pytest.fail("there is no time"))
     with pytest.raises(DeadlineExpired, match="scene large"):
         BuiltScenes(Limit(2, 2**29)).of(messages.Scene(name="large", obstacles=[cloud]), Deadline(0.0))

@@ -10,9 +10,8 @@ from guidefield.bounded_map import Limit
 from guidefield.messages import scene as messages
 from guidefield.messages.scene_changes import SceneDiff, apply_change, freeze
 from guidefield.messages.values import Placement
-from guidefield.scene.built import BuiltScenes
 from guidefield.scene.crop import Ball, nearest_obstacles
-from guidefield.scene.scene import Scene, build
+from guidefield.scene.scene import BuiltScenes, Scene, build
 from tests.scene.test_incremental import OTHERS, PLACED
 
 

@@ -17,10 +17,9 @@ from guidefield.messages.scene_changes import SceneDiff, apply_change, freeze
 from guidefield.messages.values import Placement
 from guidefield.prove.tables import obstacle_bodies
 from guidefield.scene import obstacle
-from guidefield.scene.built import BuiltScenes
 from guidefield.scene.crop import Ball, nearest_obstacles
 from guidefield.scene.distance_tables import distance_tables, moving_tables
-from guidefield.scene.scene import Scene, build, placed_rows
+from guidefield.scene.scene import BuiltScenes, Scene, build, placed_rows
 from tests.scene.solids import l_prism
 
 BALL = Ball(0.1, 0.2, 0.3, 0.9)

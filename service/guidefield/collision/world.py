@@ -12,12 +12,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.allowed import Allowed, HeldContact, find_allowed, held_contacts
 from guidefield.collision.bodies import Bodies, bodies, body_placements, joint_placements
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.collision.narrow_phase import ClosestPoints, CoalTransforms, NarrowPhase
 from guidefield.collision.obstacle_boxes import ObstacleBoxes, obstacle_boxes
-from guidefield.collision.pairs import PairNames, Pairs
+from guidefield.collision.pairs import Allowed, HeldContact, PairNames, Pairs, find_allowed, held_contacts
 from guidefield.collision.solids import link_hulls, obstacle_hull
 from guidefield.errors import SceneInvalid
 from guidefield.kernels.collide.near_pairs import find_near_pairs

@@ -34,7 +34,7 @@ from guidefield.engines import Engines
 from guidefield.errors import DiskRefused, MalformedRequest, NotAllowed
 from guidefield.handlers import expired
 from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
-from guidefield.messages import codec, keys, stream_keys
+from guidefield.messages import codec, keys, stream_requests
 from guidefield.messages.identities import PLAIN, USERS, Asker, base_key, shared_key
 from guidefield.messages.replies import Done, Identity, UserFigures
 from guidefield.messages.requests import MotionRequest
@@ -116,7 +116,7 @@ class Endpoint:
             asked.fail(error)
 
     def _sort(self, asked: Asked, read: keys.Query, received: float) -> None:
-        if stream_keys.is_stream(read):
+        if stream_requests.is_stream(read):
             self._ask_stream(asked, read, received)
             return
         keys.check(read)
@@ -145,7 +145,7 @@ class Endpoint:
 
     def _ask_stream(self, asked: Asked, read: keys.Query, received: float) -> None:
         if keys.is_recording(read):  # the stream itself may be over
-            stream_keys.check(read)
+            stream_requests.check(read)
             require_own(read)
             self._hand_over(read, received).add_done_callback(asked.settle)
             return

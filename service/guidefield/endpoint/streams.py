@@ -30,7 +30,7 @@ from guidefield.errors import (
     ServerBusy,
     StreamUnknown,
 )
-from guidefield.messages import codec, stream_keys
+from guidefield.messages import codec, stream_requests
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, Asker, base_key, split_user
 from guidefield.messages.keys import Query
@@ -75,25 +75,27 @@ class Streams:
 
     def ask(self, read: Query) -> Future[Answer]:
         """The answer to a query; raises GuidefieldError if it is refused at once."""
-        asked = stream_keys.decode_stream_query(read)
-        if isinstance(asked, stream_keys.OpenStream):
+        asked = stream_requests.decode_stream_query(read)
+        if isinstance(asked, stream_requests.OpenStream):
             return self._open_stream(read, asked)
-        if isinstance(asked, stream_keys.ListStreams):
+        if isinstance(asked, stream_requests.ListStreams):
             return _answer_now(self._list(read.owner), read.encoding)
         require_own(read)
         stream = self._named(read.owner, asked.name)
-        if isinstance(asked, stream_keys.ReadStream):
+        if isinstance(asked, stream_requests.ReadStream):
             return _answer_now(stream.read(), read.encoding)
-        if isinstance(asked, stream_keys.EndStream):
+        if isinstance(asked, stream_requests.EndStream):
             answer: Future[Answer] = Future()
             done = True, codec.encode(Done(done=f"stream {asked.name!r} has ended"), read.encoding)
             over = stream.end(Preempted("it was asked to end", stream=asked.name))
             over.add_done_callback(lambda _: answer.set_result(done))
             return answer
-        if isinstance(asked, stream_keys.HaltStream):
+        if isinstance(asked, stream_requests.HaltStream):
             return stream.ask("stop", read.encoding)
-        assert isinstance(asked, stream_keys.AimStream | stream_keys.JudgeStream), "there is nothing else"
-        return stream.ask("aim" if isinstance(asked, stream_keys.AimStream) else "judge", read.encoding, read.payload)
+        assert isinstance(asked, stream_requests.AimStream | stream_requests.JudgeStream), "there is nothing else"
+        return stream.ask(
+            "aim" if isinstance(asked, stream_requests.AimStream) else "judge", read.encoding, read.payload
+        )
 
     def update(self, key: str, payload: zenoh.ZBytes, encoding: object, allow: Callable[[str], None]) -> None:
         """Take an update that somebody put."""
@@ -131,7 +133,7 @@ class Streams:
             if not stream.join(deadline - time.monotonic()):
                 _log.error("stream %s of %s didn't end", *reversed(stream.name))
 
-    def _open_stream(self, read: Query, asked: stream_keys.OpenStream) -> Future[Answer]:
+    def _open_stream(self, read: Query, asked: stream_requests.OpenStream) -> Future[Answer]:
         request = asked.request
         if request.stream_id is None:
             request = msgspec.structs.replace(request, stream_id=uuid.uuid4().hex)

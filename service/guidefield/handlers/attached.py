@@ -20,8 +20,7 @@ from guidefield.memo import memoized
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.scene import HalfSpace, PointCloud
 from guidefield.messages.values import IDENTITY, ORIGIN, InertiaTensor, Vector3
-from guidefield.robot.model.frames import frame_index
-from guidefield.robot.model.model import GeometryChoice, RobotModel
+from guidefield.robot.model.model import GeometryChoice, RobotModel, frame_index
 from guidefield.robot.urdf.links import NO_LENGTH
 from guidefield.scene import obstacle
 from guidefield.scene.cloud import MOST_IN_BODIES

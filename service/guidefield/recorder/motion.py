@@ -20,8 +20,7 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.configuration import LENGTHS, values_from_wire
-from guidefield.robot.model.frames import frame_index
-from guidefield.robot.model.model import JointKind
+from guidefield.robot.model.model import JointKind, frame_index
 from guidefield.robot.model.spaces import (
     ChartPoints,
     ChartRates,

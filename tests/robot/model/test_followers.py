@@ -19,8 +19,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import chain_to_tip
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
-from guidefield.robot.model.frames import joint_table
-from guidefield.robot.model.model import JointKind
+from guidefield.robot.model.model import JointKind, joint_table
 from guidefield.scene.scene import build
 from tests.robot.by_formula import ByFormula, given_by
 from tests.robot.random_chains import KINDS, WOUND, chains

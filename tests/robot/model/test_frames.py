@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.model import frame_index
 from tests.robots import load
 
 SHARED = (

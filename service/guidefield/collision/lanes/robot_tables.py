@@ -45,7 +45,7 @@ from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.collision_shapes import hull_vertices, triangulation
-from guidefield.robot.model.frames import joint_table
+from guidefield.robot.model.model import joint_table
 
 KINDS = np.empty(6, np.int64)  # lanes' kind of each of `JointTable`'s
 KINDS[[forward_kinematics.REVOLUTE, forward_kinematics.CONTINUOUS]] = TURNING

@@ -16,8 +16,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.endpoint.ros.poses import number, placement, pose_message
-from guidefield.endpoint.ros.refusals import ObjectRefused
+from guidefield.endpoint.ros.refusals import ObjectRefused, number, placement, pose_message
 from guidefield.geometry.placements import wire_pose
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
 

@@ -16,8 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.endpoint.ros.collision_objects import primitive
-from guidefield.endpoint.ros.poses import number, placement, rotation, vector
-from guidefield.endpoint.ros.refusals import FrameRefused, GoalRefused, Refused
+from guidefield.endpoint.ros.refusals import FrameRefused, GoalRefused, Refused, number, placement, rotation, vector
 from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.geometry.placements import wire_pose
 from guidefield.messages.conditions import LineConstraint, OrientationCone, PathConstraint, PlaneConstraint

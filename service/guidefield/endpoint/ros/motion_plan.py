@@ -10,8 +10,7 @@ from typing import Any
 import msgspec
 
 from guidefield.endpoint.ros.constraints import AskedGoal, goal_of, path_constraints_of
-from guidefield.endpoint.ros.poses import number
-from guidefield.endpoint.ros.refusals import GoalRefused, Refused, StateRefused, moveit_code
+from guidefield.endpoint.ros.refusals import GoalRefused, Refused, StateRefused, moveit_code, number
 from guidefield.endpoint.ros.robot_messages import error_code, robot_state, robot_trajectory
 from guidefield.endpoint.ros.scene_updates import with_state
 from guidefield.endpoint.ros.snapshot import Snapshot

@@ -9,8 +9,7 @@ from typing import Any
 import pinocchio as pin
 
 from guidefield.endpoint.ros.collision_objects import SceneObject, checked_id, frames_of, shapes_of
-from guidefield.endpoint.ros.poses import number, placement
-from guidefield.endpoint.ros.refusals import FrameRefused, ObjectRefused, Refused, StateRefused
+from guidefield.endpoint.ros.refusals import FrameRefused, ObjectRefused, Refused, StateRefused, number, placement
 from guidefield.endpoint.ros.snapshot import AttachedThing, Matrix, Snapshot
 
 ADD, REMOVE, APPEND, MOVE = range(4)  # operations of a CollisionObject

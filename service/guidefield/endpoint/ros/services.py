@@ -16,12 +16,14 @@ import msgspec
 from guidefield.endpoint.ros import motion_plan
 from guidefield.endpoint.ros.collision_objects import message_of, object_of
 from guidefield.endpoint.ros.options import IDENTITY
-from guidefield.endpoint.ros.poses import number, placement, pose_message
 from guidefield.endpoint.ros.refusals import (
     FrameRefused,
     LinkRefused,
     Refused,
     moveit_code,
+    number,
+    placement,
+    pose_message,
     require_no_constraints,
 )
 from guidefield.endpoint.ros.robot_messages import NANO, error_code, header, robot_state

@@ -23,8 +23,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.chart import TRANSLATION
-from guidefield.robot.model.frames import frame_index
-from guidefield.robot.model.model import Joint
+from guidefield.robot.model.model import Joint, frame_index
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 POINT = 1e-9  # a way that is no longer than this is turned on the spot [m]

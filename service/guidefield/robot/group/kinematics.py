@@ -30,8 +30,7 @@ from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import ROTATION, TRANSLATION
-from guidefield.robot.model.frames import joint_indices, joint_table
-from guidefield.robot.model.model import JointKind
+from guidefield.robot.model.model import JointKind, joint_indices, joint_table
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
 DISTINCT = 0.1  # two solutions are distinct if a joint differs by this, by the group's metric [rad]

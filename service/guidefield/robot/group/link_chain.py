@@ -13,8 +13,7 @@ from guidefield.kernels.kinematics.link_chain import BALL, FREE, UNIVERSAL, Link
 from guidefield.read_only import read_only
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.frames import joint_table
-from guidefield.robot.model.model import JointKind
+from guidefield.robot.model.model import JointKind, joint_table
 from guidefield.robot.model.spaces import Configuration
 
 SAME_PLACE = 1e-9  # two revolute joints whose origins are nearer than this are one universal joint [m]

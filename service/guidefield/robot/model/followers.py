@@ -16,8 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.robot.model import chart
-from guidefield.robot.model.frames import axis_of, joint_indices
-from guidefield.robot.model.model import Joint, Mimic
+from guidefield.robot.model.model import Joint, Mimic, axis_of, joint_indices
 from guidefield.robot.model.replaced_joints import with_joints
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf.facts import UrdfFacts

@@ -13,7 +13,6 @@ from guidefield.errors import RobotInvalid
 from guidefield.robot.model import chart, followers, pairs, rest
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.collision_shapes import Meshes, read_meshes, settle
-from guidefield.robot.model.frames import frame_index, joint_indices, joints_to, moving_joint
 from guidefield.robot.model.mimic_limits import bind_ranges, describe_bound_rates
 from guidefield.robot.model.model import (
     NO_GEOMETRY,
@@ -24,6 +23,10 @@ from guidefield.robot.model.model import (
     Mimic,
     RobotModel,
     RobotSource,
+    frame_index,
+    joint_indices,
+    joints_to,
+    moving_joint,
 )
 from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
 from guidefield.robot.model.replaced_joints import with_ball_joints

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.model.frames import joint_indices
+from guidefield.robot.model.model import joint_indices
 
 
 def with_joints(model: Any, replacements: Mapping[int, Any]) -> Any:
