@@ -5,7 +5,8 @@ from __future__ import annotations
 import coal
 import numpy as np
 import pinocchio as pin
-from guidefield.robot.model.self_contacts import scratch_space
+
+from guidefield.robot.model.pairs import scratch_space
 
 
 def separation(first: pin.SE3, second: pin.SE3, half: np.ndarray) -> float:
