@@ -235,7 +235,6 @@ class Engine:
         return reply
 
     def _is_first(self, request: requests.Request, received: float | None) -> bool:
-        """Return whether a request is the first that needs kernels, and nothing was loaded ahead."""
         needs = isinstance(request, requests.MotionRequest | requests.KinematicsRequest)
         return needs and received is None and not self._compiled
 

@@ -142,7 +142,6 @@ class Engines:
         return self.of(owner)
 
     def _add_shared(self, asking: str, owner: str, reply: Reply) -> Reply:
-        """Add other users' things that the caller may read to a list, as ``owner:name``."""
         if isinstance(reply, ScenesReply):
             return ScenesReply(scenes=[*reply.scenes, *self._list_shared_names(asking, owner, "scenes")])
         if isinstance(reply, RobotsReply):

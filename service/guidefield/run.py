@@ -269,8 +269,6 @@ class Drawing:
 
 @dataclass(frozen=True)
 class _Observers:
-    """The observers of a run as one."""
-
     progress: ProgressReporter | None
     recording: _Recording | None
     live: _LiveView | None
@@ -373,7 +371,6 @@ class _Recording:
             )
 
     def _defer(self, recordings: Recordings, name: str, reply: MotionReply, motion: RecordedMotion) -> bool:
-        """Store the log of the run; return False if that fails."""
         from guidefield.run_log import write_log
 
         log, shared = write_log(

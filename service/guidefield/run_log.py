@@ -53,15 +53,11 @@ class _SentRobot(msgspec.Struct, frozen=True):
 
 
 class _Stored(msgspec.Struct, frozen=True, tag="stored"):
-    """Name and hash of a robot that a client stored."""
-
     name: str
     content: str
 
 
 class _Local(msgspec.Struct, frozen=True, tag="local"):
-    """A robot in local files, and the fingerprint that these had."""
-
     file: UrdfFile
     fingerprint: str
 
@@ -216,8 +212,6 @@ def _encoded(message: msgspec.Struct) -> bytes:
 
 
 class _PackedScene(NamedTuple):
-    """A scene's hash, itself as MessagePack unless it is large, and indices and hashes of obstacles apart."""
-
     digest: str
     inline: bytes | None
     apart: tuple[tuple[int, str], ...]

@@ -124,8 +124,6 @@ class _Named(msgspec.Struct):
 
 
 class _Result(msgspec.Struct):
-    """The part of a line that is read again."""
-
     line: int
     request: str
     reply: _Named | None = None

@@ -111,7 +111,6 @@ class Instances:
         )
 
     def _take_report(self, reply: zenoh.Reply) -> InfoReply | None:
-        """Read the info of an instance; None if it doesn't answer."""
         if reply.ok is None:
             return None
         info = msgspec.msgpack.decode(reply.ok.payload.to_bytes(), type=InfoReply)

@@ -311,7 +311,6 @@ _SAME_AXIS = 0.999  # cosine of axes that are not told apart
 
 
 def _merge_cells(body: Solid, cells: list[_Cell], tight: float) -> list[_Cell]:
-    """Cells, of which two become one as long as their common hull is tight."""
     tried: set[tuple[int, int]] = set()
     while True:
         pairs = [(a, b) for a, b in itertools.combinations(cells, 2) if (id(a), id(b)) not in tried and _touch(a, b)]

@@ -146,7 +146,6 @@ def _roots(links: Integers) -> Iterator[int]:
 
 
 def _tree(things: _Charged) -> _Tree:
-    """A tree over things in order, halves of halves, with a leaf for each."""
     begins: list[int] = []
     ends: list[int] = []
     after: list[int] = []

@@ -153,7 +153,6 @@ def require_agreement(run_id: str, certified: Sequence[Certified]) -> None:
 
 
 def _contradiction(one: Certified) -> str | None:
-    """Describe the contradiction of a certificate; None if there is none."""
     obstacle, own, world = one.measured.obstacle, one.measured.own, one.measured.world
     if one.since is None:
         closest = [(obstacle.distance, obstacle.pair, obstacle.time, one.min_clearance)]

@@ -174,14 +174,12 @@ def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
 
 
 def _locate_verdict(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | None]:
-    """Row and time of the place that was judged; of the end, if it is free."""
     if verdict.piece is None or verdict.parameter is None:
         return problem.motion.end
     return problem.motion.along(verdict.piece, verdict.parameter)
 
 
 def _free_until(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | None]:
-    """Row and time up to which the motion is certified."""
     return problem.motion.end if verdict.free_until is None else problem.motion.along(*verdict.free_until)
 
 

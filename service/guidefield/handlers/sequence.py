@@ -166,7 +166,6 @@ class SequenceMotion:
         )
 
     def _carried_scene(self) -> Scene:
-        """The obstacles at first, and what is held at first, each object that is carried moving as it is."""
         start, whole = self.course.start, self.course.whole
         if self.trajectory is None:
             return start.scene
@@ -429,7 +428,6 @@ def _fastest(uses: Sequence[Sequence[replies.CartesianUse]]) -> list[replies.Car
 
 
 def _strongest(figures: Sequence[replies.EffortFigures | None]) -> replies.EffortFigures | None:
-    """The largest torques on some stretches, and the work on all of them."""
     told = [one for one in figures if one is not None]
     if not told or told[0].energy is None:
         return told[0] if told else None

@@ -60,7 +60,6 @@ def describe_verdict(reply: CertifyReply) -> str:
 
 
 def _loads(cartesian: list[CartesianUse], effort: EffortFigures | None) -> list[str]:
-    """The speeds in space that are limited, and the largest torque."""
     told = [f"{describe_speed(use)}." for use in cartesian]
     strongest = None if effort is None else describe_effort(effort)
     return told if strongest is None else [*told, f"{strongest}."]

@@ -205,7 +205,6 @@ def write_table(head: Sequence[str], rows: Iterable[Sequence[float]]) -> str:
 
 
 def _fields(motion: SentMotion) -> dict[str, Any]:
-    """The rows by the names that `guidefield certify` reads, and what they are certified for."""
     rows = motion.rows
     names = {"position_names": [*motion.joints], "velocity_names": [*motion.joints]}
     values = {name: getattr(rows, name) for name in ("times", "positions", "velocities", "accelerations")}

@@ -105,8 +105,6 @@ class CertifyHead(msgspec.Struct, frozen=True):
 
 
 class _TypeTag(msgspec.Struct):
-    """The type of a payload, if it has one."""
-
     type: str | None = None
 
 
@@ -289,8 +287,6 @@ def _decode_run(query: Query) -> requests.Request:
 
 @dataclass(frozen=True)
 class _Rule:
-    """The rule of one key: the decoder of its queries, and their valid parameters."""
-
     read: Callable[[Query], requests.Request]
     parameters: frozenset[str] = frozenset()
     takes_payload: bool = False

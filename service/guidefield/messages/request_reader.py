@@ -171,7 +171,6 @@ def _get(holder: Any, field: str) -> Any:
 
 
 def _with_fields(holder: Any, fields: dict[str, Any]) -> Any:
-    """Return a copy of a dict or message with some fields replaced, unchecked."""
     if not fields:
         return holder
     if isinstance(holder, dict):

@@ -79,7 +79,6 @@ class NameIndex:
 
 
 def _find_number(index: int, gone: Sequence[int]) -> int:
-    """Return the number of the obstacle at an index, given the removed numbers, ascending."""
     number = index
     while (higher := index + bisect_right(gone, number)) > number:
         number = higher

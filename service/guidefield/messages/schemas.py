@@ -129,13 +129,11 @@ def _find_structs(kinds: Sequence[msgspec.inspect.Type]) -> set[type[msgspec.Str
 
 
 def _summarize(message: type) -> str:
-    """What the docstring of a message says before it comes to its fields."""
     text = re.split(r"\n(?:Attributes|Examples):\n", inspect.cleandoc(message.__doc__ or ""))[0]
     return re.sub(r"\s*\n\s*", " ", text).replace("``", "`").strip()
 
 
 def _read_meanings(message: type) -> dict[str, str]:
-    """What the docstrings of a message, and of those that it extends, say about its fields."""
     found: dict[str, str] = {}
     for kind in reversed(message.__mro__):
         if kind.__doc__ and kind.__module__.startswith("guidefield"):

@@ -52,8 +52,6 @@ class _Lane:
 
 @dataclass
 class _Share:
-    """A user's threads, waiting answers, and their size [bytes]."""
-
     threads: int = 0
     letters: int = 0
     size: int = 0
@@ -145,7 +143,6 @@ class Outbox:
         self._watched.set()
 
     def _add(self, lane: _Lane, share: _Share, size: int, count: int) -> None:
-        """Count answers of a size together that come, or that are gone."""
         lane.size += size
         share.size += size
         share.letters += count
@@ -263,7 +260,6 @@ class Outbox:
                     self._watched.clear()
 
     def _leave_own(self) -> None:
-        """Leave the answers that the polling thread has not begun to send to other threads."""
         while self._own:
             key, letter = self._own.popleft()
             lane = self._lanes[key]

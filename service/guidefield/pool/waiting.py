@@ -112,8 +112,6 @@ class Limits:
 
 @dataclass
 class _Line:
-    """The waiting tasks of one user: a row for each client, in the order of their turns."""
-
     rows: OrderedDict[str, deque[Task]] = field(default_factory=OrderedDict)
     count: int = 0
     size: int = 0

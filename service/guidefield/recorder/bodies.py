@@ -164,7 +164,6 @@ def _body(name: str, link: str, element: Any, materials: dict[str, Any]) -> Body
 
 
 def _placement(origin: Any) -> Any:
-    """``T_link_body`` of an <origin>, pinocchio.SE3."""
     if origin is None:
         return pin.SE3.Identity()
     if (quaternion := origin.get("quat_xyzw")) is not None:

@@ -298,7 +298,6 @@ def _plan_results(reply: PlanReply, group: PlanningGroup) -> list[str]:
 
 
 def _steps(reply: PlanReply) -> list[str]:
-    """The steps of a sequence in time: what is held, and the smallest distance from obstacles."""
     if not reply.steps:
         return []
     rows = [

@@ -113,7 +113,6 @@ def _plot_joints(group: PlanningGroup, motion: ShownMotion, trajectory: Trajecto
 
 
 def _plot_step_potential(steps: Sequence[tuple[int, Step]]) -> Iterator[Chunk]:
-    """Potential of the robot after each of the planner's steps, where it was evaluated."""
     known = [(number, step.potential) for number, step in steps if step.potential is not None]
     if known:
         numbers, values = zip(*known, strict=True)
@@ -226,8 +225,6 @@ def _lay_over(group: PlanningGroup, given: GivenMotion, planned: GivenMotion) ->
 
 @dataclass(frozen=True, eq=False)
 class _MotionView:
-    """A motion among its obstacles, with forward kinematics along it, seen from an eye."""
-
     run: Run
     motion: ShownMotion
     at: Poses
@@ -301,7 +298,6 @@ def _planning(
 
 
 def _knots(group: PlanningGroup, given: GivenMotion) -> Trajectory | None:
-    """The knots of a given motion, where their columns are plain coordinates and there are velocities."""
     if given.times is None or given.velocities is None or given.is_point or not group.is_euclidean:
         return None
     rises = given.accelerations

@@ -124,7 +124,6 @@ class Along:
         return unsure or Finding(Answer.FREE)
 
     def _cuts(self, piece: Piece) -> list[float]:
-        """Times since the start of a piece between which no obstacle goes from one screw to the next."""
         stops = [time - piece.start for one in self.carried if one.screw is not None for time in one.screw.times]
         return sorted({0.0, piece.span, *(float(stop) for stop in stops if 0.0 < stop < piece.span)})
 

@@ -304,7 +304,6 @@ def _chart(model: Any, told: Told, laws: Mapping[str, tuple[str, float, float]])
 
 
 def _motion(told: Told, columns: int) -> dict[str, Any]:
-    """The motion's fields of a case."""
     arrays = {
         kind: None if told.get(kind) is None else np.array(told[kind], float)
         for kind in ("positions", "times", "velocities", "accelerations", "tolerance")

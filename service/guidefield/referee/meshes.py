@@ -115,7 +115,6 @@ def _place_meshes(node: _Node, above: np.ndarray, meshes: list[np.ndarray]) -> I
 
 
 def _scene(content: bytes) -> tuple[_Node, list[np.ndarray]]:
-    """The root node, and the triangles of each mesh in its own frame."""
     scene = _Chunk(content, HEADER, SCENE)
     _, count, *_ = scene.take("7I")
     root = _node(scene.chunk(NODE))

@@ -148,7 +148,6 @@ class SegmentBounds:
         return self._case.bodies[obstacle].screw is not None
 
     def _place_joints(self) -> None:
-        """Place the joints, find their columns, and the rates of their velocities along D."""
         case, model = self._case, self._case.model
         data, y, chord = model.createData(), self.chords.z @ case.spread.T + case.offset, self.chords.chords
         count, self._rates = len(y), chord @ case.spread.T

@@ -111,7 +111,6 @@ class _Replay:
         return f"{begin:.9g} to {end:.9g}"
 
     def _named(self) -> list[int]:
-        """The case's body of each of the proof's."""
         of_name: dict[str, list[int]] = {}
         for k, body in enumerate(self._case.bodies):
             of_name.setdefault(body.name, []).append(k)
@@ -133,7 +132,6 @@ class _Replay:
         return middles
 
     def _seen_from(self) -> dict[frozenset[int], int]:
-        """The joint that each own pair's motion is seen from."""
         names = list(self._case.model.names)
         joints = [names.index(name) if name in names else 0 for name in self._proof.joints.tolist()]
         return {frozenset((self._told[a], self._told[b])): joints[k] for a, b, k in self._proof.views.tolist()}
@@ -203,7 +201,6 @@ class _Replay:
         return kept
 
     def _of_pair(self, pair: int) -> list[BodyBounds]:
-        """Bounds of both bodies of a pair; of an obstacle at rest none."""
         i, j = int(self._first[pair]), int(self._second[pair])
         if self._is_own[pair]:
             view = self._views.get(frozenset((i, j)), 0)

@@ -105,7 +105,6 @@ class Slabs:
 
     @cached_property
     def _parents(self) -> list[int]:
-        """The node that each is a part of, -1 of the first."""
         parents, children = np.full(len(self._proof.node_bodies), -1), self._proof.node_children
         for side in range(2):
             inner = np.flatnonzero(children[:, side] >= 0)

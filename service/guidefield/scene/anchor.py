@@ -259,7 +259,6 @@ def _vector(value: Vector3, anchor: Anchor, sign: float) -> Vector3:
 
 
 def _vectors(value: Sequence[Any], anchor: Anchor, sign: float) -> list[Any]:
-    """Points, or lists of points, or None."""
     return [
         one if one is None else (_vectors if isinstance(one[0], list | tuple) else _vector)(one, anchor, sign)
         for one in value

@@ -164,7 +164,6 @@ def _is_large(obstacle: Obstacle) -> bool:
 
 
 def _with_cropped(scene: Scene, ball: Ball) -> Scene | None:
-    """Return a scene with its large obstacles at rest cropped; None if most of all of them is kept."""
     parts = [_crop_obstacle(one, ball) if _is_large(one) else None for one in scene.obstacles]
     if not any(parts):
         return None

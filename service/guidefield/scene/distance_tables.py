@@ -168,7 +168,6 @@ def bodies_of(obstacle: Obstacle) -> list[DistanceBody]:
 
 
 def _is_small_sheet(obstacle: Obstacle) -> bool:
-    """Tell if an obstacle is a thin surface of few triangles that is seen whole."""
     return not (obstacle.solid or obstacle.convex or obstacle.cloud or obstacle.cropped) and obstacle.faces <= FEW
 
 

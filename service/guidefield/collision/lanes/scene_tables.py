@@ -46,8 +46,6 @@ MOST_SOLIDS = 512
 
 
 class _Tables(NamedTuple):
-    """Tables of some obstacles, as if there were no other."""
-
     # kind, whether the primitive is the obstacle itself, root of each stand-in, and the address of the words of a
     # cloud, else 0, shape (k, 4)
     places: np.ndarray

@@ -229,7 +229,6 @@ class ControllerClient:
 
     @contextlib.contextmanager
     def _listening(self) -> Iterator[None]:
-        """Hear feedback and joint states, as a node of the graph."""
         feedback = self._entity(Kind.SUBSCRIPTION, "feedback", f"{ACTION}_FeedbackMessage", self._hearing)
         states = Entity(Kind.SUBSCRIPTION, "joint_states", STATE, self._hearing.type_hash(STATE))
         node = Node(self._domain, str(self._session.zid()), "guidefield_execute")
@@ -303,7 +302,6 @@ class ControllerClient:
         return None
 
     def _send(self, motion: MotionToExecute, goal_id: bytes) -> bool:
-        """Send a motion; return whether the controller accepts it."""
         tolerances = [
             {"name": joint, "position": value}
             for joint, value in zip(motion.joints, motion.tolerance, strict=True)

@@ -160,7 +160,6 @@ class _Loaded:
 
     @functools.cached_property
     def fingerprint(self) -> str:
-        """A hash of the robot's text and of its files' state."""
         state = f"{sorted(self.stamps.items())}\0{self.robot.source.urdf_text}"
         return hashlib.sha256(state.encode(errors="surrogatepass")).hexdigest()
 

@@ -72,7 +72,6 @@ def _find_entries() -> dict[str, Entry]:
 
 
 def _ours() -> dict[str, Entry]:
-    """The cards in `robots/`, for URDFs beside them or in example-robot-data."""
     robots, ours = _robots(), importlib.resources.files(_PACKAGE)
     found = {}
     for resource in ours.iterdir():

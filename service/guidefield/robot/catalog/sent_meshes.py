@@ -60,8 +60,6 @@ def name_by_content(meshes: Mapping[str, bytes]) -> NamedByContent:
 
 @dataclass
 class _Naming:
-    """Names files from those on that name no others."""
-
     meshes: Mapping[str, bytes]
     files: dict[str, bytes] = field(default_factory=dict)
     names: dict[str, str] = field(default_factory=dict)

@@ -427,7 +427,6 @@ def _with_rates(joint: Joint, velocity: Mapping[str, float], acceleration: Mappi
 
 @memoized_for_alike
 def _scales(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Units, sizes, periods and winds of a group."""
     units = units_of(group.joints, group.size)
     sizes = np.where(units_of(group.joints, 1.0) == 1.0, 1.0, units / LENGTH_OF_A_RADIAN)
     periods = np.zeros(group.nv)

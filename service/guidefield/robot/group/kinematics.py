@@ -133,7 +133,6 @@ class _Parts:
         self.fixed = turn.inverse()
 
     def chain(self, group: PlanningGroup) -> TipChain:
-        """The parts so far, with the group's limits."""
         first, *others = [*self.placements, _rows(self.fixed)]
         table = TipChain(
             kinds=np.array(self.kinds, np.int64),

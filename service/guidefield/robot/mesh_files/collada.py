@@ -109,7 +109,6 @@ class _Document:
             pending += reversed(below)
 
     def mesh(self, geometry: Element) -> Triangles:
-        """Return the triangles of a `<geometry>`, all its primitives."""
         if geometry not in self._meshes:
             mesh = child_of(geometry, "mesh")
             if mesh is None:

@@ -61,7 +61,6 @@ def read_ply(content: bytes) -> Triangles:
 
 
 def _strips(corners: np.ndarray, count: int) -> np.ndarray:
-    """Triangles of strips that -1 ends, every second one turned round."""
     found = []
     for part in np.split(corners, np.flatnonzero(corners == -1)):
         strip = part[part != -1]

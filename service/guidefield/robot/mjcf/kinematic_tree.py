@@ -108,7 +108,6 @@ class _Tree:
         self.balls: list[str] = []
 
     def add_body(self, body: int) -> None:
-        """Join a body to its parent by its joints."""
         model = self._model
         parent, link = self.links[model.body_parentid[body]], self.links[body]
         offset = placement(model.body_pos[body], model.body_quat[body])

@@ -179,7 +179,6 @@ def _differing_root(described: srdf.Srdf, root_joint: str) -> list[str]:
 
 
 def _with_passive(joints: Sequence[Joint], described: srdf.Srdf, warnings: list[str]) -> tuple[Joint, ...]:
-    """The joints; those that the SRDF calls passive are marked, and told."""
     names = [ROOT_JOINT if name in described.virtual else name for name in described.passive]
     marked = [joint.name for joint in joints if joint.name in names and joint.mimic is None]
     if marked:

@@ -136,7 +136,6 @@ def _driver(mimic: Element, follower: JointFacts, joints: Mapping[str, JointFact
 
 
 def _find_prefixed(driver: str, follower: str, joints: Iterable[str]) -> list[str]:
-    """Other joints whose name is that of the driver after a prefix that the follower has too."""
     prefixes = {name: name[: -len(driver)] for name in joints if driver and name.endswith(driver) and name != follower}
     return [name for name, prefix in prefixes.items() if follower.startswith(prefix)]
 

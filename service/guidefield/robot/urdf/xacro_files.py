@@ -103,7 +103,6 @@ def _patch(module: Any, find: Callable[[str], str]) -> Iterator[None]:
 
 
 def _fault(path: Path, xacro: Any, error: Exception) -> RobotInvalid:
-    """Return the error of ours for one of xacro: the file in which it came up, the macros, and the cause."""
     where = [Path(name) for name in xacro.filestack or [] if name] or [path]
     cause: BaseException = error
     while isinstance(getattr(cause, "exc", None), Exception):

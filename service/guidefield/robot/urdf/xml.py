@@ -299,7 +299,6 @@ def _drop(element: Element) -> None:
 
 
 def _drop_default_namespace(root: Element) -> None:
-    """Drop a default namespace, which other parsers of URDF don't know."""
     for element in root.iter(etree.Element):
         name = etree.QName(element)
         if name.namespace and element.prefix is None:
