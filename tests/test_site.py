@@ -125,18 +125,3 @@ def test_a_browser_follows_every_link(browser: Any, address: str) -> None:
     assert len(names) > 25
     assert [(url, place) for url, place in asked if url in names and place not in names[url]] == []
     assert faults == []
-
-
-@pytest.mark.parametrize(("scheme", "colours"), [("light", "default"), ("dark", "slate")])
-def test_a_reader_finds_a_field_in_the_colours_of_the_system(
-    browser: Any, address: str, scheme: str, colours: str
-) -> None:
-    page, faults = _page(browser, address, scheme)
-    page.goto(address + "index.html", wait_until="networkidle")
-    page.fill(".md-search__input", "min_clearance")
-    page.press(".md-search__input", "End")  # the search looks at its text when a key goes up
-    page.wait_for_selector(".md-search-result__link")
-    page.goto(address + "wire.html#codes")
-    assert page.evaluate("document.body.dataset.mdColorScheme") == colours
-    assert page.is_visible("#codes")
-    assert faults == []

@@ -6,9 +6,7 @@ import json
 import re
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
-import msgspec
 import pytest
 
 from guidefield.endpoint.endpoint import HEAVY_KEYS
@@ -16,7 +14,7 @@ from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
 from guidefield.errors import ERRORS, Status
 from guidefield.handlers.info import Figures, Rules, info
-from guidefield.messages import codec, requests, schemas
+from guidefield.messages import codec
 from guidefield.messages.schemas import describe_message, make_schemas, write_schemas
 from guidefield.messages.served import CODES, KEYS, MEANINGS
 from guidefield.messages.streams import DEFAULT_STREAMS
@@ -61,31 +59,6 @@ def test_every_message_that_a_key_takes_or_gives_is_named_on_the_page_and_descri
 def test_every_field_of_a_plan_request_says_what_it_means() -> None:
     properties = make_schemas()["$defs"]["PlanRequest"]["properties"]
     assert [name for name, one in properties.items() if not one.get("description")] == []
-
-
-class Odd(msgspec.Struct):
-    """One of each kind."""
-
-    whole: int
-    maybe: str | None
-    several: list[int | None]
-    names: list[requests.Name] | None
-    by_name: dict[str, bool]
-    either: (requests.PlaneConstraint | requests.LineConstraint) | None
-    anything: Any
-
-
-def test_kinds_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(schemas, "make_schemas", lambda: {"$defs": schemas.make_schemas_of([Odd])[1]})
-    assert dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", describe_message("Odd"), re.MULTILINE)) == {
-        "whole": "integer",
-        "maybe": "text or null",
-        "several": "list of (integer or null)",
-        "names": "list of (text (1 to 256 characters)) or null",
-        "by_name": "object of names to (true or false)",
-        "either": "PlaneConstraint or LineConstraint or null",
-        "anything": "anything",
-    }
 
 
 def test_every_code_has_its_meaning_and_says_how_it_travels() -> None:

@@ -32,15 +32,3 @@ def test_solids_are_masked() -> None:
     inside = centres[None] ** 2 + centres[:, None] ** 2 < 0.25
     assert (np.isnan(picture.log_potential) == inside).all()
     assert ((picture.image == SOLID_COLOR).all(axis=2) == inside).all()
-
-
-@pytest.mark.parametrize("thin", [0.004, 0.3])
-def test_fewer_evaluations_show_the_same_walls_however_thin(thin: float) -> None:
-    box = messages.Box(name="b", size=(thin, 1.0, 1.0), position=(0.31, 0.1, 0.0))
-    scene, plane = build(messages.Scene(name="s", obstacles=[box])), horizontal((0.0, 0.0, 0.0), 2.0)
-    exact, quick = field_slice(scene, plane, 101), field_slice(scene, plane, 101, every=3)
-    near = ~(exact.log_potential < math.log10(math.pi / (3 * 2.0 / 101) * 1.1))  # solids too
-    assert near.any()
-    np.testing.assert_allclose(quick.log_potential[near], exact.log_potential[near], rtol=1e-6)
-    np.testing.assert_allclose(quick.log_potential[~near], exact.log_potential[~near], atol=0.05)
-    assert np.abs(quick.image.astype(int) - exact.image).mean() < 2.0

@@ -23,8 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.posed import posed
-from benchmarks.problems import Problems, scene_of
+from benchmarks.problems import Problems, posed, scene_of
 from benchmarks.quality import AT_THE_ENDS, Judged, StageClock, judged
 from guidefield.deadline import Deadline
 from guidefield.errors import Status

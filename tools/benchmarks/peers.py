@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from benchmarks.posed import listed_geometry
 from guidefield.collision.world import World
 
 STEP = 0.05
@@ -213,7 +212,7 @@ def pyroboplan(task: Task) -> Answer:
         max_planning_time=task.seconds,
         rng_seed=task.seed,
     )
-    geometry = listed_geometry(world)
+    geometry = _listed_geometry(world)
     planner = RRTPlanner(world.model, geometry, options)
     ends = [group.expand_from_chart(z) for z in (task.start, task.goal)]
     scene = clock()
@@ -230,3 +229,14 @@ def pyroboplan(task: Task) -> Answer:
 
 SOLVERS: dict[str, Callable[[Task], Answer]] = {"ompl": ompl, "roboplan": roboplan, "pyroboplan": pyroboplan}
 """By the name of their package."""
+
+
+def _listed_geometry(world: World) -> Any:
+    """A world as others take it: Pinocchio's geometry model of all bodies, with all pairs."""
+    geometry = world.group.geometry.copy()
+    for one in world.scene.obstacles:
+        geometry.addGeometryObject(pin.GeometryObject(f"obstacle/{one.name}", 0, one.placement, one.shape))
+    geometry.removeAllCollisionPairs()
+    for first, second in world.pairs.bodies(np.arange(len(world.pairs))).tolist():
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    return geometry

@@ -15,10 +15,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfFile
+from guidefield.planner.task.problem import Goal, Problem
+from guidefield.potential import Precision, RobotField
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build
 
@@ -110,3 +114,17 @@ def scene_message(problem: dict[str, Any]) -> messages.Scene:
 def scene_of(problem: dict[str, Any]) -> Scene:
     """The obstacles of a problem."""
     return build(scene_message(problem))
+
+
+def posed(group: PlanningGroup, scene: Scene, q_start: np.ndarray, goal: Goal, **rest: Any) -> Problem:
+    """A problem, the tables of its world made anew; `rest` is what else `Problem` takes."""
+    return Problem(
+        group=group,
+        scene=scene,
+        world=World.build(group, scene),
+        robot_field=RobotField(group, scene, Precision.SINGLE),
+        kinematics=Kinematics(group),
+        q_start=q_start,
+        goal=goal,
+        **rest,
+    )

@@ -23,9 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import peers
-from benchmarks.along import smallest_along
-from benchmarks.posed import posed
-from benchmarks.problems import ROBOTS, Problems, scene_of
+from benchmarks.problems import ROBOTS, Problems, posed, scene_of
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
@@ -36,12 +34,16 @@ from guidefield.planner.quality import END_LENGTH, measure_figures
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft
 from guidefield.prove.curve import Curve
+from guidefield.prove.minima import smallest_along
 
 JUDGED_STEP = 0.02
 """Joint distance between two configurations that are judged on the exact geometry [rad or m]."""
 
 FINER = 40
 """Places on each piece between which its length is measured."""
+
+SAMPLES = 50
+"""Number of places, evenly apart in time, that the search for the smallest distances begins with."""
 
 REPEATS = 3
 SECONDS = 20.0
@@ -193,7 +195,8 @@ def judged(world: World, curve: Curve) -> Judged:
     if lengths[-1] > 2.0 * END_LENGTH:
         since, until = np.interp([END_LENGTH, lengths[-1] - END_LENGTH], lengths, fine).tolist()
         spans.append((since, until))
-    minimum, *inner = smallest_along(world, curve, spans)
+    times = np.linspace(curve.times[0], curve.times[-1], SAMPLES)
+    minimum, *inner = (found.distance for found in smallest_along(world, curve, times, spans).obstacle)
     ends = [clearance_at(world, world.group.expand_from_chart(z)).obstacle_distance for z in samples[[0, -1]]]
     return Judged(
         minimum=minimum,

@@ -7,14 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.catalog import catalog as catalogs
-from guidefield.robot.catalog.catalog import Catalog, summarize
-from guidefield.robot.catalog.library import Entry, SentRobot, entries
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog.library import SentRobot
 from tests.robots import box_arm
 
 
@@ -52,37 +51,6 @@ def test_robots_are_summarized_once_and_those_that_were_sent_when_they_change(
     assert asked[len(first) :] == ["mine", "broken"]
     lines_of(catalog, other, broken)
     assert asked[len(first) :] == ["mine", "broken", "broken"], "what is wrong may be mended"
-
-
-def test_another_process_finds_the_lines_on_disk_until_a_card_or_a_file_changes(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    asked: list[str] = []
-
-    def noted(entry: Entry) -> RobotSummary:
-        asked.append(entry.name)
-        return summarize(entry)
-
-    monkeypatch.setattr(catalogs, "summarize", noted)
-    one = entries()["ur5"]
-    first = catalogs.lines_of([one])
-    assert catalogs.lines_of([one]) == first == [summarize(one)]
-    assert asked == ["ur5"]
-    catalogs.lines_of([replace(one, family="other")])
-    assert len(asked) == 2
-    (damaged, *_) = (tmp_path / "guidefield" / "geometry").iterdir()
-    for path in (tmp_path / "guidefield" / "geometry").iterdir():
-        path.write_bytes(damaged.read_bytes()[:-20])
-    assert catalogs.lines_of([one]) == first
-    assert len(asked) == 3
-    copy = tmp_path / "robot.urdf"
-    copy.write_bytes((one.folder / one.card.urdf).read_bytes())
-    card = msgspec.structs.replace(one.card, urdf="robot.urdf", srdf=None)
-    for size in (0, 1):
-        copy.write_bytes(copy.read_bytes() + b"\n" * size)
-        catalogs.lines_of([replace(one, card=card, folder=tmp_path)])
-    assert len(asked) == 5
 
 
 def test_a_robot_of_a_file_is_kept_until_the_file_changes_or_a_link_leads_elsewhere(tmp_path: Path) -> None:
