@@ -325,9 +325,9 @@ def test_no_more_samples_than_a_few_are_measured_in_contact(monkeypatch: pytest.
     place, asked, clearances = World.build(group("ur5"), library_scene("wall_with_window")), [], minima.ClosestPairs
     real = clearances.clearances
 
-    def counted(self, configurations, times=None):
+    def counted(self, configurations, times=None, **told):
         asked.append(len(configurations))
-        return real(self, configurations, times)
+        return real(self, configurations, times, **told)
 
     monkeypatch.setattr(clearances, "clearances", counted)
     for seed in range(5):

@@ -63,11 +63,17 @@ class ClosestPairs:
         self.world = world
 
     def clearances(
-        self, configurations: ModelConfigurations, times: np.ndarray | None = None, *, is_open: bool = False
+        self,
+        configurations: ModelConfigurations,
+        times: np.ndarray | None = None,
+        *,
+        is_open: bool = False,
+        counts_own: bool = True,
     ) -> Iterator[ClearanceAt]:
         """Yield the clearance at each configuration (n, model.nq), as `clearance_at` has it, and its time (n,) [s].
 
-        Enclosures aren't looked for where it is known that no body is inside another: `is_open`.
+        Enclosures aren't looked for where it is known that no body is inside another: `is_open`. Without `counts_own`
+        nobody needs to know how far the robot is from itself.
         """
         in_time = times is not None and self.world.scene.moves
         clock = times if times is not None and in_time else np.zeros(len(configurations))
@@ -82,16 +88,13 @@ class ClosestPairs:
         closest_pairs(
             moving, np.ascontiguousarray(configurations), np.ascontiguousarray(clock), within, distances, pairs
         )
-        apart: np.ndarray = np.any(distances > 0.0, axis=1)  # where own bodies touch, obstacles' distance counts too
+        if not counts_own:
+            pairs[:, 0] = -1
+        # where own bodies touch, obstacles' distance counts too
+        apart = np.flatnonzero(np.any(distances > 0.0, axis=1) & (not is_open))
         alone: np.ndarray = np.any(pairs[:, :, 0] < -1, axis=1)
-        if is_open:
-            enclosed = [False] * int(apart.sum())
-        elif in_time:
-            touched = [*configurations[apart]], clock[apart].tolist()
-            enclosed = [len(pairs) > 0 for pairs in _find_enclosed_pairs_at(self.world, *touched)]
-        else:
-            enclosed = [pair is not None for pair in find_enclosed_each(self.world, [*configurations[apart]])]
-        alone[np.flatnonzero(apart)[enclosed]] = True
+        asked = [*configurations[apart]], clock[apart].tolist(), 0 if counts_own else self.world.pairs.n_self
+        alone[apart[[len(inside) > 0 for inside in _find_enclosed_pairs_at(self.world, *asked)]]] = True
         for q, time, alone_there, candidates in zip(
             configurations, clock.tolist(), alone.tolist(), pairs.tolist(), strict=True
         ):

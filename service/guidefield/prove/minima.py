@@ -81,7 +81,9 @@ def _with_depths(
     some = touching[np.unique(np.linspace(0, len(touching) - 1, DEPTHS).astype(int))] if len(touching) else touching
     told = [one.time for one in (*found.obstacle, found.own) if one.distance <= NEARLY]
     times = np.unique(np.concatenate([samples[some], told]))
-    measured = list(ClosestPairs(world).clearances(world.group.expand_each(curve.at(times)), times))
+    touches_itself = found.own.distance <= NEARLY
+    qs = world.group.expand_each(curve.at(times))
+    measured = list(ClosestPairs(world).clearances(qs, times, counts_own=touches_itself))
     obstacle_depths = [(one.obstacle_distance, one.pairs[1]) for one in measured]
     own_depths = [(one.self_distance, one.pairs[0]) for one in measured]
 
