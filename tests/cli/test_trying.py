@@ -10,6 +10,7 @@ import threading
 import urllib.request
 from collections.abc import Iterator
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,9 @@ from rich.console import Console
 from guidefield.cli import trying
 from guidefield.cli.serving import free_port
 from guidefield.cli.trying import TryPage
+from guidefield.errors import MalformedRequest
 from guidefield.messages.scene import Box
+from guidefield.messages.values import Placement
 from guidefield.viewer import LOOPBACK
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -48,6 +51,33 @@ def test_a_goal_that_is_dragged_is_planned_for(page: tuple[TryPage, str]) -> Non
     assert "free: the trajectory" in tried._report.content
     assert len(tried._frames) > 10
     np.testing.assert_allclose(tried._frames[-1][-1, :3], tried._handle.position, atol=1e-3)
+
+
+def test_an_obstacle_may_be_dragged_while_a_plan_is_asked_for(
+    page: tuple[TryPage, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried, _ = page
+    obstacle: Any = next(one for one in tried._message.obstacles if hasattr(one, "position"))
+    asked: list[Any] = []
+
+    class LookedUp(str):
+        """A name at whose look-up another obstacle is dragged."""
+
+        def __hash__(self) -> int:
+            if len(tried._wish.moved) == 1:
+                tried._move(obstacle.name, Placement(obstacle.position))
+            return super().__hash__()
+
+    def refuse(request: Any) -> None:
+        asked.append(request)
+        raise MalformedRequest("asked")
+
+    monkeypatch.setattr(tried, "_engine", SimpleNamespace(answer=refuse))
+    tried._wish.moved = {LookedUp("box"): Placement((0.0, 0.0, 0.0))}
+    tried._plan()
+    assert obstacle.name in tried._wish.moved
+    tried._wish.moved.clear()
+    assert [list(request.scene.move) for request in asked] == [["box"]]
 
 
 def test_a_browser_shows_the_page_and_plans(page: tuple[TryPage, str]) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -43,13 +43,14 @@ class Wish:
 
     goal: PoseGoal
     start: dict[str, Any]
-    clearance: float = 0.0  # [m]
     moved: dict[str, Placement] = field(default_factory=dict)
     added: list[Box] = field(default_factory=list)
 
 
 class TryPage:
-    """The page of one robot in one scene; it plans in a thread whenever something has changed.
+    """The page of one robot in one scene; `run` plans whenever something has changed, and another thread plays motions.
+
+    Viser's threads change the wish, under a lock; only the thread of `run` asks the engine once that has begun.
 
     Raises RobotInvalid or SceneInvalid if there is no such robot or scene.
     """
@@ -88,8 +89,7 @@ class TryPage:
     def _place(self, configurations: Sequence[dict[str, Any]]) -> np.ndarray:
         """Positions and quaternions (x, y, z, w) of the drawn links and the tip, shape (n, links + 1, 7)."""
         asked = ForwardKinematics(self._robot, frames=[*self._links, self._tip], configurations=list(configurations))
-        with self._lock:
-            reply: Any = self._engine.answer(asked)
+        reply: Any = self._engine.answer(asked)
         return np.array([[(*one.position, *one.quaternion_xyzw) for one in row] for row in reply.placements])
 
     def _draw_robot(self, drawn: Sequence[bodies.Body], placed: np.ndarray) -> None:
@@ -148,7 +148,9 @@ class TryPage:
 
     def _aim(self) -> None:
         w, *xyz = np.asarray(self._handle.wxyz).tolist()
-        self._wish.goal = PoseGoal(tuple(self._handle.position.tolist()), (*xyz, w))
+        goal = PoseGoal(tuple(self._handle.position.tolist()), (*xyz, w))
+        with self._lock:
+            self._wish.goal = goal
         self._changed.set()
 
     def _choose(self) -> None:
@@ -170,26 +172,31 @@ class TryPage:
 
     def _move(self, name: str, at: Placement) -> None:
         self._server.scene.get_handle_by_name(f"/scene/{name}").position = at.position
-        self._wish.moved[name] = at
+        with self._lock:
+            self._wish.moved[name] = at
         self._changed.set()
 
     def _add_box(self) -> None:
-        name = f"box {len(self._wish.added) + 1}"
-        at = np.add(self._wish.goal.position, (0.0, 2.5 * BOX_SIDE, 0.0))
-        box = Box(name=name, size=(BOX_SIDE,) * 3, position=tuple(at.tolist()))
+        with self._lock:
+            name = f"box {len(self._wish.added) + 1}"
+            at = np.add(self._wish.goal.position, (0.0, 2.5 * BOX_SIDE, 0.0))
+            box = Box(name=name, size=(BOX_SIDE,) * 3, position=tuple(at.tolist()))
+            self._wish.added.append(box)
         self._server.scene.add_box(f"/scene/{name}", color=(240, 170, 90), dimensions=box.size, position=at)
-        self._wish.added.append(box)
         self._chosen.options = (*self._chosen.options, name)
         self._chosen.value = name
         self._changed.set()
 
     def _start_there(self) -> None:
-        if self._reached is not None:
-            self._wish.start = self._reached
+        reached = self._reached
+        if reached is not None:
+            with self._lock:
+                self._wish.start = reached
             self._changed.set()
 
     def _plan(self) -> None:
-        wish = self._wish
+        with self._lock:
+            wish = replace(self._wish, moved=dict(self._wish.moved), added=list(self._wish.added))
         names = {one.name for one in wish.added}
         added: list[Obstacle] = [
             Box(name=box.name, size=box.size, position=wish.moved.get(box.name, box).position) for box in wish.added
@@ -208,8 +215,7 @@ class TryPage:
         )
         began = time.perf_counter()
         try:
-            with self._lock:
-                reply: Any = self._engine.answer(request)
+            reply: Any = self._engine.answer(request)
         except GuidefieldError as error:
             self._tell(f"**{error.code.name}**: {_as_text(error.message)}")
             return
@@ -218,7 +224,7 @@ class TryPage:
             self._frames, self._reached = [], None
             self._tell(f"**{reply.status.name}**: {_as_text(reply.status.message)}, in {1e3 * seconds:.0f} ms")
             return
-        self._show_plan(reply)
+        self._show_plan(reply, wish.start)
         closest = reply.clearance
         between = f" between {' and '.join(map(_as_text, closest.pair))}" if closest.pair else ""
         away = "no obstacle" if closest.minimum is None else f"{1e3 * closest.minimum:.0f} mm{between}"
@@ -231,16 +237,16 @@ class TryPage:
     def _tell(self, text: str) -> None:
         self._report.content = text
 
-    def _show_plan(self, reply: Any) -> None:
+    def _show_plan(self, reply: Any, start: Mapping[str, Any]) -> None:
         motion = reply.trajectory
         rows = np.array(motion.positions)
         times = np.linspace(0.0, motion.times[-1], 2 + int(FRAME_RATE * motion.times[-1]))
         columns = [np.interp(times, motion.times, column) for column in rows.T]
         named = [dict(zip(reply.position_names, row, strict=True)) for row in np.column_stack(columns).tolist()]
-        placed = self._place([{**self._wish.start, **one} for one in named])
+        placed = self._place([{**start, **one} for one in named])
         way = placed[:, -1, :3]
         self._server.scene.add_line_segments("/way", np.stack([way[:-1], way[1:]], 1), colors=FREE, thickness=0.006)
-        self._reached = {**self._wish.start, **named[-1]}
+        self._reached = {**start, **named[-1]}
         self._frames = list(placed)
 
     def _play_all(self) -> None:

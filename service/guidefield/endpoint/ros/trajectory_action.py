@@ -28,7 +28,7 @@ from guidefield.endpoint.ros.cdr import MESSAGES, SERVICES, STORES, Types, Unrea
 from guidefield.endpoint.ros.names import GRAPH, Attachment, Entity, Kind, Node, Seen
 from guidefield.endpoint.ros.node import client_config
 from guidefield.endpoint.ros.options import Distribution
-from guidefield.errors import GuidefieldError, MalformedRequest, NoService, TimedOut, UnknownObject
+from guidefield.errors import GuidefieldError, MalformedRequest, NoService, TimedOut, UnknownObject, strip_source
 from guidefield.messages.executed import JointStates
 
 ACTION = "control_msgs/action/FollowJointTrajectory"
@@ -289,7 +289,9 @@ class ControllerClient:
                 timeout=timeout,
             )
         except zenoh.ZError as error:
-            raise NoService(f"controller {self.name!r} isn't reached: {error}", controller=self.name) from None
+            raise NoService(
+                f"controller {self.name!r} isn't reached: {strip_source(error)}", controller=self.name
+            ) from None
 
     def _ask(self, name: str, type_name: str, fields: Mapping[str, Any]) -> Any:
         for reply in self._request(name, type_name, self._patience, fields):
@@ -383,7 +385,7 @@ def controller_at(endpoint: str, domain: int, name: str, patience: float) -> Ite
     try:
         session = zenoh.open(client_config(endpoint))
     except zenoh.ZError as error:
-        raise NoService(f"nothing is reached at {endpoint!r}: {error}", endpoint=endpoint) from None
+        raise NoService(f"nothing is reached at {endpoint!r}: {strip_source(error)}", endpoint=endpoint) from None
     with session:
         yield ControllerClient(session, domain, name, patience)
 
