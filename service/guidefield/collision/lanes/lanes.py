@@ -13,7 +13,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.lanes.memory import LaneMemory, lane_memory
+from guidefield.collision.lanes.memory import BufferLayout, scratch_layout
 from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turn_from, turns_freely
 from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
 from guidefield.collision.world import World
@@ -79,7 +79,7 @@ def prune_pairs(robot: LaneRobot, nv: int) -> LaneRobot:
     A robot's description rarely names all pairs that can't collide.
     """
     bodies = robot.bodies
-    layout = lane_memory(robot, nv, len(bodies.pairs) // PAIR, 0)
+    layout = scratch_layout(robot, nv, len(bodies.pairs) // PAIR, 0)
     views = layout.views(np.zeros(layout.size, np.int64), 0)
     scratch = Scratch(**{name: views[name] for name in Scratch._fields})
     alone = LaneAlone(robot.joints, bodies, robot.parts, robot.surfaces, scratch)
@@ -133,7 +133,7 @@ class BatchCollision:
             surfaces=robot.surfaces,
             fractions=robot.fractions,
             nv=self.world.group.nv,
-            obstacles=scene.tables[0]._replace(may_touch=views["may_touch"]),
+            obstacles=scene.tables[0]._replace(ignored=views["ignored"]),
             scene=scene.tables[1],
             scratch=Scratch(**{name: views[name] for name in Scratch._fields}),
             block=views["block"],
@@ -186,8 +186,8 @@ class BatchCollision:
         return cast(ChartPoints, short[:count].copy())
 
 
-def _of(world: World) -> tuple[LaneRobot, Words, LaneScene, LaneMemory]:
+def _of(world: World) -> tuple[LaneRobot, Words, LaneScene, BufferLayout]:
     own = world.pairs.own
     robot, words = _robot(world.group, own.tobytes())
     scene = lane_scene(world.scene)
-    return robot, words, scene, lane_memory(robot, len(world.group.lower), len(own), len(scene.owners))
+    return robot, words, scene, scratch_layout(robot, len(world.group.lower), len(own), len(scene.owners))

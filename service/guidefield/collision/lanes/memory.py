@@ -29,8 +29,8 @@ from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import memoized
 
 
-class LaneMemory(NamedTuple):
-    """Where what is in such a memory.
+class BufferLayout(NamedTuple):
+    """Offset, type and length of each array in one buffer.
 
     Its size in numbers of 64 bits, offsets as `lay_out` or `primitive_tables` take them, and of each array, by its name
     in the tuple that it is of: offset [bytes], type, length.
@@ -49,8 +49,11 @@ class LaneMemory(NamedTuple):
 
 
 @memoized
-def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> LaneMemory:
-    """Lay out the memory for a robot of nv coordinates and that many own pairs among a given number of obstacles."""
+def scratch_layout(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> BufferLayout:
+    """Lay out a world's scratch, configuration block and ignored pairs, for nv coordinates.
+
+    The obstacles themselves are in `obstacle_tables_layout`.
+    """
     poses, met = robot.joints.size * POSE, robot.bodies.size * obstacles
     lengths = {
         "poses": poses,
@@ -58,8 +61,8 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
         "centres": robot.bodies.carriers * BLOCK,
         "places": (GRID_SIDES + 1) * LANES,
         "hits": HIT * HITS,
-        "may_touch": met,
-        "found": FOUND * (met + own_pairs + 1),
+        "ignored": met,
+        "found": FOUND * (met + own_pairs),  # each body near each obstacle, and each own pair, once
         "pose_a": 12,
         "pose_b": 12,
         "surface_a": 12,
@@ -73,17 +76,17 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
         "pair_places": 1 + robot.pieces_paired,
     }
     arrays, size = _one_after_another(lengths, LaneObstacles, Scratch, LaneWorld)
-    offsets = [arrays[name][0] for name in ("may_touch", *Scratch._fields, "block")]
-    return LaneMemory(size, np.array(offsets, np.int64), arrays)
+    offsets = [arrays[name][0] for name in ("ignored", *Scratch._fields, "block")]
+    return BufferLayout(size, np.array(offsets, np.int64), arrays)
 
 
-def scene_memory(primitives: int, obstacles: int) -> LaneMemory:
+def obstacle_tables_layout(primitives: int, obstacles: int) -> BufferLayout:
     """Lay out the memory for the tables of a given number of primitives, with boxes for a given number of obstacles."""
     lengths = {
         "kinds": primitives,
         "whole": primitives,
         "roots": primitives,
-        "may_touch": 0,
+        "ignored": 0,
         "primitives": PRIMITIVE * primitives,
         "boxes": -(-obstacles // LANES) * AROUND,
         "clouds": primitives,
@@ -95,7 +98,7 @@ def scene_memory(primitives: int, obstacles: int) -> LaneMemory:
     }
     arrays, size = _one_after_another(lengths, LaneObstacles, Parts)
     offsets = [arrays[name][0] for name in (*LaneObstacles._fields[1:], *Parts._fields)]
-    return LaneMemory(size, np.array([obstacles, *offsets], np.int64), arrays)
+    return BufferLayout(size, np.array([obstacles, *offsets], np.int64), arrays)
 
 
 Arrays = dict[str, tuple[int, Any, int]]

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable, tree_above
-from guidefield.collision.lanes.memory import LaneMemory, scene_memory
+from guidefield.collision.lanes.memory import BufferLayout, obstacle_tables_layout
 from guidefield.collision.lanes.surface_tables import (
     CLUSTER,
     boxes_about,
@@ -76,7 +76,7 @@ def _over(known: LaneScene, rows: Rows, scene: Scene) -> LaneScene | None:
     if known.memory is None or scene.others or not rows.in_place:
         return None
     memory, begins = known.memory
-    layout = scene_memory(len(known.owners), len(known.owners))
+    layout = obstacle_tables_layout(len(known.owners), len(known.owners))
     moved = np.empty_like(memory)
     there = -moved.ctypes.data % LINE
     end = 8 * layout.size - LINE
@@ -130,14 +130,14 @@ def lane_scene(scene: Scene) -> LaneScene:
 
 def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
     """Tables of primitives, `PLACED` in rows, with boxes for as many obstacles as there are owners."""
-    layout = scene_memory(len(placed), len(owners))
+    layout = obstacle_tables_layout(len(placed), len(owners))
     memory, words = np.zeros(layout.size, np.int64), np.empty(SCENE_WORDS, np.int64)
     begins = primitive_tables(placed.ravel(), layout.offsets, memory, words)
     memory.setflags(write=False)
     return _in_memory(owners, words, layout, memory, begins)
 
 
-def _in_memory(owners: np.ndarray, words: Words, layout: LaneMemory, memory: np.ndarray, begins: int) -> LaneScene:
+def _in_memory(owners: np.ndarray, words: Words, layout: BufferLayout, memory: np.ndarray, begins: int) -> LaneScene:
 
     def make() -> tuple[LaneObstacles, Parts]:
         views = layout.views(memory, begins)
@@ -162,7 +162,7 @@ def _behind(obstacles: LaneObstacles, tables: list[_Tables], roots: np.ndarray) 
         kinds=np.concatenate([obstacles.kinds, places[:, 0]]),
         whole=np.concatenate([obstacles.whole, places[:, 1]]),
         roots=np.concatenate([obstacles.roots, places[:, 2]]),
-        may_touch=obstacles.may_touch,
+        ignored=obstacles.ignored,
         primitives=np.concatenate([obstacles.primitives, *(one.primitives.ravel() for one in tables)]),
         boxes=all_boxes,
         clouds=np.concatenate([obstacles.clouds, places[:, 3]]),

@@ -40,7 +40,7 @@ from guidefield.kernels.barrier.sampled_robot import (
     workspace,
 )
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, bounds_near, nearest_body
-from guidefield.kernels.distance.points_distance import Lanes3, nearest_body_of_each
+from guidefield.kernels.distance.points_distance import Lanes3, signed_distance_of_each
 from guidefield.kernels.distance.triangle_distance import box_gap_squared
 from guidefield.kernels.jit.arrays import (
     SCALAR,
@@ -163,7 +163,7 @@ def obstacle_barrier(
             if _is_near(robot, block, farthest, work):
                 x, y, z, w = _block(robot, at, last, work.block)
                 p = moved_by(T, x, y, z)
-                d, nx, ny, nz = nearest_body_of_each(p, work.candidates, count, tables, farthest, work.lanes)
+                d, nx, ny, nz = signed_distance_of_each(p, work.candidates, count, tables, farthest, work.lanes)
                 _add_block(p, d, (nx, ny, nz), w, walls, robot.size, work.sums)
             block += 1
         total += _gather(joint, work)
@@ -233,7 +233,7 @@ def _nearest_moved(
         motion, past = moving.motions[moved.candidates[first]], first + 1
         while past < count and moving.motions[moved.candidates[past]] == motion:
             past += 1
-        other, ox, oy, oz = nearest_body_of_each(
+        other, ox, oy, oz = signed_distance_of_each(
             p, moved.candidates[first:], past - first, moved.bodies, farthest, work.lanes
         )
         nearer, v = other < d, moved.velocities[motion]

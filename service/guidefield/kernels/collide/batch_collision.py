@@ -117,7 +117,7 @@ def _near_obstacles(world: LaneWorld, clearance: float, likely: bool) -> int:
                     continue
                 for k in range(members[c], members[c + 1]):
                     body = order[k]
-                    if obstacles.may_touch[body * n + o]:
+                    if obstacles.ignored[body * n + o]:
                         continue
                     near = mask
                     if several:

@@ -127,7 +127,7 @@ class LaneObstacles(NamedTuple):
     kinds: Indices  # (n,) kind of the primitive that contains each, or `CLOUD`
     whole: Indices  # (n,) 1 where that primitive is the obstacle itself, else 0
     roots: Indices  # (n,) its root in the scene's parts
-    may_touch: Indices  # (bodies * n,) 1 where the body isn't tested against it, else 0
+    ignored: Indices  # (bodies * n,) 1 where the body isn't tested against it
     primitives: Singles  # (PRIMITIVE * n,) float32
     boxes: Singles  # (AROUND * blocks,) boxes about them along the world's axes; unused places hold empty ones
     clouds: Indices  # (n,) the address of the words of each one's `LaneCloud`; 0 of all other kinds

@@ -48,7 +48,7 @@ from guidefield.kernels.simd.vector_model import LANES
 LINE = 64  # bytes of a line of the cache: sixteen floats that lie across two of them take twice as long to get
 SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)  # number of words of obstacles and their shapes
 
-_MAY_TOUCH = LaneObstacles._fields.index("may_touch")
+_IGNORED = LaneObstacles._fields.index("ignored")
 
 
 MEMORY_WORDS = len(Scratch._fields) + 1  # number of words behind those: of the scratch and the block
@@ -58,7 +58,7 @@ _HITS = 1 + Scratch._fields.index("hits")
 
 
 @inner_kernel
-def _write_left_out(left_out: IndexRows, owners: Indices, may_touch: IndicesOut) -> None:
+def _write_left_out(left_out: IndexRows, owners: Indices, ignored: IndicesOut) -> None:
     """Mark what may touch: for each body all obstacles that stand for one of the scene."""
     n, most = len(owners), -1
     for o in range(n):
@@ -70,7 +70,7 @@ def _write_left_out(left_out: IndexRows, owners: Indices, may_touch: IndicesOut)
     for p in range(len(left_out)):
         o = last[left_out[p, 1]] if left_out[p, 1] <= most else -1
         while o >= 0:
-            may_touch[left_out[p, 0] * n + o] = 1
+            ignored[left_out[p, 0] * n + o] = 1
             o = before[o]
 
 
@@ -97,7 +97,7 @@ def lay_out(
     start = memory.ctypes.data + begins
     words[:first] = robot
     words[first : first + SCENE_WORDS] = scene
-    words[first + _MAY_TOUCH] = start + offsets[0]
+    words[first + _IGNORED] = start + offsets[0]
     for k in range(MEMORY_WORDS):
         words[first + SCENE_WORDS + k] = start + offsets[1 + k]
     at = (begins + offsets[_HITS]) // 8

@@ -23,7 +23,7 @@ from guidefield.kernels.distance.distance import (
 )
 from guidefield.kernels.distance.point_tree import cloud_distance
 from guidefield.kernels.distance.triangle_distance import LEAF, Span, SurfaceTables, signed_distance
-from guidefield.kernels.jit.arrays import Floats
+from guidefield.kernels.jit.arrays import Floats, Integers
 from guidefield.kernels.jit.decorators import uncounted
 from guidefield.kernels.kinematics.poses import moved_back_by, turned_by
 from guidefield.kernels.simd.vector import (
@@ -42,7 +42,7 @@ from guidefield.kernels.simd.vector import (
 
 Lanes3 = tuple[Vector, Vector, Vector]  # points or axes, by coordinate
 
-Away = tuple[Vector, Vector, Vector, Vector]
+SquareAndDirection = tuple[Vector, Vector, Vector, Vector]
 """Distances of points: the square of the distance, negative inside [m²], and a vector (3) along which the distance
 grows, as long as the distance, or `NEXT_TO` where that is less [m]."""
 
@@ -61,8 +61,8 @@ _TINY = 1e-300  # added to what may be zero and is divided by
 
 
 @uncounted
-def nearest_body_of_each(
-    p: Lanes3, candidates: Floats, count: int, tables: DistanceTables, cutoff: float, scratch: Floats
+def signed_distance_of_each(
+    p: Lanes3, candidates: Integers, count: int, tables: DistanceTables, cutoff: float, scratch: Floats
 ) -> Signed:
     """Return signed distances [m] of points to the nearest of the first `count` candidates (bodies,), and unit vectors.
 
@@ -71,24 +71,24 @@ def nearest_body_of_each(
     nothing = 0.0 * p[0]
     best, bx, by, bz = nothing + cutoff * cutoff, nothing, nothing, nothing
     for k in range(count):
-        square, ax, ay, az = _away_from_body(p, candidates[k], tables, best, scratch)
-        nearer = square < best
-        best = select(nearer, square, best)
+        signed_square, ax, ay, az = _away_from_body(p, candidates[k], tables, best, scratch)
+        nearer = signed_square < best
+        best = select(nearer, signed_square, best)
         bx, by, bz = select(nearer, ax, bx), select(nearer, ay, by), select(nearer, az, bz)
     return _make_signed(best, bx, by, bz)
 
 
 @uncounted
-def _make_signed(square: Vector, ax: Vector, ay: Vector, az: Vector) -> Signed:
-    """By squares of signed distances, and vectors as in `Away`."""
-    distance = root(magnitude(square))
+def _make_signed(signed_square: Vector, ax: Vector, ay: Vector, az: Vector) -> Signed:
+    """By squares of signed distances, and vectors as in `SquareAndDirection`."""
+    distance = root(magnitude(signed_square))
     over = 1.0 / largest_of(distance, NEXT_TO)
-    return select(square < 0.0, -distance, distance), over * ax, over * ay, over * az
+    return select(signed_square < 0.0, -distance, distance), over * ax, over * ay, over * az
 
 
 @uncounted
-def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> Away:
-    """From a body in the world; where a distance isn't below the best, by the square of a signed one, any."""
+def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> SquareAndDirection:
+    """Signed square and direction from one body; where it isn't nearer than `best`, the values mean nothing."""
     T, nothing = tables.placements[body], 0.0 * p[0]
     q = moved_back_by(T, p[0], p[1], p[2])
     gap = _gap_squared(q, tables.bounds[body])
@@ -96,25 +96,25 @@ def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, 
         return nothing + math.inf, nothing, nothing, nothing
     kind = tables.kinds[body]
     if kind == BOX:
-        square, ax, ay, az = _away_from_box(q, tables.sizes[body])
+        signed_square, ax, ay, az = _away_from_box(q, tables.sizes[body])
     elif kind == CYLINDER:
-        square, ax, ay, az = _away_from_cylinder(q, tables.sizes[body])
+        signed_square, ax, ay, az = _away_from_cylinder(q, tables.sizes[body])
     elif kind == CAPSULE:
-        square, ax, ay, az = _away_from_capsule(q, tables.sizes[body])
+        signed_square, ax, ay, az = _away_from_capsule(q, tables.sizes[body])
     elif kind == HALF_SPACE:
-        square, ax, ay, az = _away(q[2], nothing, nothing, nothing + 1.0)
+        signed_square, ax, ay, az = _away(q[2], nothing, nothing, nothing + 1.0)
     elif kind == SHEET and tables.spans[body, 1] == 1:
-        square, ax, ay, az = _away_from_sheet(q, body, tables)
+        signed_square, ax, ay, az = _away_from_sheet(q, body, tables)
     elif kind == CLOUD:
-        square, ax, ay, az = _away_from_cloud(q, body, tables, best, scratch)
+        signed_square, ax, ay, az = _away_from_cloud(q, body, tables, best, scratch)
     else:
-        square, ax, ay, az = _away_from_surface(q, gap, body, tables, best, scratch)
+        signed_square, ax, ay, az = _away_from_surface(q, gap, body, tables, best, scratch)
     ax, ay, az = turned_by(T, ax, ay, az)
-    return square, ax, ay, az
+    return signed_square, ax, ay, az
 
 
 @uncounted
-def _away(d: Vector, nx: Vector, ny: Vector, nz: Vector) -> Away:
+def _away(d: Vector, nx: Vector, ny: Vector, nz: Vector) -> SquareAndDirection:
     """By signed distances and unit vectors."""
     far = magnitude(d)
     length = largest_of(far, NEXT_TO)
@@ -131,7 +131,7 @@ def _gap_squared(p: Lanes3, box: Floats) -> Vector:
 
 
 @uncounted
-def _away_from_box(p: Lanes3, half: Floats) -> Away:
+def _away_from_box(p: Lanes3, half: Floats) -> SquareAndDirection:
     """As `shape_distance.box_distance`."""
     ex, ey, ez = magnitude(p[0]) - half[0], magnitude(p[1]) - half[1], magnitude(p[2]) - half[2]
     ox, oy, oz = largest_of(ex, 0.0), largest_of(ey, 0.0), largest_of(ez, 0.0)
@@ -154,7 +154,7 @@ def _with_sign(length: Vector, by: Vector) -> Vector:
 
 
 @uncounted
-def _away_from_cylinder(p: Lanes3, size: Floats) -> Away:
+def _away_from_cylinder(p: Lanes3, size: Floats) -> SquareAndDirection:
     """As `shape_distance.cylinder_distance`, of its radius and half its length."""
     rho = root(p[0] * p[0] + p[1] * p[1])
     over = 1.0 / largest_of(rho, _TINY)
@@ -172,7 +172,7 @@ def _away_from_cylinder(p: Lanes3, size: Floats) -> Away:
 
 
 @uncounted
-def _away_from_capsule(p: Lanes3, size: Floats) -> Away:
+def _away_from_capsule(p: Lanes3, size: Floats) -> SquareAndDirection:
     """As `shape_distance.capsule_distance`, of its radius and half its length."""
     z = p[2] - largest_of(smallest_of(p[2], size[1]), -size[1])
     distance = root(p[0] * p[0] + p[1] * p[1] + z * z)
@@ -181,7 +181,7 @@ def _away_from_capsule(p: Lanes3, size: Floats) -> Away:
 
 
 @uncounted
-def _away_from_sheet(p: Lanes3, body: int, tables: DistanceTables) -> Away:
+def _away_from_sheet(p: Lanes3, body: int, tables: DistanceTables) -> SquareAndDirection:
     """As `surface_distance` of a sheet whose triangles are in one leaf."""
     surfaces, first, count = tables.surfaces, tables.spans[body, 2], tables.spans[body, 3]
     bx, by, bz = _away_from_triangle(p, surfaces.corners[first])
@@ -283,7 +283,7 @@ def _find_nearest_triangles(p: Lanes3, surfaces: SurfaceTables, span: Span, best
 @uncounted
 def _away_from_surface(
     p: Lanes3, gap: Vector, body: int, tables: DistanceTables, best: Vector, scratch: Floats
-) -> Away:
+) -> SquareAndDirection:
     """As `body_distance`; infinite where it isn't below the best, the square of a signed distance.
 
     Args:
@@ -314,7 +314,7 @@ def _away_from_surface(
 
 
 @uncounted
-def _away_from_cloud(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> Away:
+def _away_from_cloud(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> SquareAndDirection:
     """As `cloud_distance` of each point in the frame of a cloud; infinite where it isn't below the best."""
     distance = root(magnitude(best))
     store(scratch, 0, p[0])
@@ -338,7 +338,7 @@ def _write_signed(i: int, d: float, nx: float, ny: float, nz: float, scratch: Fl
 
 
 @uncounted
-def _read_away(scratch: Floats) -> Away:
+def _read_away(scratch: Floats) -> SquareAndDirection:
     """What `_write_signed` wrote of all points."""
     return _away(
         load(scratch, 4 * LANES_64),

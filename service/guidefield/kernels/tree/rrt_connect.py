@@ -129,7 +129,7 @@ def certain_hits(world: LaneWorld, clearance: float, coordinates: Floats32, hits
                     if near and several:
                         u, v, w = ball_centre(poses, bodies.joints[body], bodies.bounds, body)
                         near &= near_obstacle(obstacles, o, u, v, w, ball_radius(bodies.bounds, body) + clearance, near)
-                    if near and not obstacles.may_touch[body * n + o]:
+                    if near and not obstacles.ignored[body * n + o]:
                         mask |= _hits_of(world, body, o, near, clearance, hits)
                 if mask == ALL_LANES:
                     return mask

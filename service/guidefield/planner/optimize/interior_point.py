@@ -265,7 +265,7 @@ class Descent(ReadOnly):
         kept = self.constrained
         if here and question.sections.frames.constraints:  # which hold where depends on what was passed by then
             kept = constraint_samples(question.sections, spline.pieces, here, self.count)
-        expanded = self.nothing_loaded if loads is None or value == math.inf else loads.expand(spline, turn, weight)
+        expanded = self.nothing_loaded if loads is None or value == math.inf else loads.linearize(spline, turn, weight)
         return Look(spline, model, expanded, kept, tuple(here), stiffness)
 
     def cost(self, look: Look, limit_weight: float) -> float:

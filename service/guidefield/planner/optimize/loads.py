@@ -24,9 +24,9 @@ SPEED_SAMPLES = 64
 FREE_SHARE = (
     0.95  # share of its limit up to which a load costs nothing. With 0.9 and 0.97 motions are 0.5 and 1 % slower
 )
-# share from which on a load is expanded. With 0.4 there are 4 % fewer looks, with 0.75 and 0.9 11 and 36 % more; as
-# long as only what is beyond `FREE_SHARE` was expanded there were three times as many
-NEAR_SHARE = 0.6
+# share from which on a load is linearized. With 0.4 there are 4 % fewer looks, with 0.75 and 0.9 11 and 36 % more; as
+# long as only what is beyond `FREE_SHARE` was linearized there were three times as many
+LINEARIZE_ABOVE = 0.6
 
 
 class _Memory(NamedTuple):
@@ -51,7 +51,7 @@ def no_loads(nv: int) -> LoadModel:
 class LoadSamples(ReadOnly):
     """Where loads are examined on a motion, with memory for two looks, by turns."""
 
-    efforts: tuple[EffortLimit, ...]
+    effort: EffortLimit | None
     speeds: tuple[CartesianLimit, ...]
     bases: np.ndarray  # on a piece of length 1, shape (s, 3, 4)
     memory: tuple[_Memory, _Memory]
@@ -60,14 +60,14 @@ class LoadSamples(ReadOnly):
     @classmethod
     def of(cls, limits: Sequence[MotionLimit], pieces: int, nv: int) -> LoadSamples:
         """Of a motion of a given number of pieces and coordinates."""
-        efforts = tuple(one for one in limits if isinstance(one, EffortLimit))
+        effort = next((one for one in limits if isinstance(one, EffortLimit)), None)
         speeds = tuple(one.sketched for one in limits if isinstance(one, CartesianLimit))
         # accelerations are largest at the ends of pieces: one sample in the middle would miss torques there
-        count = max(2, round(TORQUE_SAMPLES / pieces)) if efforts else max(1, round(SPEED_SAMPLES / pieces))
+        count = max(2, round(TORQUE_SAMPLES / pieces)) if effort else max(1, round(SPEED_SAMPLES / pieces))
         at = (np.arange(count) + 0.5) / count
         bases = np.ascontiguousarray(np.stack([basis(at), basis_slopes(at), basis_bends(at)], axis=1))
-        largest = np.empty((len(efforts) + len(speeds), pieces * count))
-        most = pieces * count * (sum(len(one.limited) for one in efforts) + 3 * len(speeds))
+        largest = np.empty(((effort is not None) + len(speeds), pieces * count))
+        most = pieces * count * ((len(effort.limited) if effort else 0) + 3 * len(speeds))
         memory = [
             _Memory(
                 largest, np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most), np.empty((most, 3, nv))
@@ -76,7 +76,7 @@ class LoadSamples(ReadOnly):
         ]
         seen = [_Memory(*(array.view() for array in one)) for one in memory]
         read_only(bases, *seen[0], *seen[1])
-        return cls(efforts, speeds, bases, (memory[0], memory[1]), (seen[0], seen[1]))
+        return cls(effort, speeds, bases, (memory[0], memory[1]), (seen[0], seen[1]))
 
     def mean(self, spline: BSpline) -> float:
         """The mean load of a motion, by the limit by which it is largest."""
@@ -84,27 +84,28 @@ class LoadSamples(ReadOnly):
         return float(self.memory[0].largest.mean(axis=1).max(initial=0.0))
 
     def weight(self, weight: float) -> float:
-        """Of each half square, for a weight of their mean."""
+        """Weight of each sample's half square, so that their sum is `weight` times their mean."""
         return weight / float(self.memory[0].largest.shape[1])
 
     def measure(self, spline: BSpline) -> float:
         """Look at the loads of a motion; return the sum of squares beyond `FREE_SHARE`."""
         total, rows = 0.0, iter(self.memory[0].largest)
         where = spline.points, spline.step, self.bases, FREE_SHARE
-        for effort in self.efforts:
-            total += largest_torque_loads(effort.tree, effort.limits, *where, next(rows))
+        if self.effort is not None:
+            total += largest_torque_loads(self.effort.tree, self.effort.limits, *where, next(rows))
         for one in self.speeds:
             total += largest_speed_loads(one.body, one.speed, *where, next(rows))
         return total
 
-    def expand(self, spline: BSpline, turn: int, weight: float) -> LoadModel:
-        """Expand the loads that were measured last, into one of the two memories, with a weight of their mean."""
+    def linearize(self, spline: BSpline, turn: int, weight: float) -> LoadModel:
+        """Linearize the loads that were measured last, into one of the two memories, with a weight of their mean."""
         count, (largest, *memory) = 0, self.memory[turn]
         rows = iter(largest)
         where = spline.points, spline.step, self.bases
-        for effort in self.efforts:
-            count = expand_torque_loads(effort.tree, effort.limits, *where, next(rows), NEAR_SHARE, *memory)
+        if self.effort is not None:
+            tree, most = self.effort.tree, self.effort.limits
+            count = expand_torque_loads(tree, most, *where, next(rows), LINEARIZE_ABOVE, *memory)
         torques = count
         for one in self.speeds:
-            count = expand_speed_loads(one.body, one.speed, *where, next(rows), NEAR_SHARE, count, *memory)
+            count = expand_speed_loads(one.body, one.speed, *where, next(rows), LINEARIZE_ABOVE, count, *memory)
         return LoadModel(torques, count, self.weight(weight), FREE_SHARE, self.bases, *self.seen[turn][1:])

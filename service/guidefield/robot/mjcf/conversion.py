@@ -173,7 +173,7 @@ def find_disabled_pairs(
     Args:
         geoms: Indices of the geoms of each link, in their order.
         rest: MuJoCo's configuration, shape (nq,), at rest.
-        warnings: Gets a sentence about pairs that MuJoCo doesn't test and we do, or the other way round.
+        warnings: Gets a sentence about pairs that MuJoCo doesn't test and we do.
     """
     mujoco = import_mujoco()
     disabled: dict[frozenset[str], str] = {}
