@@ -88,7 +88,9 @@ def with_derived_planes(problem: Problem, request: PlanRequest) -> tuple[Problem
     planes = derive_planes(problem.at(problem.scene.end), _goal_place(problem))
     seconds = time.perf_counter() - begin
     if planes is None:
-        warning = "no guide planes could be derived: the tip alone finds no way to the goal"
+        warning = (
+            "no guide planes could be derived: the tip alone finds no way to the goal, or an end of it is in contact"
+        )
         return problem, Derivation(StageLeft("guide", "no guide planes derived", seconds), warning)
     left = StageLeft("guide", f"derived {len(planes)} guide planes", seconds)
     together = dataclasses.replace(problem, guide_planes=(*planes, *problem.guide_planes), derived_planes=len(planes))

@@ -16,6 +16,7 @@ from guidefield.planner.guide.auto_planes import (
     LONGEST_RAY,
     derive_planes,
     find_free_section,
+    find_tip_way,
     is_in_passage,
     measure_point_clearances,
 )
@@ -88,6 +89,19 @@ def ask(title: str, **changes):
     request = codec.decode_request(msgspec.json.decode(example(title)) | changes)
     scene = library_scene(request.scene)
     return answer_plan(request, robot(request.robot), scene, run_id="r", received=time.monotonic())
+
+
+def test_a_goal_next_to_the_start_needs_no_planes() -> None:
+    made = seed_problem(NINE[0])
+    tip = made.kinematics.tip_position(made.group.expand_from_chart(made.z_start))
+    assert derive_planes(made, tip + np.array([0.0, 0.0, 0.01])) == ()
+
+
+def test_a_tip_without_a_body_finds_a_way() -> None:
+    tables = distance_tables(build(messages.Scene("wall", obstacles=WALL)))
+    way = find_tip_way(tables, np.zeros(3), np.array([1.0, 0.0, 0.0]), 0.0, np.zeros(3), np.inf)
+    assert way is not None
+    assert way.clearances.min() > 0.1
 
 
 def test_a_reply_names_them_and_they_can_be_sent_again() -> None:

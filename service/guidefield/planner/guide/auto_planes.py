@@ -26,6 +26,7 @@ from guidefield.scene.guide_plane import GuidePlane, axes_across, build, centroi
 
 GRID_SPACING = 0.05  # of the grid in which a coarse way of the tip is searched for [m], at size 1. Unrecorded
 MOST_POINTS = 2_000_000  # the grid is made coarser where it would have more. Unrecorded
+LEAST_RADIUS = 0.005  # of a tip whose joint carries no body: it passes any gap through which the grid sees [m]
 AROUND = 0.3  # how far the grid reaches beyond obstacles, start and goal [m]. Unrecorded
 # clearance at which a way costs twice its length [m]: ways with much of it are looked for first. Unrecorded
 COMFORTS = (0.2, 0.1, 0.05, 0.02)
@@ -63,9 +64,10 @@ def find_tip_way(
 ) -> TipWay | None:  # fmt: skip
     """The way of the tip with most clearance for its length, of those an arm can lie along if there are any.
 
-    None: there is none. Start and goal are points (3,) [m, world], the radius is that of the tip's body [m]. The tip
-    can't be farther from the centre (3,) than `reach` [m], which may be infinite; clearance beyond `ample` [m] is worth
-    no detour.
+    None: there is none, or an end is in contact. Start and goal are points (3,) [m, world], the radius is that of the
+    tip's body [m], which counts as a ball: nothing nearer to obstacles, or than half the ends' clearance where that is
+    less, is passed. The tip can't be farther from the centre (3,) than `reach` [m], which may be infinite; clearance
+    beyond `ample` [m] is worth no detour.
     """
     low, high = _box(tables, start, goal, centre, reach, AROUND * size)
     spacing = max(GRID_SPACING * size, float(np.cbrt(np.prod(high - low) / MOST_POINTS)))
@@ -73,9 +75,11 @@ def find_tip_way(
     counts = np.ceil((high - low) / spacing).astype(np.int64) + 1
     first, last = (np.rint((end - low) / spacing).astype(np.int64) for end in (start, goal))
     ends = measure_point_clearances(tables, np.array([start, low + spacing * last]), size)
-    floor = float(min(radius, 0.5 * ends.min()))
+    floor = float(min(radius or LEAST_RADIUS * size, 0.5 * ends.min()))
     if floor <= 0.0:
         return None
+    if (first == last).all():
+        return _smooth(tables, np.array([start, goal]), size)
     found = np.empty(int(np.prod(counts)), np.int64)
     free = np.full(len(found), np.nan, np.float32)
     cap, comforts = CAP * size, [comfort * size for comfort in COMFORTS]
@@ -162,7 +166,7 @@ NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
 def derive_planes(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane, ...] | None:
     """Planes that lead the tip to a point (3,) [m] or a plane's centroid, GP-auto-1, GP-auto-2 ...
 
-    None if there is no way. There are none where it sees it from the start.
+    None if there is no way, or an end is in contact. There are none where it sees it from the start.
     """
     tables = swept_world(problem.world).tables
     start = problem.kinematics.tip_position(problem.group.expand_from_chart(problem.z_start))
