@@ -84,6 +84,26 @@ def test_everything_is_compiled_once_for_a_processor_and_what_is_called_first(
     assert "1 of 1 (a_caller)" in only
 
 
+def test_kernels_are_compiled_for_the_highest_level_that_the_processor_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number, (level, flags) in enumerate(first_start.LEVELS.items()):
+        told = tmp_path / f"{number}"
+        told.write_text(f"model\t: 85\nflags\t\t: fpu {flags} more\n")
+        assert first_start.find_level(told) == level
+        told.write_text(f"flags\t\t: {flags.rpartition(' ')[0]}\n")
+        first_start.find_level.cache_clear()
+        assert first_start.find_level(told) in {None, *list(first_start.LEVELS)[number + 1 :]}
+    assert first_start.find_level(tmp_path / "nowhere") is None
+    monkeypatch.setenv("NUMBA_CPU_NAME", "x86-64-v3")
+    assert first_start.level() is None, "with features of this very processor"
+    monkeypatch.setenv("NUMBA_CPU_FEATURES", "")
+    assert first_start.level() == "x86-64-v3"
+    assert "x86-64-v3" in first_start.kernel_compiler()
+    monkeypatch.setenv("NUMBA_CPU_NAME", "haswell")
+    assert first_start.target_variables() == {}
+
+
 def test_a_kernel_that_cannot_be_compiled_ends_the_start_with_its_reason(tmp_path: Path) -> None:
     *_, fault, _ = start(package(tmp_path / "code", "x.nothing"), tmp_path / "cache")
     assert "callee: TypingError" in fault

@@ -1,7 +1,8 @@
-"""Compile all kernels once per version and machine, in a child process: this one never loads the compiler.
+"""Have machine code of all kernels once per version and machine: what is shipped, or what a child process compiles.
 
-Whoever makes one plan needn't wait for all of them: the child says when what a first plan needs is compiled, and goes
-on by itself with the rest, at low priority. A kernel that is called before its turn waits for it (`jit.cache`).
+This process never loads the compiler. Whoever makes one plan needn't wait for all kernels: the child says when what a
+first plan needs is compiled, and goes on by itself with the rest, at low priority. A kernel that is called before its
+turn waits for it (`jit.cache`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 
+from guidefield import shipped_code
+
 KERNELS = Path(__file__).parent / "kernels"
 
 PROGRESS_PERIOD_S = 2.0  # shortest time between two progress messages [s]
@@ -37,6 +40,15 @@ CPU_FIELDS = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "C
 """Its fields that determine machine code; the others are speeds, numbers and versions."""
 TARGET_VARIABLES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 """Environment variables that make numba compile for another processor."""
+_V3 = "abm avx avx2 bmi1 bmi2 cx16 f16c fma lahf_lm movbe popcnt sse4_1 sse4_2 ssse3 xsave"
+LEVELS = {
+    "x86-64-v4": f"{_V3} avx512bw avx512cd avx512dq avx512f avx512vl",
+    "x86-64-v3": _V3,
+    "generic": "asimd fp",  # any aarch64
+}
+"""Levels of processors that kernels are compiled for, the highest of a family first: LLVM's name of each, and what
+Linux calls the features that each of its processors has."""
+SHIPPED = "shipped"  # what the marker of kernels says whose machine code came with the package
 PLAIN_VARIABLE = "GUIDEFIELD_PLAIN_NUMBA"  # the environment variable that disables the changes to numba's internals
 KNOWN_NUMBA = ("0.68.0", "0.68.1")  # versions of numba whose internals are changed; others are used unchanged
 
@@ -48,7 +60,7 @@ class CannotStart(RuntimeError):
 def compile_kernels(
     told: Callable[[str], None], is_cancelled: Callable[[], bool] = lambda: False, *, wholly: bool = True
 ) -> None:
-    """Compile the kernels without cached machine code, on all processors; return at once if all are compiled.
+    """Compile the kernels without machine code, on all processors; return at once if it is shipped or kept of all.
 
     Args:
         told: Takes progress messages of one sentence.
@@ -59,7 +71,7 @@ def compile_kernels(
     Raises:
         CannotStart: if a kernel can't be compiled.
     """
-    if compiled_marker().exists():
+    if compiled_marker().exists() or _take_shipped():
         return
     told(FIRST_PROGRESS)
     last = -PROGRESS_PERIOD_S
@@ -94,8 +106,22 @@ def compile_kernels(
         raise CannotStart(fault.splitlines()[-1] if fault else "the kernels' compiler ended without a reason")
 
 
+def _take_shipped() -> bool:
+    """Unpack the machine code that came with the package, if some fits; return whether all is there then."""
+    archive = shipped_code.find_shipped(kernels_fingerprint())
+    if archive is None:
+        return False
+    try:
+        if not shipped_code.unpack(archive, compiled_marker().parent):
+            return False
+        compiled_marker().write_text(SHIPPED)
+    except OSError:
+        return False  # the compiler says what can't be written
+    return True
+
+
 def compiled_marker() -> Path:
-    """Return the file that exists once all kernels of this version are compiled."""
+    """Return the file that exists once all kernels of this version are compiled; `SHIPPED` is in it if by others."""
     return cache_parent() / "guidefield" / "kernels" / f"all-{kernels_fingerprint()}"
 
 
@@ -127,7 +153,36 @@ def plain_numba() -> bool:
 
 def kernel_compiler() -> str:
     """Name the compiler of kernels and the processor; machine code of another one isn't used."""
-    return f"{'plain ' if plain_numba() else ''}numba {version('numba')} for {processor()}"
+    compiler = f"{'plain ' if plain_numba() else ''}numba {version('numba')}"
+    target = processor() if level() is None else f"{platform.machine()} {level()}"
+    return f"{compiler} for {target}, by llvmlite {version('llvmlite')}"
+
+
+def level() -> str | None:
+    """Return the level in `LEVELS` that kernels are compiled for, which all of its processors share machine code of.
+
+    None: this very processor, as it has no level, another one is asked for, or numba is plain.
+    """
+    if plain_numba():
+        return None
+    asked = [os.environ.get(name) for name in TARGET_VARIABLES]
+    if asked != [None, None]:
+        return asked[0] if asked[0] in LEVELS and asked[1] == "" else None
+    return find_level(CPUINFO)
+
+
+@functools.cache
+def find_level(told: Path) -> str | None:
+    """Find the highest level of a processor, by the system's description; None: it has none."""
+    lines = told.read_text().splitlines() if told.exists() else []
+    flags = {flag for line in lines if line.startswith(("flags", "Features")) for flag in line.split(":")[1].split()}
+    return next((name for name, needed in LEVELS.items() if flags.issuperset(needed.split())), None)
+
+
+def target_variables() -> dict[str, str]:
+    """Return the environment variables that have numba compile for the level, if there is one."""
+    name = level()
+    return {} if name is None else dict(zip(TARGET_VARIABLES, (name, ""), strict=True))
 
 
 @functools.cache
@@ -157,7 +212,7 @@ def name_processor(told: Path) -> str:
 @functools.cache
 def kernels_fingerprint() -> str:
     """Return sixteen hexadecimal digits that change with Python, the compiler, the processor, and every kernel."""
-    digest = hashlib.sha256(f"{sys.implementation.cache_tag} {kernel_compiler()}".encode())
+    digest = hashlib.sha256(f"{sys.implementation.cache_tag}{sys.abiflags} {kernel_compiler()}".encode())
     for source in sorted(KERNELS.rglob("*.py")):
         name = str(source.relative_to(KERNELS))
         digest.update(name.encode() + b"\0" + hashlib.sha256(source.read_bytes()).digest())

@@ -29,7 +29,7 @@ from guidefield.doctor.examination import (
     vectors,
 )
 from guidefield.endpoint.link import NoAnswer, is_taken, measure_answer
-from guidefield.first_start import compiled_marker, processor
+from guidefield.first_start import SHIPPED, compiled_marker, level, processor
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase
 from tests.kept_runs import keep
@@ -137,7 +137,10 @@ def test_kernels_are_there_once_they_are_compiled(tmp_path: Path, monkeypatch: p
     compiled_marker().parent.mkdir(parents=True)
     compiled_marker().touch()
     assert kernels().state is FindingState.FINE
-    assert processor() in kernels().found
+    assert "compiled here" in kernels().found
+    assert (level() or processor()) in kernels().found
+    compiled_marker().write_text(SHIPPED)
+    assert kernels().found.startswith("shipped, for ")
     monkeypatch.setenv("GUIDEFIELD_PLAIN_NUMBA", "1")
     assert kernels().state is FindingState.REMARK
     (tmp_path / "file").touch()

@@ -27,13 +27,17 @@ from guidefield.errors import DiskRefused
 from guidefield.first_start import (
     KNOWN_NUMBA,
     PLAIN_VARIABLE,
+    SHIPPED,
     cache_parent,
     compiled_marker,
+    kernels_fingerprint,
+    level,
     plain_numba,
     processor,
 )
 from guidefield.parallel import usable_processors
 from guidefield.pool.pool import DEFAULT_MEMORY
+from guidefield.shipped_code import find_shipped, list_shipped
 from guidefield.stores.run_file import FILE, connect_reader, connect_writer, telling_faults
 from guidefield.stores.runs import DEFAULT_RETENTION
 
@@ -249,10 +253,14 @@ def kernels() -> Finding:
             f"{there} can't be written: every start compiles for a minute",
             "set XDG_CACHE_HOME or NUMBA_CACHE_DIR to a folder that stays",
         )
+    target = level() or f"this very processor ({processor()})"
     if not compiled_marker().exists():
+        if find_shipped(kernels_fingerprint()) is not None:
+            return fine("kernels", f"shipped for {target}; the first start unpacks them into {folder}")
+        shipped = ", ".join(list_shipped())
         return remark(
             "kernels",
-            f"not compiled for this version and processor ({processor()}) in {folder}",
+            f"not compiled for {target} in {folder}" + (f"; none that is shipped fits: {shipped}" if shipped else ""),
             "the first start does it, for a minute; `python -m guidefield.kernels.jit.compile_ahead` does it now",
         )
     if plain_numba():
@@ -261,7 +269,8 @@ def kernels() -> Finding:
             f"compiled by plain numba, as {PLAIN_VARIABLE} is set or its version is none of {', '.join(KNOWN_NUMBA)}",
             f"unset {PLAIN_VARIABLE}, or install one of these: the first start and plans take longer",
         )
-    return fine("kernels", f"compiled for this processor ({processor()}), in {folder}")
+    made = "shipped" if compiled_marker().read_text() == SHIPPED else "compiled here"
+    return fine("kernels", f"{made}, for {target}, in {folder}")
 
 
 def _takes_files(folder: Path) -> bool:

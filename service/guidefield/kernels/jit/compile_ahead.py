@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 
-from guidefield.first_start import READY, UNTIL_READY, compiled_marker
+from guidefield.first_start import READY, UNTIL_READY, compiled_marker, target_variables
 from guidefield.kernels.jit.cache import compile_alone, is_wanted, note_compiled, sources, uncompiled
 from guidefield.kernels.jit.compilers import load, quicken
 from guidefield.parallel import usable_processors
@@ -104,7 +104,12 @@ class _Work:
         with (
             tempfile.TemporaryFile("w+") as log,  # a pipe that nobody empties could fill up
             subprocess.Popen(  # noqa: S603 - it is ourselves
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                env={**os.environ, **target_variables()},
             ) as child,
         ):
             assert child.stdin is not None, "it is piped"

@@ -34,6 +34,7 @@ from numba.core.types.functions import BaseFunction
 from numba.extending import overload
 from numba.np import arrayobj
 
+from guidefield.first_start import target_variables
 from guidefield.kernels.jit.cache import await_machine_code, use_kernel_folders
 
 _making = threading.RLock()  # a type that is freed here may have others made
@@ -218,12 +219,19 @@ class _Kept(FunctionCache):  # type: ignore[misc]
     _impl_class = _Loading
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What is kept, or None."""
+        """What is kept, or None.
+
+        That for the level of processors first, which has been compiled ahead; this process, which may be a user's own,
+        compiles for the very processor, as numba does.
+        """
         rtsys.initialize(target_context)  # what counts references, which machine code calls by name
-        found = self._load_overload(sig, target_context)
-        if found is None:
-            target_context.refresh()
-        return found
+        signature, (triple, *own), hashes = self._index_key(sig, target_context.codegen())
+        for target in (target_variables().values(), own):
+            kept = self._cache_file.load((signature, (triple, *target), hashes))
+            if kept is not None:
+                return self._impl.rebuild(target_context, kept)
+        target_context.refresh()
+        return None
 
 
 _LOADING = threading.RLock()
