@@ -27,7 +27,7 @@ from guidefield.geometry.crossings import crossings
 from guidefield.geometry.surface_rows import NO_TRIANGLES, are_wide, surfaces_in, write_surfaces
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 from guidefield.kernels.cover.inscribed import depths_at, distances_at, largest_distance
-from guidefield.kernels.distance.ray_winding import windings_at
+from guidefield.kernels.distance.ray_winding import ray_winding
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
 
 
@@ -294,8 +294,7 @@ class _Around:
     def __call__(self, piece: int) -> int | None:
         low, high = self._low[self._solids], self._high[self._solids]
         boxed = ((low <= self._low[piece]) & (high >= self._high[piece])).all(axis=1)
-        point = np.ascontiguousarray(self._vertices[self._pieces[piece][0]].mean(axis=0)[None])
-        winding = np.empty(1, np.int64)
+        x, y, z = self._vertices[self._pieces[piece][0]].mean(axis=0).tolist()
         for solid in self._solids[boxed].tolist():
             if solid not in self._tables:
                 own = self._pieces[solid]
@@ -303,10 +302,8 @@ class _Around:
                 owners = np.zeros(len(own), np.int64)
                 self._tables[solid] = surface_tables(self._vertices, own, owners) if wide else None
             tables = self._tables[solid]
-            if tables is not None:
-                windings_at(point, tables[0], tuple(tables[1][0].tolist()), winding)
-                if winding[0] > 0:
-                    return int(solid)
+            if tables is not None and ray_winding(x, y, z, tables[0], tuple(tables[1][0].tolist())) > 0:
+                return int(solid)
         return None
 
 

@@ -55,8 +55,6 @@ def reach_among_movers(
     Args:
         problem: Its start is free at time 0.
         goals: Chart points, shape (m, nv), free once all rest; None where they are known behind the planes only.
-        through: Leads through the planes.
-        stages: Told of what is done.
     """
     search, finished = _Search(problem, goals, stages), None
     if not problem.path_constraints:
@@ -79,8 +77,6 @@ def keep_schedule(
 
     Args:
         problem: Where nothing moves the motion stays as it is.
-        finished: The motion.
-        stages: Told of what is done.
         also: Judges what the problem doesn't know of, besides.
         at_rest: Whether it is free of all obstacles once they have come to rest.
 
@@ -122,7 +118,6 @@ class _Search:
 
     @cached_property
     def _resting(self) -> Problem:
-        """The problem once all obstacles have come to rest."""
         return self._problem.at(self._problem.scene.end)
 
     def by_quick_paths(self, through: Through) -> CertifiedMotion | None:
@@ -238,7 +233,6 @@ class _Search:
                 return
 
     def _ends_free(self, way: HeldPath) -> bool:
-        """Whether a way that led to no known goal ends where the robot may stand once all obstacles rest."""
         if self._goals is not None:
             return True
         return bool(are_free(self._resting, way.found.path[-1:])[0])
@@ -267,7 +261,6 @@ class _Search:
         return replace(better, warnings=(*made.warnings, *better.warnings))
 
     def _exceeds(self, motion: Trajectory | None) -> bool:
-        """Whether a motion exceeds a limit of what it does as a whole."""
         excess = find_excess(self._problem, motion)
         self._excess = excess or self._excess
         return excess is not None

@@ -126,7 +126,6 @@ def _connect_with_clearance(
 
 
 def _in_part_of_the_time(problem: Problem) -> Problem:
-    """The problem with a share of the time that is left: another way is tried after."""
     return dataclasses.replace(problem, deadline=problem.deadline.share(SHARE))
 
 

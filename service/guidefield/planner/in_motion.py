@@ -127,7 +127,6 @@ def _require_within(problem: Problem, end: _EndWords, velocity: ChartRate, accel
 def _require_within_whole(
     problem: Problem, end: _EndWords, z: ChartPoint, velocity: ChartRate, acceleration: ChartRate | None
 ) -> None:
-    """Refuse an end that exceeds a limit of what the motion does as a whole."""
     still = np.zeros_like(velocity)
     rows = [cast(ChartRates, row[None]) for row in (velocity, still if acceleration is None else acceleration)]
     point = cast(ChartPoints, z[None])

@@ -203,7 +203,6 @@ def _certify_optimized(
 
 
 def _retime(problem: Problem, motion: Trajectory, crossed: CrossedPlanes) -> tuple[Trajectory, dict[int, int]] | None:
-    """The fastest motion along the way of another one within limits; None where it is no faster."""
     knots = (motion.times - motion.times[0], motion.positions, motion.velocities)
     if measure_limit_load(*knots, *limits_of(problem)[:3]) > 1.0 - GAINED:
         return None

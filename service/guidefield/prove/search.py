@@ -248,7 +248,6 @@ class _MotionSearch:
     _stopped = False
 
     def _parameter_at(self, time: float) -> float:
-        """The parameter at a time [s]."""
         layout = self._layout
         return time if layout.times is layout.clock else float(np.interp(time, layout.clock, layout.times))
 
@@ -285,7 +284,6 @@ class _MotionSearch:
         return Verdict(reason, segments, *at, self._find_piece(float(verdict[END])), names, self._curve.point(*at))
 
     def _confirm(self, reason: Reason, pair: int, parameter: float) -> Reason:
-        """Coal's word about a pair where it is refused."""
         found = self._ask_coal(pair, parameter)
         if found is None:
             kept = self._distance_to_keep(pair)

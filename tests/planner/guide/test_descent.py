@@ -16,7 +16,6 @@ from guidefield.planner.guide.projected import (
     ON_CONSTRAINT,
     Descent,
     descend,
-    evaluated,
     on_plane,
     reorienting,
     sliding,
@@ -24,6 +23,7 @@ from guidefield.planner.guide.projected import (
 from guidefield.planner.task.problem import Problem
 from guidefield.potential import Precision, RobotField
 from tests.planner.guide.guards import ANYWHERE
+from tests.planner.guide.tip_constraints import evaluated
 from tests.planner.problems import problem, seed_problem
 from tests.robots import ARMS, rest
 

@@ -136,14 +136,10 @@ def obstacle_barrier(
     """The barrier between the robot's points and obstacles.
 
     Args:
-        robot: The robot.
-        tables: Obstacles that rest.
-        moving: Obstacles that move.
         s: Under which number bodies near the configuration are remembered.
         time: When those that move are met [s].
         walls: Range of the barrier, positive; distance from obstacles at which its wall stands; floor, the distance
             below which points cost more, positive [m].
-        near: What is remembered.
         work: Scratch, up to date with the configuration; forces and inertias gather in it.
         moved: Scratch; in it gathers how the barrier changes with time.
 
@@ -176,7 +172,6 @@ def obstacle_barrier(
 def _moving_barrier(
     robot: SampledRobot, moving: MovingBodies, time: float, walls: Vector3, work: Workspace, moved: MovedBodies
 ) -> float:
-    """The barrier between the robot's points and obstacles that move."""
     place_moved(moving, time, moved)
     moved.forces[:, :] = 0.0
     moved.by_time[:] = 0.0
@@ -296,7 +291,6 @@ def _some_block_near(
 
 @uncounted
 def _is_near(robot: SampledRobot, block: int, farthest: float, work: Workspace) -> bool:
-    """Tell if a block of points may be within range of the candidates."""
     reach = farthest + robot.blocks[RADIUS, block]
     near: bool = work.block_gaps[block] < reach * reach
     return near
@@ -375,8 +369,6 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
     """Smallest distance from the robot's points to obstacles that rest, at one configuration [m].
 
     Args:
-        robot: The robot.
-        tables: Obstacles.
         z: Chart coordinates, shape (nv,).
         cutoff: What is returned where nothing is nearer [m], positive.
     """

@@ -32,17 +32,11 @@ def robot_barrier(
     """The barrier of a robot at one configuration and time; its derivatives by time alone are left in `moved`.
 
     Args:
-        robot: The robot.
-        tables: Obstacles that rest.
-        moving: Obstacles that move.
         s: Under which number bodies near the configuration are remembered.
         z: Chart coordinates, shape (nv,) [rad or m].
         time: When those that move are met [s].
         walls: Range, wall and floor of the barrier against obstacles, see `obstacle_barrier` [m].
         share: Factor of the barrier between links; where it is 0 that isn't looked at.
-        near: What is remembered.
-        work: Scratch.
-        moved: Scratch.
         gradient_out: Its gradient by z, shape (nv,); nothing is written where the barrier is 0.
         hessian_out: Gauss and Newton's approximation of its Hessian, shape (nv, nv); the same.
         across_out: That by z and time, shape (nv,) [1/s]; the same.

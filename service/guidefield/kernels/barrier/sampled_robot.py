@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.distance.points_distance import ROWS
@@ -54,9 +53,6 @@ def deficit(distance: Any, floor: float) -> tuple[Any, Any, Any]:
     wanting = select(distance < floor, 1.0 - distance * (1.0 / floor), 0.0)
     curvature = select(distance < floor, 0.0 * distance + 2.0 * STEEPNESS / (floor * floor), 0.0)
     return STEEPNESS * wanting * wanting, -2.0 * STEEPNESS * wanting / floor, curvature
-
-
-FLAGS = types.Array(types.boolean, 2, "C", readonly=True)
 
 
 JOINT, FIRST, PAST, PAST_FEW = range(4)
@@ -143,9 +139,7 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     """Placements of joints, motion subspaces by the chart of the model, and centres of balls, into the scratch.
 
     Args:
-        robot: The robot.
         z: Chart coordinates of the group, shape (nv,) [rad or m].
-        work: The scratch.
     """
     place_group(robot.joints, z, work.joints)
     write_twists(robot.joints, work.joints)
@@ -157,7 +151,6 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
 
 @uncounted
 def _centre(T: Floats, ball: Floats, centre_out: Floats) -> None:
-    """The centre of a ball of a placed frame in the world."""
     centre_out[0], centre_out[1], centre_out[2] = moved_by(T, ball[0], ball[1], ball[2])
 
 
@@ -182,10 +175,6 @@ def lower_gaps(
     Args:
         T: Placement of the points' frame, shape (3, 4) [m].
         points: By rows, at least (3, p) [m].
-        first: The first of the points.
-        last: The one past the last.
-        tables: The bodies.
-        body: Index of the body.
         gaps_out: Squares of distances, shape (p,) [m²].
     """
     B, bounds = tables.placements[body], tables.bounds[body]

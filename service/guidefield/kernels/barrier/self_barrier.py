@@ -35,8 +35,6 @@ def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
     """The barrier of all pairs; adds to the workspace's gradient and Hessian.
 
     Args:
-        robot: The robot.
-        share: Factor of all.
         work: Scratch, up to date with the configuration.
 
     Returns:
@@ -134,8 +132,6 @@ def pair_distances(robot: SampledRobot, tables: DistanceTables, z: Floats, dista
     """Smallest distance from the points to the other link of every pair, as far as it is below the pair's range.
 
     Args:
-        robot: The robot.
-        tables: Any obstacles.
         z: Chart coordinates, shape (nv,).
         distances_out: Shape (k,) [m]; infinite where nothing is within range.
     """

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types, uint64
+from numba import uint64
 
 from guidefield.kernels.jit.arrays import (
     Blocks,
@@ -78,9 +78,6 @@ def greedy_choice(bits: WordRows, chosen_out: IndicesOut) -> int:
         chosen_out[count] = best
         count += 1
     return count
-
-
-INTEGERS = types.Array(types.int64, 1, "C", readonly=True)
 
 
 @inlined

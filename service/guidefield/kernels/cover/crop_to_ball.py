@@ -63,7 +63,6 @@ def _gap_squared(low: Floats, high: Floats, box: Floats) -> float:
 
 @inlined
 def _is_outside(low: Floats, high: Floats, centre: Floats, radius: float) -> bool:
-    """Whether a box doesn't reach into a ball."""
     square = 0.0
     for k in range(3):
         gap = max(low[k] - centre[k], centre[k] - high[k], 0.0)

@@ -9,14 +9,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
 from guidefield.kernels.distance.ray_winding import ray_winding
-from guidefield.kernels.distance.triangle_distance import Span, SurfaceTables, nearest_triangle, surface_distance
+from guidefield.kernels.distance.triangle_distance import (
+    Span,
+    SurfaceTables,
+    nearest_of,
+    nearest_triangle,
+    surface_distance,
+)
 from guidefield.kernels.jit.arrays import Floats, IndexRows, Indices, Integers, RowOut, Rows, RowsOut
 from guidefield.kernels.jit.decorators import inlined, kernel
-
-INTEGERS = types.Array(types.int64, 1, "C", readonly=True)
 
 STEPS = 40  # shrinking ends after this many steps, if not before
 ROUNDING = 1e-9  # by how much what is known of a point's neighbour is believed less, as a share and in metres
@@ -170,7 +173,6 @@ def _in_ball(x: float, y: float, z: float, half: float, balls: Floats, i: int) -
 
 @inlined
 def _halve(cell: Floats, inside: float, waiting: Floats, top: int) -> int:
-    """Put the eight halves of a cell on the stack."""
     half = 0.5 * cell[3]
     for k in range(8):
         waiting[top, 0] = cell[0] + (half if k & 1 else -half)
@@ -237,36 +239,6 @@ and the triangle of the surface that is nearest to that."""
 
 
 @inlined
-def _to_edge(ax: float, ay: float, az: float, ux: float, uy: float, uz: float) -> float:
-    """Square of the distance of a point `a` from the segment from the origin to u."""
-    share = min(max((ax * ux + ay * uy + az * uz) / (ux * ux + uy * uy + uz * uz), 0.0), 1.0)
-    dx, dy, dz = ax - share * ux, ay - share * uy, az - share * uz
-    return dx * dx + dy * dy + dz * dz
-
-
-@inlined
-def _to_triangle(x: float, y: float, z: float, corners: Floats, i: int) -> float:
-    """Square of the distance of a point from triangle i, rows of corner a and edges b - a, c - a."""
-    ax, ay, az = x - corners[i, 0], y - corners[i, 1], z - corners[i, 2]
-    ux, uy, uz = corners[i, 3], corners[i, 4], corners[i, 5]
-    vx, vy, vz = corners[i, 6], corners[i, 7], corners[i, 8]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    square = nx * nx + ny * ny + nz * nz
-    # shares of b and c in the foot of the point on the plane
-    b = ((ay * vz - az * vy) * nx + (az * vx - ax * vz) * ny + (ax * vy - ay * vx) * nz) / square
-    c = ((uy * az - uz * ay) * nx + (uz * ax - ux * az) * ny + (ux * ay - uy * ax) * nz) / square
-    if b >= 0.0 and c >= 0.0 and b + c <= 1.0:
-        height = ax * nx + ay * ny + az * nz
-        above: float = height * height / square
-        return above
-    return min(
-        _to_edge(ax, ay, az, ux, uy, uz),
-        _to_edge(ax, ay, az, vx, vy, vz),
-        _to_edge(ax - ux, ay - uy, az - uz, vx - ux, vy - uy, vz - uz),
-    )
-
-
-@inlined
 def _nearest(
     x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndarray, bound: float
 ) -> tuple[float, int]:
@@ -276,7 +248,8 @@ def _nearest(
         for k in range(spans.shape[0]):
             found = nearest_triangle(x, y, z, surfaces, span_of(spans, k), distance)
             if found >= 0:
-                distance, nearest = math.sqrt(_to_triangle(x, y, z, surfaces.corners, found)), found
+                square, nearest = nearest_of((x, y, z), surfaces.corners, found, found + 1, math.inf, found)
+                distance = math.sqrt(square)
         if distance == math.inf:
             break
         if nearest < 0:  # so far away that rounding is larger than what was allowed for it
@@ -303,7 +276,8 @@ def _bounds(
     for k in range(0, 9, 3):
         dx, dy, dz = t[k] - x, t[k + 1] - y, t[k + 2] - z
         radius = max(radius, dx * dx + dy * dy + dz * dz)
-        farthest = max(farthest, _to_triangle(t[k], t[k + 1], t[k + 2], surfaces.corners, nearest))
+        at = (t[k], t[k + 1], t[k + 2])
+        farthest = max(farthest, nearest_of(at, surfaces.corners, nearest, nearest + 1, math.inf, nearest)[0])
     radius, farthest = math.sqrt(radius), math.sqrt(farthest)
     farthest = min(distance + radius, farthest)
     if solid and farthest > settled:
@@ -319,7 +293,6 @@ def _bounds(
 
 @inlined
 def _quarter(t: Floats, out: Floats) -> int:
-    """Write the four triangles between a triangle's corners and its edges' middles."""
     for a in range(3):
         x, y, z = t[a], t[3 + a], t[6 + a]
         xy, yz, zx = 0.5 * (x + y), 0.5 * (y + z), 0.5 * (z + x)
@@ -391,7 +364,6 @@ def _divide(t: Floats, corners: Floats, on_surface: bool, tolerance: float, heig
 
 @inlined
 def _push(heap: Integers, nodes: Floats, count: int, node: int) -> None:
-    """Add a triangle to a heap of `count` ones, the largest bound on top."""
     k = count
     while k > 0 and nodes[heap[(k - 1) // 2], 9] < nodes[node, 9]:
         heap[k] = heap[(k - 1) // 2]
@@ -401,7 +373,6 @@ def _push(heap: Integers, nodes: Floats, count: int, node: int) -> None:
 
 @inlined
 def _pop(heap: Integers, nodes: Floats, count: int) -> None:
-    """Take the top off a heap of `count` triangles."""
     last, k = heap[count - 1], 0
     while True:
         child = 2 * k + 1

@@ -88,9 +88,6 @@ def swept_pairs(
         slabs: In which slab a row is, and the first slab of its triangle, which has a row in each, shape (n, 2).
         order: The triangle of each row, shape (n,).
         corners: Of the triangles, and `planes`, as of `write_planes`.
-        planes: See `corners`.
-        first: The first row.
-        last: The one past the last.
         pairs_out: As many rows as pairs along the sweep.
         counts_out: How many pairs of boxes overlap, and how many are written, shape (2,).
     """

@@ -101,7 +101,6 @@ FEW = 32  # this many numbers are sorted by insertion; a vertex of a surface sel
 
 @inlined
 def _insert(keys: Integers, members: Integers, begin: int, end: int) -> None:
-    """Sort some keys, and what belongs to them, by insertion."""
     for i in range(begin + 1, end):
         key, member, j = keys[i], members[i], i
         while j > begin and keys[j - 1] > key:
@@ -220,7 +219,6 @@ def small_surfaces(
 
 @inlined
 def _squared(vertices: Floats, a: int, b: int) -> float:
-    """Square of the distance of two vertices [m^2]."""
     square = 0.0
     for k in range(3):
         square += (vertices[b, k] - vertices[a, k]) ** 2

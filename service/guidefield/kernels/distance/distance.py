@@ -60,7 +60,7 @@ class DistanceTables(NamedTuple):
     sizes: Rows
     bounds: Rows  # a box about it in its own frame, lower then upper corner, shape (n, 6) [m]
     boxes: Rows  # a box about it along the world's axes, shape (n, 6) [m]
-    # of a surface, where its tree stands, see `SPAN`, and the row of its anchor counted from 1, 0 of all that have
+    # of a surface, where its tree stands, see `Span`, and the row of its anchor counted from 1, 0 of all that have
     # none; shape (n, 5)
     spans: IndexRows
     # of seen solids, how their sides are found, in their own frames, see `ray_winding.ANCHOR`; shape (k, 9)
@@ -79,7 +79,6 @@ def distance_at_points(
     """Signed distance of points to the nearest body.
 
     Args:
-        tables: The bodies.
         points: Points in the world, shape (n, 3) [m].
         cutoff: Distance beyond which nothing is searched for [m].
 

@@ -35,7 +35,6 @@ NUMBERS = 12
 radius."""
 
 CELL, PER_LENGTH, LOW, HIGH, RADIUS = 3, 4, 5, 8, 11  # their places
-MOST_LEVELS = 4  # levels of boxes: enough for 16^5 points
 NOWHERE = 1e30  # coordinate of points that fill up the last sixteen [m]
 
 
@@ -148,10 +147,7 @@ def nearest_point(cloud: LaneCloud, x: float, y: float, z: float, cutoff: float)
     """The point of the cloud nearest to a point: where its x stands in `points`; -1 if none is nearer than a cutoff.
 
     Args:
-        cloud: The cloud.
         x: The point [m], with y and z.
-        y: See x.
-        z: See x.
         cutoff: Distance beyond which nothing is searched for [m]; at most 1e15.
     """
     best, far, found = cutoff * cutoff, splat(1e30), -1

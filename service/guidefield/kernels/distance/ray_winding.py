@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from guidefield.kernels.distance.triangle_distance import LEAF, Span, SurfaceTables
-from guidefield.kernels.jit.arrays import Floats, IndicesOut, Rows, Vector3
+from guidefield.kernels.jit.arrays import Floats, Rows, Vector3
 from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 from guidefield.kernels.linalg.small_systems import cross, dot
 
@@ -172,10 +172,3 @@ def surely_outside_seen(
                 outside: bool = total + anchors[row, TURNS] == 0.0
                 return outside
     return False
-
-
-@kernel
-def windings_at(points: Rows, surfaces: SurfaceTables, span: Span, windings_out: IndicesOut) -> None:
-    """`ray_winding` at many points (n, 3) [m], shape (n,)."""
-    for i in range(points.shape[0]):
-        windings_out[i] = ray_winding(points[i, 0], points[i, 1], points[i, 2], surfaces, span)

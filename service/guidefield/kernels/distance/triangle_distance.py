@@ -13,9 +13,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from guidefield.kernels.jit.arrays import Floats, Rows, Vector3, numba_type
+from guidefield.kernels.jit.arrays import Floats, Rows, Vector3
 from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 
 LEAF = 4  # boxes that one leaf of a tree holds
@@ -38,11 +37,8 @@ class SurfaceTables(NamedTuple):
     normals: Rows  # unit pseudonormals in the order of the parts, shape (t, 21)
 
 
-SURFACES = numba_type(SurfaceTables)
-SPAN = types.UniTuple(types.int64, 4)
-"""Place of a tree: its first node, its number of leaves, its first triangle, its number of triangles."""
-
 Span = tuple[int, int, int, int]
+"""Place of a tree: its first node, its number of leaves, its first triangle, its number of triangles."""
 
 
 @inlined

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
 from guidefield.kernels.jit.arrays import (
     Blocks,
@@ -158,12 +157,8 @@ def runs_of_triangles(
                     boxes_out[run, 3 + k] = max(boxes_out[run, 3 + k], vertices[vertex, k])
 
 
-_FOUND = types.Array(types.boolean, 1, "C")
-
-
 @inlined
 def _squared(vertices: Floats, a: int, b: int) -> float:
-    """Square of the length of an edge [m^2]."""
     square = 0.0
     for k in range(3):
         square += (vertices[b, k] - vertices[a, k]) ** 2
@@ -187,7 +182,6 @@ def wide_triangles(vertices: Rows, triangles: IndexRows, thin: float, wide_out: 
 
 @inlined
 def _from_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Distance of a point to the segment a b."""
     along_x, along_y = bx - ax, by - ay
     share = ((x - ax) * along_x + (y - ay) * along_y) / (along_x * along_x + along_y * along_y)
     share = min(max(share, 0.0), 1.0)

@@ -9,7 +9,6 @@ import numpy as np
 
 from guidefield.kernels.jit.arrays import INDICES_OUT, Floats, Row, RowOut, Rows, RowsOut, Vector3, numba_type
 from guidefield.kernels.jit.decorators import inlined, kernel
-from guidefield.kernels.kinematics.forward_kinematics import joint_placements, motion_subspaces
 from guidefield.kernels.kinematics.integrate import Mover, tip_jacobian, tip_position
 
 EVALUATIONS, JUDGED, STEPS, ROUNDS, REFUSED, COUNTS = range(6)
@@ -77,17 +76,6 @@ def constraint_rows(
         rows_out[0, k] = normal[0] * jacobian[0, k] + normal[1] * jacobian[1, k] + normal[2] * jacobian[2, k]
         if constraint.kind == SLIDING:
             rows_out[1, k], rows_out[2, k], rows_out[3, k] = jacobian[3, k], jacobian[4, k], jacobian[5, k]
-
-
-@kernel
-def constraint_at(constraint: TipConstraint, mover: Mover, q: Row, error_out: RowOut, rows_out: RowsOut) -> None:
-    """Write a constraint's numbers (kind,) [m or rad] and rows (kind, nv) at a configuration (nq,)."""
-    joints, n = mover.joints, mover.joints.parents.shape[0]
-    world, subspaces = np.empty((n, 3, 4)), np.empty((mover.leaders.shape[0], 6))
-    joint_placements(joints, q, world)
-    motion_subspaces(joints, world, subspaces)
-    constraint_error(constraint, mover, world, np.zeros(3), error_out)
-    constraint_rows(constraint, mover, world, subspaces, np.empty((6, rows_out.shape[1])), rows_out)
 
 
 class TipGuard(NamedTuple):

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.jit.arrays import Floats, Indices, IndicesOut, Row, RowOut, Rows, RowsOut, TruthsOut, numba_type
+from guidefield.kernels.jit.arrays import Floats, Indices, IndicesOut, Row, RowOut, Rows, RowsOut, TruthsOut
 from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.kinematics.tip_chain import BALL, COLUMN, LANES, TipChain, offset_rates, tip_offset, tip_pose
 from guidefield.kernels.simd.rotations import quaternion_of_vector, quaternion_product, vector_of_quaternion
@@ -38,9 +38,6 @@ class Tolerances(NamedTuple):
     aimed: Row  # the part of it that a search aims at, shape (6,) [m, rad]
     size: float  # the robot's
     sizes: Row  # how far each chart coordinate goes for one step: 1 for angles, the size for what slides, (nv,)
-
-
-TOLERANCES = numba_type(Tolerances)
 
 
 @inlined
@@ -154,7 +151,6 @@ def _move(chain: TipChain, step: Floats, going: Floats, zs: Floats) -> None:
 
 @inlined
 def _begin(starts: Floats, start: int, chain: TipChain, lane: int, zs: Floats) -> None:
-    """Put a start into a lane, within the limits."""
     for d in range(starts.shape[1]):
         zs[d * LANES + lane] = min(max(starts[start, d], chain.lower[d]), chain.upper[d])
 
@@ -246,12 +242,8 @@ class Measure(NamedTuple):
     rotations: Indices  # where rotation vectors begin, of which the angle between the two counts, shape (b,)
 
 
-MEASURE = numba_type(Measure)
-
-
 @inlined
 def _turn_between(a: Floats, b: Floats, at: int) -> float:
-    """Angle between two rotation vectors' rotations [rad]."""
     va, vb = (
         math.sqrt(a[at] ** 2 + a[at + 1] ** 2 + a[at + 2] ** 2),
         math.sqrt(b[at] ** 2 + b[at + 1] ** 2 + b[at + 2] ** 2),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from guidefield.kernels.jit.arrays import Floats, Indices, Row, Rows, numba_type
+from guidefield.kernels.jit.arrays import Floats, Indices, Row, Rows
 from guidefield.kernels.jit.decorators import inlined
 from guidefield.kernels.kinematics.batch_forward_kinematics import rotation_of, row_after, row_times, row_turned
 from guidefield.kernels.simd.rotations import (
@@ -33,9 +33,6 @@ class TipChain(NamedTuple):
     first: Row  # what is fixed before the first, shape (12,) [m]
     lower: Row  # of the chart coordinates, shape (nv,)
     upper: Row  # shape (nv,)
-
-
-CHAIN = numba_type(TipChain)
 
 
 @inlined

@@ -8,7 +8,7 @@ import numpy as np
 
 from guidefield.kernels.collide.near_pairs import BoxedObstacles
 from guidefield.kernels.collide.parts import Parts
-from guidefield.kernels.jit.arrays import Blocks, Floats, IndexRows, Indices, Row, Rows, numba_type
+from guidefield.kernels.jit.arrays import Blocks, Floats, IndexRows, Indices, Row, Rows
 from guidefield.kernels.jit.decorators import uncounted
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
 
@@ -94,9 +94,6 @@ class MovingRobot(NamedTuple):
     movers: MovingObstacles  # how those of them move that do
     pairs: BodyPairs  # the pairs that must stay apart
     curve: BezierCurve
-
-
-MOVING_ROBOT = numba_type(MovingRobot)
 
 
 @uncounted

@@ -28,13 +28,11 @@ from guidefield.kernels.guide.tip_constraint import (
     STEPS,
     TipConstraint,
     TipGuard,
-    constraint_at,
 )
 from guidefield.planner.guide.guided_path import GuidedPath, reach_point
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
 from guidefield.read_only import ReadOnly
-from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import find_planned_values, mover_of
 from guidefield.robot.model.spaces import Configuration
 
@@ -149,13 +147,6 @@ def sliding(point: np.ndarray, normal: np.ndarray, rotation: np.ndarray) -> TipC
 def reorienting(point: np.ndarray) -> TipConstraint:
     """The tip stays where it is, at a point (3,) [m, world]: the thesis' reorient."""
     return TipConstraint(HELD, _hold(point), _hold(np.zeros(3)), _NONE)
-
-
-def evaluated(constraint: TipConstraint, group: PlanningGroup, q: Configuration) -> tuple[np.ndarray, np.ndarray]:
-    """A constraint's numbers at q (nq,), shape (rows,) [m or rad], and their derivative by the tangent (rows, nv)."""
-    error, rows = np.empty(constraint.kind), np.empty((constraint.kind, group.nv))
-    constraint_at(constraint, mover_of(group), group.expand(q), error, rows)
-    return error, rows
 
 
 def _hold(values: np.ndarray) -> np.ndarray:

@@ -189,7 +189,6 @@ def _between(pieces: np.ndarray, times: np.ndarray, knots: np.ndarray) -> np.nda
 
 
 def _elevated(curves: np.ndarray, order: int) -> np.ndarray:
-    """The same Bezier curves (n, k, nv) with more control points."""
     while (degree := curves.shape[1]) < order:
         share = (np.arange(1, degree) / degree)[:, None]
         inner = share * curves[:, :-1] + (1.0 - share) * curves[:, 1:]

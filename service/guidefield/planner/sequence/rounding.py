@@ -160,7 +160,6 @@ def _choose_settings(problem: Problem, parts: Sequence[StepPart], motion: Trajec
 
 
 def _passages(parts: Sequence[StepPart], joined: JoinedMotion) -> tuple[Passage, ...]:
-    """The goals, and where a motion passes them."""
     goals = [one.goal for one in parts if one.goal is not None]
     return tuple(
         Passage(goal, joined.motion.positions[at.nearest]) for goal, at in zip(goals, joined.passages, strict=True)

@@ -340,7 +340,6 @@ class _SequencePlanning(Generic[S]):
         self._warnings += [f"{where}{warning}" for warning in warnings]
 
     def _spend(self, stage: str, began: float) -> None:
-        """Count the time since some moment, by `time.perf_counter()` [s], under a stage's name."""
         self._seconds[stage] = self._seconds.get(stage, 0.0) + time.perf_counter() - began
 
     def _describe(self) -> dict[str, Any]:

@@ -168,7 +168,6 @@ def link_limit(group: PlanningGroup, link: str, speed: float, acceleration: floa
 
 
 def _require_chain(group: PlanningGroup, carrier: int, name: str) -> None:
-    """Refuse what a ball or a floating joint carries."""
     for joint in group.joints:
         index = group.model.getJointId(joint.name)
         if joint.kind in (JointKind.SPHERICAL, JointKind.FLOATING) and index in group.model.supports[carrier]:

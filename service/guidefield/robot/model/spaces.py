@@ -30,7 +30,6 @@ ChartAxis = NewType("ChartAxis", int)
 ChartRateAxis = NewType("ChartRateAxis", int)
 ModelChartAxis = NewType("ModelChartAxis", int)
 TangentAxis = NewType("TangentAxis", int)
-ModelTangentAxis = NewType("ModelTangentAxis", int)
 WireAxis = NewType("WireAxis", int)
 
 RobotConfiguration = np.ndarray[tuple[RobotAxis], np.dtype[np.float64]]
