@@ -157,7 +157,7 @@ class StreamConversation:
             _log.warning("a stream can't be kept: %s", error.strerror)
             return None
         made_with = {"guidefield": version("guidefield"), "processor": processor()}
-        file_bytes = journal.file_bytes(stores.bytes_of(self.user))
+        file_bytes = journal.file_bytes(stores.byte_quota_of(self.user))
         return Journal(folder, self.request, self.user, made_with, file_bytes)
 
     def _open_stream(self, journal: Journal | None) -> CertifiedStream:

@@ -45,7 +45,7 @@ def test_a_judgements_tables_are_made_before_its_time_begins(named: bool, monkey
     def late(*_: object) -> None:
         raise AssertionError("it was to be made before")
 
-    monkeypatch.setattr("guidefield.collision.convex_parts.PartsTable.add_shape", late)
+    monkeypatch.setattr("guidefield.collision.part_tables.PartsTable.add_shape", late)
     monkeypatch.setattr("guidefield.collision.enclosure.solids_of_group", late)
     reply = engine.answer(request, received=time.monotonic())
     assert isinstance(reply, CertifyReply)

@@ -15,7 +15,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.part_tables import PartsTable
 from guidefield.kernels.collide.gjk import WORK, reach_along, support
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, away_from_primitive
 from guidefield.kernels.simd.packing import pointers

@@ -43,7 +43,7 @@ def list_differences(first: PlanReply, second: PlanReply) -> list[str]:
     return [name for name in PLAN_FIELDS if one[name] != other[name]]
 
 
-def largest_step(first: PlanReply, second: PlanReply) -> float | None:
+def largest_deviation(first: PlanReply, second: PlanReply) -> float | None:
     """Return the largest difference of a coordinate of two paths [rad or m]; None if their shapes differ."""
     if [len(row) for row in first.path] != [len(row) for row in second.path]:
         return None
@@ -56,7 +56,7 @@ def comparison_table(first: PlanReply, second: PlanReply) -> RenderableType:
     table = Table("", first.run_id, second.run_id, box=box.SIMPLE_HEAD)
     for (name, one), (_, other) in zip(_rows(first), _rows(second), strict=True):
         table.add_row(name, one, other)
-    step = largest_step(first, second)
+    step = largest_deviation(first, second)
     parts = ", ".join(list_differences(first, second)) or "nothing: the same plan to the last bit"
     table.add_row("that differs", parts, "" if step is None else f"waypoints by at most {step:.3g}")
     return table
@@ -140,7 +140,7 @@ def replay(
     if not parts:
         _say(f"{run}: bit-identical: {_summarize(now)}")
         raise typer.Exit(0)
-    step = largest_step(before.reply, now)
+    step = largest_deviation(before.reply, now)
     by = "" if step is None else f"; waypoints by at most {step:.3g}"
     verdict = describe_processor(before.versions) or "not the same: "
     _say(f"{run}: {verdict}{describe_version(before.versions)}the plan differs in {', '.join(parts)}{by}")

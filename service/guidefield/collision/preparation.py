@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import coal
 
-from guidefield.collision.convex_parts import recall_mesh_tree
+from guidefield.collision.part_tables import recall_mesh_tree
 from guidefield.collision.solids import hulls_of
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.solid import clear_solids

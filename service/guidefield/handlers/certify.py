@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from guidefield.case_file import Motion
-from guidefield.collision.convex_parts import robot_parts
 from guidefield.collision.enclosure import find_closed_bodies
+from guidefield.collision.part_tables import robot_parts
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError

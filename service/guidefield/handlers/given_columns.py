@@ -24,7 +24,9 @@ from guidefield.robot.model.configuration import FURTHEST
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import ChartPoints, ChartRates
 
-FOLLOWS = 1e-4  # how far a follower's column may be from what its law says [rad or m, and per s]
+# how far a mimic joint's column may be from its law [rad or m, and per s]: the law is certified, not the column, so a
+# given motion may be off by this, uncertified
+MIMIC_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -184,7 +186,7 @@ def _turned(joint: Joint, given: np.ndarray, reference: np.ndarray) -> np.ndarra
     return np.array(found)
 
 
-def _followers(columns: Columns, group: PlanningGroup) -> list[tuple[Joint, int, Joint | None]]:
+def _mimic_columns(columns: Columns, group: PlanningGroup) -> list[tuple[Joint, int, Joint | None]]:
     """Followers that have a column: the joint, its column, and its driver, None where that stands still."""
     planned = {joint.name: joint for joint in group.joints}
     return [
@@ -198,7 +200,7 @@ def _require_followers(
     columns: Columns, rows: np.ndarray, group: PlanningGroup, moves: np.ndarray, field: str, *, rates: bool = False
 ) -> None:
     """Refuse followers' columns that aren't what their laws say of chart points (n, nv), or of their `rates`."""
-    for joint, column, driver in _followers(columns, group):
+    for joint, column, driver in _mimic_columns(columns, group):
         assert joint.mimic is not None, "it follows another"
         if driver is not None:
             asked = joint.mimic.multiplier * moves[:, driver.idx_v] + (0.0 if rates else joint.mimic.offset)
@@ -208,7 +210,7 @@ def _require_followers(
         apart = rows[:, column] - asked
         if joint.kind is JointKind.CONTINUOUS and not rates:
             apart -= 2.0 * np.pi * np.round(apart / (2.0 * np.pi))
-        if len(off := np.flatnonzero(np.abs(apart) > FOLLOWS)):
+        if len(off := np.flatnonzero(np.abs(apart) > MIMIC_TOLERANCE)):
             row = int(off[0])
             raise InvalidConfiguration(
                 f"`{field}[{row}]`: joint {joint.name!r} follows {joint.mimic.driver!r}, by whose value it is"

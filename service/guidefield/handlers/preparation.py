@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from itertools import chain
 from typing import TypeVar
 
-from guidefield.collision.convex_parts import robot_parts
 from guidefield.collision.enclosure import find_closed_bodies
 from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
+from guidefield.collision.part_tables import robot_parts
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.robot_ball import reach_ball
 from guidefield.collision.world import World

@@ -33,7 +33,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
-LAST_JUDGEMENT = 0.03
+CERTIFY_GRACE_S = 0.03
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
 
 MOST_PARTS = 64  # into which the span between two rows is divided until what a controller draws is certified, at most
@@ -56,7 +56,7 @@ class CertifiedMotion(ReadOnly):
 
 def judge(problem: Problem, trajectory: Trajectory) -> Verdict:
     """Judge whether a motion from a free start is free of what rests and what moves, and keeps the path constraints."""
-    deadline = problem.deadline.at_least(LAST_JUDGEMENT)
+    deadline = problem.deadline.at_least(CERTIFY_GRACE_S)
     if problem.execution is not None:
         settled = settle_execution(problem, trajectory)
         return _at_same_times(settled.verdict, settled.drawn.motion, trajectory)
@@ -73,7 +73,7 @@ def judge_itself(problem: Problem, trajectory: Trajectory) -> Verdict:
     if problem.execution is None:
         return judge(problem, trajectory)
     motion = GivenMotion.of(trajectory, problem.execution.tube)
-    return judge_drawn(problem, motion, problem.deadline.at_least(LAST_JUDGEMENT))[0]
+    return judge_drawn(problem, motion, problem.deadline.at_least(CERTIFY_GRACE_S))[0]
 
 
 def _at_same_times(verdict: Verdict, judged: GivenMotion, trajectory: Trajectory) -> Verdict:
@@ -111,19 +111,19 @@ JudgeDrawn = Callable[[GivenMotion], tuple[Verdict, float]]  # tells the verdict
 
 
 def settle_execution(problem: Problem, trajectory: Trajectory) -> SettledExecution:
-    """Choose the rows that a controller is sent of a motion, as `settle_rows`."""
-    execution, deadline = problem.execution, problem.deadline.at_least(LAST_JUDGEMENT)
+    """Choose the rows that a controller is sent of a motion, as `choose_rows`."""
+    execution, deadline = problem.execution, problem.deadline.at_least(CERTIFY_GRACE_S)
     assert execution is not None, "it is asked for"
     known = _SETTLED.of(trajectory, execution)
     if known is not MISSING and known[1]() is problem.world:
         return known[0]
     _SETTLED.forget(trajectory, execution)
-    settled = settle_rows(trajectory, execution, deadline, lambda motion: judge_drawn(problem, motion, deadline))
+    settled = choose_rows(trajectory, execution, deadline, lambda motion: judge_drawn(problem, motion, deadline))
     _SETTLED.keep(trajectory, execution, (settled, weakref.ref(problem.world)))
     return settled
 
 
-def settle_rows(
+def choose_rows(
     trajectory: Trajectory, execution: ControllerModel, deadline: Deadline, judge_motion: JudgeDrawn
 ) -> SettledExecution:
     """Choose the rows that a controller is sent of a motion: more of them until what it draws is certified.
@@ -239,7 +239,7 @@ def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) 
     """Return the motion of a stage that failed, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
         pieces, times = found.bezier(), found.piece_times()
-        deadline = problem.deadline.at_least(LAST_JUDGEMENT)
+        deadline = problem.deadline.at_least(CERTIFY_GRACE_S)
         verdict = find_enclosed_start(problem, pieces[0, 0]) or certify(
             problem.world, pieces, problem.min_clearance, deadline=deadline, times=times
         )

@@ -24,15 +24,15 @@ from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import (
-    LAST_JUDGEMENT,
+    CERTIFY_GRACE_S,
     MOST_SLOWED,
     CertifiedMotion,
     certify_given,
     certify_motion,
+    choose_rows,
     find_excess,
     judge_rates,
     settle_execution,
-    settle_rows,
     slow_down,
 )
 from guidefield.planner.path_so_far import PathSoFar
@@ -91,7 +91,7 @@ def _settle_leaving(
     problem: Problem, execution: ControllerModel, whole: CertifiedMotion, trajectory: Trajectory
 ) -> tuple[CertifiedMotion, DrawnMotion]:
     """Choose the rows of a motion that leaves a contact at its start, slower where it has to be."""
-    deadline, left_at = problem.deadline.at_least(LAST_JUDGEMENT), whole.judged_from
+    deadline, left_at = problem.deadline.at_least(CERTIFY_GRACE_S), whole.judged_from
 
     def judge_motion(motion: GivenMotion) -> tuple[Verdict, float]:
         nonlocal left_at
@@ -101,7 +101,7 @@ def _settle_leaving(
         return judge_rates(problem, motion, verdict, deadline)
 
     for attempt in range(MOST_SLOWED):
-        settled = settle_rows(trajectory, execution, deadline, judge_motion)
+        settled = choose_rows(trajectory, execution, deadline, judge_motion)
         if settled.stretch <= 1.0 or not np.isfinite(settled.stretch) or problem.in_motion or deadline.expired():
             break
         trajectory = slow_down(trajectory, settled.stretch, attempt)

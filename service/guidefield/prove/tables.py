@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.bodies import bodies, joint_placements
-from guidefield.collision.convex_parts import BodyParts, PartsTable, robot_parts
 from guidefield.collision.lanes.scene_tables import balls_of_cloud, lane_scene
 from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.obstacle_boxes import obstacle_boxes
+from guidefield.collision.part_tables import BodyParts, PartsTable, robot_parts
 from guidefield.collision.robot_ball import robot_ball
 from guidefield.collision.world import World
 from guidefield.kernels.collide.parts import Parts

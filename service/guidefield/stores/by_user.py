@@ -82,7 +82,7 @@ class StoresByUser:
         """The folder of a user's streams; it may not be there."""
         return self._folder(user) / "streams"
 
-    def bytes_of(self, user: str) -> int | None:
+    def byte_quota_of(self, user: str) -> int | None:
         """A user's quota of storage [bytes]; None: no quota."""
         return self._quotas.of(user).bytes
 
@@ -111,7 +111,7 @@ class StoresByUser:
 
     def require_room(self, user: str, size: int) -> None:
         """Refuse a robot or scene for which a user has no room; raises QuotaExceeded if it has none."""
-        most = self.bytes_of(user)
+        most = self.byte_quota_of(user)
         if most is None:
             return
         folders = (self._folder(user) / kind for kind in ("scenes", "robots"))

@@ -73,9 +73,9 @@ class RunDatabase:
         self,
         data: Path,
         retention: Retention = DEFAULT_RETENTION,
-        bytes_of: Callable[[str], int | None] = lambda _: None,
+        byte_quota_of: Callable[[str], int | None] = lambda _: None,
     ) -> None:
-        self._data, self._retention, self._bytes_of = data, retention, bytes_of
+        self._data, self._retention, self._byte_quota_of = data, retention, byte_quota_of
         self.readers = Readers(data / FILE)
         self.writer = RunWriter(data / FILE, self._keep_up)
         self.render: Callable[[str, str], None] = lambda _owner, _run_id: None
@@ -150,7 +150,7 @@ class RunDatabase:
 
     def make_room(self, owner: str, newest: int | None, db: sqlite3.Connection) -> None:
         """Drop the oldest runs of a user that are too many, too large or too old."""
-        most, quota, too_old = self._retention, self._bytes_of(owner), time.time() - self._retention.seconds
+        most, quota, too_old = self._retention, self._byte_quota_of(owner), time.time() - self._retention.seconds
         most_bytes = most.bytes if quota is None else min(quota, most.bytes)
         runs, size = db.execute("SELECT runs, bytes FROM usage WHERE owner = ?", (owner,)).fetchone() or (0, 0)
         dropped = []

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.obstacle_boxes import obstacle_boxes
+from guidefield.collision.part_tables import PartsTable
 from guidefield.collision.solids import solid_of_obstacle
 from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid, UnknownObject
 from guidefield.geometry.placements import frames

@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 import coal
 import numpy as np
 
-from guidefield.collision.convex_parts import PartsTable, tree_layout
 from guidefield.collision.lanes.scene_tables import parts_of
 from guidefield.collision.obstacle_boxes import OwnBoxes, own_boxes
+from guidefield.collision.part_tables import PartsTable, tree_layout
 from guidefield.errors import MalformedRequest
 from guidefield.geometry.cache import in_memory
 from guidefield.geometry.curve_order import curve_order

@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.robot_tables import SPREAD_POINTS, _add_hulls
+from guidefield.collision.part_tables import PartsTable
 from guidefield.geometry.convex import bvh, convex_hull, hull_planes
 from guidefield.geometry.decomposition import decompose
 from guidefield.geometry.solid import solid

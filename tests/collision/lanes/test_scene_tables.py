@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
+from guidefield.collision.part_tables import PartsTable
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.kernels.collide.parts import PART
 from guidefield.kernels.collide.primitive import HALF_SPACE

@@ -11,7 +11,7 @@ import pinocchio as pin
 from hypothesis import given, settings, strategies as st
 from numba import types
 
-from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.part_tables import PartsTable
 from guidefield.kernels.collide.gjk import WORK
 from guidefield.kernels.collide.parts import PARTS, Parts
 from guidefield.kernels.jit.arrays import VECTOR, VECTOR_OUT, Floats

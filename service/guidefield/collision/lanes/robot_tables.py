@@ -11,8 +11,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.convex_parts import BodyParts, PartsTable, robot_parts
 from guidefield.collision.lanes.cell_grids import lane_grids
+from guidefield.collision.part_tables import BodyParts, PartsTable, robot_parts
 from guidefield.geometry.convex import hull_planes
 from guidefield.geometry.decomposition import ConvexPart, Decomposition
 from guidefield.geometry.directions import furthest, spread_and_axes, spread_directions
@@ -85,7 +85,7 @@ def link_tables(group: PlanningGroup) -> LinkTables:
     """Build the tables of a group's collision shapes.
 
     Raises:
-        UnservedError: if a shape is of a kind that the kernels don't know.
+        UnsupportedShape: if a shape is of a kind that the kernels don't know.
     """
     turns, surfaces = _turns(group.model), robot_parts(group)
     table, roots, pieces, frames = PartsTable(), [], [], []
@@ -188,7 +188,7 @@ def lane_robot(group: PlanningGroup, pairs: np.ndarray) -> LaneRobot:
     """Build the tables of a group and the pairs (p, 2) of its shapes' indices that must not touch each other.
 
     Raises:
-        UnservedError: if a shape is of a kind that the kernels don't know.
+        UnsupportedShape: if a shape is of a kind that the kernels don't know.
     """
     links = link_tables(group)
     pieces, (covers, inners, grouped, bounds) = links.pieces, links.balls

@@ -11,7 +11,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.convex_parts import PartsTable, tree_above
 from guidefield.collision.lanes.memory import BufferLayout, obstacle_tables_layout
 from guidefield.collision.lanes.surface_tables import (
     CLUSTER,
@@ -21,6 +20,7 @@ from guidefield.collision.lanes.surface_tables import (
     flat_forest,
     large_surface,
 )
+from guidefield.collision.part_tables import PartsTable, tree_above
 from guidefield.collision.preparation import Told
 from guidefield.collision.solids import MOST_TRIANGLES
 from guidefield.deadline import Deadline
@@ -110,7 +110,7 @@ def lane_scene(scene: Scene) -> LaneScene:
     """Build the tables of a scene's obstacles: primitives by a kernel, of the others those that are known by obstacle.
 
     Raises:
-        UnservedError: if a shape is of a kind that the kernels don't know.
+        UnsupportedShape: if a shape is of a kind that the kernels don't know.
     """
     placed, others = placed_rows(scene), unplaced(scene)
     owners = np.arange(len(placed))

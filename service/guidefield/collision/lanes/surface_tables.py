@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.collision.convex_parts import tree_layout, write_boxes, write_clusters, write_triangles
+from guidefield.collision.part_tables import tree_layout, write_boxes, write_clusters, write_triangles
 from guidefield.geometry.cache import Arrays, Layout, Room, in_memory, is_large, make_in_place
 from guidefield.geometry.mesh_tree import (
     CLUSTERS,

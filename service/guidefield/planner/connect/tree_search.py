@@ -243,7 +243,7 @@ def grow(
         if tried is not None:
             suspected.remove(tried)
             roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
-            if size == len(roots) and not can_be_left(lanes, roots, clearance, resolution, rng):
+            if size == len(roots) and not can_escape(lanes, roots, clearance, resolution, rng):
                 return FoundPath(None, counters.copy(), room.search, group.units, tried)
         if (
             piece == 0
@@ -350,7 +350,7 @@ def _place(group: PlanningGroup, nv: int) -> _TreePlace:
     return place
 
 
-def can_be_left(
+def can_escape(
     lanes: BatchCollision, roots: ChartPoints, clearance: float, resolution: float, rng: np.random.Generator
 ) -> bool:
     """Return whether any of many short motions out of some free roots (k, nv) is free; see `grow`."""

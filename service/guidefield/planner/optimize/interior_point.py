@@ -34,17 +34,17 @@ from guidefield.read_only import ReadOnly, read_only
 
 SOFTER = 0.7  # factor of the stiffness after a look at which the motion that the model gave was better. Unrecorded
 STIFFER = 2.0  # the same where it was not, to 1 at most. Unrecorded
-# Newton's method ends where a coordinate is this far from where the clearance was looked at [rad or m]. With 0.1 and
-# 0.5 the same motions in the same time, on the problems of `settings`
-TRUSTED = 0.25
+# Newton's method takes no further step once a coordinate is farther than this from the last evaluation [rad or m]; a
+# single step may pass it. With 0.1 and 0.5 the same motions in the same time, on the problems of `settings`
+STOP_DISTANCE = 0.25
 CLOSER = 0.4  # a motion that proves no better is tried at this share of the way to there. Unrecorded
 LOOKS = 8  # so often at most. Unrecorded
 TRIES = 24  # how often a step is tried shorter, or a motion closer to be within limits, at most. Unrecorded
 MOST_STRETCHED = 0.5  # most that the logarithm of the length of pieces changes in one step. Unrecorded
 DAMPING = 1e-9  # added to the Hessian's diagonal, as a share of it, against rounding
 
-# weight of half the square of what is missed of a passage, against the duration, which counts from 1 [1/m² at size 1,
-# or 1/rad²]
+# weight of half the square of what is missed of a passage, against the arrival time, which counts from 1 [1/m² at
+# size 1, or 1/rad²]
 PASSAGE_WEIGHT = 1e5
 
 
@@ -71,7 +71,7 @@ class _CheckedOnce:
 
 
 @dataclass(frozen=True, eq=False)
-class Question(ReadOnly):
+class OptimizationProblem(ReadOnly):
     """What is the same all through an optimisation."""
 
     robot: SampledRobot
@@ -115,12 +115,12 @@ class Question(ReadOnly):
             little=settings.little,
             longest=settings.longest,
             most_stretched=MOST_STRETCHED,
-            trusted=TRUSTED,
+            trusted=STOP_DISTANCE,
             damping=DAMPING,
         )
 
 
-class Look(NamedTuple):
+class Evaluation(NamedTuple):
     """A motion and its clearance."""
 
     spline: BSpline
@@ -166,10 +166,10 @@ class _Memory(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Descent(ReadOnly):
+class PenalizedObjective(ReadOnly):
     """The objective on the samples of the motion with which it began."""
 
-    question: Question
+    question: OptimizationProblem
     samples: MotionSamples
     near: NearBodies  # which obstacles were near there; kept up to date by looking at them
     count: int
@@ -183,7 +183,7 @@ class Descent(ReadOnly):
     memory: tuple[_Memory, _Memory]
 
     @classmethod
-    def of(cls, question: Question, spline: BSpline, samples: int) -> Descent:
+    def of(cls, question: OptimizationProblem, spline: BSpline, samples: int) -> PenalizedObjective:
         """For a motion, with a given number of samples on a piece."""
         in_time = len(question.moving.motions) > 0
         placed = clearance_samples(
@@ -217,15 +217,15 @@ class Descent(ReadOnly):
         passed: tuple[float, ...] = (),
         stiffness: float = 1.0,
         most: float = math.inf,
-        beside: Look | None = None,
-    ) -> Look:
+        beside: Evaluation | None = None,
+    ) -> Evaluation:
         """A look at the clearance of a motion, which costs most, and at its passages, near where they were.
 
         Its derivatives are good until the next look, or where that is `beside` it, until the one after that.
 
         Args:
             passed: Where it came nearest to each passage, in pieces from the start.
-            stiffness: As `Look.stiffness`.
+            stiffness: As `Evaluation.stiffness`.
             most: Clearance from which on the motion isn't wanted: it counts as infinite then.
         """
         question, loads = self.question, self.loads
@@ -266,13 +266,13 @@ class Descent(ReadOnly):
         if here and question.sections.frames.constraints:  # which hold where depends on what was passed by then
             kept = constraint_samples(question.sections, spline.pieces, here, self.count)
         expanded = self.nothing_loaded if loads is None or value == math.inf else loads.linearize(spline, turn, weight)
-        return Look(spline, model, expanded, kept, tuple(here), stiffness)
+        return Evaluation(spline, model, expanded, kept, tuple(here), stiffness)
 
-    def cost(self, look: Look, limit_weight: float) -> float:
+    def cost(self, look: Evaluation, limit_weight: float) -> float:
         """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
         return self._but_clearance(look.spline, limit_weight) + self._of_samples(look)
 
-    def _of_samples(self, look: Look) -> float:
+    def _of_samples(self, look: Evaluation) -> float:
         constrained = len(look.constrained.frames.kinds) > 0
         value = look.model.value + (constraint_penalty(look.constrained, look.spline.points) if constrained else 0.0)
         return value + (load_penalty(look.loads, look.spline.points, look.spline.step) if look.loads.rows else 0.0)
@@ -289,7 +289,7 @@ class Descent(ReadOnly):
         of_limits: float = self.question.limit_barrier(spline.points, spline.step, self.question.limits)
         return of_limits + of_times
 
-    def lower(self, look: Look, limit_weight: float, steps: int | None = None) -> tuple[BSpline, float]:
+    def lower(self, look: Evaluation, limit_weight: float, steps: int | None = None) -> tuple[BSpline, float]:
         """A motion after some of Newton's steps, and by how much its objective is lower as far as a look tells.
 
         Args:
@@ -315,7 +315,9 @@ class Descent(ReadOnly):
         )
         return (BSpline(points, step, spline.start, spline.end, begin) if taken > 0 else spline), gained
 
-    def stepped(self, look: Look, spline: BSpline, before: float, limit_weight: float) -> tuple[Look, float] | None:
+    def stepped(
+        self, look: Evaluation, spline: BSpline, before: float, limit_weight: float
+    ) -> tuple[Evaluation, float] | None:
         """A look at a motion of a lower objective, the one given or one closer to the last, and that; None if none is.
 
         Where the clearance proves to be another than the last look had told, a motion closer to that one is tried. The

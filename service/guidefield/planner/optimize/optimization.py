@@ -33,7 +33,7 @@ from guidefield.planner.motion.profiles import ROUNDING
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.optimize.clearance_samples import Sections, kept_at
-from guidefield.planner.optimize.interior_point import Descent, Look, Question
+from guidefield.planner.optimize.interior_point import Evaluation, OptimizationProblem, PenalizedObjective
 from guidefield.planner.optimize.loads import LoadSamples
 from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
 from guidefield.planner.optimize.sampled_robot import TouchedPoint, few_points, sampled_robot, with_points
@@ -269,7 +269,7 @@ def optimize(
 class _Descended(NamedTuple):
     """A motion after some weights of the limits' barrier."""
 
-    look: Look
+    look: Evaluation
     cost: float  # its objective
     ahead: BSpline  # what the look promises to be better, by less than another look is worth
 
@@ -282,7 +282,7 @@ class _Descended(NamedTuple):
 class _Coarse(ReadOnly):
     """A motion that is optimised as far as its pieces allow."""
 
-    question: Question
+    question: OptimizationProblem
     found: _Descended
     cost: float  # its objective, as a time [s]
 
@@ -320,7 +320,7 @@ class _Descending:
             first = scheduled_motion(motion, self._limits, self._settings, self._arrive_from)
         else:
             first = slowed(first_motion(motion, self._limits, self._settings), problem)
-        question = Question(
+        question = OptimizationProblem(
             robot,
             tables,
             self._moving,
@@ -348,7 +348,7 @@ class _Descending:
         found = self._descended(coarse, *begun, settings.coarse, settings.samples)
         return _Coarse(coarse if settings.few else question, found, question.duration * found.cost)
 
-    def fine(self, coarse: _Coarse) -> Look:
+    def fine(self, coarse: _Coarse) -> Evaluation:
         """The motion with its pieces subdivided, after all fine weights."""
         if self.outcome is not None:
             return coarse.found.look
@@ -356,10 +356,15 @@ class _Descending:
         return self._descended(coarse.question, *coarse.found.finer(), settings.fine, settings.fine_samples).look
 
     def _descended(
-        self, question: Question, spline: BSpline, passed: tuple[float, ...], weights: Sequence[float], samples: int
+        self,
+        question: OptimizationProblem,
+        spline: BSpline,
+        passed: tuple[float, ...],
+        weights: Sequence[float],
+        samples: int,
     ) -> _Descended:
         """The motion after some weights of the limits' barrier, with some samples on a piece."""
-        settings, descent = self._settings, Descent.of(question, spline, samples)
+        settings, descent = self._settings, PenalizedObjective.of(question, spline, samples)
         look, cost, ahead = descent.look(spline, passed, settings.stiffness), np.inf, spline
         for limit_weight in weights:
             cost, worth = descent.cost(look, limit_weight), settings.worth * math.sqrt(limit_weight)
@@ -406,7 +411,7 @@ def least_time(problem: Problem, spline: BSpline) -> float:
     return max(longest, samples.mean(straight) * straight.duration)
 
 
-def brought_within(question: Question, spline: BSpline) -> BSpline | None:
+def brought_within(question: OptimizationProblem, spline: BSpline) -> BSpline | None:
     """The motion strictly within limits; None where that isn't reached in a few rounds."""
     settings = question.settings
     for _ in range(LOOSENINGS):
@@ -417,6 +422,6 @@ def brought_within(question: Question, spline: BSpline) -> BSpline | None:
         rows = by * limits.velocity, by * limits.acceleration, by * limits.jerk
         read_only(*rows)
         loosened = limits._replace(velocity=rows[0], acceleration=rows[1], jerk=rows[2])
-        descent = Descent.of(dataclasses.replace(question, limits=loosened), spline, settings.samples)
+        descent = PenalizedObjective.of(dataclasses.replace(question, limits=loosened), spline, settings.samples)
         spline, _ = descent.lower(descent.look(spline), INWARD, INWARD_STEPS)
     return None

@@ -19,7 +19,7 @@ from guidefield.deadline import Deadline, DeadlineExpired, end_reason
 from guidefield.errors import Status
 from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import LAST_JUDGEMENT, find_excess
+from guidefield.planner.motion_certificate import CERTIFY_GRACE_S, find_excess
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.ahead import StepRefusal, keep_possible_goals
 from guidefield.planner.sequence.course import (
@@ -242,7 +242,7 @@ class _SequencePlanning(Generic[S]):
         stages = Stages(self._legs[0].conditions)
         with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
             trajectory, stretches, permissions = self._parts()
-            deadline = self._deadline.at_least(LAST_JUDGEMENT)
+            deadline = self._deadline.at_least(CERTIFY_GRACE_S)
             judged: Iterable[Verdict] = (certify_stretch(stretch, deadline)[0] for stretch in stretches)
             if (execution := self._legs[0].conditions.execution) is not None:
                 drawn, stretches, judged = settle_stretches(trajectory, execution, stretches, deadline)

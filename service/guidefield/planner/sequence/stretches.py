@@ -15,7 +15,7 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import certify_from_start, find_enclosed_start, judge_drawn, settle_rows
+from guidefield.planner.motion_certificate import certify_from_start, choose_rows, find_enclosed_start, judge_drawn
 from guidefield.planner.sequence.course import AllowedContact
 from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
 from guidefield.planner.task.problem import Conditions, ControllerModel
@@ -205,7 +205,7 @@ def make_stretches(
 def settle_stretches(
     trajectory: Trajectory, execution: ControllerModel, stretches: Sequence[Stretch], deadline: Deadline
 ) -> tuple[DrawnMotion, list[Stretch], list[Verdict]]:
-    """Choose the rows that a controller is sent of all stretches, as `settle_rows`.
+    """Choose the rows that a controller is sent of all stretches, as `choose_rows`.
 
     Returns what is drawn, each stretch with its part of it, and the verdicts up to the first that isn't free.
     """
@@ -224,7 +224,7 @@ def settle_stretches(
                 break
         return verdicts[-1], stretched
 
-    settled = settle_rows(trajectory, execution, deadline, judge_motion)
+    settled = choose_rows(trajectory, execution, deadline, judge_motion)
     if not settled.is_kept:  # the motion itself was judged after it
         judge_motion(settled.drawn.motion)
     return settled.drawn, parts, verdicts

@@ -27,7 +27,7 @@ class Ending:
 
 
 SLACK = 1e-3
-"""A motion that is refused where it keeps the clearance asked for, and no more than this on top, is too close [m]."""
+"""A refused motion whose distance is below the clearance asked for plus this counts as too close [m]."""
 
 
 def describe_kept(min_clearance: float) -> str:
@@ -96,7 +96,7 @@ def make_refusal(conditions: Conditions, verdict: Verdict) -> Ending:
 
 
 def make_ending_at_rest(problem: Problem, ending: Ending) -> Ending:
-    """How what is judged as the obstacles stand once they have come to rest ended; the same where none moves."""
+    """Say that an ending holds for the obstacles after they came to rest; the same where none moves."""
     if not problem.scene.moves:
         return ending
     end = problem.began + problem.scene.end

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.part_tables import PartsTable
 from guidefield.geometry.mesh_tree import mesh_tree
 
 

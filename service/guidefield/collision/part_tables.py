@@ -53,7 +53,7 @@ MANY_NUMBERS = 200_000
 """Tables with more numbers than that of balls are written on all processors: some 10,000 triangles."""
 
 
-class UnservedError(Exception):
+class UnsupportedShape(Exception):
     """What the lane kernels don't know: a kind of shape that neither robots nor scenes are made of."""
 
 
@@ -69,7 +69,7 @@ class PartsTable:
         """Add a Coal shape that stands at a pinocchio.SE3 in its body; the root of its tree.
 
         Raises:
-            UnservedError: if it is of a kind that the kernels don't know.
+            UnsupportedShape: if it is of a kind that the kernels don't know.
         """
         numbers = np.zeros(PART)
         numbers[:12] = np.c_[placement.rotation, placement.translation].ravel()
@@ -94,7 +94,7 @@ class PartsTable:
             normal = placement.rotation @ shape.n
             numbers[: PLANE_OFFSET + 1] = *normal, shape.d + normal @ centre
             return self._single(HALF_SPACE, numbers, centre, np.inf)
-        raise UnservedError(type(shape).__name__)
+        raise UnsupportedShape(type(shape).__name__)
 
     def add_above(self, balls: np.ndarray, links: np.ndarray, hull: np.ndarray | None = None) -> int:
         """Add nodes without parts above bodies; the first one.
@@ -145,12 +145,12 @@ class PartsTable:
         return parts
 
     def _write_tables(self) -> Arrays:
-        sizes = {name: sum(layout[name][1][0] for layout, _ in self._added) for name in _KINDS}
-        made = in_memory({name: (kind, (sizes[name],)) for name, kind in _KINDS.items()})
-        begins, works = dict.fromkeys(_KINDS, 0), []
+        sizes = {name: sum(layout[name][1][0] for layout, _ in self._added) for name in _DTYPES}
+        made = in_memory({name: (kind, (sizes[name],)) for name, kind in _DTYPES.items()})
+        begins, works = dict.fromkeys(_DTYPES, 0), []
         for layout, write in self._added:
-            ends = {name: begins[name] + layout[name][1][0] for name in _KINDS}
-            works.append(functools.partial(write, {name: made[name][begins[name] : ends[name]] for name in _KINDS}))
+            ends = {name: begins[name] + layout[name][1][0] for name in _DTYPES}
+            works.append(functools.partial(write, {name: made[name][begins[name] : ends[name]] for name in _DTYPES}))
             begins = ends
         threads = usable_processors() if sizes["balls"] > MANY_NUMBERS else 1
         if threads > 1:
@@ -231,7 +231,7 @@ class PartsTable:
         return self.add_parts(Parts(ball, link, np.array([kind, 0, len(vertices) // BLOCK]), numbers, vertices))
 
 
-_KINDS = {"balls": "<f8", "links": "<i8", "shapes": "<i8", "numbers": "<f8", "vertices": "<f4"}
+_DTYPES = {"balls": "<f8", "links": "<i8", "shapes": "<i8", "numbers": "<f8", "vertices": "<f4"}
 """Types of the arrays of `Parts`."""
 
 
@@ -264,7 +264,7 @@ def tree_layout(triangles: int, nodes: int, clusters: Sequence[int], hull_blocks
     parts = triangles + sum(clusters) + (hull_blocks > 0) + boxes
     blocks = sum(many * _blocks(most) for most, many in zip(CLUSTERS, clusters, strict=True)) + hull_blocks + boxes
     sizes = BALL_ROW * nodes, LINK * nodes, SHAPE * parts, PART * parts, BLOCK * blocks
-    return {name: (kind, (size,)) for (name, kind), size in zip(_KINDS.items(), sizes, strict=True)}
+    return {name: (kind, (size,)) for (name, kind), size in zip(_DTYPES.items(), sizes, strict=True)}
 
 
 def _in_blocks(vertices: np.ndarray) -> np.ndarray:
@@ -353,7 +353,7 @@ def robot_parts(group: PlanningGroup) -> BodyParts:
     """The convex parts of the robot's bodies in the frames of their joints; those in the world as seen from an anchor.
 
     The anchor is the world's origin, or one of the bodies if that is far away: single precision tells little there.
-    Raises UnservedError if a shape is of a kind that the kernels don't know.
+    Raises UnsupportedShape if a shape is of a kind that the kernels don't know.
     """
     table, shapes = PartsTable(), group.geometry.geometryObjects
     fixed = [shape.placement.translation for shape in shapes if shape.parentJoint == 0]
