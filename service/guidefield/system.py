@@ -10,7 +10,7 @@ from pathlib import Path
 
 import psutil
 
-_PROCESSOR_TIME = 2  # number of Linux's clock of the processor time of a process
+_PROCESSOR_TIME = 2  # CPUCLOCK_SCHED of <linux/posix-timers.h>
 
 
 def resident(pid: int) -> int:

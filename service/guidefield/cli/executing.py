@@ -32,7 +32,9 @@ from guidefield.messages.requests import PlanRequest
 if TYPE_CHECKING:
     import numpy as np
 
-FLAT = 1e-5  # between places along the curve that a robot is searched for at it is straight but for this [rad or m]
+# chord error of the polyline on which the desired place of a controller is sought [rad or m]; it must stay far below
+# `OFF_CURVE` of trajectory_action
+FLAT = 1e-5
 
 
 def execute(

@@ -80,7 +80,7 @@ def _make_host(host: str) -> x509.GeneralName:
 
 
 ASK_MESSAGES = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
-"""Messages that a client sends to query and subscribe."""
+"""Messages that a client sends to query and subscribe; flows of rules are the service's: it gets these on ingress."""
 ANSWER_MESSAGES = ["reply", "put", "declare_queryable", "liveliness_token"]  # messages that it gets
 PRESENCE_MESSAGES = ["liveliness_token"]  # messages that declare a client's liveliness
 PUT_MESSAGES, PUT_DECLARATIONS = ["put"], ["declare_subscriber"]

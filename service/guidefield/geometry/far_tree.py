@@ -69,7 +69,7 @@ class _Charged:
 
 @dataclass(frozen=True, eq=False)
 class _Tree:
-    """Nodes in depth-first order: the things below each, the next node that isn't, leaves; rows and reach."""
+    """Nodes in depth-first order: begin and end of the things below each, the node after those, leaves; row, reach."""
 
     begins: Integers
     ends: Integers

@@ -172,7 +172,7 @@ def find_pieces(knots: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.nd
     """Find the pieces that are run through at times (n,), and the share of each that has passed, (n,) each.
 
     Knots (m + 1,) are the begins of pieces, and the end of the last one; pieces may take no time. What is outside of
-    the pieces is at the nearer end.
+    the pieces is at the nearer end. At a knot the later piece counts; either may, as both meet there.
     """
     piece = np.minimum(np.maximum(np.searchsorted(knots, times, side="right") - 1, 0), len(knots) - 2)
     spans = knots[piece + 1] - knots[piece]

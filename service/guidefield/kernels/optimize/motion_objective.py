@@ -207,6 +207,9 @@ def motion_objective(
 ) -> float:
     """The objective of a motion, its gradient and Hessian by the free control points and k times: u, and t0 if free.
 
+    Of the ends' points, which move with u, the Hessian has the Gauss-Newton part: the gradient times their second
+    derivatives is left out.
+
     Args:
         model: The clearance; holds λ.
         loads: The loads near their limits.
