@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import int64, types, void
 
+from guidefield.kernels.collide.layout import world_of
 from guidefield.kernels.jit.arrays import FLOATS, FLOATS_OUT, INDICES, INDICES_OUT, Floats32
 from guidefield.kernels.jit.compilers import kernel
 from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints, lane_placements
@@ -12,6 +13,7 @@ from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.kernels.tree.informed_samples import sampling_of
 from guidefield.kernels.tree.nodes import nearest, nearest_to_each, search_of
+from guidefield.kernels.tree.rrt_connect import certain_hits
 
 TARGETS = types.Array(types.float32, 2, "C")
 
@@ -43,3 +45,10 @@ def nearest_nodes_of_samples(
         nearest_to_each(trees, tree, sources)
         for k in range(LANES):
             nodes_out[i + k] = int(trees.nearest[k])
+
+
+@kernel(int64(INDICES, types.float64, FLOATS, INDICES_OUT))
+def hits_of_configurations(words: Words, clearance: float, coordinates: Floats32, hits: np.ndarray) -> int:
+    """`certain_hits` in a world that is packed."""
+    world = world_of(pointers(words))
+    return certain_hits(world, clearance, pointers(coordinates), pointers(hits))
