@@ -80,12 +80,39 @@ def test_an_obstacle_may_be_dragged_while_a_plan_is_asked_for(
     assert [list(request.scene.move) for request in asked] == [["box"]]
 
 
+def test_a_goal_out_of_reach_is_told(page: tuple[TryPage, str]) -> None:
+    tried, _ = page
+    before = tried._handle.position.copy()
+    tried._handle.position = np.array([9.0, 0.0, 0.5])
+    tried._aim()
+    tried._plan()
+    assert "NO_IK_SOLUTION" in tried._report.content
+    tried._handle.position = before
+    tried._aim()
+
+
+def _put_box_at_goal(tried: TryPage) -> None:
+    if not tried._wish.added:
+        tried._add_box()
+    tried._move("box 1", Placement(tuple(tried._handle.position.tolist())))
+
+
+def test_an_obstacle_that_is_moved_counts(page: tuple[TryPage, str]) -> None:
+    tried, _ = page
+    _put_box_at_goal(tried)
+    assert tried._chosen.value == "box 1"
+    tried._plan()
+    assert "GOAL_IN_COLLISION" in tried._report.content
+    assert "box 1" in tried._report.content
+
+
 def test_a_browser_shows_the_page_and_plans(page: tuple[TryPage, str]) -> None:
     browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser_path is None:
         pytest.skip("there is no Chromium (Debian: apt install chromium)")
     driving = pytest.importorskip("playwright.sync_api", reason="there is no playwright: it is in the extra gallery")
     tried, address = page
+    _put_box_at_goal(tried)
     threading.Thread(target=tried.run, daemon=True).start()
     tried._tell("")
     faults: list[str] = []
