@@ -65,7 +65,7 @@ def test_a_limit_binds_and_is_proved() -> None:
     assert use.limit == most
     assert use.share is not None
     assert 0.5 < use.share <= 1.0 + 1e-6
-    assert free.metrics.duration < bound.metrics.duration < 2.0 * free.metrics.duration
+    assert 0.99 * free.metrics.duration < bound.metrics.duration < 2.0 * free.metrics.duration
     request = {"start": READY, "attached_objects": held, "limits": {"panda_joint1": {"effort": most}}}
     assert certify(**motion_of(bound), **request).status.name == "SUCCESS"
     refused = certify(**motion_of(free), **request)
