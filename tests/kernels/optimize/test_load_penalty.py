@@ -76,7 +76,7 @@ def test_the_value_is_of_pinocchios_loads(kind) -> None:
     total = samples.measure(spline)
     assert total == pytest.approx(float((beyond**2).sum()))
     assert total > 0.1
-    model = samples.expand(spline, 0, WEIGHT)
+    model = samples.linearize(spline, 0, WEIGHT)
     value = load_penalty(model, spline.points, spline.step)
     assert value == pytest.approx(0.5 * WEIGHT * total / len(beyond))
 
@@ -86,7 +86,7 @@ def test_its_gradient_is_that_of_its_value(kind) -> None:
     limit, spline = LIMITS[kind](), some_motion()
     samples = LoadSamples.of((limit,), PIECES, ARM.nv)
     samples.measure(spline)
-    model = samples.expand(spline, 0, WEIGHT)
+    model = samples.linearize(spline, 0, WEIGHT)
     _, gradient, hessian = objective_of_loads(spline, model)
     rng, by = np.random.default_rng(1), 1e-6
     for along in [*rng.normal(size=(6, len(gradient))), np.eye(len(gradient))[-1]]:
