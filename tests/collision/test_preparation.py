@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from guidefield.bounded_map import MESH_TREES, BoundedMap
-from guidefield.collision import convex_parts
+from guidefield.collision import part_tables
 from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.engine import Engine
@@ -47,7 +47,7 @@ def cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A folder for a cache that is empty on disk and in memory."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))  # the kernels' is full
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(convex_parts, "_KNOWN", BoundedMap(MESH_TREES))
+    monkeypatch.setattr(part_tables, "_KNOWN", BoundedMap(MESH_TREES))
     return tmp_path
 
 
@@ -90,7 +90,7 @@ def test_a_second_process_computes_nothing(cold: Path, monkeypatch: pytest.Monke
     prepare(Catalog().load(urdf))
     kept = {path.name: path.stat().st_size for path in (cold / "cache").rglob("*-*")}
     assert {name.partition("-")[0] for name in kept} >= {"coverage", "parts"}
-    monkeypatch.setattr(convex_parts, "_KNOWN", BoundedMap(MESH_TREES))  # as another process has it
+    monkeypatch.setattr(part_tables, "_KNOWN", BoundedMap(MESH_TREES))  # as another process has it
     monkeypatch.setattr(parts_room, "decompose", None)
     prepare(Catalog().load(urdf))
     assert {path.name for path in (cold / "cache").rglob("*-*")} == set(kept)

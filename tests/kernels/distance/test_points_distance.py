@@ -9,7 +9,7 @@ import pytest
 from numba import void
 
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, distance_at_points
-from guidefield.kernels.distance.points_distance import ROWS, nearest_body_of_each
+from guidefield.kernels.distance.points_distance import ROWS, signed_distance_of_each
 from guidefield.kernels.jit.arrays import INDICES_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats
 from guidefield.kernels.jit.decorators import compiled
 from guidefield.kernels.simd.vector import LANES_64, load, store
@@ -35,7 +35,7 @@ def _nearest(tables: DistanceTables, points: Floats, cutoff: float, bodies: np.n
     scratch = np.empty(ROWS * LANES_64)
     for at in range(0, points.shape[1], LANES_64):
         p = load(points[0], at), load(points[1], at), load(points[2], at)
-        d, nx, ny, nz = nearest_body_of_each(p, bodies, bodies.shape[0], tables, cutoff, scratch)
+        d, nx, ny, nz = signed_distance_of_each(p, bodies, bodies.shape[0], tables, cutoff, scratch)
         store(out[0], at, d)
         store(out[1], at, nx)
         store(out[2], at, ny)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from guidefield.bounded_map import MESH_TREES, TRIANGULATIONS, BoundedMap
-from guidefield.collision import convex_parts as trees
+from guidefield.collision import part_tables as trees
 from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.jit.cache import cache_folder
