@@ -88,9 +88,7 @@ def test_what_is_no_request_is_malformed(form: Any, engine: Engine) -> None:
         engine.answer(form)
 
 
-@pytest.mark.parametrize(
-    "slow", ["guidefield.scene.scene.build", "guidefield.handlers.preparation.prepare_scene"]
-)
+@pytest.mark.parametrize("slow", ["guidefield.scene.scene.build", "guidefield.handlers.preparation.prepare_scene"])
 def test_an_answer_is_late_by_one_call_at_most_and_what_that_made_is_kept(
     slow: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
