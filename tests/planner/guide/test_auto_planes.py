@@ -97,6 +97,15 @@ def test_a_goal_next_to_the_start_needs_no_planes() -> None:
     assert derive_planes(made, tip + np.array([0.0, 0.0, 0.01])) == ()
 
 
+@pytest.mark.parametrize("thickness", [0.001, 0.015])
+def test_no_way_leads_through_a_sheet_to_a_goal_next_to_the_start(thickness: float) -> None:
+    """It is thinner than the grid is fine; the thick one reaches the goal."""
+    sheet = messages.Box(name="sheet", size=(thickness, 2.0, 2.0), position=(0.005, 0.0, 0.0))
+    tables, goal = distance_tables(build(messages.Scene("sheet", obstacles=[sheet]))), np.array([0.01, 0.0, 0.0])
+    assert find_tip_way(tables, np.array([-0.01, 0.0, 0.0]), goal, 0.05, np.zeros(3), np.inf) is None
+    assert find_tip_way(tables, np.array([-0.05, 0.0, 0.0]), goal - 0.045, 0.05, np.zeros(3), np.inf) is not None
+
+
 def test_a_tip_without_a_body_finds_a_way() -> None:
     tables = distance_tables(build(messages.Scene("wall", obstacles=WALL)))
     way = find_tip_way(tables, np.zeros(3), np.array([1.0, 0.0, 0.0]), 0.0, np.zeros(3), np.inf)

@@ -27,6 +27,7 @@ from guidefield.scene.guide_plane import GuidePlane, axes_across, build, centroi
 GRID_SPACING = 0.05  # of the grid in which a coarse way of the tip is searched for [m], at size 1. Unrecorded
 MOST_POINTS = 2_000_000  # the grid is made coarser where it would have more. Unrecorded
 LEAST_RADIUS = 0.005  # of a tip whose joint carries no body: it passes any gap through which the grid sees [m]
+MOST_BETWEEN = 1000  # points that are examined between the start and a goal in its cell of the grid, at most. A choice
 AROUND = 0.3  # how far the grid reaches beyond obstacles, start and goal [m]. Unrecorded
 # clearance at which a way costs twice its length [m]: ways with much of it are looked for first. Unrecorded
 COMFORTS = (0.2, 0.1, 0.05, 0.02)
@@ -74,12 +75,13 @@ def find_tip_way(
     low = start - spacing * np.ceil((start - low) / spacing)  # the start is a point of the grid
     counts = np.ceil((high - low) / spacing).astype(np.int64) + 1
     first, last = (np.rint((end - low) / spacing).astype(np.int64) for end in (start, goal))
-    ends = measure_point_clearances(tables, np.array([start, low + spacing * last]), size)
+    beside = bool((first == last).all())
+    ends = measure_point_clearances(tables, np.array([start, goal if beside else low + spacing * last]), size)
     floor = float(min(radius or LEAST_RADIUS * size, 0.5 * ends.min()))
     if floor <= 0.0:
         return None
-    if (first == last).all():
-        return _smooth(tables, np.array([start, goal]), size)
+    if beside:
+        return _straight_way(tables, start, goal, floor, size)
     found = np.empty(int(np.prod(counts)), np.int64)
     free = np.full(len(found), np.nan, np.float32)
     cap, comforts = CAP * size, [comfort * size for comfort in COMFORTS]
@@ -133,6 +135,18 @@ def _box(
         low, high = np.maximum(low, centre - reach), np.minimum(high, centre + reach)
         low, high = np.minimum(low, np.minimum(start, goal)), np.maximum(high, np.maximum(start, goal))
     return low, high
+
+
+def _straight_way(
+    tables: DistanceTables, start: np.ndarray, goal: np.ndarray, floor: float, size: float
+) -> TipWay | None:
+    """The way straight to a goal in the start's cell of the grid; None where something may be nearer than the floor."""
+    length = float(np.linalg.norm(goal - start))
+    steps = min(1 + int(length / floor), MOST_BETWEEN)
+    between = measure_point_clearances(tables, np.linspace(start, goal, steps + 1), size)
+    if between.min() < max(floor, 0.5 * length / steps):  # balls of this radius cover the way
+        return None
+    return _smooth(tables, np.array([start, goal]), size)
 
 
 def _smooth(tables: DistanceTables, points: np.ndarray, size: float) -> TipWay:
