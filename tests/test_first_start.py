@@ -95,6 +95,7 @@ def test_kernels_are_compiled_for_the_highest_level_that_the_processor_has(
         first_start.find_level.cache_clear()
         assert first_start.find_level(told) in {None, *list(first_start.LEVELS)[number + 1 :]}
     assert first_start.find_level(tmp_path / "nowhere") is None
+    assert first_start.find_level(tmp_path) is None, "what can't be read"
     monkeypatch.setenv("NUMBA_CPU_NAME", "x86-64-v3")
     assert first_start.level() is None, "with features of this very processor"
     monkeypatch.setenv("NUMBA_CPU_FEATURES", "")

@@ -628,6 +628,9 @@ def answer(
     The first call of a process loads the planner; the first one of a version compiles its kernels, for about a minute.
 
     Args:
+        request: A plan, a motion to certify, a kinematics request, or any other that the service answers: a message
+            such as `PlanRequest`, the same as a dict, or its JSON. One without a ``type`` is a plan request. It may
+            contain NumPy's numbers and arrays.
         record_to: File of the recording of a plan or verdict (`.rrd`), if any.
         proof_to: Where to write the proof that its motion is free (`.npz`), if anywhere.
 

@@ -70,13 +70,13 @@ class TryPage:
         placed = self._place([start])[0]
         self._draw_robot(drawn, placed)
         self._draw_scene(placed)
-        self._make_controls()
         at = Placement(tuple(placed[-1, :3].tolist()), tuple(placed[-1, 3:].tolist()))
         self._wish = Wish(PoseGoal(at.position, at.quaternion_xyzw), dict(start))
         self._handle = server.scene.add_transform_controls(
             "/goal", scale=0.25, position=at.position, wxyz=_wxyz(placed[-1])
         )
         self._handle.on_update(lambda _: self._aim())
+        self._make_controls()  # last: a browser that is there already may use them at once
 
     def run(self) -> None:
         """Plan and show motions until the process ends."""

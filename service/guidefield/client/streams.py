@@ -102,6 +102,11 @@ class ServiceStream(StreamFacts):
     def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> float:
         """Send observations; don't wait for an answer.
 
+        Args:
+            update: The message; or its fields by name.
+            fields: As in `StreamUpdate`. Without a `time` it is now; without `executing`, what a robot executes then
+                that takes the pieces.
+
         Returns:
             Its time [s].
 
