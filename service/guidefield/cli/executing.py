@@ -107,10 +107,19 @@ def execute(
 
 @contextlib.contextmanager
 def _signals_interrupt() -> Iterator[None]:
-    """Have the signals that would end the process act as Ctrl-C: nobody else would stop the robot."""
+    """Have the first signal that would end the process act as Ctrl-C: nobody else would stop the robot.
+
+    A terminal that is closed, or systemd, sends a second one at once, which must not interrupt the cancelling.
+    """
     deadly = [one for one in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(one) is signal.SIG_DFL]
+
+    def interrupt(*_: object) -> None:
+        for number in deadly:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
     for number in deadly:
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, interrupt)
     try:
         yield
     finally:
