@@ -87,8 +87,8 @@ class Answers(Generic[Found]):
             mark = vars(owner).get(_PLACE)
             if mark is None or mark.owner != id(owner):
                 mark = vars(owner)[_PLACE] = _Mark(owner)
+        latest = mark.asked.setdefault(self._number, {})  # before the result is there for other threads
         kept = _FOUND.insert((id(mark), self._number, asked), (answer,), size_of(answer))[0]
-        latest = mark.asked.setdefault(self._number, {})
         latest[asked] = latest.pop(asked, None)
         while len(latest) > self._most:
             oldest = next(iter(latest))
