@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -77,7 +78,10 @@ def plain(group: PlanningGroup, array: np.ndarray) -> None:
 def test_a_point_of_another_space_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "mixed_spaces.py"
     file.write_text(MIXED)
-    command = [sys.executable, "-m", "mypy", "--no-error-summary", str(file)]
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "guidefield" / "mypy"  # as in tools/test
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    command = [sys.executable, "-m", "mypy", "--no-error-summary", "--python-version", version]
+    command += ["--cache-dir", str(cache), str(file)]
     told = subprocess.run(command, cwd=HOUSE, capture_output=True, text=True, check=False).stdout
     refused = [int(number) for number in re.findall(rf"{file.name}:(\d+): error: .*\[arg-type\]$", told, re.M)]
     expected = [number for number, line in enumerate(MIXED.splitlines(), 1) if line.endswith("# refused")]
