@@ -124,7 +124,7 @@ class Execution:
                 self._piece = piece
 
 
-KEPT = 64  # this many pieces wait to be asked for; the oldest are forgotten
+MAX_UNREAD_PIECES = 64  # the largest number of pieces that wait to be read; the oldest are dropped
 GONE_WITHIN = 6.0
 """So long a service may be out of sight before its streams have ended, which it ends itself after that time without the
 client: a link may be cut for a moment [s]."""
@@ -163,7 +163,7 @@ class StreamLink:
         self.state: StreamState | None = None
         self.ended: StreamState | None = None
         self.asked: float | None = None
-        self._pieces: deque[Piece] = deque(maxlen=KEPT)
+        self._pieces: deque[Piece] = deque(maxlen=MAX_UNREAD_PIECES)
 
     def start_opening(self) -> Question[StreamReply]:
         """Subscribe to the stream, and return the question that opens it."""

@@ -73,6 +73,8 @@ class ServiceStream(StreamFacts):
 
     Args:
         exchange: Asks and is answered.
+        request: The request that opens it, or its fields.
+        fields: Fields as in `StreamOpen`, instead of a request.
         clock: The client's clock [s]; None: seconds since now.
 
     Raises:

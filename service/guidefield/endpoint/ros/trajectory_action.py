@@ -91,10 +91,8 @@ CODES = {
 }
 """Codes of a result."""
 
-CANCEL_REFUSED, UNKNOWN_GOAL = (
-    1,
-    2,
-)  # codes of an answer of action_msgs/srv/CancelGoal; others: it is canceling, or over
+# codes of an answer of action_msgs/srv/CancelGoal; others: it is canceling, or over
+CANCEL_REFUSED, UNKNOWN_GOAL = 1, 2
 
 AT_START = 0.01  # a robot that is farther from the first row isn't moved [rad or m]
 LOOK_EVERY = 0.05  # how often the caller looks whether anything came [s]
