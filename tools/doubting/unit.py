@@ -34,7 +34,7 @@ ALIGNED, ALIGNED_REFEREED = 200, 200
 """Motions with exact symmetries of one arm; of so many one is put before the referee."""
 FOUND = "found"
 """Where disagreements are kept, below the folder of a run."""
-PLANS_REFEREED, MUTANTS_REFEREED = 6, 14
+PLANS_REFEREED, MUTANTS_REFEREED = 18, 42
 """Of so many one is put before the referee; of changed motions also each that is refused where samples see room."""
 ROOM = 2e-4
 """What samples see as room [m]."""
