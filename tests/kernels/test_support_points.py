@@ -175,3 +175,23 @@ def test_in_lanes_a_primitive_reaches_no_farther_along_an_axis_than_is_said(data
         along = rotation @ axes[:, k]
         farthest = np.abs(along) @ half + disc * np.hypot(along[0], along[1]) + ball * np.linalg.norm(axes[:, k])
         assert reach[k] >= farthest - 4.0 * SINGLE * np.linalg.norm(axes[:, k]) * body.size
+
+
+@pytest.mark.parametrize("kind", [CYLINDER, CAPSULE])
+def test_long_ones_reach_no_farther_than_is_said_where_points_are_close(kind: int) -> None:
+    """What is off along an axis of 10 m for rounding is many times a hull's distance from it."""
+    rng, half, radius = np.random.default_rng(3), 5.0, 0.02
+    for _ in range(20):
+        turn, local = pin.Quaternion(rng.normal(size=4)).normalized().matrix(), rng.uniform(-0.1, 0.1, (3, 16))
+        local[2] *= 51.0
+        middle = rng.uniform(-0.5, 0.5, 3)
+        row = np.array([*turn.T.ravel(), *middle, 0.0, 0.0, half, radius], np.float32)
+        points, out = (turn @ local + middle[:, None]).astype(np.float32), np.empty(64, np.float32)
+        _away(kind, row, points.ravel(), out)
+        axes, reach = out.reshape(4, 16)[:3].astype(float), out[48:].astype(float)
+        lengths = np.linalg.norm(axes, axis=0)
+        for k in np.flatnonzero((axes * points).sum(axis=0) > reach + 0.02 * lengths):
+            along = turn.T @ axes[:, k] / lengths[k]
+            disc = np.hypot(along[0], along[1]) if kind == CYLINDER else 1.0
+            highest = axes[:, k] / lengths[k] @ middle + half * abs(along[2]) + radius * disc
+            assert reach[k] / lengths[k] == pytest.approx(highest, abs=3e-6)
