@@ -10,7 +10,7 @@ from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import SceneInvalid
 from guidefield.messages import scene as messages
-from tests.collision.listed import are_mixed, geometry_of, listed, touching as touching_in
+from tests.collision.listed import geometry_of, listed, touching as touching_in
 from tests.collision.scenery import box, panda_in, scattered, world_of
 from tests.robots import group, random_configuration, rest
 
@@ -76,25 +76,6 @@ def _shrunk(obstacle):
     if isinstance(obstacle, messages.Box):
         return box(obstacle.name, np.array(obstacle.size) * 0.2, obstacle.position)
     return messages.Sphere(name=obstacle.name, radius=0.2 * obstacle.radius, position=obstacle.position)
-
-
-def test_pairs_are_own_ones_then_moving_links_with_obstacles():
-    world = panda_in("bookshelf")
-    planned = world.group
-    joints = [shape.parentJoint for shape in geometry_of(world).geometryObjects]
-    moving = sum(shape.parentJoint != 0 for shape in planned.geometry.geometryObjects)
-    assert world.pairs.n_self == len(planned.geometry.collisionPairs)
-    assert len(world.pairs) == world.pairs.n_self + moving * len(world.scene.obstacles)
-    assert (listed(world)[:, 0] < listed(world)[:, 1]).all()
-    assert are_mixed(world).tolist() == [k >= world.pairs.n_self for k in range(len(world.pairs))]
-    for k, (a, b) in enumerate(listed(world).tolist()):
-        assert joints[a] != joints[b]
-        assert world.pair_names(k)[0] in planned.robot.links
-        names = (
-            [obstacle.name for obstacle in world.scene.obstacles] if k >= world.pairs.n_self else planned.robot.links
-        )
-        assert world.pair_names(k)[1] in names
-    assert "panda_link0" not in {world.pair_names(k)[0] for k in range(world.pairs.n_self, len(world.pairs))}
 
 
 def test_allowed_collisions_are_left_out():

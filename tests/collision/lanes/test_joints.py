@@ -47,7 +47,7 @@ def of(name: str) -> RobotModel:
         package = catalog_share() / CATALOG_PACKAGE / "robots" / "panda_description"
         urdf, srdf = str(package / "urdf" / "panda.urdf"), str(package / "srdf" / "panda.srdf")
         return load(UrdfFile(urdf, srdf, [str(catalog_share())], "planar"))
-    return robot(name) if name in BALLS else load(box_arm(name, len(name.split())))
+    return load(box_arm(name, len(name.split()))) if " " in name else robot(name)
 
 
 def away(model: RobotModel, seed: int = 3) -> PlanningGroup:
@@ -92,7 +92,7 @@ def assert_placed_alike(planned: PlanningGroup, lanes: BatchCollision, zs: np.nd
             np.testing.assert_allclose(turn, expected, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", [*CHAINS, *BALLS])
+@pytest.mark.parametrize("name", [*CHAINS, *BALLS, "panda", "ur5", "kinova"])
 def test_placements_are_pinocchios(name: str) -> None:
     world, lanes = world_of(name)
     zs = draw(world.group, 16, 1)

@@ -6,7 +6,6 @@ import functools
 import itertools
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from guidefield.collision.clearance import clearance_at
@@ -14,13 +13,11 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
 from guidefield.kernels.collide.layout import BAND
-from guidefield.kernels.kinematics.poses import POSE
 from guidefield.messages import scene as messages
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
-from tests.kernels.collide.lane_callers import placements_of_configurations
-from tests.robots import box_arm, group, grouped
+from tests.robots import group
 
 COUNTS = {"panda": 800, "ur5": 800, "kinova": 100}
 """Configurations for each scene; Coal is slow on the large meshes of the last."""
@@ -82,33 +79,6 @@ def narrowest(world: World, z: np.ndarray) -> float:
     """Smallest signed distance of all pairs."""
     clearance = clearance_at(world, world.group.expand_from_chart(z))
     return min(clearance.obstacle_distance, clearance.self_distance)
-
-
-@pytest.mark.parametrize("robot", ["panda", "ur5", "kinova", "mimics"])
-def test_placements_are_pinocchios(robot: str) -> None:
-    planned = (
-        grouped(box_arm("x slide oblique continuous mimic y oblique-continuous", 7))
-        if robot == "mimics"
-        else group(robot)
-    )
-    world = World.build(planned, zoo())
-    lanes = BatchCollision.build(world)
-    zs = draw(planned, 16, 1)
-    coordinates = np.ascontiguousarray(zs.T, np.float32).ravel()
-    coordinates.setflags(write=False)
-    poses = np.zeros(planned.model.njoints * POSE, np.float32)
-    placements_of_configurations(lanes.tables.joints, coordinates, poses)
-    poses = poses.reshape(-1, 3, 4, 16)
-    turns: dict[int, np.ndarray] = {}
-    for lane, z in enumerate(zs):
-        pin.forwardKinematics(world.model, world.data, planned.expand_from_chart(z))
-        for joint in range(1, planned.model.njoints):
-            placement = world.data.oMi[joint]
-            np.testing.assert_allclose(poses[joint, :, 3, lane], placement.translation, atol=1e-5)
-            # frames are turned so that their axis is z: always by the same rotation
-            turn = placement.rotation.T @ poses[joint, :, :3, lane]
-            turns.setdefault(joint, turn)
-            np.testing.assert_allclose(turn, turns[joint], atol=1e-5)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

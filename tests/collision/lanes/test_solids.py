@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from guidefield.collision.lanes.lanes import BatchCollision
-from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
-from guidefield.kernels.collide.parts import POLYTOPE, SHAPE
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import Scene, build
 from tests.collision.lanes.test_lanes import torus
@@ -50,22 +48,6 @@ def scenes() -> tuple[Scene, Scene]:
     one = mesh_message(np.concatenate([vertices for vertices, _ in meshes]), triangles, name="all")
     each = [mesh_message(*mesh, name=name) for name, mesh in solids().items()]
     return build(messages.Scene(name="one", obstacles=[one])), build(messages.Scene(name="each", obstacles=each))
-
-
-def test_solids_that_share_corners_are_told_apart_and_convex_ones_are_parts() -> None:
-    (whole,) = scenes()[0].obstacles
-    assert len(whole.whole_surface[0]) < sum(len(vertices) for vertices, _ in solids().values()), "corners are shared"
-    sizes = sorted(len(part) for _, part, _ in whole.surfaces)
-    assert sizes == sorted(len(triangles) for _, triangles in solids().values())
-    parts = lane_scene(scenes()[0]).tables[1]
-    corners = parts.vertices.reshape(-1, 3, 16).swapaxes(1, 2)
-    shapes = parts.shapes.reshape(-1, SHAPE)
-    hulls = [
-        np.unique(corners[first : first + n].reshape(-1, 3), axis=0) for kind, first, n in shapes if kind == POLYTOPE
-    ]
-    for name in ("side", "shelf", "corner", "ball"):
-        wanted = np.unique(solids()[name][0].astype(np.float32), axis=0)
-        assert any(len(hull) == len(wanted) and np.allclose(hull, wanted, atol=1e-6) for hull in hulls), name
 
 
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
