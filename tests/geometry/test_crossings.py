@@ -32,8 +32,15 @@ def crosses_by_edges(one, other):
 
 
 @settings(deadline=None, max_examples=12)
-@given(st.integers(0, 10**6), rigid_motions())
-def test_random_faces_cross_where_edges_go_through_wherever_they_stand(seed, motion):
+@given(st.integers(0, 10**6), rigid_motions(), st.integers(1, 12))
+def test_random_faces_cross_where_edges_go_through_wherever_they_stand(seed, motion, in_slab):
+    with pytest.MonkeyPatch.context() as patch:  # slabs that are swept, and chunks of pairs, of a few faces
+        patch.setattr(module, "_IN_SLAB", in_slab)
+        patch.setattr(module, "_CHUNK", 5)
+        check_random_faces(seed, motion)
+
+
+def check_random_faces(seed, motion):
     rng = np.random.default_rng(seed)
     corners = rng.normal(size=(12, 1, 3)) + rng.normal(size=(12, 3, 3))
     expected = {(i, j) for j in range(12) for i in range(j) if crosses_by_edges(corners[i], corners[j])}

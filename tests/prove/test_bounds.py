@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.collision.world import World
 from guidefield.kernels.prove.kept_distance import LOG_ROWS
 from guidefield.kernels.prove.motion_bounds import BENT, TRAVEL, bound_pair, find_moves
-from guidefield.kernels.prove.placement import find_twists, place_at, place_mover
+from guidefield.kernels.prove.placement import find_twists, place_at
 from guidefield.kernels.prove.samples import new_search
 from guidefield.kernels.prove.tables import MovingRobot
 from guidefield.planner.motion.trajectory import Trajectory
@@ -98,18 +98,3 @@ def test_points_of_a_moving_obstacle_are_where_their_bounds_have_them(seed: int,
         off = np.linalg.norm(a - b - (a[20] - b[20]) - along[:, None] * moves, axis=1)
         assert off.max() <= row[BENT] + 1e-9
         assert np.abs(np.linalg.norm(a - b, axis=1) - np.linalg.norm(a[20] - b[20])).max() <= row[TRAVEL] + 1e-9
-
-
-@pytest.mark.parametrize("time", [-0.5, 0.2, 0.7, 1.3, 2.0, 5.0])
-def test_a_moving_obstacle_is_where_its_motion_has_it(time: float) -> None:
-    for seed in range(5):
-        scene = scene_of(moving("box", "box", np.random.default_rng(seed), 0.2, 2.0))
-        place = World.build(group("panda"), scene)
-        moving_one = moving_robot(place, motion(place.group, 0))
-        search = new_search(moving_one, np.zeros(LOG_ROWS))
-        search.place.moment[:] = time, 1.0
-        place_mover(moving_one.movers, 0, search.place)
-        found = search.place.mover_poses[0].reshape(3, 4)
-        obstacle = scene.obstacles[0]
-        wanted = obstacle.placement_at(time) * obstacle.placement_at(-10.0).inverse()
-        np.testing.assert_allclose(found, wanted.homogeneous[:3], atol=1e-12)

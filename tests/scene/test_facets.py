@@ -11,7 +11,7 @@ import pytest
 from guidefield.collision.narrow_phase import NarrowPhase, transform
 from guidefield.geometry.placements import se3
 from guidefield.scene import recipe
-from guidefield.scene.recipe import Facets, Patches
+from guidefield.scene.recipe import Patches
 
 
 def terrain(side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -31,25 +31,6 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _placement(rng: np.random.Generator) -> Any:
     return se3(rng.uniform(-1.0, 1.0, 3).tolist(), rng.normal(size=4).tolist())
-
-
-@pytest.mark.usefixtures("small")
-def test_patches_are_all_of_a_surface_and_are_made_when_they_are_asked_for() -> None:
-    vertices, triangles = terrain(20)
-    found = Facets(len(triangles), lambda: (vertices, triangles))
-    patches = found.patches
-    assert patches is not None
-    assert len(patches) == 16
-    assert not patches._shapes
-    corners = []
-    for index in range(len(patches)):
-        shape = patches.shape(index)
-        at = np.array(shape.vertices())
-        corners += [at[[face[0], face[1], face[2]]] for face in map(shape.tri_indices, range(shape.num_tris))]
-    given = np.sort(np.round(vertices[triangles], 12).reshape(-1, 9), axis=0)
-    np.testing.assert_array_equal(np.sort(np.round(corners, 12).reshape(-1, 9), axis=0), given)
-    np.testing.assert_array_equal(found.box, [vertices.min(axis=0), vertices.max(axis=0)])
-    assert Facets(50, lambda: (vertices, triangles[:50])).patches is None
 
 
 @pytest.mark.usefixtures("small")
