@@ -70,7 +70,7 @@ def test_what_is_noted_counts_like_what_is_answered() -> None:
 
 
 def test_a_stream_knows_so_many_obstacles_and_forgets_those_that_are_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.stream.obstacles.MOST_OBSTACLES", 3)
+    monkeypatch.setattr("guidefield.stream.obstacles.MOST_STREAM_OBSTACLES", 3)
 
     def ball(name: str) -> StreamObstacle:
         return StreamObstacle(msgspec.structs.replace(BALL.obstacle, name=name), 0.3)

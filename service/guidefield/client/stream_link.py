@@ -24,7 +24,7 @@ from guidefield.messages.goals import Positions
 from guidefield.messages.identities import base_key
 from guidefield.messages.replies import make_error, make_error_reply
 from guidefield.messages.stream_requests import StreamAimed, StreamReply
-from guidefield.messages.streams import MOST_OBSTACLES, Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.streams import MOST_STREAM_OBSTACLES, Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
 
 MAX_WAITING_PIECES = 64  # the largest number of pieces that wait to begin; the oldest are dropped
 
@@ -235,7 +235,7 @@ class StreamLink:
         for one in update.declare:
             self._obstacles[one.obstacle.name] = one
         for name in update.gone:
-            if len(self._obstacles) > MOST_OBSTACLES:  # else it may be seen again
+            if len(self._obstacles) > MOST_STREAM_OBSTACLES:  # else it may be seen again
                 self._obstacles.pop(name, None)
         with self._lock:
             self.asked, self.latest = update.time, None

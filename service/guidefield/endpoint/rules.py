@@ -16,7 +16,7 @@ from guidefield.messages.keys import STORE_TIME_LIMIT
 from guidefield.messages.kinematics_requests import DEFAULT_TIME
 from guidefield.messages.service_replies import DeliveryRule, LimitInfo
 from guidefield.messages.store_requests import LARGEST_PAGE
-from guidefield.messages.streams import MOST_OBSTACLES, MOST_UPDATE_BYTES
+from guidefield.messages.streams import MOST_STREAM_OBSTACLES, MOST_UPDATE_BYTES
 from guidefield.messages.triples import MAX_VERTICES
 from guidefield.messages.values import LARGEST, LONGEST_TIME, MAX_URDF_CHARACTERS
 from guidefield.pool.companion import MOST_WAITING, STUCK
@@ -80,7 +80,7 @@ _OF_STREAMS = (
     _limit("stream_stuck", STUCK, "s", "for a stream's process to take a message; then it ends"),
     _limit("stream_update", MOST_UPDATE_BYTES, "bytes", "one update; a larger one is refused on `state`"),
     _limit("stream_waiting", MOST_WAITING, "updates", "waiting for one stream; more are refused on `state`"),
-    _limit("stream_obstacles", MOST_OBSTACLES, "obstacles", "known to one stream, without those that are gone"),
+    _limit("stream_obstacles", MOST_STREAM_OBSTACLES, "obstacles", "known to one stream, without those that are gone"),
     _limit("stream_goals", MOST_SOUGHT, "goals", "searched at once; more: SERVER_BUSY"),
 )
 _OF_ANSWERS = (

@@ -1,4 +1,4 @@
-"""The reply to a certify request, and its parts."""
+"""The reply to a certify request, and its parts; sentences about certificates, places and limits for people."""
 
 from __future__ import annotations
 

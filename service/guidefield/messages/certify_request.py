@@ -1,4 +1,4 @@
-"""The certify request: certify a given motion, from any source."""
+"""The certify request: certify a given motion, from any source; the handlers' certify_problem.py reads its curve."""
 
 from __future__ import annotations
 
@@ -68,10 +68,9 @@ class GivenTrajectory(Message):
         for field in _ROWS:
             if (rows := getattr(self, field)) is not None:
                 require_finite_rows(field, rows)
-        self.require_same_lengths()
+        self._require_same_lengths()
 
-    def require_same_lengths(self) -> None:
-        """Raise ValueError unless there are as many times, and rows of each kind, as there are positions."""
+    def _require_same_lengths(self) -> None:
         for field in _ROWS:
             if (rows := getattr(self, field)) is not None and len(rows) != len(self.positions):
                 raise ValueError(f"`{field}` must have a row for each of `positions`, {len(self.positions)} in all")
@@ -114,8 +113,8 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         leave_start_contact: Whether a start in slight contact may be left, instead of being refused.
         allowed_time: From the request's arrival [s].
         recording: Extent of the recording.
-        proof: Whether to keep a proof with the run that the motion is free; anybody can check it (`referee.md`).
-        execution: The curve that a controller draws of the trajectory, which is judged instead of it (`execution.md`).
+        proof: Whether to keep a proof with the run that the motion is free; anybody can check it (docs/referee.md).
+        execution: The curve that a controller draws of the trajectory, judged instead of it (docs/execution.md).
         planned: The motion that the trajectory was to follow, in the same columns, with `times`: the reply says how far
             it was left, and a recording shows both.
 
@@ -203,7 +202,6 @@ def require_finite_rows(field: str, rows: Sequence[Sequence[float]]) -> None:
         some = rows[begin : begin + ROWS_PER_CHECK]
         if {*map(len, some)} == {len(rows[0])} and math.hypot(*chain.from_iterable(some)) <= LARGEST:
             continue  # the norm of all is at least that of each
-
         for index, row in enumerate(some, begin):
             if not sum(map(abs, row)) <= LARGEST:
                 require_finite(f"{field}[{index}]", row)

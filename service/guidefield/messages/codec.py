@@ -13,7 +13,7 @@ from guidefield.messages import faults, requests
 from guidefield.messages.scene import Scene
 
 MAX_REQUEST_BYTES = 64 * 2**20
-"""Largest payload that is decoded."""
+"""Largest payload that is decoded; a larger one is refused as too large."""
 
 MAX_EXPLAINED_BYTES = 2**20
 """Largest payload that is decoded again after a fault, to list the valid choices."""
@@ -26,8 +26,8 @@ class Encoding(enum.StrEnum):
     MSGPACK = "application/msgpack"
 
 
-class _Tag(msgspec.Struct):
-    """The field of a request that selects its decoder."""
+class TypeTag(msgspec.Struct):
+    """The field that says which message it is; a plan request and a scene have none."""
 
     type: str | None = None
 
@@ -50,7 +50,7 @@ def _decoder(kind: Any, encoding: Encoding) -> Any:
 
 
 for _kind in (
-    _Tag,
+    TypeTag,
     requests.PlanRequest,
     requests.CertifyRequest,
     requests.KinematicsRequest,
@@ -111,7 +111,7 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
 
 def request_kind(request: bytes) -> Any:
     """Return the class of a request in JSON: of a plan request, or the union of all tagged requests."""
-    tag = decode(request, _Tag, Encoding.JSON)
+    tag = decode(request, TypeTag, Encoding.JSON)
     return requests.PlanRequest if tag.type is None else requests.TaggedRequest
 
 

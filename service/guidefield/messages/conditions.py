@@ -1,4 +1,4 @@
-"""Fields that requests about motions share: robot and scene, conditions of the motion, held objects."""
+"""Parts that requests about motions and configurations share: robot and scene, conditions, held objects, limits."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ ROBOT_DESCRIPTIONS = "robot_descriptions:"
 RobotReference = str | UrdfText | UrdfFile
 if TYPE_CHECKING:
     SceneReference = str | Scene
-else:  # the decoder makes a RequestScene of both forms, and `settle_scene` a plain one if it is whole
+else:  # the decoder makes a RequestScene of both forms, and `settle_scene` a Scene of one without a base
     SceneReference = str | RequestScene
 
 
@@ -79,10 +79,10 @@ MOST_HELD = 1_000
 MOST_PAIRS = 100_000
 """The largest number of allowed pairs of links and obstacles."""
 MOST_CONSTRAINTS = 100
-"""The largest number of path constraints of a motion."""
+"""The largest number of path constraints of a motion, and of its Cartesian limits."""
 
 Objective = Literal["balanced", "time", "clearance"]
-"""The quantity for which a motion is optimised."""
+"""The quantity for which a motion is optimised: duration, clearance, or both in balance."""
 
 
 class AttachedObject(Message):
@@ -148,7 +148,6 @@ class LineConstraint(Message, tag_field="type", tag="line"):
     Attributes:
         frame: The frame.
         point: On the line [m, world].
-
         direction: Of the line, in the world, of any length but 0.
         tolerance: Largest distance [m].
     """
@@ -194,15 +193,13 @@ CartesianLimits = Annotated[list[CartesianLimit], msgspec.Meta(max_length=MOST_C
 
 
 class JointLimits(Message):
-    """Limits of one joint's motion that replace the robot's own; null keeps them.
-
-    An effort is kept only where it is given: the robot's own is reported, but binds nothing.
+    """Limits of one joint's motion that replace the robot's own.
 
     Attributes:
-        velocity: [rad/s or m/s].
-        acceleration: [rad/s^2 or m/s^2].
+        velocity: [rad/s or m/s]; null: the robot's own.
+        acceleration: [rad/s^2 or m/s^2]; null: the robot's own.
         jerk: [rad/s^3 or m/s^3]; null for none.
-        effort: Torque or force that drives it [N m or N]; null for none.
+        effort: Torque or force that drives it [N m or N]; null for none: the robot's own is only reported.
     """
 
     velocity: Positive | None = None

@@ -1,4 +1,4 @@
-"""The judgement of what a robot executed of a plan: its joint states, laid over the plan's motion."""
+"""Make the certify request that judges what a robot executed of a plan: its joint states against the plan's motion."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SHARED_FIELDS = (
     "max_acceleration_scaling_factor",
     "leave_start_contact",
 )
-"""Common fields of plan and certify requests."""
+"""Fields that plan and certify requests have both; the command line copies them to judge a stored run again."""
 
 
 class JointStates(NamedTuple):
@@ -87,7 +87,7 @@ def judgement_of(
                 f" {states.times[index - 1]:.9g} s",
                 row=index,
             )
-        if time >= begin and (not times or time - begin > times[-1]):  # one of those that several nodes tell at once
+        if time >= begin and (not times or time - begin > times[-1]):  # several nodes may send states of one time
             times.append(time - begin)
             positions.append([row[column] for column in columns])
     if not times:
@@ -115,7 +115,6 @@ def judgement_of(
 def _require_state(
     index: int, time: float, row: Sequence[float], columns: Sequence[int], joints: Sequence[str]
 ) -> None:
-    """Raise MalformedRequest unless a state has a value for each joint, and its time and columns are finite."""
     if len(row) != len(joints):
         raise MalformedRequest(f"joint state {index} has {len(row)} values for {len(joints)} joints", row=index)
     if not math.isfinite(time):

@@ -13,7 +13,7 @@ MOST_SENT_ROWS = 100_000
 """The largest number of rows, or of commands, that a controller is sent."""
 
 HOLDS = ("first_order_hold", "zero_order_hold")
-"""Interpolations of commands at the ticks of a clock."""
+"""Interpolations of commands at the ticks of a clock; the others draw between rows, as a ROS trajectory is read."""
 
 
 class ExecutionOptions(Message):

@@ -24,7 +24,8 @@ from guidefield.messages.execution import HOLDS, ExecutionFigures, describe_exec
 NANOSECONDS = 1_000_000_000
 SHORTEST_SERVO_STEP = 0.002  # of UR's e-series [s]
 UR_JOINTS = 6
-SERVO_LOOKAHEAD, SERVO_GAIN = 0.03, 300  # lookahead_time [s] and gain of `servoj`: the shortest that it takes, its own
+SERVO_LOOKAHEAD = 0.03  # of URScript's `servoj`: the shortest that it takes [s]
+SERVO_GAIN = 300  # of `servoj`: its default
 FAR_FROM_START = 0.01  # a robot that is farther from the first command in a joint isn't moved [rad]
 
 
@@ -208,13 +209,13 @@ def _fields(motion: SentMotion) -> dict[str, Any]:
     rows = motion.rows
     names = {"position_names": [*motion.joints], "velocity_names": [*motion.joints]}
     values = {name: getattr(rows, name) for name in ("times", "positions", "velocities", "accelerations")}
-    told = {
+    head = {
         "run_id": motion.run_id,
         "interpolation": rows.interpolation,
         "rate": rows.rate,
         "tolerance": rows.tolerance,
     }
-    return {**told, **names, **{name: value for name, value in values.items() if value is not None}}
+    return {**head, **names, **{name: value for name, value in values.items() if value is not None}}
 
 
 def _json(motion: SentMotion) -> bytes:
@@ -259,4 +260,4 @@ KINDS: dict[str, Callable[[SentMotion], bytes]] = {
 }
 """Writers by kind, which are the endings of files: first those of an action's goal in ROS, and URScript."""
 CONTROLLER_KINDS = ("ros.json", "yaml", "script")
-"""Those that controllers alone read."""
+"""Those that controllers alone read: the command line exports them of certified executions only."""

@@ -1,4 +1,7 @@
-"""Explain faults of a payload: the place, and the valid choices there."""
+"""Explain faults of a payload: the place, and the valid choices there.
+
+The patterns below read msgspec's messages: with a message that it words otherwise, the text stays as msgspec has it.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,6 @@ MAX_LISTED = 40
 MAX_FULLY_LISTED = 10
 """The largest number of choices that are all listed although one of them resembles the wrong word."""
 
-
 MAX_SEARCHED_KEYS = 1_000
 """Objects with more keys aren't searched for the wrong one."""
 
@@ -26,7 +28,7 @@ MAX_QUOTED_CHARACTERS = 64
 """Longest part of the payload that a message quotes [characters]."""
 
 ALTERNATIVES = {inspect.ListType: ("a list",), inspect.NoneType: ("null",)}
-"""Names of other types that a union may contain beside a literal."""
+"""Words for the other types of a union with a literal; a type without words isn't listed."""
 
 Check = Callable[[Any], object]
 """Converts plain data to the message; raises msgspec.ValidationError where it isn't one."""
@@ -35,7 +37,6 @@ Step = str | int | None
 """A step of a path into a value: a field or key, an index, or None for a key that msgspec leaves out."""
 
 _STEP = re.compile(r"\.(?P<field>[^.\[\]]+)|\[(?P<index>\d+)\]|\[\.\.\.\]")
-_INDEX = re.compile(r"\$\[(\d+)\]")
 _VALUE = re.compile(r"Invalid (?:enum )?value (?P<value>.+)", re.DOTALL)
 _FIELD = re.compile(r"Object contains unknown field `(?P<field>.+)`", re.DOTALL)
 _NAMED = re.compile(r"`(?P<field>[a-z_][a-z0-9_]*(?:[.\[][^`:]*)?)(?:: [^`]*)?`")
@@ -49,7 +50,7 @@ def split_message(text: str) -> tuple[str, str]:
 
 
 def field_path(message: str, path: str) -> str:
-    """Return the path of the field of an object that a message begins with, in backticks, or else of the object."""
+    """Return the path of the field, of the object at a path, that a message begins with in backticks; else the path."""
     named = _NAMED.match(message)
     return path if named is None else f"{path}.{named['field']}"
 
@@ -71,7 +72,6 @@ class _Odd(str):
 def _find_first_odd(
     payload: bytes, is_odd: Callable[[str], bool], is_odd_word: Callable[[str], bool]
 ) -> tuple[str, str] | None:
-
     def number(text: str) -> Any:
         return _Odd(text) if is_odd(text) else 0
 
@@ -166,13 +166,15 @@ def list_choices(choices: Sequence[str]) -> str:
 
 
 def _add_advice(
-    message: str, said: str, choices: Sequence[Any], written: Callable[[Any], str], others: Sequence[str] = ()
+    message: str, said: str, choices: Sequence[Any], format_choice: Callable[[Any], str], others: Sequence[str] = ()
 ) -> str:
     near = find_nearest(said, [choice for choice in choices if isinstance(choice, str)])
-    advice = f"; did you mean {' or '.join(map(written, near))}?" if near else ""
+    advice = f"; did you mean {' or '.join(map(format_choice, near))}?" if near else ""
     if choices and (len(choices) <= MAX_FULLY_LISTED or not near):
         more = f" and {len(choices) - MAX_LISTED} more" if len(choices) > MAX_LISTED else ""
-        advice += f"{'' if near else ';'} valid: {', '.join([*map(written, choices[:MAX_LISTED]), *others])}{more}"
+        advice += (
+            f"{'' if near else ';'} valid: {', '.join([*map(format_choice, choices[:MAX_LISTED]), *others])}{more}"
+        )
     return message + advice
 
 

@@ -1,4 +1,4 @@
-"""Configurations and goals of requests."""
+"""Configurations and goals of requests; the relative goal, which only steps have, is in requests.py."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ moves one of its mimic joints elsewhere, the joint is listed as revolute, and it
 """
 
 Tolerance3 = tuple[NonNegative | None, NonNegative | None, NonNegative | None]
+"""Tolerances along or about three axes; None leaves an axis free."""
 
 
 def require_finite_positions(field: str, positions: Positions) -> None:

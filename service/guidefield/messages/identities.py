@@ -47,6 +47,7 @@ class Quota(Message):
 OF_ALL = Quota(per_second=5_000.0)
 """Quota of the keys without a user, perhaps everybody: more queries than a service on two processors answers."""
 OF_USERS = Quota(payload_per_second=16 * 2**20, bytes=4 * 2**30)
+"""Quota of a user whom the service's file of quotas doesn't name."""
 
 
 class Quotas(Message):
@@ -76,7 +77,6 @@ class Quotas(Message):
 
 
 DEFAULT_QUOTAS = Quotas()
-
 
 PLAIN = "plain"
 """The identity of keys without a user: operators if there is access control, else everybody."""

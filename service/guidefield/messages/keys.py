@@ -1,4 +1,7 @@
-"""Decode queries: the request of a key below an instance's, its parameters and its payload."""
+"""Decode queries: the request of a key below an instance's, its parameters and its payload.
+
+`_RULES` decides which keys are served, but for streams (stream_requests.py); served.py describes them for clients.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +27,8 @@ from guidefield.messages.values import LONGEST_TIME, PLANNING_TIME, RunId
 STORE_TIME_LIMIT = 120.0
 """Allowed time to store or describe a robot or scene, to list robots, or to make a stream's recording [s]."""
 
-
 MIN_BESIDE = 1 << 16
-"""Smallest payload that travels to a worker beside the pickled query [bytes]."""
+"""Smallest payload that is sent to a worker out of band, beside the pickled query, instead of copied [bytes]."""
 
 
 class Query(msgspec.Struct, frozen=True, array_like=True):
@@ -104,10 +106,6 @@ class CertifyHead(msgspec.Struct, frozen=True):
         return _limit_time(self.allowed_time, PLANNING_TIME)
 
 
-class _TypeTag(msgspec.Struct):
-    type: str | None = None
-
-
 RunHead = PlanHead | CertifyHead
 
 
@@ -119,7 +117,7 @@ class WorkHead(msgspec.Struct, frozen=True):
 
     @property
     def allowed(self) -> float:
-        """The allowed time, brought within what a valid request can ask for [s]."""
+        """The allowed time, limited as `PlanHead.allowed` [s]."""
         return _limit_time(self.allowed_time, DEFAULT_TIME)
 
 
@@ -190,7 +188,7 @@ def is_scene(query: Query) -> bool:
 
 def decode_diff(query: Query) -> SceneDiff | None:
     """Decode the changes that an answered query made to a scene; None if it stored a whole scene."""
-    if codec.decode(query.payload, _TypeTag, query.encoding).type is None:
+    if codec.decode(query.payload, codec.TypeTag, query.encoding).type is None:
         return None
     diff: SceneDiff = codec.decode(query.payload, SceneDiff, query.encoding)
     return diff
@@ -244,7 +242,7 @@ def _decode_scene(query: Query) -> requests.Request:
         return requests.ReadScene(name, version)
     if version is not None:
         raise MalformedRequest("`version` is for reading; a change says itself which it means", parameter="version")
-    if codec.decode(query.payload, _TypeTag, query.encoding).type is not None:
+    if codec.decode(query.payload, codec.TypeTag, query.encoding).type is not None:
         return requests.ChangeScene(name, codec.decode(query.payload, SceneDiff, query.encoding))
     scene: Scene = codec.decode(query.payload, Scene, query.encoding)
     if scene.name != name:

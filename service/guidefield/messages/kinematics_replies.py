@@ -1,4 +1,4 @@
-"""Replies to kinematics requests, in the order of the request."""
+"""Replies to kinematics requests, in the order of the request; numbers as lists or packed."""
 
 from __future__ import annotations
 

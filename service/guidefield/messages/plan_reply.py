@@ -1,4 +1,4 @@
-"""The reply to a plan request, and its parts."""
+"""The reply to a plan request, and its parts, which the reply to a certify request shares."""
 
 from __future__ import annotations
 

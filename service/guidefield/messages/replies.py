@@ -1,4 +1,7 @@
-"""The replies of the service, one Struct per request, the parts of those about robots, and the error message."""
+"""The replies of the service, one Struct per request: all by this module, those about robots, scenes and runs in it.
+
+Errors travel as `ErrorReply`; `make_error_reply` and `make_error` convert exceptions.
+"""
 
 from __future__ import annotations
 
@@ -275,7 +278,6 @@ class CertifyRunReply(Reply):
 MotionReply = PlanReply | CertifyReply
 AnyRunReply = RunReply | CertifyRunReply
 
-
 CERTIFY = "certify"
 """The tag of certify requests."""
 
@@ -290,9 +292,9 @@ class _Tagged(msgspec.Struct):
     request: RequestTag
 
 
-def run_reply_kind(kept: bytes, decode: Callable[..., Any]) -> type[AnyRunReply]:
-    """Return the type of a reply about a run, by its decoded fields; raises msgspec.DecodeError if it is none."""
-    return CertifyRunReply if decode(kept, type=_Tagged).request.type == CERTIFY else RunReply
+def run_reply_kind(encoded: bytes, decode: Callable[..., Any]) -> type[AnyRunReply]:
+    """Return the type of an encoded reply about a run, by its request; raises msgspec.DecodeError if it is none."""
+    return CertifyRunReply if decode(encoded, type=_Tagged).request.type == CERTIFY else RunReply
 
 
 def is_certify(request: bytes) -> bool:

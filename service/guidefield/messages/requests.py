@@ -261,8 +261,8 @@ class PlanRequest(Message):
         recording: Extent of the recording.
         seed: Of all randomness.
         steps: Steps in order, instead of a goal, as one motion; guide planes are then the steps' own.
-        proof: Whether to keep a proof with the run that the motion is free; anybody can check it (`referee.md`).
-        execution: The curve that a controller draws of the motion, which is certified instead of it (`execution.md`).
+        proof: Whether to keep a proof with the run that the motion is free; anybody can check it (docs/referee.md).
+        execution: The curve that a controller draws of the motion, certified instead of it (docs/execution.md).
 
     Examples:
         >>> from guidefield import Box, JointsGoal, PlanRequest, Scene

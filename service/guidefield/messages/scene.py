@@ -1,4 +1,7 @@
-"""Obstacles, guide planes and scenes: one schema for the wire and for files."""
+"""Obstacles, guide planes and scenes: one schema for the wire and for files.
+
+Bounds (`MOST_...`) are those of requests; field names and tags are the wire's and those of stored scenes.
+"""
 
 from __future__ import annotations
 
@@ -205,7 +208,7 @@ class GuidePlane(Message):
 GuidePlanes = Annotated[list[GuidePlane], msgspec.Meta(max_length=MOST_PLANES)]
 
 
-class Scene(Message, weakref=True, dict=True):  # its dict is for `frozen_scenes`, and isn't encoded or copied
+class Scene(Message, weakref=True, dict=True):  # its dict holds FrozenFacts, and isn't encoded or copied
     """A named set of obstacles, and guide planes that lead through them."""
 
     name: Name

@@ -1,6 +1,7 @@
-"""Changes of a scene that add, move and remove obstacles; scenes of requests, declared by changes; frozen scenes.
+"""Changes of a scene, which add, move and remove obstacles; scenes of requests, declared by changes; frozen scenes.
 
-A change of a frozen scene makes another frozen scene, which knows the one before it.
+A frozen scene isn't changed any more, so that all that is computed of it stays valid (`FrozenFacts`). A change of one
+makes another frozen scene, which knows the one before it: scene/scene.py then builds only what changed.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from guidefield.messages.values import Message, Name, Placement, Reply
 _Declared = TypeVar("_Declared", bound=msgspec.Struct)
 
 MAX_GONE_NUMBERS = 256
-"""With more removed obstacles the others get new numbers; so they do with more obstacles in other versions."""
+"""`NameIndex` numbers the obstacles anew after more removals, or more obstacles that only other versions have."""
 
 
 class Derivation(NamedTuple):
@@ -61,7 +62,7 @@ class NameIndex:
     def after(self, obstacles: Sequence[Obstacle], removed: Sequence[int], added: int) -> NameIndex:
         """Return the index of a scene that a change made of this one: some removed by index, some added at the end."""
         places, (numbers, gone) = NameIndex(obstacles), self._numbers()
-        of_others = len(numbers) - len(gone) - len(self._obstacles)  # versions that were changed apart from this one
+        of_others = len(numbers) - len(gone) - len(self._obstacles)  # obstacles that only other versions have
         if max(len(gone) + len(removed), of_others) <= MAX_GONE_NUMBERS:
             gone = sorted([*gone, *(_find_number(index, gone) for index in removed)]) if removed else gone
             for index in range(len(obstacles) - added, len(obstacles)):

@@ -1,4 +1,7 @@
-"""JSON Schema of every message, with what each field means, and a message as a table for people."""
+"""JSON Schema of every message, with what each field means, and a message as a table for people.
+
+Descriptions are read from the docstrings of messages: the text before the first section, and each line of `Attributes`.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,7 @@ MESSAGES: tuple[type[msgspec.Struct], ...] = (
     StreamJudged,
     StreamsReply,
 )
-"""All that travels."""
+"""All messages that have a schema in `info` and docs/wire.schema.json."""
 
 _MEANING = re.compile(r"^ {4}(\w+(?:, \w+)*): (.*)$")
 
@@ -94,9 +97,7 @@ def describe_message(name: str) -> str:
         (
             f"`{field}`",
             _name_value(one),
-            ""
-            if field in required or "default" not in one
-            else f"`{json.dumps(one['default'], separators=(',', ':'))}`",
+            "" if field in required else _format_default(one),
             one.get("description", "says which message it is" if list(one) == ["enum"] else ""),
         )
         for field, one in schema.get("properties", {}).items()
@@ -213,4 +214,4 @@ _NAMES: dict[str, Callable[[dict[str, Any]], str]] = {
     "object": lambda schema: f"object of names to {_bracket(_name_value(schema.get('additionalProperties') or {}))}",
     "string": _name_text,
 }
-"""How each kind of value is reported."""
+"""Words for each kind of value."""

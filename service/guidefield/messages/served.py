@@ -1,4 +1,8 @@
-"""The keys of an instance, their purposes, parameters and messages, and every status code."""
+"""The keys of a service, their purposes, parameters and messages, and the meaning of each status code.
+
+What is served is decided by `_RULES` of messages/keys.py and by messages/stream_requests.py, which take only `SHARING`
+from here; tests compare the two. Words here change `info` and docs/wire.md alone.
+"""
 
 from __future__ import annotations
 
@@ -63,9 +67,8 @@ MEANINGS = {
 }
 """Meaning of each code."""
 
-
 _EITHER = (Status.TIMED_OUT, Status.PREEMPTED)
-"""Replies to plans and judgements, errors to anything else."""
+"""Statuses that are replies to plans and judgements, and errors to anything else."""
 _NEVER = (Status.COMMUNICATION_FAILURE,)
 
 
@@ -88,23 +91,23 @@ def _code_info(status: Status) -> CodeInfo:
 CODES = tuple(_code_info(status) for status in Status)
 """Every code."""
 
-
 SHARING = {
     "share": "lets every user read it, as `<user>:<name>`",
     "unshare": "ends that, but for operators",
 }
+"""The parameters that share; keys.py accepts these names."""
 DELETE = {"delete": "forgets it"}
 
 
 class KeyInfo(Reply):
-    """One key of an instance.
+    """One key of an instance, which is a running service.
 
     Attributes:
         key: Below the instance's, ``guidefield/<i>/``.
         what: Its purpose.
         how: Whether it is queried, put by clients, published for subscribers, or a liveliness token.
         worker: Whether a query waits for a worker: never, always, only with a payload, or while the recording is
-            owed. A query without a worker is answered while the service starts and ends, too.
+            not rendered yet. A query without a worker is answered while the service starts and ends, too.
         parameters: The valid parameters, and their meanings.
         takes: Names of the messages of its payload; none: it takes no payload.
         gives: Names of the messages that it replies or publishes; none: bytes.
@@ -231,4 +234,4 @@ KEYS = (
 """Every key."""
 
 SERVED = tuple(key.key for key in KEYS if key.how == "query")
-"""The keys that can be queried."""
+"""The keys that can be queried, which the error about any other lists."""

@@ -1,4 +1,4 @@
-"""Requests and replies about open streams, and their keys below an instance's."""
+"""Requests and replies about open streams, and their keys, `streams/<id>/...`; streams.py has motions and updates."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ _BELOW_ONE: dict[str, type[_OneStream]] = {
 }
 """Queries by the chunk below a stream's name."""
 _TAKING = {"goal": "a goal is asked for with a StreamAim", "judge": "to judge takes a StreamJudge"}
-"""Sentences about payloads that are missing."""
+"""Chunks whose queries need a payload, with the sentence of the error if it is missing."""
 
 
 def is_stream(query: Query) -> bool:

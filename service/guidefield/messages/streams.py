@@ -35,8 +35,8 @@ from guidefield.messages.values import (
     require_finite_number,
 )
 
-DEFAULT_STREAMS = 4  # number of streams that a service has open at once, unless told otherwise
-MOST_OBSTACLES = 10_000
+DEFAULT_STREAMS = 4  # the default of the largest number of open streams of a service
+MOST_STREAM_OBSTACLES = 10_000
 """The largest number of obstacles of a stream."""
 
 MOST_UPDATE_BYTES = 16 << 20
@@ -154,7 +154,7 @@ class StreamOpen(Message):
     cartesian_limits: CartesianLimits = []
     max_velocity_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     max_acceleration_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
-    obstacles: Annotated[list[StreamObstacle], msgspec.Meta(max_length=MOST_OBSTACLES)] = []
+    obstacles: Annotated[list[StreamObstacle], msgspec.Meta(max_length=MOST_STREAM_OBSTACLES)] = []
     assume: Literal["largest_speed"] | Deviation = "largest_speed"
     period: Seconds = 0.02
     latency: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
@@ -219,11 +219,11 @@ class StreamUpdate(Message):
     """
 
     time: float
-    obstacles: Annotated[list[Observation], msgspec.Meta(max_length=MOST_OBSTACLES)] = []
+    obstacles: Annotated[list[Observation], msgspec.Meta(max_length=MOST_STREAM_OBSTACLES)] = []
     joints: Positions | None = None
     executing: int | None = None
-    declare: Annotated[list[StreamObstacle], msgspec.Meta(max_length=MOST_OBSTACLES)] = []
-    gone: Annotated[list[Name], msgspec.Meta(max_length=MOST_OBSTACLES)] = []
+    declare: Annotated[list[StreamObstacle], msgspec.Meta(max_length=MOST_STREAM_OBSTACLES)] = []
+    gone: Annotated[list[Name], msgspec.Meta(max_length=MOST_STREAM_OBSTACLES)] = []
     schema: Literal[1] = 1
 
     def __post_init__(self) -> None:

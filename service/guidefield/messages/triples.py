@@ -1,4 +1,7 @@
-"""Check declared points and triangles: their number, finite coordinates, valid indices."""
+"""Types of points and triangles in messages, and checks: their number, finite coordinates, valid indices.
+
+Checks use only the standard library, which the light client has: sums and integers of many at once.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ MAX_VERTICES = 1_000_000
 Triangles = Annotated[list[Triangle], msgspec.Meta(min_length=1, max_length=MAX_VERTICES)] | Uint32Array
 
 VALUES_PER_CHECK = 20_000
-"""Points or triangles checked by one call, which holds the interpreter for a few milliseconds."""
+"""Points, triangles or numbers checked by one call, which holds the interpreter for a few milliseconds."""
 
 
 def check_points(field: str, points: Points) -> int:

@@ -1,4 +1,7 @@
-"""Small values that messages are made of: vectors, quaternions, placements, packed arrays."""
+"""Bases of all messages, and the small values that they are made of: vectors, quaternions, placements, packed arrays.
+
+`LARGEST` and the other bounds here decide which numbers are refused, everywhere.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ QUATERNION_TOLERANCE = 1e-6
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of all messages of clients: frozen, strict about fields.
+    """Base of all messages of clients: frozen, strict about fields. Fields are positional, too: new ones come last.
 
     Attributes:
         schema: Version of this message.

@@ -15,7 +15,7 @@ from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid, U
 from guidefield.geometry.placements import frames
 from guidefield.kernels.prove.tables import MovingObstacles, ObstacleBodies
 from guidefield.messages import scene as messages
-from guidefield.messages.streams import MOST_OBSTACLES, Deviation, Observation, StreamObstacle, StreamUpdate
+from guidefield.messages.streams import MOST_STREAM_OBSTACLES, Deviation, Observation, StreamObstacle, StreamUpdate
 from guidefield.messages.values import ORIGIN, Vector3
 from guidefield.prove.tables import ARITHMETIC, parts_in_world, rounding_of
 from guidefield.read_only import ReadOnly, read_only
@@ -130,12 +130,12 @@ class Obstacles:
         shapes = {one.name: one.shape for one in declared}
         added = [index for index, one in enumerate(declared) if one.name not in self.known]
         gone = sum(one.gone and one.name not in shapes for one in self.known.values())
-        if len(added) > (room := MOST_OBSTACLES - len(self.known) + gone):
+        if len(added) > (room := MOST_STREAM_OBSTACLES - len(self.known) + gone):
             path = f"$.declare[{added[room]}]"
             raise RequestTooLarge(
-                f"`{path}`: a stream knows {MOST_OBSTACLES} obstacles at most, and none of these is gone",
+                f"`{path}`: a stream knows {MOST_STREAM_OBSTACLES} obstacles at most, and none of these is gone",
                 path=path,
-                limit=MOST_OBSTACLES,
+                limit=MOST_STREAM_OBSTACLES,
             )
         for index, name in enumerate(update.gone):
             if name not in self.known and name not in shapes:
@@ -164,7 +164,7 @@ class Obstacles:
     def take(self, prepared: TrackedObstacle) -> None:
         """Take a shape, in place of the one of the same name; one that is gone is forgotten for it, if need be."""
         before = self.known.get(prepared.name)
-        if before is None and len(self.known) >= MOST_OBSTACLES:
+        if before is None and len(self.known) >= MOST_STREAM_OBSTACLES:
             del self.known[next(name for name, one in self.known.items() if one.gone)]
         prepared.seen = None if before is None else before.seen
         self.known[prepared.name] = prepared
