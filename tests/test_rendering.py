@@ -16,7 +16,7 @@ from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest
 from guidefield.messages.scene import Box, PointCloud, Scene
 from guidefield.messages.scene_changes import RequestScene, SceneDiff
 from guidefield.recorder.stored import read_recording
-from guidefield.rendering import Renderings, rendered
+from guidefield.rendering import Renderings, render_recording
 from guidefield.run import whole_recording
 from guidefield.run_log import LARGE_BYTES, MAGIC
 from guidefield.stores.recordings import LOG, OBSTACLES, SCENE, KeptRecording, Recordings
@@ -116,7 +116,7 @@ def test_a_large_scene_is_kept_once_and_as_it_was_then(engine: Engine, recording
     engine.answer(requests.ChangeScene("many", SceneDiff(remove=[f"b{k}" for k in range(1, 300)])))
     engine.answer(requests.DeleteScene("many"))
     for run_id, scene in asked.items():
-        (tmp_path / f"{run_id}.rrd").write_bytes(rendered(recordings, run_id))
+        (tmp_path / f"{run_id}.rrd").write_bytes(render_recording(recordings, run_id))
         assert read_recording(tmp_path / f"{run_id}.rrd").request.scene == scene
         (centres,) = _values(tmp_path / f"{run_id}.rrd", "/obstacles/boxes", "Boxes3D:half_sizes")
         assert len(centres) == (299 if run_id == "changed" else 300)
@@ -145,7 +145,7 @@ def test_a_stored_robot_is_the_one_that_was_planned_for(engine: Engine, recordin
     engine.answer(msgspec.structs.replace(plan, run_id="second"))
     engine.answer(requests.DeleteRobot("mine"))
     for run_id in ("first", "second"):
-        (tmp_path / f"{run_id}.rrd").write_bytes(rendered(recordings, run_id))
+        (tmp_path / f"{run_id}.rrd").write_bytes(render_recording(recordings, run_id))
     expected, found, other = (columns(tmp_path / f"{name}.rrd") for name in ("at_once", "first", "second"))
     differs = {path for path in expected if found[path] != expected[path]}
     assert differs <= {"/documents/reply", "/documents/request", "/__properties/plan"}, "as its key is told in it"
@@ -205,7 +205,7 @@ def test_a_disk_that_refuses_leaves_the_log_and_whoever_asks_gets_the_recording(
     with pytest.raises(OSError, match="No space left"):
         Renderings().render(recordings, "r1")
     assert recordings.describe("r1") == before
-    (tmp_path / "r1.rrd").write_bytes(rendered(recordings, "r1"))
+    (tmp_path / "r1.rrd").write_bytes(render_recording(recordings, "r1"))
     assert read_recording(tmp_path / "r1.rrd").reply.run_id == "r1"
     monkeypatch.undo()
     Renderings().render(recordings, "r1")
@@ -214,7 +214,7 @@ def test_a_disk_that_refuses_leaves_the_log_and_whoever_asks_gets_the_recording(
 
 
 def test_a_log_whose_recording_is_there_is_settled_and_one_that_is_gone_is_none(recordings: Recordings) -> None:
-    recordings.owe("r1", b"killed between the recording and the end of its log", ())
+    recordings.store_log("r1", b"killed between the recording and the end of its log", ())
     recordings.path("r1").write_bytes(b"whole")
     Renderings().render(recordings, "r1")
     Renderings().render(recordings, "deleted")

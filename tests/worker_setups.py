@@ -17,7 +17,7 @@ from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import make_error_reply
 from guidefield.pool.companion import Taken
 from guidefield.pool.process import Call, Work
-from guidefield.stream_worker import Open, RefusedOpening, Told, Update
+from guidefield.stream_worker import Open, Publication, RefusedOpening, Update
 
 LONG = 300.0
 """Longer than any test waits for a worker [s]."""
@@ -172,7 +172,7 @@ def _owe(value: str, call: Call) -> tuple[bool, bytes]:
         _await_file(asked)
         written.write_text("whole")
 
-    call.owe(pay)
+    call.defer_required(pay)
     return True, b"owed"
 
 
@@ -182,12 +182,12 @@ def _grow_after(mebibytes: str, call: Call) -> tuple[bool, bytes]:
     def grow() -> None:
         _grow(mebibytes)
 
-    call.follow(grow)
+    call.defer_optional(grow)
     return True, b"answered"
 
 
 def _answer_and_end(_value: str, call: Call) -> tuple[bool, bytes]:
-    call.owe(lambda: os._exit(0))
+    call.defer_required(lambda: os._exit(0))
     return True, b"last words"
 
 
@@ -202,7 +202,7 @@ def _go_on(path: str, call: Call) -> tuple[bool, bytes]:
                 time.sleep(0.02)
                 file.write(b".")
 
-    call.follow(prepare)
+    call.defer_optional(prepare)
     return True, b"goes on"
 
 
@@ -266,5 +266,5 @@ class StreamInWords:
             while True:
                 asked = line.recv()
                 if isinstance(asked, Update):
-                    line.send(Told("pieces", asked.payload, 7, 1.5))
+                    line.send(Publication("pieces", asked.payload, 7, 1.5))
                     line.send(Taken(1))

@@ -1,7 +1,7 @@
 """Motion planning and kinematics for any URDF robot in the field of charged polygons: certified, over Zenoh, recorded.
 
-The door is lazy: importing it, or the client through it, loads no planner. The distribution `guidefield-client` has
-this door too, with the rooms of the client behind it.
+Names are loaded when they are first used: importing the package, or the client from it, loads no planner. The
+distribution `guidefield-client` has this file too. A new public name goes into `_ROOMS` and the imports for types.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ _ROOMS = {
 }
 """Public names by the room that holds them."""
 
-_WHOLE = ("endpoint.service", "engine", "arrays", "stream.in_process")
+_SERVICE_ROOMS = ("endpoint.service", "engine", "arrays", "stream.in_process")
 """Rooms that `guidefield-client` doesn't have."""
 _HERE = Path(__file__).parent
 _IS_WHOLE = (_HERE / "engine.py").exists()
@@ -184,8 +184,8 @@ _LIGHT = _HERE / "light_client.txt"
 
 _HOMES = {name: f"guidefield.{room}" for room, names in _ROOMS.items() for name in names}
 
-_HERE_TOO = [name for room, names in _ROOMS.items() if _IS_WHOLE or room not in _WHOLE for name in names]
-__all__ = ["__version__", *_HERE_TOO]  # noqa: PLE0604 - computed from the one table
+_AVAILABLE = [name for room, names in _ROOMS.items() if _IS_WHOLE or room not in _SERVICE_ROOMS for name in names]
+__all__ = ["__version__", *_AVAILABLE]  # noqa: PLE0604 - computed from the one table
 
 if _IS_WHOLE and _LIGHT.exists():
     import warnings

@@ -1,4 +1,7 @@
-"""The motion of a run as arrays, and as a file for other programs: CSV, JSON or NumPy's NPZ."""
+"""The motion of a run as arrays, and as a file for other programs: CSV, JSON or NumPy's NPZ.
+
+Names of fields are those of the JSON and NPZ files; `guidefield certify` reads the CSV file's columns again.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,7 @@ def run_arrays(run: PlanReply | Path | str) -> RunArrays:
 
     Raises:
         UnknownObject: if there is no such file, or the run has no motion: it failed.
-        MalformedRequest: if the file is no whole recording of guidefield, or of a run that made no motion.
+        MalformedRequest: if the file is no whole recording of guidefield, or the run judged a given motion.
     """
     reply: MotionReply
     if isinstance(run, PlanReply):
@@ -69,10 +72,7 @@ def run_arrays(run: PlanReply | Path | str) -> RunArrays:
 
 
 def write_motion(motion: RunArrays, path: Path) -> None:
-    """Write a motion to a file whose ending says how: `.csv`, `.json` or `.npz`; every number to its last digit.
-
-    Raises MalformedRequest if the ending is another one.
-    """
+    """Write a motion, every number to its last digit, to a `.csv`, `.json` or `.npz` file; else MalformedRequest."""
     kinds = {".csv": _csv, ".json": _json, ".npz": _npz}
     if path.suffix not in kinds:
         controllers = "or, for a controller, .ros.json, .yaml or .script"

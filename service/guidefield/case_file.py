@@ -1,4 +1,7 @@
-"""Write a motion as a plain file for the referee (referee.md)."""
+"""Write motions, with their world and limits, as a plain file that the referee judges (service/docs/referee.md).
+
+Fields are those that `referee/loading.py` reads and referee.md lists: a change of their meaning needs a new `FORMAT`.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +58,7 @@ class Motion:
     path_constraints: Sequence[PathConstraint] = ()  # as declared
     touching: Sequence[tuple[str, str]] = ()  # pairs of names that aren't tested because they touch, and part
     limited: PlanningGroup | None = None  # the same joints with the limits that count; None: those of the world's group
-    untold: str = ""  # certified properties that no case contains, in words
+    outside_proof: str = ""  # certified properties that no case or proof contains, in words
     anchor: Anchor | None = None  # from which all of it is seen; None: the world's origin
 
 
@@ -69,7 +72,7 @@ def write(path: Path, *motions: Motion) -> None:
 
 
 def make_cases(*motions: Motion) -> list[dict[str, Any]]:
-    """Motions as plain values, as JSON has them; referee.md has the fields.
+    """Return motions as plain values, as JSON has them; referee.md has the fields.
 
     Raises OSError if a mesh of the robot can't be read any more.
     """

@@ -12,8 +12,8 @@ def pause_collector() -> Iterator[None]:
     """Pause garbage collection in this process for as long as a block runs.
 
     Loading a planner or reading many obstacles makes a million objects that stay, which the collector would traverse
-    again and again, for a tenth of the time and more. Afterwards they count as old, so that it doesn't traverse them
-    all at once. If it was off before, it stays off.
+    again and again, for a tenth of the time and more. Afterwards they belong to its oldest generation, which is
+    traversed seldom. If it was off before, it stays off.
     """
     was_on = gc.isenabled()
     gc.disable()

@@ -1,4 +1,4 @@
-"""Deadlines: the time by which work must end, and its early cancellation."""
+"""Deadlines: the time by which work must end, and its early cancellation; a deadline is an argument of long work."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ class Deadline:
 
     def at_least(self, seconds: float) -> Deadline:
         """Return the deadline of work that begins now and may always take some time [s], even if cancelled."""
-        begun = time.monotonic() + seconds
-        return Deadline(max(self.at, begun), lambda: time.monotonic() >= begun and self.is_cancelled())
+        earliest = time.monotonic() + seconds
+        return Deadline(max(self.at, earliest), lambda: time.monotonic() >= earliest and self.is_cancelled())
 
     def or_if(self, is_cancelled: Callable[[], bool]) -> Deadline:
         """Return a deadline that another reason ends early, too."""

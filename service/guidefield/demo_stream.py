@@ -1,4 +1,7 @@
-"""The demonstration of streams: a Panda moves between two places of a table among drifting boxes."""
+"""The demonstration of streams: a Panda moves between two places of a table among drifting boxes.
+
+`guidefield demo` runs it; `box_at` must stay slower than the declared `FASTEST`, or pieces are proven of false motions.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from guidefield.stream.journal import Journal, files_of
 from guidefield.stream.replay import replay
 from guidefield.stream.shown import record
 
-BENT: Positions = {
+BENT: Positions = {  # the arm's joints but the first one, at both places [rad]
     "panda_joint2": 0.15,
     "panda_joint3": 0.0,
     "panda_joint4": -2.0,
@@ -29,11 +32,11 @@ SCENE = "table"
 SIDE = 0.1  # side of the boxes [m]
 FASTEST = 0.25  # their declared largest speed [m/s]
 LASTS = 16.0  # duration of the demonstration [s]
-PERIOD = 0.02
+PERIOD = 0.02  # time between two updates [s], by the demonstration's own clock
 
 
 @dataclass(frozen=True)
-class Served:
+class DemoOutcome:
     """The outcome of the demonstration."""
 
     places: int  # number of reached places
@@ -50,7 +53,7 @@ def box_at(number: int, now: float) -> tuple[float, float, float]:
     return x, 0.75 * math.sin(0.25 * now + phase), 0.72 - 0.08 * number
 
 
-def serve(folder: Path, say: Callable[[str], None]) -> Served:
+def serve(folder: Path, say: Callable[[str], None]) -> DemoOutcome:
     """Run the demonstration on a counted clock, and store its journal and recording.
 
     Args:
@@ -88,7 +91,7 @@ def serve(folder: Path, say: Callable[[str], None]) -> Served:
     (file,) = files_of(kept)
     recording = folder / "demo-stream.rrd"
     record([file], engine.stream, recording)
-    return Served(places, pieces, reasons, replay(file, engine.stream).same, recording)
+    return DemoOutcome(places, pieces, reasons, replay(file, engine.stream).same, recording)
 
 
 def _place(count: int) -> JointsGoal:

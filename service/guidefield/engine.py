@@ -1,7 +1,7 @@
 """The engine: answer one request with its handler, the robot catalog, the stores and the recorder; no network.
 
-Heavy packages are imported when the first request needs them, so that an engine which only reads scenes and runs stays
-light.
+A new kind of request gets a line in `Engine`'s handlers, or a branch of `_dispatch` if it needs a deadline. Imports of
+heavy packages stay inside functions: an engine that only reads scenes and runs stays light.
 """
 
 from __future__ import annotations
@@ -90,16 +90,14 @@ class LocalFiles(enum.Enum):
 
 @dataclass(frozen=True)
 class _RequestContext:
-    asked: requests.Request
-    """As it came; what is answered is seen from the anchor, if there is one."""
-    received: float
+    asked: requests.Request  # as it came, in the world's coordinates
+    received: float  # arrival, by `time.monotonic()` [s]
     watcher: Watcher | None
     load: _RobotLoader
-    began: float | None = None
-    """Begin of its work, if that was before it was decoded, by `time.monotonic()` [s]."""
-    deferred: bool = False
+    began: float | None = None  # begin of its work, if before decoding, by the same clock [s]
+    deferred: bool = False  # whether only the log of its recording is written
     proof_to: Path | None = None
-    anchor: Anchor | None = None
+    anchor: Anchor | None = None  # the far-away point that handlers get positions relative to
 
 
 class SharedCaches:
@@ -110,7 +108,7 @@ class SharedCaches:
 
     @functools.cached_property
     def catalog(self) -> Catalog:
-        """The robots."""
+        """The loaded robots."""
         from guidefield.robot.catalog.catalog import Catalog
 
         return Catalog(self.packages)
@@ -128,8 +126,12 @@ class Engine:
 
     Args:
         instance: Name of the service, with the user if it is one's; part of the key of a recording.
-        runs: Store of a service's runs.
+        runs: Store of a service's runs; None: none, as of the other stores.
+        recordings: Store of recordings and proofs.
+        scenes: Stored scenes; None: only those of the package.
+        robots: Robots that clients stored.
         local_files: Whether a request may name a URDF file.
+        packages: Folders of packages with meshes, unless `loaded` has them.
         loaded: Caches shared with other engines; None: its own.
         lend: Finds the engine with another user's thing, ``user:name``.
         viewer: Address of a running Rerun viewer that shows runs and streams; None: none.
@@ -239,7 +241,7 @@ class Engine:
         return needs and received is None and not self._compiled
 
     def _load_ahead(self, request: requests.Request, load: _RobotLoader) -> bool:
-        """Load and prepare the needs of a request before its time begins; return whether a plan's were ready before."""
+        """Load and prepare a request's needs before its time begins; return whether a plan's were ready before."""
         compiled = self._compiled
         if self._is_first(request, None):
             compile_kernels(_log.warning, wholly=False)
@@ -261,7 +263,8 @@ class Engine:
 
         Args:
             robots: Robots of the catalog.
-            recorder: Whether recordings are drawn here, too: that takes as much time and memory as all the rest.
+            recorder: Whether recordings are rendered here, too: loading that takes as long, and as much memory, as all
+                the rest.
 
         Raises:
             RobotInvalid: if a robot is unknown or can't be used.
@@ -544,7 +547,7 @@ class Engine:
 def _move_to_anchor(
     request: _Asked, load: Callable[[requests.RobotReference], RobotModel]
 ) -> tuple[_Asked, Anchor | None]:
-    """Return a request as seen from near its robot, and from where; as it came near the origin, and None."""
+    """Return a request relative to an anchor near its robot, with the anchor; near the origin as it came, and None."""
     if not isinstance(request, requests.MotionRequest | requests.KinematicsRequest):
         return request, None
     from guidefield.scene.anchor import Anchor
@@ -587,12 +590,7 @@ def _at_added_fault(coming: Sequence[Obstacle]) -> Iterator[None]:
 
 
 class _RobotLoader:
-    """Loads the robot of a request once, so that its files aren't checked for changes again.
-
-    Args:
-        find: Finds the robot's source.
-        loaded: Loads it.
-    """
+    """Loads the robot of a request once, so that its files aren't checked for changes again."""
 
     def __init__(
         self, find: Callable[[requests.RobotReference], requests.RobotReference | SentRobot], loaded: SharedCaches

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 class Engines:
-    """Engines of all users of a service; local files are refused.
+    """Engines of all users of a service; requests that name local files are refused.
 
-    Where stores are only read, to answer the requests of earlier runs again, nothing is kept, and local files may be
-    named: whoever reads them all owns them.
+    If stores are only read, by a command that replays earlier runs, no recording is kept, and local files are allowed:
+    the person who reads all users' stores owns the machine's files.
     """
 
     def __init__(

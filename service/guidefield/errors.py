@@ -1,4 +1,7 @@
-"""All exceptions of guidefield, each with its wire code and the values of its message."""
+"""All exceptions of guidefield, each with its wire code and the values of its message.
+
+Codes and class names are the wire and the public API; a new code needs a meaning in `messages/served.py`.
+"""
 
 from __future__ import annotations
 
@@ -201,8 +204,8 @@ class InternalFailure(GuidefieldError):
     def of(cls, bug: Exception) -> InternalFailure:
         """Return the error for a bug."""
         kind = type(bug).__name__
-        told = strip_path(bug) if isinstance(bug, OSError) else bug
-        return cls(f"a bug in guidefield stopped this request: {kind}: {told}", kind=kind)
+        text = strip_path(bug) if isinstance(bug, OSError) else bug
+        return cls(f"a bug in guidefield stopped this request: {kind}: {text}", kind=kind)
 
 
 ERRORS: dict[Status, type[GuidefieldError]] = {kind.code: kind for kind in GuidefieldError.__subclasses__()}

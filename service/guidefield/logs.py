@@ -33,11 +33,7 @@ class JsonLines(logging.Formatter):
 
 
 class Journal(logging.Formatter):
-    """Lines for the system's journal, each with its level in front; all lines of an exception's trace, too.
-
-    Args:
-        lines: Makes the text.
-    """
+    """Lines for the system's journal, each with its level in front; all lines of an exception's trace, too."""
 
     def __init__(self, lines: logging.Formatter) -> None:
         super().__init__()
@@ -54,18 +50,18 @@ def _syslog_level(level: int) -> int:
     return next((number for least, number in ((50, 2), (40, 3), (30, 4), (20, 6)) if level >= least), 7)
 
 
-def is_journal(error: int, told: str) -> bool:
+def is_journal(descriptor: int, journal_stream: str) -> bool:
     """Return whether an open file is the journal's input.
 
     Args:
-        error: Descriptor of the file.
-        told: The variable JOURNAL_STREAM of the environment: device and inode of it, with a colon between.
+        descriptor: Descriptor of the file.
+        journal_stream: The variable JOURNAL_STREAM of the environment: the input's device and inode, as "8:1234".
     """
     try:
-        there = os.fstat(error)
+        file = os.fstat(descriptor)
     except OSError:
         return False
-    return told == f"{there.st_dev}:{there.st_ino}"
+    return journal_stream == f"{file.st_dev}:{file.st_ino}"
 
 
 def configure(level: int, *, json: bool) -> None:

@@ -1,4 +1,8 @@
-"""Memoize functions of an object, or of values: results are freed with the object, or earlier if memory is short."""
+"""Memoize functions of an object, or of values: results are freed with the object, or earlier if memory is short.
+
+All results of a process are in one map bounded by `FOUND`; `size_of` estimates their memory. An object is marked with
+an attribute, so it needs a `__dict__`.
+"""
 
 from __future__ import annotations
 
@@ -36,19 +40,20 @@ class _Mark:
 
     Attributes:
         owner: The object's id, which distinguishes it from a copy of its fields.
+        results: The map with the results: the module's name may be gone when the interpreter ends.
         asked: Arguments by number of the function, in the order of last use.
     """
 
-    __slots__ = ("asked", "known", "owner")
+    __slots__ = ("asked", "owner", "results")
 
     def __init__(self, owner: object) -> None:
-        self.owner, self.known = id(owner), _FOUND
+        self.owner, self.results = id(owner), _FOUND
         self.asked: dict[int, dict[object, None]] = {}
 
     def __del__(self) -> None:
         for function, asked in self.asked.items():
             for each in asked:
-                self.known.remove((id(self), function, each))
+                self.results.remove((id(self), function, each))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _no_mark, ()
@@ -119,7 +124,7 @@ class MemoSet:
 
 
 class SharedAnswer:
-    """Base of results that other results refer to: their memory counts only once."""
+    """Base of dataclasses that several results refer to: their memory counts only in a result of their own."""
 
 
 def memoized(find: Callable[Concatenate[Key, Rest], Found]) -> Callable[Concatenate[Key, Rest], Found]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from guidefield.messages.replies import AnyRunReply, MotionReply
 
 SHOWN = {"plan_reply": ["PlanReply"], "certify_reply": ["CertifyReply"], "replies": ["RunReply", "CertifyRunReply"]}
-"""Messages that are shown so, by their module."""
+"""Messages with a display, by their module in `guidefield.messages`: names, so that none has to be imported."""
 VIEWER_HEIGHT = 480  # height of the viewer [pixels]
 
 

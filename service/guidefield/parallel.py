@@ -21,11 +21,11 @@ def run_parallel(*works: Callable[[], object]) -> None:
 
 
 def run_queue(works: Iterator[Callable[[], object]], at_once: int) -> None:
-    """Run many works in order in `at_once` threads, this one among them.
+    """Run many works in order in several threads, this one among them.
 
     Args:
         works: Each is taken when it begins; an exception of the iterator ends the queue, as that of a work.
-        at_once: At least 1.
+        at_once: Number of threads, at least 1.
 
     Raises:
         Exception: of one of the works; no more begin then, and running ones are finished.

@@ -22,9 +22,10 @@ from guidefield.scene.scene import Scene
 
 
 class Precision(Enum):
-    """Of the field on a robot: single takes half the time, and is good to about 1e-5 a few millimetres from a wall.
+    """Precision of the field on a robot.
 
-    Coarse is single precision with expansions for all that is far away, good to a few thousandths: for pictures.
+    Single takes half the time of double, with an error of about 1e-5 a few millimetres from a wall. Coarse is single
+    precision with expansions for all that is far away, good to a few thousandths: for pictures.
     """
 
     DOUBLE = "double"
@@ -39,9 +40,7 @@ class Energy:
     potential: float  # U, the weighted sum of the potential over the charged points, and of links on links [m]
     gradient: np.ndarray  # dU/dv, shape (nv,); the generalised force is its negative
     metric: np.ndarray  # curvature of nearby faces carried to the joints, shape (nv, nv), positive semidefinite
-    # force [1] and moment about the world's origin [m] on each joint's link, in the world's axes, shape (joints of the
-    # group's model, 6)
-    wrenches: np.ndarray
+    wrenches: np.ndarray  # force [1], moment about the world's origin [m] on each joint's link, shape (njoints, 6)
 
 
 class RobotField:
@@ -79,11 +78,11 @@ class RobotField:
         return _charged_robot(self.group)
 
     def among(self, scene: Scene) -> RobotField:
-        """The same robot in another scene, in the same precision; counted on its own."""
+        """Return the same robot's field in another scene, in the same precision, with its own `evaluations`."""
         return RobotField(self.group, scene, self._precision)
 
     def evaluate(self, q: Configuration) -> Energy:
-        """U, its gradient, the metric and the wrenches at a configuration.
+        """Return U, its gradient, the metric and the wrenches at a configuration.
 
         Args:
             q: Configuration of the group, shape (nq,) [rad or m].
@@ -98,11 +97,11 @@ class RobotField:
         return Energy(float(potential), E.T @ gradient, E.T @ metric @ E, wrenches)
 
     def potential(self, q: Configuration) -> float:
-        """U at a configuration of the group, shape (nq,) [m]."""
+        """Return U at a configuration of the group, shape (nq,) [m]."""
         return float(self.potentials(q[None])[0])
 
     def potentials(self, qs: Configurations) -> np.ndarray:
-        """U at many configurations: in single precision alone, which takes half the time of `evaluate`.
+        """Return U at many configurations; unless in double precision, this takes half the time of `evaluate`.
 
         Args:
             qs: Configurations of the group, shape (m, nq).
@@ -119,11 +118,11 @@ class RobotField:
         return values
 
     def generalized_force(self, q: Configuration) -> np.ndarray:
-        """-dU/dv, shape (nv,), at a configuration of the group, shape (nq,)."""
+        """Return -dU/dv, shape (nv,), at a configuration of the group, shape (nq,)."""
         return -self.evaluate(q).gradient
 
     def link_wrenches(self, q: Configuration) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Force and torque on each moving link: F = sum f_i, tau = sum (x_i - J) x f_i.
+        """Return force and torque on each moving link: F = sum f_i, tau = sum (x_i - J) x f_i.
 
         The formulas are those of service/docs/algorithm.md, "Forces on a robot".
 
@@ -239,10 +238,7 @@ def _charged_robot(group: PlanningGroup) -> ChargedRobot:
 
 
 def _merge_runs(pairs: list[tuple[int, int, int]], fixed: int) -> list[tuple[int, int, int]]:
-    """Pairs of points, from one on and up to another one, with a capsule: those that go on where others end as one.
-
-    The first points don't move, `fixed` of them: they are never one with others.
-    """
+    """Merge consecutive ranges of points that repel the same capsule; the first `fixed` points, at rest, stay apart."""
     runs: list[tuple[int, int, int]] = []
     for first, past, capsule in sorted(pairs, key=lambda pair: (pair[2], pair[0])):
         if runs and runs[-1][1:] == (first, capsule) and first != fixed:

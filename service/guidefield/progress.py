@@ -21,7 +21,7 @@ MIN_PERIOD_S = 0.2
 
 
 class Watcher(Protocol):
-    """A client's link to a run: takes progress, and may cancel the run."""
+    """A client's link to a run: takes progress, and may cancel the run; `pool/process.py` `Call` is one."""
 
     def is_cancelled(self) -> bool:
         """Return whether the run is to end early."""

@@ -1,4 +1,7 @@
-"""Write motions with their proofs to one file, which the referee checks (referee.md)."""
+"""Prove motions and write them with their proofs to one file, which the referee checks (service/docs/referee.md).
+
+Arrays are named "k/field": k is a motion's number, fields are those of `referee/proof.py` `Proof`, which reads them.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +24,11 @@ from guidefield.prove.verdict import Reason
 from guidefield.referee.proof import FORMATS, digest
 from guidefield.whole_file import write_whole
 
-MOMENT = 1e-9  # time that a motion of one position takes [s]: the referee judges it for as long
-SAMPLES = 33  # samples that the smallest distance along a motion is first looked for at
+MOMENT = 1e-9  # time that a motion of one position takes [s], as in `referee/loading.py`
+SAMPLES = 33  # samples with which the search for the smallest distance along a motion begins
 WRITING_S_PER_ITEM = 1.2e-5
-"""Longest time to write an obstacle, triangle, point or knot down [s]: 11 us for one of 100,000 boxes, 2 for one of a
-million triangles or points."""
+"""Longest time to write an obstacle, triangle, point or knot [s]; measured: 11 us a box of 100,000, 2 us a triangle or
+point of a million."""
 
 
 class UnprovedError(Exception):
@@ -60,16 +63,16 @@ def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes
             pair = "" if found.verdict.pair is None else f": {' and '.join(found.verdict.pair)}"
             raise UnprovedError(f"the motion isn't free{pair}")
         arrays |= {f"{k}/{name}": array for name, array in arrays_of(proof).items()}
-    told = make_cases(*motions)
-    for one in told[1:]:
-        for name in [name for name, value in one.items() if value == told[0][name]]:
+    cases = make_cases(*motions)
+    for one in cases[1:]:  # the referee takes a field that is left out from the first case
+        for name in [name for name, value in one.items() if value == cases[0][name]]:
             del one[name]
-    arrays["cases"] = np.frombuffer(msgspec.json.encode(told), np.uint8)
+    arrays["cases"] = np.frombuffer(msgspec.json.encode(cases), np.uint8)
     return pack_arrays(arrays)
 
 
 def _goal_of(part: Motion, curve: Curve) -> Goal:
-    """What a proof is asked for: the smallest distances, too, which are those of a curve and not of a tube about it."""
+    """Return the goal of a proof's search: smallest distances, too, unless the robot may be beside the curve."""
     if curve.tube is not None:
         return Goal(part.min_clearance)
     span = float(curve.times[0]), float(curve.times[-1])
@@ -77,12 +80,12 @@ def _goal_of(part: Motion, curve: Curve) -> Goal:
 
 
 def arrays_of(proof: Proof) -> dict[str, np.ndarray]:
-    """The arrays of a proof by their names, of the shapes that `Proof` tells."""
+    """Return the arrays of a proof by their names, of the shapes that `Proof` tells."""
     return {field.name: getattr(proof, field.name) for field in fields(proof)}
 
 
 def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """The content of a file of arrays of any shape, with a digest of them all."""
+    """Return the content of a proof file: arrays of any shape, its format and a digest of them all."""
     content = io.BytesIO()
     named: dict[str, Any] = {"format": np.array(FORMATS[0]), "digest": np.array(digest(arrays)), **arrays}
     np.savez_compressed(content, **named)
@@ -90,7 +93,7 @@ def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def curve_of(motion: Motion) -> Curve:
-    """The curve through a motion's knots, with what a robot may be beside it."""
+    """Return the curve through a motion's knots, with the tube about it that the robot may be in."""
     count = len(motion.positions)
     times = np.arange(float(count)) if motion.times is None else np.asarray(motion.times, float)
     rates = motion.velocities, motion.accelerations

@@ -1,4 +1,4 @@
-"""Values whose arrays are read-only: what somebody was given stays as it was given."""
+"""Values whose arrays are read-only, so that a value which several parts of the program hold never changes."""
 
 from __future__ import annotations
 
@@ -15,10 +15,7 @@ def read_only(*arrays: object) -> None:
 
 
 class ReadOnly:
-    """Base of frozen dataclasses whose arrays are read-only from construction on.
-
-    Whoever made a value may have the very array in hand: it is read-only for all.
-    """
+    """Base of frozen dataclasses whose arrays are read-only from construction on, also for the code that made them."""
 
     def __post_init__(self) -> None:
         for value in vars(self).values():

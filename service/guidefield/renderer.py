@@ -1,8 +1,8 @@
 """A process at the lowest priority that renders recordings from the logs of runs, the newest first.
 
 Theory of operation. The service names runs; one thread here hands one after the other to a pool of one worker process.
-A log is deleted only once its recording is there, so that the next start goes on, whatever ended when. A run that ends
-the process again and again is given up.
+`rendering.py` deletes a log only once its recording is there, so a service that was killed continues at its next start.
+A run that ends the process `MAX_ATTEMPTS` times is given up.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Renderer:
         memory: The process is ended where it takes more [bytes].
         recordings: Finds a user's recordings.
         note: Is told of each run whose log was rendered or given up.
-        patience: Time for which a run is left to the worker that answered it [s].
+        patience: Time for which a run is left to the worker that answered it, if workers render their own [s].
     """
 
     def __init__(
@@ -95,19 +95,20 @@ class Renderer:
 
     def _settle(self, named: Named) -> None:
         try:
-            done, refusal = self._pool.submit(Task(named, math.inf)).result() if self._is_left(named) else (True, b"")
+            is_waiting = self._wait_for_worker(named)
+            done, refusal = self._pool.submit(Task(named, math.inf)).result() if is_waiting else (True, b"")
         except GuidefieldError as death:
             if self._closed.is_set():
                 return
             self._deaths[named] += 1
-            told = death.message.partition(";")[0]
-            if "mebibytes" in death.details or "MemoryError" in told:
+            cause = death.message.partition(";")[0]
+            if "mebibytes" in death.details or "MemoryError" in cause:  # as `pool/slot.py` says it
                 self._give_up(named, f"rendering it takes more than {self._memory >> 20} MiB of memory")
             elif self._deaths[named] < MAX_ATTEMPTS:
-                self._postpone(named, told)
+                self._postpone(named, cause)
                 return
             else:
-                self._give_up(named, f"it can't be rendered: {told}, {MAX_ATTEMPTS} times")
+                self._give_up(named, f"it can't be rendered: {cause}, {MAX_ATTEMPTS} times")
         else:
             if not done:
                 self._postpone(named, refusal.decode())
@@ -115,7 +116,8 @@ class Renderer:
         self._deaths.pop(named, None)
         self._note(*named)
 
-    def _is_left(self, named: Named) -> bool:
+    def _wait_for_worker(self, named: Named) -> bool:
+        """Wait until a worker has rendered a run, at most for `patience`; return whether it still has to be."""
         recordings, until = self._recordings(named[0]), time.monotonic() + self._patience
         while recordings.is_owed(named[1]) and time.monotonic() < until and not self._closed.is_set():
             self._closed.wait(LOOK_INTERVAL_S)

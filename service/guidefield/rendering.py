@@ -1,4 +1,4 @@
-"""Recordings rendered from the logs of their runs."""
+"""Render recordings from the logs of their runs: for `renderer.py`'s process, for workers, and for commands."""
 
 from __future__ import annotations
 
@@ -40,17 +40,19 @@ class Renderings:
     def render(self, recordings: Recordings, name: str, *, whole: bool = False) -> None:
         """Render a recording whose log is kept, unless it is rendered; raises OSError, and keeps the log.
 
-        A log that nothing can be rendered from is lost, with its reason. Whole, it has its robot's meshes, too.
+        If nothing can be rendered from a log, the recording is marked as lost, with the reason. If `whole`, it holds
+        its robot's meshes itself.
         """
         with contextlib.suppress(FileNotFoundError), recordings.file(name, LOG).open("rb") as file:
             state = os.fstat(file.fileno())
             done = recordings.path(name).exists()
-            fault = None if done else self._rendered(recordings, name, file.read(), whole=whole)
+            fault = None if done else self._draw(recordings, name, file.read(), whole=whole)
             if fault is not None:
                 _log.warning("the recording of run %s is lost: %s", name, fault)
             recordings.settle(name, state, fault)
 
-    def _rendered(self, recordings: Recordings, name: str, data: bytes, *, whole: bool) -> str | None:
+    def _draw(self, recordings: Recordings, name: str, data: bytes, *, whole: bool) -> str | None:
+        """Render the recording of a log; return why it can't be, if it can't."""
         try:
             with _read(recordings, name, data) as log:
                 file, bodies = recordings.path(name), None if whole else recordings.bodies_folder
@@ -90,8 +92,8 @@ class Renderings:
         return robot
 
 
-def rendered(recordings: Recordings, run_id: str) -> bytes:
-    """The recording of a run, rendered if that is owed, with all it needs; also where the folder can't be written.
+def render_recording(recordings: Recordings, run_id: str) -> bytes:
+    """Return the self-contained recording of a run, rendered if only its log is kept; the folder may be read-only.
 
     Raises:
         UnknownObject: if there is none, or it is damaged.

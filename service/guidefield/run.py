@@ -1,4 +1,7 @@
-"""One run: its progress, recording and proof; a failure to store these becomes a warning."""
+"""One run: its progress, its live view, its recording and proof; a failure to store these becomes a warning.
+
+`Run` is made by the engine; handlers call `record`, `prove`, and planners its observer. Nothing here may fail a plan.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ if TYPE_CHECKING:
     from guidefield.scene.anchor import Anchor
     from guidefield.scene.scene import Scene
 
-LARGEST_RECORDING = 512 * 2**20  # the largest recording that is stored [bytes]
+LARGEST_RECORDING = 512 * 2**20  # the largest recording, or proof, that is stored; of a stream, that is sent [bytes]
 
 _log = logging.getLogger(__name__)
 
@@ -57,10 +60,12 @@ class Run:
     """One run, with its progress and its recording.
 
     Args:
-        destination: Place of its recording, if any.
+        request: As it came, in the world's coordinates.
+        destination: Place of its recording; None: none is kept. A request may turn recording, and the viewer, off.
+        robot: Returns the source of its robot; asked only once the robot is loaded.
         progress: Reports its progress, if anybody listens.
         proof_place: File of its proof, and its place for the reply; None: nowhere.
-        anchor: From which all is seen that answers it; None: the world's origin.
+        anchor: The point that the planner gets all positions relative to; None: the world's origin.
         viewer: Address of a running viewer that shows it; None: none.
     """
 
@@ -90,7 +95,7 @@ class Run:
         return self._progress is not None and self._progress.pass_time_and_ask()
 
     def see(self, scene: Scene) -> Scene:
-        """Return the run's scene as it is seen; as it is declared it is recorded."""
+        """Return the run's scene relative to its anchor; it is recorded as it was declared."""
         if self._anchor is None:
             return scene
         self._declared = scene
@@ -104,7 +109,7 @@ class Run:
             self._progress.prepare(what)
 
     def record(self, group: PlanningGroup, scene: Scene) -> _Observers | None:
-        """Return an observer of the run that reports its progress and stores its recording; None without either."""
+        """Return an observer of the run: its progress, recording and live view; None if it has none of them."""
         if self._progress is not None:
             self._progress.begin(group, scene)
         if self._destination is not None:
@@ -139,8 +144,8 @@ class Run:
             if len(content) > LARGEST_RECORDING:
                 raise UnprovedError(f"it has {len(content)} bytes, at most {LARGEST_RECORDING} are kept")
             self._proof = content
-            for untold in dict.fromkeys(motion.untold for motion in motions if motion.untold):
-                self._warnings.add(f"the proof doesn't tell that {untold}")
+            for missing in dict.fromkeys(motion.outside_proof for motion in motions if motion.outside_proof):
+                self._warnings.add(f"the proof doesn't tell that {missing}")
         except (UnprovedError, OSError) as error:
             why = strip_path(error) if isinstance(error, OSError) else error
             self._warnings.add(f"no proof is kept: {why}")
@@ -163,10 +168,10 @@ class Run:
     def end(self, reply: _R, received: float | None = None) -> _R:
         """Complete a reply with the places of its recording and proof, or warnings why there are none.
 
-        Time since the reply's timing counts as measuring, unless a recording was stored then.
+        Time since the reply's timing was made counts as `measure`, unless a recording was stored then.
 
         Args:
-            received: When it arrived, by `time.monotonic()` [s]; None: its timing stays as it is.
+            received: Arrival of the request, by `time.monotonic()` [s]; None: the timing stays as it is.
         """
         place, proof = None if self._recording is None else self._recording.kept, self._keep_proof()
         timing = reply.timing
@@ -179,7 +184,7 @@ class Run:
 
 
 def remove_earlier_proof(file: Path) -> list[str]:
-    """Remove the file of a proof that isn't of the newest motion, if there is one; return warnings about it."""
+    """Remove the file of an earlier motion's proof, if there is one; return warnings about it."""
     try:
         file.unlink()
     except FileNotFoundError:
@@ -228,8 +233,8 @@ class Drawing:
     reply: MotionReply
     motion: RecordedMotion
     events: EventLog
-    made_with: str
-    anchor: Anchor | None = None  # the place from which the motion is seen; None: the world's origin
+    made_with: str  # versions of packages, as `describe_versions`
+    anchor: Anchor | None = None  # the point that positions of the motion are relative to; None: the world's origin
 
     def write(self, file: Path, bodies: Path | None) -> str | None:
         """Write the recording, with robots' meshes in a folder, or in itself; return why it isn't stored, if it isn't.
@@ -308,13 +313,12 @@ class _LiveView:
             self._run.show_step(event.q)
 
     def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
-        told = reply if self._anchor is None else self._anchor.outward(reply)
+        sent = reply if self._anchor is None else self._anchor.outward(reply)
+        drawing = Drawing(self._request, sent, motion, self._events, describe_versions(), self._anchor)
         try:
-            Drawing(self._request, told, motion, self._events, describe_versions(), self._anchor).record(
-                self._run.place
-            )
+            drawing.record(self._run.place)
         except Exception:
-            _log.exception("run %s can't be shown", told.run_id)
+            _log.exception("run %s can't be shown", sent.run_id)
 
 
 class _Recording:
@@ -351,12 +355,12 @@ class _Recording:
     def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
         """Store the log of the run; draw the recording instead if that fails, or no log is wanted."""
         to = self._destination
-        told: MotionReply = msgspec.structs.replace(reply, recording=to.key)
+        sent: MotionReply = msgspec.structs.replace(reply, recording=to.key)
         if self._anchor is not None:
-            told = self._anchor.outward(told)
+            sent = self._anchor.outward(sent)
         try:
-            if to.log is None or not self._defer(*to.log, told, motion):
-                drawing = Drawing(self._request, told, motion, self._events, describe_versions(), self._anchor)
+            if to.log is None or not self._store_log(*to.log, sent, motion):
+                drawing = Drawing(self._request, sent, motion, self._events, describe_versions(), self._anchor)
                 fault = drawing.write(to.file, to.bodies)
                 if fault is not None:
                     self._warnings.add(f"the recording is not kept: {fault}")
@@ -370,14 +374,15 @@ class _Recording:
                 f"the recording was not written, because of a bug in guidefield: {type(error).__name__}: {error}"
             )
 
-    def _defer(self, recordings: Recordings, name: str, reply: MotionReply, motion: RecordedMotion) -> bool:
+    def _store_log(self, recordings: Recordings, name: str, reply: MotionReply, motion: RecordedMotion) -> bool:
+        """Store the log from which the recording is rendered later; return whether the disk took it."""
         from guidefield.run_log import write_log
 
         log, shared = write_log(
             self._run_id, self._request, reply, self._robot, self._scene, self._events, motion.pack(), self._anchor
         )
         try:
-            recordings.owe(name, log, shared)
+            recordings.store_log(name, log, shared)
         except OSError as error:
             _log.warning("run %s: its log can't be kept: %s", self._run_id, strip_path(error))
             return False

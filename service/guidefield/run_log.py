@@ -1,7 +1,8 @@
 """The log of a run: all that its recording is rendered from, as bytes that are written before the reply is sent.
 
 It holds the request, the planner's events, the reply and the motion, and robot and scene as they were then: a large
-scene, its largest obstacles and a robot that a client stored are in files beside, which many logs share.
+scene, its largest obstacles and a robot that a client stored are in files beside, which many logs share. A log lives
+until it is rendered, perhaps by a newer version: a change of `_Log` that can't decode older logs needs another `MAGIC`.
 """
 
 from __future__ import annotations
@@ -52,28 +53,28 @@ class _SentRobot(msgspec.Struct, frozen=True):
     paths: dict[str, str]
 
 
-class _Stored(msgspec.Struct, frozen=True, tag="stored"):
+class _StoredRobot(msgspec.Struct, frozen=True, tag="stored"):
     name: str
-    content: str
+    content: str  # hash of its files
 
 
-class _Local(msgspec.Struct, frozen=True, tag="local"):
+class _LocalRobot(msgspec.Struct, frozen=True, tag="local"):
     file: UrdfFile
     fingerprint: str
 
 
 class _Log(msgspec.Struct, frozen=True):
-    """A log as it is written: messages as MessagePack, without the scene, where the request holds it whole."""
+    """A log as it is written, messages as MessagePack."""
 
     run_id: str
-    made_with: str
-    judges: bool
+    made_with: str  # versions of packages, as `describe_versions`
+    judges: bool  # whether the request is a CertifyRequest, else a PlanRequest
     request: bytes
     reply: bytes
     scene: bytes  # the scene, as MessagePack; empty: it is in a file of its own
     apart: tuple[int, ...]  # indices of its obstacles that are in files of their own, in the order of these
-    scene_given: bool  # whether the request holds it whole
-    robot: _Stored | _Local | None  # the robot, unless the request says all of it
+    scene_given: bool  # whether the request held the scene whole: `request` is written without it
+    robot: _StoredRobot | _LocalRobot | None  # the robot, unless the request says all of it
     packages: tuple[str, ...]  # folders in which meshes of a robot that is sent as text are looked for
     events: PackedEvents
     motion: PackedMotion
@@ -114,31 +115,31 @@ def write_log(
     motion: PackedMotion,
     anchor: Anchor | None = None,
 ) -> tuple[bytes, list[SharedFile]]:
-    """The content of a log, and the files that it shares with others."""
-    packed = _packed_scene(scene)
+    """Return the content of a log, and the files that it shares with others."""
+    packed = _pack_scene(scene)
     shared = [
-        SharedFile(digest, ending, partial(_encoded, scene.obstacles[index].message))
+        SharedFile(digest, ending, partial(_encode, scene.obstacles[index].message))
         for ending, (index, digest) in zip(OBSTACLES, packed.apart, strict=False)
     ]
     if packed.inline is None:
-        shared.append(SharedFile(packed.digest, SCENE, lambda: _encoded(_without(scene, packed.apart))))
-    origin: _Stored | _Local | None = None
+        shared.append(SharedFile(packed.digest, SCENE, lambda: _encode(_without(scene, packed.apart))))
+    origin: _StoredRobot | _LocalRobot | None = None
     if isinstance(robot.reference, SentRobot):
         sent = robot.reference
-        origin = _Stored(sent.name, sent.content)
-        shared.append(SharedFile(sent.content, ROBOT, lambda: _robot_file(sent)))
+        origin = _StoredRobot(sent.name, sent.content)
+        shared.append(SharedFile(sent.content, ROBOT, lambda: _pack_robot(sent)))
     elif isinstance(robot.reference, UrdfFile):
-        origin = _Local(robot.reference, robot.fingerprint)
+        origin = _LocalRobot(robot.reference, robot.fingerprint)
     given = isinstance(request.scene, SceneMessage) and getattr(request.scene, "base", None) is None
     if given:  # it is packed apart
-        request = copy.copy(request)  # what the request promises was checked with its scene
+        request = copy.copy(request)  # without checking it again: it may name objects of its scene
         msgspec.structs.force_setattr(request, "scene", SceneMessage(name="scene"))
     log = _Log(
         run_id=run_id,
         made_with=describe_versions(),
         judges=isinstance(request, CertifyRequest),
-        request=_encoded(request),
-        reply=_encoded(reply),
+        request=_encode(request),
+        reply=_encode(reply),
         scene=packed.inline or b"",
         apart=tuple(index for index, _ in packed.apart),
         scene_given=given,
@@ -152,7 +153,11 @@ def write_log(
 
 
 def read_log(data: bytes, needed: Callable[[str], Path], make_folder: Callable[[], Path]) -> RunLog:
-    """Read a log, files that it shares by the endings of its links, and a lost robot's meshes into a new folder.
+    """Read a log with the files that it shares.
+
+    Args:
+        needed: Returns the path of a shared file by the ending of the log's link to it.
+        make_folder: Makes a folder for the meshes of a stored robot whose files are gone.
 
     Raises:
         UnreadableLog: if it is damaged, or of another version of guidefield.
@@ -169,11 +174,11 @@ def read_log(data: bytes, needed: Callable[[str], Path], make_folder: Callable[[
         if log.scene_given:
             msgspec.structs.force_setattr(request, "scene", declared)
         reference: RobotReference | SentRobot = request.robot
-        if isinstance(log.robot, _Stored):
-            reference = _unpacked_robot(log.robot, needed(ROBOT), make_folder)
-        elif isinstance(log.robot, _Local):
+        if isinstance(log.robot, _StoredRobot):
+            reference = _unpack_robot(log.robot, needed(ROBOT), make_folder)
+        elif isinstance(log.robot, _LocalRobot):
             reference = log.robot.file
-        fingerprint = log.robot.fingerprint if isinstance(log.robot, _Local) else ""
+        fingerprint = log.robot.fingerprint if isinstance(log.robot, _LocalRobot) else ""
         return RunLog(
             run_id=log.run_id,
             made_with=log.made_with,
@@ -192,7 +197,7 @@ def read_log(data: bytes, needed: Callable[[str], Path], make_folder: Callable[[
 
 
 def made_with_of(log: Path) -> str:
-    """The packages that the run of a log was made with; empty where nothing can be read."""
+    """Return the versions of packages that the run of a log was made with; empty if it can't be read."""
     with contextlib.suppress(OSError, msgspec.DecodeError):
         data = log.read_bytes()
         if data.startswith(MAGIC):
@@ -207,33 +212,34 @@ class _MadeWith(msgspec.Struct):
 _ENCODER = msgspec.msgpack.Encoder()
 
 
-def _encoded(message: msgspec.Struct) -> bytes:
+def _encode(message: msgspec.Struct) -> bytes:
     return codec.encode(message, Encoding.MSGPACK)
 
 
 class _PackedScene(NamedTuple):
     digest: str
-    inline: bytes | None
-    apart: tuple[tuple[int, str], ...]
+    inline: bytes | None  # the scene; None if it is large, and in a file of its own
+    apart: tuple[tuple[int, str], ...]  # indices of large obstacles and hashes of their files
 
 
 @memoized
-def _packed_scene(scene: Scene) -> _PackedScene:
-    """Pack a scene, but for its largest obstacles: of versions of a scene these are mostly the same."""
-    sizes = [(*_packed_obstacle(scene.obstacles[index]), index) for index in scene.others]
+def _pack_scene(scene: Scene) -> _PackedScene:
+    """Pack a scene without its largest obstacles, which most versions of a scene share."""
+    sizes = [(*_measure_obstacle(scene.obstacles[index]), index) for index in scene.others]
     large = sorted((one for one in sizes if one[0] > LARGE_BYTES), reverse=True)[: len(OBSTACLES)]
     apart = tuple((index, digest) for _, digest, index in large)
-    packed = _encoded(_without(scene, apart))
+    packed = _encode(_without(scene, apart))
     return _PackedScene(_hash(packed), packed if len(packed) <= LARGE_BYTES else None, apart)
 
 
 @memoized
-def _packed_obstacle(obstacle: Obstacle) -> tuple[int, str]:
-    packed = _encoded(obstacle.message)
+def _measure_obstacle(obstacle: Obstacle) -> tuple[int, str]:
+    packed = _encode(obstacle.message)
     return len(packed), _hash(packed)
 
 
 def _without(scene: Scene, apart: Sequence[tuple[int, str]]) -> SceneMessage:
+    """Return the message of a scene with a sphere in place of each obstacle that is kept apart."""
     obstacles = [one.message for one in scene.obstacles]
     for index, _ in apart:
         obstacles[index] = Sphere(name=obstacles[index].name, radius=1.0)
@@ -252,14 +258,14 @@ def _hash(packed: bytes) -> str:
     return hashlib.blake2b(packed, digest_size=32).hexdigest()
 
 
-def _robot_file(sent: SentRobot) -> bytes:
+def _pack_robot(sent: SentRobot) -> bytes:
     meshes = {uri: path.read_bytes() for uri, path in sent.meshes.items()}
     paths = {uri: str(path) for uri, path in sent.meshes.items()}
     return _ENCODER.encode(_SentRobot(sent.urdf, sent.srdf, sent.root_joint, meshes, paths))
 
 
-def _unpacked_robot(stored: _Stored, file: Path, make_folder: Callable[[], Path]) -> SentRobot:
-    """A stored robot with the meshes of the store, since these are drawn already; if they are gone, unpacked."""
+def _unpack_robot(stored: _StoredRobot, file: Path, make_folder: Callable[[], Path]) -> SentRobot:
+    """Return a stored robot with the store's meshes, which are drawn already, or with those of the file."""
     packed = msgspec.msgpack.decode(file.read_bytes(), type=_SentRobot)
     meshes = {uri: Path(path) for uri, path in packed.paths.items()}
     if not all(path.exists() for path in meshes.values()):

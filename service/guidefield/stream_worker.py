@@ -1,9 +1,9 @@
 """The process of a stream: updates in, pieces and states out, each before the next one if it can be.
 
-Theory of operation. One thread answers; ways and the configurations of goals are looked for in another one, which gives
-way to it. All that has come by the time that a cycle begins is taken at once: of updates the newest is answered, from
-those before it is taken what they say of obstacles. So none is ever worked off late. Goals, stops and updates keep
-their order.
+Theory of operation. One thread answers; another one, which yields to it, searches paths and configurations of goals.
+A cycle takes all messages that have come by its begin: it answers the newest update, and only notes the observations of
+earlier ones, so that none is answered late. Goals, stops and updates keep their order. `endpoint/open_stream.py` holds
+the other end of the line, and takes each message that is sent here.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from guidefield.stream.journal import Journal
     from guidefield.stream.stream import CertifiedStream, GoalSearch
 
-MOST_AT_ONCE = 256  # the most that is taken at once: a sender without end is answered all the same
-MOST_SOUGHT = 8  # for this many goals configurations may be looked for at once
-HURRY = -10  # niceness of a stream's process, where the system allows one below 0
-REHEARSED = 3  # this many updates are answered before the first one, so that everything is loaded
-FAR_AWAY = Placement((0.0, 0.0, 50.0))
+MAX_MESSAGES_PER_CYCLE = 256  # messages that a cycle takes at most, so that it ends although a sender never pauses
+MAX_GOAL_SEARCHES = 8  # number of goals whose configurations may be searched at the same time
+NICENESS = -10  # of a stream's process, where the system allows one below 0
+REHEARSAL_UPDATES = 3  # updates answered on a stream of trial before it opens, so that everything is loaded
+FAR_AWAY = Placement((0.0, 0.0, 50.0))  # of an observed obstacle in those
 
 _log = logging.getLogger(__name__)
 
@@ -56,7 +56,7 @@ class Update:
 
 
 @dataclass(frozen=True)
-class Ask:
+class StreamQuery:
     """A query for another goal, for a judgement of the last piece, or to stop, as it came; numbered for its answer."""
 
     kind: Literal["aim", "judge", "stop"]
@@ -84,10 +84,10 @@ class RefusedOpening:
 
 
 @dataclass(frozen=True)
-class Told:
+class Publication:
     """A message to publish."""
 
-    key: Literal["pieces", "state"]  # below the stream's
+    key: Literal["pieces", "state"]  # last part of its key, below the stream's
     payload: bytes  # as the client wrote what it opened the stream with
     executing: int  # number of the last piece
     stops: float  # when the robot stands [s]
@@ -95,13 +95,13 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Answered:
-    """The answer to a query: which, whether it is a reply, the reply or error, and the goal's number by then."""
+class QueryAnswer:
+    """The answer to a query."""
 
-    asked: int
-    is_reply: bool
+    asked: int  # number of the query
+    is_reply: bool  # else an error
     payload: bytes
-    goal: int
+    goal: int  # the goal's number by then
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class StreamConversation:
         """In the process: open the stream, and answer until nobody is there."""
         logs.configure(self.setup.log_level, json=self.setup.json_logs)
         with contextlib.suppress(OSError):  # not everybody may
-            os.setpriority(os.PRIO_PROCESS, 0, HURRY)
+            os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
         journal = self._journal()
         try:
             stream = self._open_stream(journal)
@@ -140,7 +140,7 @@ class StreamConversation:
         gc.collect()
         gc.freeze()  # what is loaded stays; a collection need not look at it
         with stream, contextlib.suppress(EOFError, BrokenPipeError):
-            _Answering(stream, self.encoding, line).answer_all()
+            _Answerer(stream, self.encoding, line).answer_all()
         if journal is not None:
             journal.close()
 
@@ -171,7 +171,7 @@ class StreamConversation:
 
 
 def _rehearse(stream: CertifiedStream) -> None:
-    for cycle in range(REHEARSED):
+    for cycle in range(REHEARSAL_UPDATES):
         now = cycle * stream.request.period
         seen = [Observation(one.obstacle.name, now, FAR_AWAY) for one in stream.request.obstacles[:1]]
         answer = stream.update(StreamUpdate(now, seen))
@@ -179,18 +179,18 @@ def _rehearse(stream: CertifiedStream) -> None:
             codec.encode(answer, encoding)
 
 
-class _Answering:
+class _Answerer:
     def __init__(self, stream: CertifiedStream, encoding: Encoding, line: Connection) -> None:
         self._stream, self._encoding, self._line = stream, encoding, line
-        self._sought: dict[int, tuple[GoalSearch, Encoding]] = {}
-        self._woken, self._wake = os.pipe()
+        self._searches: dict[int, tuple[GoalSearch, Encoding]] = {}  # by the number of the query
+        self._woken, self._wake = os.pipe()  # a byte for each search that has ended
 
     def answer_all(self) -> None:
         while True:
             connection.wait([self._line, self._woken])
             self._settle_goals()
             asked: list[Any] = []
-            while len(asked) < MOST_AT_ONCE and self._line.poll(0.0):
+            while len(asked) < MAX_MESSAGES_PER_CYCLE and self._line.poll(0.0):
                 asked.append(self._line.recv())
             self._take(asked)
             if asked:
@@ -218,8 +218,9 @@ class _Answering:
             commit = self._stream.executing
             state = answer if isinstance(answer, StreamState) else None
             key: Literal["pieces", "state"] = "pieces" if state is None else "state"
-            self._line.send(Told(key, codec.encode(answer, self._encoding), commit.number, commit.stops, state))
-        for _ in self._stream:  # pieces were told
+            payload = codec.encode(answer, self._encoding)
+            self._line.send(Publication(key, payload, commit.number, commit.stops, state))
+        for _ in self._stream:  # pieces, which are sent already
             pass
 
     def _answer(self, number: int, encoding: Encoding, answer: Callable[[], msgspec.Struct | None]) -> None:
@@ -230,9 +231,9 @@ class _Answering:
         except GuidefieldError as error:
             is_reply, reply = False, make_error_reply(error)
         if reply is not None:
-            self._line.send(Answered(number, is_reply, codec.encode(reply, encoding), self._stream.goal_number))
+            self._line.send(QueryAnswer(number, is_reply, codec.encode(reply, encoding), self._stream.goal_number))
 
-    def _judge(self, asked: Ask) -> StreamJudged:
+    def _judge(self, asked: StreamQuery) -> StreamJudged:
         judge: StreamJudge = codec.decode(asked.payload, StreamJudge, asked.encoding)
         verdict = self._stream.judged(judge.time)
         commit = self._stream.executing
@@ -246,31 +247,31 @@ class _Answering:
             evaluations=verdict.evaluations,
         )
 
-    def _halt(self, _asked: Ask) -> Done:
+    def _halt(self, _asked: StreamQuery) -> Done:
         self._stream.stop()
         return Done(done="no piece follows the last one, until there is a goal again: the robot stops")
 
-    def _aim(self, asked: Ask) -> StreamAimed | None:
+    def _aim(self, asked: StreamQuery) -> StreamAimed | None:
         aim: StreamAim = codec.decode(asked.payload, StreamAim, asked.encoding)
         if aim.goal is None:
             return StreamAimed(goal=self._stream.take_goal(None))
-        if len(self._sought) >= MOST_SOUGHT:
-            raise ServerBusy(f"configurations of {MOST_SOUGHT} goals are looked for already", retry_after=0.1)
-        sought = self._stream.seek(aim.goal)
-        self._sought[asked.number] = sought, asked.encoding
-        sought.found.add_done_callback(lambda _: os.write(self._wake, b"."))
+        if len(self._searches) >= MAX_GOAL_SEARCHES:
+            raise ServerBusy(f"configurations of {MAX_GOAL_SEARCHES} goals are looked for already", retry_after=0.1)
+        search = self._stream.seek(aim.goal)
+        self._searches[asked.number] = search, asked.encoding
+        search.found.add_done_callback(lambda _: os.write(self._wake, b"."))
         return None
 
     def _settle_goals(self) -> None:
-        for number, (sought, encoding) in list(self._sought.items()):
-            if not sought.found.done():
+        for number, (search, encoding) in list(self._searches.items()):
+            if not search.found.done():  # goals are taken in the order in which they were asked for
                 return
             os.read(self._woken, 1)
-            del self._sought[number]
-            self._answer(number, encoding, partial(self._aim_at, sought))
+            del self._searches[number]
+            self._answer(number, encoding, partial(self._aim_at, search))
 
-    def _aim_at(self, sought: GoalSearch) -> StreamAimed:
-        return StreamAimed(goal=self._stream.take_goal(sought))
+    def _aim_at(self, search: GoalSearch) -> StreamAimed:
+        return StreamAimed(goal=self._stream.take_goal(search))
 
 
 def make_state(

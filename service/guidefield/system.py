@@ -1,4 +1,4 @@
-"""Memory and processor time of processes, and the processors, on Linux and macOS."""
+"""Memory and processor time of processes, and the lowest priority for this one, on Linux and macOS."""
 
 from __future__ import annotations
 

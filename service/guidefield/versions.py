@@ -1,4 +1,4 @@
-"""Versions of the packages that make a run."""
+"""Versions of the packages that make a run, as recordings and run logs hold them; replays and exports parse them."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from guidefield.pool.process import Call
 from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.runs import RunDatabase
 
-CONTINUED_S = 120.0  # time for which a robot is prepared after a reply at most [s]
+MAX_PREPARATION_S = 120.0  # longest time for which a robot is prepared further after a reply [s]
 
 _log = logging.getLogger(__name__)
 
@@ -52,13 +52,11 @@ class EngineSetup:
     packages: tuple[Path, ...] = ()  # folders of packages from which a robot that is sent may take meshes
     prepare: tuple[str, ...] = ()  # robots that each worker prepares for their first plan before it is ready
     quotas: Quotas = DEFAULT_QUOTAS  # what each user may have
-    # true if a worker renders each recording after its reply, before it takes the next query; else a process at low
-    # priority does
-    eager_recordings: bool = False
+    eager_recordings: bool = False  # whether a worker renders each recording after its reply; else `renderer.py` does
     viewer: str | None = None  # address of a running Rerun viewer that shows runs and streams; None: none
 
     def engines(self, database: RunDatabase | None = None) -> Engines:
-        """Engines on the data folder; those that read runs are given their database."""
+        """Return the engines on the data folder; commands that read runs give their database."""
         return Engines(self.instance, StoresByUser(self.data, self.quotas, database), self.packages, self.viewer)
 
     def __call__(self) -> EngineWorker:
@@ -80,16 +78,16 @@ class EngineWorker:
         """Return whether it is a reply, not an error, and its bytes; None if the job was set back and ended early."""
         encoding = job.query.encoding
         try:
-            return self._replied(job, call)
+            return self._reply(job, call)
         except Exception as error:
-            told = convert_exception(error)
-            if told is not error:
+            converted = convert_exception(error)
+            if converted is not error:
                 _log.exception("an answer could not be written")
-            if isinstance(told, Preempted) and call.set_back():
+            if isinstance(converted, Preempted) and call.set_back():
                 return None
-            return False, codec.encode(make_error_reply(told), encoding)
+            return False, codec.encode(make_error_reply(converted), encoding)
 
-    def _replied(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
+    def _reply(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
         query = job.query
         if keys.is_recording(query):
             of_run = query.key[0] == "runs"
@@ -110,9 +108,9 @@ class EngineWorker:
             self.engines.stores.of(query.owner).recordings.drop(reply.run_id)
             return None
         if isinstance(request, PlanRequest) and isinstance(reply, MotionReply) and _ended_loading(reply):
-            call.follow(partial(_go_on_preparing, self.engines.of(query.user), request, call))
+            call.defer_optional(partial(_go_on_preparing, self.engines.of(query.user), request, call))
         if self.eager and isinstance(reply, MotionReply) and reply.recording is not None:
-            call.owe(partial(self._render, query.owner, reply.run_id))
+            call.defer_required(partial(self._render, query.owner, reply.run_id))
         return True, codec.encode(reply, query.encoding)
 
     def _render(self, owner: str, run_id: str) -> None:
@@ -125,7 +123,7 @@ class EngineWorker:
 def _go_on_preparing(engine: Engine, request: PlanRequest, call: Call) -> None:
     """Prepare what a plan had no time for, until the next query; the part that was begun is finished."""
     with contextlib.suppress(DeadlineExpired, GuidefieldError):  # the next request goes on, or says why it can't
-        engine.prepare(request, Deadline(time.monotonic() + CONTINUED_S, call.is_awaited))
+        engine.prepare(request, Deadline(time.monotonic() + MAX_PREPARATION_S, call.is_awaited))
 
 
 def _ended_loading(reply: MotionReply) -> bool:

@@ -97,7 +97,7 @@ def test_recordings_of_a_batch_are_rendered_when_it_is_asked_for(tmp_path: Path)
     assert (said.exit_code, said.stdout) == (1, "1 rendered, 1 lost\n")
     assert {path.name for path in recordings.folder.iterdir()} == {"1.rrd", "2.lost"}
     assert read_recording(recordings.path("1")).reply.recording == str(recordings.path("1"))
-    recordings.owe("1", b"damaged", ())
+    recordings.store_log("1", b"damaged", ())
     assert "recorded" in _here(requests, folder).stderr
     assert {path.name for path in recordings.folder.iterdir()} == {"1.lost", "2.lost"}, "a finished batch renders, too"
 

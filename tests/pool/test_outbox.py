@@ -81,7 +81,7 @@ def test_a_thread_that_idles_is_told_of_one_answer_only(outbox: Outbox) -> None:
 def test_what_waits_for_a_client_is_bounded_but_one_answer_is_always_sent(
     outbox: Outbox, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rooms, "MOST_BYTES_OF_CLIENT", 100)
+    monkeypatch.setattr(rooms, "MAX_CLIENT_BYTES", 100)
     stopped = _Reader()
     assert outbox.post(Asker(client="stopped"), 10_000, lambda: stopped.take(0))
     assert not outbox.post(Asker(client="stopped"), 1, lambda: stopped.take(1))
@@ -91,7 +91,7 @@ def test_what_waits_for_a_client_is_bounded_but_one_answer_is_always_sent(
 
 
 def test_what_waits_for_all_is_bounded(outbox: Outbox, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rooms, "MOST_BYTES", 100)
+    monkeypatch.setattr(rooms, "MAX_UNREAD_BYTES", 100)
     stopped = _Reader()
     sent = [outbox.post(Asker(user), 40, lambda: stopped.take(0)) for user in "abcd"]
     assert sent == [True, True, False, False]
@@ -100,7 +100,7 @@ def test_what_waits_for_all_is_bounded(outbox: Outbox, monkeypatch: pytest.Monke
 
 
 def test_one_user_has_half_of_the_room_and_of_the_threads(outbox: Outbox, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, most in (("MOST_BYTES", 400), ("MOST_LETTERS", 16), ("MOST_THREADS", 4)):
+    for name, most in (("MAX_UNREAD_BYTES", 400), ("MAX_ANSWERS", 16), ("MAX_THREADS", 4)):
         monkeypatch.setattr(rooms, name, most)
     stopped, healthy = _Reader(), _Reader()
     healthy.reads.set()
@@ -190,7 +190,7 @@ def test_answers_come_while_who_polled_is_kept_by_one_that_does_not_read(name: s
 
 
 def test_somebody_attends_while_every_thread_is_kept_by_users_who_do_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rooms, "MOST_THREADS", 2)
+    monkeypatch.setattr(rooms, "MAX_THREADS", 2)
     source, stopped, healthy = _Source(), _Reader(), _Reader()
     healthy.reads.set()
     for user in ("greedy", "greedier"):

@@ -14,7 +14,7 @@ import pytest
 
 from guidefield.errors import ServerBusy, WorkerCrashed
 from guidefield.messages.identities import Asker
-from guidefield.pool.pool import DEFAULT_LIMITS, LOOKED_AFTER, Pool
+from guidefield.pool.pool import CHECK_INTERVAL_S, DEFAULT_LIMITS, Pool
 from guidefield.pool.waiting import Answer, Limits, Task, TimedAnswer
 from tests import worker_setups
 
@@ -55,7 +55,7 @@ def await_begun(path: Path) -> int:
 
 def closing_ends(pool: Pool, job: str, begun: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Close a pool whose worker is at a job that marks its beginning in a file: both end, and that is the reason."""
-    monkeypatch.setattr("guidefield.pool.pool.LAST_WORD_WITHIN", 0.1)
+    monkeypatch.setattr("guidefield.pool.pool.ENDING_S", 0.1)
     running = pool.submit(Task((job, str(begun)), PATIENCE))
     pid = await_begun(begun)
     pool.close(0.1)
@@ -127,7 +127,7 @@ def test_a_deadline_does_not_touch_what_has_begun(pool: Pool, tmp_path: Path) ->
             time.sleep(0.01)
         if begun.exists():
             break
-    time.sleep(max(0.0, soon.at - time.monotonic()) + 4 * LOOKED_AFTER)
+    time.sleep(max(0.0, soon.at - time.monotonic()) + 4 * CHECK_INTERVAL_S)
     assert not running.done()
     pool.cancel(running, _never)
     assert running.result(PATIENCE) == (True, b"cancelled")
@@ -156,7 +156,7 @@ def test_closing_ends_what_outlasts_the_grace(tmp_path: Path, monkeypatch: pytes
 
 def test_closing_has_what_outlasts_the_grace_come_to_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """However long that takes where the worker hardly gets a processor: this one is told to wait."""
-    monkeypatch.setattr("guidefield.pool.pool.LAST_WORD_WITHIN", PATIENCE)
+    monkeypatch.setattr("guidefield.pool.pool.ENDING_S", PATIENCE)
     begun, told, heard = (tmp_path / name for name in ("begun", "told", "heard"))
     pool = _started(1)
     running = pool.submit(Task(("last_word", f"{begun} {told} {heard}"), PATIENCE))
@@ -176,8 +176,8 @@ def test_closing_has_what_outlasts_the_grace_come_to_an_end(tmp_path: Path, monk
 def test_closing_ends_what_uses_a_processor_for_too_long_after_it_was_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("guidefield.pool.pool.LAST_WORD", 0.2)
-    monkeypatch.setattr("guidefield.pool.pool.LAST_WORD_WITHIN", worker_setups.LONG)
+    monkeypatch.setattr("guidefield.pool.pool.ENDING_PROCESSOR_S", 0.2)
+    monkeypatch.setattr("guidefield.pool.pool.ENDING_S", worker_setups.LONG)
     pool = _started(1)
     running = pool.submit(Task(("use", f"{tmp_path / 'begun'} 20.0"), PATIENCE))
     await_begun(tmp_path / "begun")

@@ -196,8 +196,8 @@ def test_closing_ends_a_worker_in_a_native_call_that_keeps_the_interpreter(
 def test_closing_leaves_a_slot_behind_whose_listener_does_not_come_back(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("guidefield.pool.pool.STOPPED_WITHIN", 0.3)
-    monkeypatch.setattr("guidefield.pool.pool.LAST_WORD_WITHIN", 0.1)
+    monkeypatch.setattr("guidefield.pool.pool.STOPPING_S", 0.3)
+    monkeypatch.setattr("guidefield.pool.pool.ENDING_S", 0.1)
     comes_back, heard = threading.Event(), threading.Event()
 
     def hear(_told: bytes) -> None:

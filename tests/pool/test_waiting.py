@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 
 from guidefield.errors import ServerBusy
 from guidefield.messages.identities import Asker
-from guidefield.pool.waiting import HELD_UP, TRIAL, Limits, Task, TimedAnswer, Waiting
+from guidefield.pool.waiting import STANDBY_WAIT_S, TRIAL_S, Limits, Task, TimedAnswer, Waiting
 
 CLIENTS = st.lists(st.sampled_from("abcd"), min_size=1, max_size=40)
 
@@ -209,7 +209,7 @@ def test_who_stands_by_takes_only_what_waits_too_long_of_users_without_a_worker(
     waiting = Waiting(Limits())
     tasks = [Task(number, 1.0, asker=asker) for number, asker in enumerate(askers)]
     for task in tasks:
-        task.since -= data.draw(st.sampled_from([0.0, 2 * HELD_UP + 60.0]))
+        task.since -= data.draw(st.sampled_from([0.0, 2 * STANDBY_WAIT_S + 60.0]))
         waiting.add(task)
     held = [task for _ in range(free) if (task := waiting.take()) is not None]
     for _ in askers:
@@ -219,7 +219,7 @@ def test_who_stands_by_takes_only_what_waits_too_long_of_users_without_a_worker(
             assert not waiting.is_held_up(math.inf)
             break
         assert task.asker.user not in users
-        assert time.monotonic() - task.since >= HELD_UP
+        assert time.monotonic() - task.since >= STANDBY_WAIT_S
         assert len(waiting) == before - 1
         waiting.settle(task, 1.0, 1.0)
         if data.draw(st.booleans()):
@@ -240,12 +240,12 @@ def test_whoever_gave_way_takes_anothers_place_after_twice_as_long_each_time_and
     waiting = Waiting(Limits())
     often, fresh = (Task(user, 1.0, asker=Asker(user)) for user in ("often", "fresh"))
     for task in (often, fresh):
-        task.since -= 2 * HELD_UP
+        task.since -= 2 * STANDBY_WAIT_S
     often.set_back = 3
     waiting.add(often)
-    assert [waiting.is_held_up(share * TRIAL) for share in (1.0, 7.9, 8.0)] == [False, False, True]
+    assert [waiting.is_held_up(share * TRIAL_S) for share in (1.0, 7.9, 8.0)] == [False, False, True]
     waiting.add(fresh)
-    assert [waiting.is_held_up(share * TRIAL) for share in (0.9, 1.0)] == [False, True]
+    assert [waiting.is_held_up(share * TRIAL_S) for share in (0.9, 1.0)] == [False, True]
     assert [waiting.take_held_up(time.monotonic()) for _ in range(2)] == [fresh, often]
 
 

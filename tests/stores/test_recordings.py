@@ -26,7 +26,7 @@ from guidefield.stores.recordings import (
 def recordings(tmp_path: Path) -> Recordings:
     """Recordings of which that of `r1` is owed."""
     kept = Recordings(tmp_path / "recordings")
-    kept.owe("r1", b"log of r1", ())
+    kept.store_log("r1", b"log of r1", ())
     return kept
 
 
@@ -74,7 +74,7 @@ def test_what_logs_share_is_kept_once_and_goes_with_the_last_of_them(recordings:
 
     for number in range(3):
         files = [SharedFile("d1", SCENE, partial(content, "scene")), SharedFile("d2", ROBOT, partial(content, "robot"))]
-        recordings.owe(f"s{number}", b"log", files)
+        recordings.store_log(f"s{number}", b"log", files)
     assert asked == ["scene", "robot"]
     assert names(recordings.shared_folder) == {"d1", "d2"}
     assert recordings.describe("s0") == KeptRecording("owed", 3 + 100_000)
@@ -93,8 +93,8 @@ def test_what_logs_share_is_kept_once_and_goes_with_the_last_of_them(recordings:
 
 
 def test_a_sweep_deletes_what_killed_processes_left(recordings: Recordings) -> None:
-    recordings.owe("s1", b"log", [shared(b"content")])
-    recordings.owe("s2", b"log", [shared(b"content"), shared(b"other", ROBOT, "d2")])
+    recordings.store_log("s1", b"log", [shared(b"content")])
+    recordings.store_log("s2", b"log", [shared(b"content"), shared(b"other", ROBOT, "d2")])
     recordings.file("s2", LOG).unlink()
     (recordings.folder / ".s3.log.1234.draft").write_bytes(b"half")
     (recordings.folder / "old.owed").write_text("1234 5678.9")  # of an earlier version
@@ -109,7 +109,7 @@ def test_a_sweep_deletes_what_killed_processes_left(recordings: Recordings) -> N
 
 
 def test_a_deleted_run_leaves_nothing(recordings: Recordings) -> None:
-    recordings.owe("s1", b"log", [shared(b"content"), shared(b"other", ROBOT, "d2")])
+    recordings.store_log("s1", b"log", [shared(b"content"), shared(b"other", ROBOT, "d2")])
     for ending in (RECORDING, LOST):
         recordings.file("s1", ending).write_bytes(b"")
     recordings.drop("s1")

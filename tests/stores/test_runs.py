@@ -224,7 +224,7 @@ def test_runs_that_are_too_old_are_dropped(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_is_rendered_of_a_run_that_was_deleted_goes(database: RunDatabase, runs: UserRuns) -> None:
-    runs.recordings.owe("r1", b"log", ())
+    runs.recordings.store_log("r1", b"log", ())
     keep(database, "r1")
     runs.delete("r1")
     runs.recordings.path("r1").write_bytes(b"late")
@@ -236,10 +236,10 @@ def test_a_recording_that_is_rendered_of_a_run_that_was_deleted_goes(database: R
 def test_a_start_has_the_recordings_rendered_that_are_owed(database: RunDatabase, tmp_path: Path) -> None:
     for index, (owner, run_id) in enumerate([(PLAIN, "r1"), ("alice", "a1"), (PLAIN, "r2")]):
         recordings = database.recordings(owner)
-        recordings.owe(run_id, b"log", ())
+        recordings.store_log(run_id, b"log", ())
         os.utime(recordings.file(run_id, LOG), (index, index))
         keep(database, run_id, owner=owner)
-    database.recordings(PLAIN).owe("unknown", b"of a run that was never answered", ())
+    database.recordings(PLAIN).store_log("unknown", b"of a run that was never answered", ())
     os.utime(database.recordings(PLAIN).file("unknown", LOG), (9, 9))
     database.recordings("alice").give_up("a1", "rendered by somebody else, or not, while no service ran")
     database.close()

@@ -233,7 +233,7 @@ def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
             raise UnknownObject(f"there is no recording {run!r}", path=run)
         yield file
         return
-    from guidefield.rendering import rendered
+    from guidefield.rendering import render_recording
 
     with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
         if files := stream_files(run, data_folder(data, name)):
@@ -243,5 +243,5 @@ def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
             runs, run_id = split_run_name(run, data, name)
             file = Path(folder) / f"{run_id}.rrd"
             runs.require(run_id)
-            file.write_bytes(rendered(runs.recordings, run_id))
+            file.write_bytes(render_recording(runs.recordings, run_id))
         yield file

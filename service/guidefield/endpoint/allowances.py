@@ -8,11 +8,11 @@ import time
 
 from guidefield.errors import QuotaExceeded
 from guidefield.messages.identities import Quotas
-from guidefield.pool.waiting import HALVED_IN, Waiting
+from guidefield.pool.waiting import HALF_LIFE_S, Waiting
 
 MOST_USERS = 1_000  # number of users whose rest is remembered
 MINUTE = 60.0
-STEADY = HALVED_IN / math.log(2.0)  # use of a user who has had a processor second each second for long [s]
+STEADY = HALF_LIFE_S / math.log(2.0)  # use of a user who has had a processor second each second for long [s]
 AT_ONCE = 256 * 2**20  # payload that may come at once [bytes]
 LIST_COUNTS = 10.0  # number of queries as which a list, or all of `info`, counts: it takes that much longer to answer
 SHORTEST = 0.001  # shortest time after which a user may ask again [s]
@@ -62,7 +62,7 @@ class Allowances:
             over = self._waiting.used(user) * MINUTE / (STEADY * most)
             if over > 1.0:
                 what = f"{most:g} s of a processor in a minute"
-                raise _exceeded(what, HALVED_IN * math.log2(over), processor_per_minute=most)
+                raise _exceeded(what, HALF_LIFE_S * math.log2(over), processor_per_minute=most)
 
 
 class _Refilled:

@@ -13,7 +13,7 @@ import zenoh
 
 from guidefield.errors import strip_source
 from guidefield.messages import codec
-from guidefield.pool.outbox import MOST_THREADS
+from guidefield.pool.outbox import MAX_THREADS
 
 READ_WITHIN = 15.0  # time for reading an answer, beside what the system keeps of it, before its link is ended [s]
 LEASE = 10.0
@@ -23,7 +23,7 @@ It is Zenoh's own: with 2 s a service that got hardly any of a busy machine lost
 """
 LONGEST_MESSAGE = 4 * codec.MAX_REQUEST_BYTES
 """Zenoh drops a larger message without a word [bytes]; what is between this and a payload's limit is refused."""
-RUNTIME = f"(rx: (worker_threads: 32), tx: (worker_threads: {MOST_THREADS + 4}))"
+RUNTIME = f"(rx: (worker_threads: 32), tx: (worker_threads: {MAX_THREADS + 4}))"
 """Zenoh's threads, unless the variable ZENOH_RUNTIME says otherwise.
 
 Where a link ends to which an answer is being sent, Zenoh blocks one of the threads that send until the answer's own

@@ -102,7 +102,7 @@ class OpenStream:
                 raise StreamUnknown(f"stream {self.name[1]!r} isn't open", stream=self.name[1])
             number = next(self._numbers)
             self._queries[number] = answer
-        if not self._companion.tell(stream_worker.Ask(kind, number, encoding, payload), len(payload)):
+        if not self._companion.tell(stream_worker.StreamQuery(kind, number, encoding, payload), len(payload)):
             with self._lock:
                 self._queries.pop(number, None)
             raise ServerBusy("too much waits for this stream already", retry_after=1.0)
@@ -144,7 +144,7 @@ class OpenStream:
         )
 
     def _hear(self, what: Any) -> None:
-        if isinstance(what, stream_worker.Told):
+        if isinstance(what, stream_worker.Publication):
             with self._lock:
                 self._executing, self._stops = what.executing, what.stops
                 if what.state is None:
@@ -152,7 +152,7 @@ class OpenStream:
                 else:
                     self._last = what.state
             self._publish(what.key, what.payload, self._encoding)
-        elif isinstance(what, stream_worker.Answered):
+        elif isinstance(what, stream_worker.QueryAnswer):
             with self._lock:
                 answer = self._queries.pop(what.asked)
                 self._goal = what.goal

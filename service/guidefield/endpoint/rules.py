@@ -19,14 +19,14 @@ from guidefield.messages.store_requests import LARGEST_PAGE
 from guidefield.messages.streams import MOST_STREAM_OBSTACLES, MOST_UPDATE_BYTES
 from guidefield.messages.triples import MAX_VERTICES
 from guidefield.messages.values import LARGEST, LONGEST_TIME, MAX_URDF_CHARACTERS
-from guidefield.pool.companion import MOST_WAITING, STUCK
-from guidefield.pool.outbox import MOST_BYTES, MOST_BYTES_OF_CLIENT, MOST_LETTERS, OF_USER
-from guidefield.pool.waiting import BACKSTOP, HELD_UP, TRIAL, Limits
+from guidefield.pool.companion import MAX_SILENCE_S, MAX_WAITING_MESSAGES
+from guidefield.pool.outbox import MAX_ANSWERS, MAX_CLIENT_BYTES, MAX_UNREAD_BYTES, USER_SHARE
+from guidefield.pool.waiting import BACKSTOP, STANDBY_WAIT_S, TRIAL_S, Limits
 from guidefield.robot.catalog.sent_meshes import MAX_MESH_BYTES, MAX_MESHES
 from guidefield.run import LARGEST_RECORDING
 from guidefield.stores.robots import MAX_BYTES, MAX_ROBOTS
 from guidefield.stores.runs import Retention
-from guidefield.stream_worker import MOST_SOUGHT
+from guidefield.stream_worker import MAX_GOAL_SEARCHES
 
 
 def limits_told(
@@ -77,18 +77,18 @@ _OF_TIME = (
 _OF_STREAMS = (
     _limit("stream_silence", SILENCE, "s", "without an update before a stream ends"),
     _limit("stream_opening", OPENED_WITHIN, "s", "for opening a stream"),
-    _limit("stream_stuck", STUCK, "s", "for a stream's process to take a message; then it ends"),
+    _limit("stream_stuck", MAX_SILENCE_S, "s", "for a stream's process to take a message; then it ends"),
     _limit("stream_update", MOST_UPDATE_BYTES, "bytes", "one update; a larger one is refused on `state`"),
-    _limit("stream_waiting", MOST_WAITING, "updates", "waiting for one stream; more are refused on `state`"),
+    _limit("stream_waiting", MAX_WAITING_MESSAGES, "updates", "waiting for one stream; more are refused on `state`"),
     _limit("stream_obstacles", MOST_STREAM_OBSTACLES, "obstacles", "known to one stream, without those that are gone"),
-    _limit("stream_goals", MOST_SOUGHT, "goals", "searched at once; more: SERVER_BUSY"),
+    _limit("stream_goals", MAX_GOAL_SEARCHES, "goals", "searched at once; more: SERVER_BUSY"),
 )
 _OF_ANSWERS = (
     _limit("read_within", READ_WITHIN, "s", "to read an answer; then Zenoh ends the link"),
-    _limit("unread_of_client", MOST_BYTES_OF_CLIENT, "bytes", "unread answers of one client; more: SERVER_BUSY"),
-    _limit("unread", MOST_BYTES, "bytes", "unread answers together; more: SERVER_BUSY"),
-    _limit("unread_answers", MOST_LETTERS, "answers", "unread together; more: SERVER_BUSY"),
-    _limit("unread_of_user", OF_USER, "of these", "for one user"),
+    _limit("unread_of_client", MAX_CLIENT_BYTES, "bytes", "unread answers of one client; more: SERVER_BUSY"),
+    _limit("unread", MAX_UNREAD_BYTES, "bytes", "unread answers together; more: SERVER_BUSY"),
+    _limit("unread_answers", MAX_ANSWERS, "answers", "unread together; more: SERVER_BUSY"),
+    _limit("unread_of_user", USER_SHARE, "of these", "for one user"),
     _limit("list_counts", LIST_COUNTS, "queries", "for which a list or a full `info` counts in `per_second`"),
     _limit("list_of_runs", LARGEST_PAGE, "runs", "on one page; `after` continues"),
     _limit("reads", MOST_READS, "queries", "for files, waiting for the disk; more: SERVER_BUSY"),
@@ -115,8 +115,8 @@ DELIVERY = (
         rule="Answers come in no order. A free worker goes to the user with the fewest workers, then to the one with"
         " the least recent processor time; the clients of a user take turns, and the requests of a client start in"
         " order. If the queue is full, the last request of the user with the most is SERVER_BUSY. One more worker"
-        f" serves users that have waited {HELD_UP:g} s without one; after {TRIAL:g} s, each time doubled, its request"
-        " gives way to another such user's and starts anew.",
+        f" serves users that have waited {STANDBY_WAIT_S:g} s without one; after {TRIAL_S:g} s, each time doubled, its"
+        " request gives way to another such user's and starts anew.",
     ),
     DeliveryRule(
         name="time",

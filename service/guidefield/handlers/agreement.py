@@ -65,14 +65,14 @@ def declare(
     held: Sequence[AttachedObject] | None = None,
     *,
     touching: Sequence[tuple[str, str]] = (),
-    untold: str | None = None,
+    outside_proof: str | None = None,
 ) -> Motion:
     """Make the referee's motion of one that is certified under conditions.
 
     Args:
         held: What is held; None: what the request says.
         touching: Pairs that aren't tested because they touch, and part.
-        untold: Certified properties that no case contains, in words; None: those of the conditions.
+        outside_proof: Certified properties that no case or proof contains, in words; None: those of the conditions.
     """
     given = motion if isinstance(motion, GivenMotion) else GivenMotion.of(motion)
     return Motion(
@@ -90,7 +90,7 @@ def declare(
         path_constraints=request.path_constraints if conditions.path_constraints else (),
         limited=conditions.group,
         touching=touching,
-        untold=conditions.untold if untold is None else untold,
+        outside_proof=conditions.outside_proof if outside_proof is None else outside_proof,
     )
 
 

@@ -279,8 +279,8 @@ def _motions(request: PlanRequest, made: SequencePlan[Standing], stretches: Sequ
     motions = []
     for one in stretches:
         held = [held.attached for held in made.legs[one.index].at.objects]
-        untold = None if one.way is None else f"{one.way.frame} keeps to its straight way"
-        motions.append(declare(request, one, one.executed, held, untold=untold))
+        outside_proof = None if one.way is None else f"{one.way.frame} keeps to its straight way"
+        motions.append(declare(request, one, one.executed, held, outside_proof=outside_proof))
     return motions
 
 

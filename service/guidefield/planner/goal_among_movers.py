@@ -179,7 +179,7 @@ class _Search:
             return self._excess
         if refusal is not None:
             names, leave_by = " and ".join(refusal.pair or ("a link", "an obstacle")), problem.began + leave_by
-            kept = f", where {problem.untold}" if problem.beside else ""
+            kept = f", where {problem.outside_proof}" if problem.beside else ""
             message = (
                 f"at {leave_by:.2f} s {names} meet where the robot starts, and no way was found that leaves before"
                 f"{kept}"

@@ -1,1 +1,1 @@
-"""Worker processes behind a bounded queue."""
+"""Worker processes behind a bounded queue, processes of single conversations, and the way of answers to clients."""

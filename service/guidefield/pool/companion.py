@@ -1,8 +1,9 @@
-"""A process for one conversation: started with it, supervised while it lasts, ended with it.
+"""A process for one conversation, such as a stream: started with it, supervised while it lasts, ended with it.
 
 Theory of operation. One thread starts the process, which ends with this thread at the latest, and hears its messages;
 another thread sends messages, so that no caller waits for a process that takes none. The messages that wait are
-bounded. The first thread checks every 0.1 s that the process lives, keeps to its memory, and acknowledges messages.
+bounded. The first thread checks every `CHECK_INTERVAL_S` that the process lives, keeps to its memory, and acknowledges
+messages by `Taken`, which the conversation must send.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from guidefield.errors import GuidefieldError, WorkerCrashed
 from guidefield.pool.process import end_with_parent, limit_memory
 from guidefield.system import resident
 
-LOOK_EVERY = 0.1  # period at which a process is checked [s]
-MOST_WAITING = 1_000  # maximum number of messages that wait to be sent
-MOST_BYTES_WAITING = 64 << 20  # their maximum size together [bytes]
-STUCK = 10.0  # time without an acknowledgement, while messages wait, after which a process is ended [s]
+CHECK_INTERVAL_S = 0.1  # period at which a process is checked [s]
+MAX_WAITING_MESSAGES = 1_000  # maximum number of messages that wait to be sent
+MAX_WAITING_BYTES = 64 << 20  # their maximum size together [bytes]
+MAX_SILENCE_S = 10.0  # time without an acknowledgement, while messages wait, after which a process is ended [s]
 
 _log = logging.getLogger(__name__)
 _spawn = multiprocessing.get_context("spawn")
@@ -37,7 +38,7 @@ Conversation = Callable[[Connection], None]
 
 @dataclass(frozen=True)
 class Taken:
-    """Acknowledges messages."""
+    """The process's acknowledgement of messages that it took."""
 
     count: int
 
@@ -49,7 +50,7 @@ class Companion:
         conversation: Its work.
         memory: Limit of its memory [bytes]; beyond that it is ended.
         hear: Called with each of its messages but `Taken`, in a thread of its own.
-        over: Called at each check, in that thread; returns why the conversation is to end, if it is.
+        over: Called at each check, in that thread; returns the reason if the conversation is to end.
         ended: Called once, in that thread, with the reason, when the process is gone.
     """
 
@@ -88,7 +89,7 @@ class Companion:
     def tell(self, what: Any, size: int) -> bool:
         """Send the process a message of a size [bytes] soon; return False if too much waits, or it is over."""
         with self._changed:
-            full = len(self._waiting) >= MOST_WAITING or self._size + size > MOST_BYTES_WAITING
+            full = len(self._waiting) >= MAX_WAITING_MESSAGES or self._size + size > MAX_WAITING_BYTES
             if self._closed or (full and self._waiting):
                 return False
             if not self._unfinished:
@@ -136,7 +137,7 @@ class Companion:
         looked, death = time.monotonic(), WorkerCrashed("the process that worked on it died; the service lives on")
         while True:
             try:
-                if line.poll(LOOK_EVERY):
+                if line.poll(CHECK_INTERVAL_S):
                     what = line.recv()
                     if isinstance(what, Taken):
                         with self._changed:
@@ -147,7 +148,7 @@ class Companion:
             except (EOFError, OSError):
                 return death
             now = time.monotonic()
-            if now - looked < LOOK_EVERY:
+            if now - looked < CHECK_INTERVAL_S:
                 continue
             looked = now
             if (over := self._over()) is not None:
@@ -155,8 +156,9 @@ class Companion:
             if self.memory > self._memory:
                 limit = self._memory // 2**20
                 return WorkerCrashed(f"it took more than {limit} MiB of memory and was ended", mebibytes=limit)
-            if self._unfinished > 0 and now - self._got_on > STUCK:
-                return WorkerCrashed(f"it got on with nothing for {STUCK:g} s and was ended", seconds=STUCK)
+            if self._unfinished > 0 and now - self._got_on > MAX_SILENCE_S:
+                silent = f"it got on with nothing for {MAX_SILENCE_S:g} s and was ended"
+                return WorkerCrashed(silent, seconds=MAX_SILENCE_S)
             if not process.is_alive() and not line.poll(0.0):
                 return death
 
@@ -170,7 +172,7 @@ class Companion:
                 self._size -= size
             try:
                 line.send(what)
-            except (OSError, ValueError):  # it is gone, which who listens finds out too
+            except (OSError, ValueError):  # it is gone, as the listening thread finds, too
                 return
 
 

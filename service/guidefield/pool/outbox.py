@@ -1,13 +1,13 @@
-"""Answers on their way out: a client that doesn't read holds up no other.
+"""Send answers to clients in bounded queues and threads: a client that doesn't read delays no other.
 
 Theory of operation. Zenoh sends an answer in the thread that gives it, and blocks that thread for seconds if a link
-takes no more. So answers are given by threads of their own, those of one client one after the other: a client that
-doesn't read blocks one thread, until Zenoh ends its link. Each answer to a client without a name counts as a client's.
-The answers that wait are bounded for each client, each user and all; one user has at most half of threads and space.
+takes no more. So threads of their own send answers, those of one client one after the other: a client that doesn't read
+blocks one thread, until Zenoh ends its link. Each answer to a client without a name has a queue of its own. The waiting
+answers are bounded for each client, each user and all; one user has at most `USER_SHARE` of threads and space.
 
-One more thread polls the workers, and sends the answers that it posts by itself: to wake another thread takes longer
-than to send. If sending takes long after all, another thread polls instead, and for some seconds the polling
-thread sends nothing to that user.
+One more thread polls the workers (`pool.py`), and sends the answers that it posts itself, since waking another thread
+takes longer than sending. If sending takes longer than `STALL_TIME_S`, another thread polls instead, and for
+`SLOW_USER_S` the polling thread sends nothing to that user. The service lists these limits (`endpoint/rules.py`).
 """
 
 from __future__ import annotations
@@ -21,46 +21,49 @@ from dataclasses import dataclass, field
 
 from guidefield.messages.identities import Asker
 
-MOST_THREADS = 128  # maximum number of answers that are sent at once
-MOST_BYTES_OF_CLIENT = 64 * 2**20  # maximum size of the answers that wait for one client [bytes]
-MOST_BYTES = 2**30  # maximum size of the answers that wait for all clients [bytes]
-MOST_LETTERS = 10_000  # maximum number of answers that wait
-OF_USER = 0.5  # largest share of one user in threads, bytes and answers
-STALLED = 0.02  # time to send an answer after which another thread polls [s]
-SLOW_FOR = 5.0  # time for which other threads send the answers to that user then [s]
-WATCHED_FOR = 1.0  # time for which the polling thread is still watched after an answer, so that none has to wake it [s]
-IDLE = 10.0  # time without an answer after which a thread ends [s]
+MAX_THREADS = 128  # maximum number of answers that are sent at once; Zenoh is given as many, see `endpoint/link.py`
+MAX_CLIENT_BYTES = 64 * 2**20  # maximum size of the answers that wait for one client [bytes]
+MAX_UNREAD_BYTES = 2**30  # maximum size of the answers that wait for all clients [bytes]
+MAX_ANSWERS = 10_000  # maximum number of answers that wait
+USER_SHARE = 0.5  # largest share of one user in threads, bytes and answers
+STALL_TIME_S = 0.02  # time to send an answer after which another thread polls [s]
+SLOW_USER_S = 5.0  # time for which other threads send the answers to that user then [s]
+WATCH_TIME_S = 1.0  # time after an answer for which the watching thread goes on, so that the next needn't wake it [s]
+IDLE_TIME_S = 10.0  # time without an answer after which a thread ends [s]
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class _Letter:
+class _Answer:
     size: int
     send: Callable[[], None]
 
 
 @dataclass
-class _Lane:
-    """The letters that wait for one client; busy while one of them is sent, or will be by the thread that polls."""
+class _ClientQueue:
+    """The answers that wait for one client; busy while one of them is sent, or will be by the thread that polls."""
 
     user: str
-    letters: deque[_Letter] = field(default_factory=deque)
+    answers: deque[_Answer] = field(default_factory=deque)
     size: int = 0
     busy: bool = False
 
 
 @dataclass
-class _Share:
+class _UserLoad:
+    """Threads that send to a user's clients, and the number and size of that user's answers, waiting or being sent."""
+
     threads: int = 0
-    letters: int = 0
+    answers: int = 0
     size: int = 0
 
-    def takes(self, size: int) -> bool:
-        return not self.letters or (self.letters < OF_USER * MOST_LETTERS and self.size + size <= OF_USER * MOST_BYTES)
+    def has_room(self, size: int) -> bool:
+        is_small = self.answers < USER_SHARE * MAX_ANSWERS and self.size + size <= USER_SHARE * MAX_UNREAD_BYTES
+        return not self.answers or is_small
 
     def may_send(self) -> bool:
-        return self.threads < OF_USER * MOST_THREADS
+        return self.threads < USER_SHARE * MAX_THREADS
 
 
 class Outbox:
@@ -73,15 +76,15 @@ class Outbox:
     def __init__(self, poll: Callable[[], None] = lambda: None) -> None:
         self._poll = poll
         self._polls = False
-        self._poller: int | None = None
-        self._own: deque[tuple[object, _Letter]] = deque()
-        self._sending: tuple[str, float] | None = None
-        self._slow: dict[str, float] = {}
+        self._poller: int | None = None  # the polling thread
+        self._own: deque[tuple[object, _Answer]] = deque()  # answers that it sends itself
+        self._sending: tuple[str, float] | None = None  # the user it sends to, and since when
+        self._slow: dict[str, float] = {}  # users it sends nothing to, and until when
         self._sent_at = 0.0
         self._watched = threading.Event()
-        self._lanes: dict[object, _Lane] = {}
-        self._shares: dict[str, _Share] = {}
-        self._ready: OrderedDict[str, deque[object]] = OrderedDict()
+        self._queues: dict[object, _ClientQueue] = {}
+        self._loads: dict[str, _UserLoad] = {}
+        self._ready: OrderedDict[str, deque[object]] = OrderedDict()  # clients with answers to send, by user
         self._size = self._count = self._threads = self._idle = 0
         self._lock = threading.RLock()
         self._sendable_now, self._emptied = threading.Condition(self._lock), threading.Condition(self._lock)
@@ -95,26 +98,26 @@ class Outbox:
         """
         user, key = asker.user, asker if asker.client else object()
         with self._lock:
-            lane = self._lanes.get(key)
-            if lane is not None and lane.size + size > MOST_BYTES_OF_CLIENT:
+            queue = self._queues.get(key)
+            if queue is not None and queue.size + size > MAX_CLIENT_BYTES:
                 return False
-            share = self._shares.get(user) or _Share()
-            is_full = self._count >= MOST_LETTERS or (self._count > 0 and self._size + size > MOST_BYTES)
-            if is_full or not share.takes(size):
+            load = self._loads.get(user) or _UserLoad()
+            is_full = self._count >= MAX_ANSWERS or (self._count > 0 and self._size + size > MAX_UNREAD_BYTES)
+            if is_full or not load.has_room(size):
                 return False
-            if lane is None:
-                lane = self._lanes[key] = _Lane(user)
-            self._shares[user] = share
-            self._add(lane, share, size, 1)
-            letter = _Letter(size, send)
-            if lane.busy or lane.letters:
-                lane.letters.append(letter)
-            elif self._poller == threading.get_ident() and share.may_send() and user not in self._slow:
-                lane.busy = True
-                share.threads += 1
-                self._own.append((key, letter))
+            if queue is None:
+                queue = self._queues[key] = _ClientQueue(user)
+            self._loads[user] = load
+            self._add(queue, load, size, 1)
+            answer = _Answer(size, send)
+            if queue.busy or queue.answers:
+                queue.answers.append(answer)
+            elif self._poller == threading.get_ident() and load.may_send() and user not in self._slow:
+                queue.busy = True
+                load.threads += 1
+                self._own.append((key, answer))
             else:
-                lane.letters.append(letter)
+                queue.answers.append(answer)
                 self._be_ready(user, key)
             return True
 
@@ -142,10 +145,10 @@ class Outbox:
             self._sendable_now.notify_all()
         self._watched.set()
 
-    def _add(self, lane: _Lane, share: _Share, size: int, count: int) -> None:
-        lane.size += size
-        share.size += size
-        share.letters += count
+    def _add(self, queue: _ClientQueue, load: _UserLoad, size: int, count: int) -> None:
+        queue.size += size
+        load.size += size
+        load.answers += count
         self._size += size
         self._count += count
 
@@ -154,10 +157,10 @@ class Outbox:
         self._have_taken()
 
     def _have_taken(self) -> None:
-        """Have one thread send an answer, an idle one or a new one; all that idle would take longer to find nothing."""
+        """Wake one idle thread, or start one, to send an answer; waking all would take longer."""
         if self._idle:
             self._sendable_now.notify()
-        elif self._threads < MOST_THREADS:
+        elif self._threads < MAX_THREADS:
             self._threads += 1
             _start(self._send_all)
 
@@ -165,19 +168,19 @@ class Outbox:
         while (chosen := self._next()) is not None:
             self._send(*chosen)
 
-    def _send(self, key: object, letter: _Letter) -> None:
+    def _send(self, key: object, answer: _Answer) -> None:
         try:
-            letter.send()
+            answer.send()
         except Exception:  # the thread must outlive it, and there is nobody to tell
             _log.exception("an answer could not be sent")
         with self._lock:
-            self._settle(key, letter)
+            self._settle(key, answer)
 
-    def _next(self) -> tuple[object, _Letter] | None:
-        """Return the next answer to send; None if there was none for `IDLE`, or the outbox is closed."""
+    def _next(self) -> tuple[object, _Answer] | None:
+        """Return the next answer to send; None if there was none for `IDLE_TIME_S`, or the outbox is closed."""
         with self._lock:
             self._idle += 1
-            self._sendable_now.wait_for(lambda: self._closed or self._sendable() is not None, IDLE)
+            self._sendable_now.wait_for(lambda: self._closed or self._sendable() is not None, IDLE_TIME_S)
             self._idle -= 1
             user = self._sendable()
             if self._closed or user is None:
@@ -187,29 +190,29 @@ class Outbox:
             key = keys.popleft()
             if keys:
                 self._ready[user] = keys  # at the end: every other user comes first
-            self._shares[user].threads += 1
-            lane = self._lanes[key]
-            lane.busy = True
+            self._loads[user].threads += 1
+            queue = self._queues[key]
+            queue.busy = True
             if not self._idle and self._sendable() is not None:
                 self._have_taken()  # it was woken for more than it takes, and a client may block it
-            return key, lane.letters.popleft()
+            return key, queue.answers.popleft()
 
     def _sendable(self) -> str | None:
-        """The first user to whose clients something may be sent: one that doesn't have too many threads."""
-        return next((user for user in self._ready if self._shares[user].may_send()), None)
+        """Return the first user with answers to send who doesn't have too many threads."""
+        return next((user for user in self._ready if self._loads[user].may_send()), None)
 
-    def _settle(self, key: object, letter: _Letter) -> None:
-        lane = self._lanes[key]
-        share = self._shares[lane.user]
-        lane.busy = False
-        share.threads -= 1
-        self._add(lane, share, -letter.size, -1)
-        if not share.letters:
-            del self._shares[lane.user]
-        if lane.letters:
-            self._be_ready(lane.user, key)  # at the end: every other client comes first
+    def _settle(self, key: object, answer: _Answer) -> None:
+        queue = self._queues[key]
+        load = self._loads[queue.user]
+        queue.busy = False
+        load.threads -= 1
+        self._add(queue, load, -answer.size, -1)
+        if not load.answers:
+            del self._loads[queue.user]
+        if queue.answers:
+            self._be_ready(queue.user, key)  # at the end: every other client comes first
         else:
-            del self._lanes[key]
+            del self._queues[key]
             if self._ready:
                 self._sendable_now.notify()  # somebody of the same user may have waited for this thread
         if not self._count:
@@ -229,44 +232,44 @@ class Outbox:
             if self._poller == me:  # another thread may have its number later
                 self._poller = None
 
-    def _next_own(self, me: int) -> tuple[object, _Letter] | None:
+    def _next_own(self, me: int) -> tuple[object, _Answer] | None:
         with self._lock:
             if self._poller != me:
                 return None
             if not self._own:
                 self._sending = None
                 return None
-            key, letter = self._own.popleft()
+            key, answer = self._own.popleft()
             self._sent_at = time.monotonic()
-            self._sending = self._lanes[key].user, self._sent_at
+            self._sending = self._queues[key].user, self._sent_at
             if not self._watched.is_set():
                 self._watched.set()
-            return key, letter
+            return key, answer
 
     def _watch(self) -> None:
         """Have another thread poll if the polling one takes long to send an answer."""
         while not self._closed:
             self._watched.wait()
-            time.sleep(STALLED)
+            time.sleep(STALL_TIME_S)
             with self._lock:
                 now = time.monotonic()
                 self._slow = {name: until for name, until in self._slow.items() if until > now}
-                if self._sending is not None and now - self._sending[1] > STALLED:
-                    self._slow[self._sending[0]] = now + SLOW_FOR
+                if self._sending is not None and now - self._sending[1] > STALL_TIME_S:
+                    self._slow[self._sending[0]] = now + SLOW_USER_S
                     self._sending = self._poller = None
                     self._leave_own()
                     _start(self._poll_all)
-                elif not (self._sending or self._slow or self._closed) and now - self._sent_at > WATCHED_FOR:
+                elif not (self._sending or self._slow or self._closed) and now - self._sent_at > WATCH_TIME_S:
                     self._watched.clear()
 
     def _leave_own(self) -> None:
         while self._own:
-            key, letter = self._own.popleft()
-            lane = self._lanes[key]
-            lane.busy = False
-            lane.letters.appendleft(letter)
-            self._shares[lane.user].threads -= 1
-            self._be_ready(lane.user, key)
+            key, answer = self._own.popleft()
+            queue = self._queues[key]
+            queue.busy = False
+            queue.answers.appendleft(answer)
+            self._loads[queue.user].threads -= 1
+            self._be_ready(queue.user, key)
 
 
 def _start(run: Callable[[], None]) -> None:

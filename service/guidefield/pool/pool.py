@@ -2,15 +2,15 @@
 
 Theory of operation. The caller of `submit` hands its job to an idle worker itself; without one the task waits in the
 queue. One thread at a time, the outbox's polling thread, attends to the workers: it waits for their sockets and for the
-clock, gives a worker that is done its next job, and settles the task with the worker's answer, or with an error. After
-anything but an orderly answer a new process is started. So it is when a worker dies without a job; a job that it was
-handed but never began goes to another one. A worker writes the number of the job that it began into memory that it
-shares with the pool, where it reads the number of the job to end early. Every 0.05 s the thread checks that workers
-live and keep to their memory and time. Workers share no lock, so that one that is killed at any instruction can't block
-another. With several users one more worker can stand by, for users whom the others' requests hold up.
+clock, gives a worker that is done its next job, and settles the task with the worker's answer, or with an error. If a
+worker dies, with or without a job, a new process is started; a job that it was handed but never began goes to another
+one. A worker writes the number of the job that it began into memory that it shares with the pool, where it reads the
+number of the job to end early. Every `CHECK_INTERVAL_S` the thread checks that workers live and keep to their memory
+and time. Workers share no lock, so that one that is killed at any instruction can't block another. With several users
+one more worker can stand by, for users whom the others' requests delay (`waiting.py`).
 
-While brief jobs wait, a worker that works on a brief one holds the next, and begins it by itself. If it doesn't come to
-it soon, another worker gets it, too, and the first answer counts.
+While brief jobs wait, a worker that works on a brief one holds the next, and begins it by itself. If it doesn't do
+so within `CHECK_INTERVAL_S`, another worker gets it, too, and the first answer counts.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from guidefield.pool.process import FAILED, PROGRESS, READY, REPLY, SET_BACK, UN
 from guidefield.pool.slot import Current, Frame, Worker, spawn
 from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
-LOOKED_AFTER = 0.05  # period at which workers that work and tasks that wait are checked [s]
-ACTIVE = 1.0  # time after a task for which the pool still wakes that often, so that no caller has to wake it [s]
-RESTART_PAUSE = 1.0  # time after a worker that could not be prepared until the next one is started [s]
-STARTS_TRIED = 3  # number of starts that may fail while a job waits, and of workers that may die before they begin it
-REAPED_WITHIN = 1.0  # time for a killed process to end [s]
-LAST_WORD = 2.0  # processor time for a job to end early when the pool is closed [s]
-LAST_WORD_WITHIN = 10.0  # time for that on a busy machine [s]
-OWED_WITHIN = 10.0  # time for the work that a worker owes when the pool is closed [s]
-STOPPED_WITHIN = 10.0  # time for killed workers to end, and for their tasks to be settled [s]
-CLOSING_CHECK = 0.01  # period at which the end of these is checked [s]
+CHECK_INTERVAL_S = 0.05  # period at which workers that work and tasks that wait are checked [s]
+ACTIVE_S = 1.0  # time after a task for which the pool still wakes that often, so that no caller has to wake it [s]
+RESTART_PAUSE_S = 1.0  # time after a worker that could not be prepared until the next one is started [s]
+MAX_STARTS = 3  # number of starts that may fail while a job waits, and of workers that may die before they begin it
+REAPING_S = 1.0  # longest wait for a killed process to end [s]
+ENDING_PROCESSOR_S = 2.0  # processor time for a job to end early when the pool is closed [s]
+ENDING_S = 10.0  # time for that on a busy machine [s]
+REQUIRED_WORK_S = 10.0  # time for required work after answers when the pool is closed [s]
+STOPPING_S = 10.0  # time for killed workers to end, and for their tasks to be settled [s]
+CLOSING_CHECK_S = 0.01  # period at which the end of these is checked [s]
 DEFAULT_LIMITS = Limits()
 DEFAULT_MEMORY = 4 << 30  # memory that a worker may have [bytes]
 
@@ -59,8 +59,8 @@ class Slot:
 
     worker: Worker | None = None
     is_starting: bool = False
-    failed: int = 0  # how many that followed each other could not be prepared
-    start_at: float | None = None  # when to start one, by `time.monotonic()` [s]; None: not by itself
+    failed: int = 0  # number of workers in succession that could not be prepared
+    start_at: float | None = None  # when to start one, by `time.monotonic()` [s]; None: only if asked to
 
     @property
     def idle_worker(self) -> Worker | None:
@@ -79,8 +79,8 @@ class Pool:
     Attributes:
         outbox: Sends answers; its threads attend to the workers.
         crashes: How many workers had to be replaced.
-        waiting: What waits: how much of whom, and who got how much lately.
-        listened: Whether anybody hears what workers tell while they work, in memory that is shared with them.
+        waiting: The queue, with each user's use of the processors.
+        listened: Whether anybody listens to progress, in memory that is shared with the workers.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class Pool:
             pushed_out = self.waiting.add(task)
             given = self._assign()
             due = min((one.at for one in (task.deadline, task.late) if one is not None), default=math.inf)
-            is_asleep = self._sleeps_until > min(due, time.monotonic() + 2.0 * LOOKED_AFTER)
+            is_asleep = self._sleeps_until > min(due, time.monotonic() + 2.0 * CHECK_INTERVAL_S)
         for pushed in pushed_out:
             reason = "the queue is full, and of you the most waits; ask again later"
             pushed.set_exception(ServerBusy(reason, retry_after=self.waiting.retry_after(pushed.asker.user)))
@@ -174,10 +174,9 @@ class Pool:
     def close(self, grace: float) -> None:
         """Refuse what waits, let workers finish for a while [s], have them come to an end, then kill them.
 
-        What they owe after their answers they do before. Without any grace nobody is waited for.
-        Every future is settled on return, which comes `LAST_WORD_WITHIN`, `OWED_WITHIN` and `STOPPED_WITHIN` after that
-        while at the latest; unless who hears of a job doesn't come back from it: then the log says that its worker is
-        left behind.
+        They do required work after their answers before that. Without any grace no job is waited for. Every future is
+        settled on return, at the latest `ENDING_S`, `REQUIRED_WORK_S` and `STOPPING_S` after the grace; unless a task's
+        callback doesn't return: then the log says that its worker is left behind.
         """
         for task in self.waiting.close():
             task.set_exception(ServerBusy("the service is shutting down"))
@@ -187,22 +186,19 @@ class Pool:
                 worker.current.task.cancelled_by_client = True
                 worker.pass_on_cancel()
         if grace > 0.0:
-            may_use = {worker: worker.processor + LAST_WORD for worker in self._all_workers() if worker.current}
-            _await(
-                lambda: not any(one.current and one.processor < most for one, most in may_use.items()),
-                LAST_WORD_WITHIN,
-            )
-        _await(lambda: not any(worker.owes for worker in self._all_workers()), OWED_WITHIN)
+            may_use = {one: one.processor + ENDING_PROCESSOR_S for one in self._all_workers() if one.current}
+            _await(lambda: not any(one.current and one.processor < most for one, most in may_use.items()), ENDING_S)
+        _await(lambda: not any(worker.has_required_work for worker in self._all_workers()), REQUIRED_WORK_S)
 
         def have_ended() -> bool:
             for worker in self._all_workers():
                 worker.kill()
             return all(slot.is_empty for slot in self._all_slots())
 
-        if _await(have_ended, STOPPED_WITHIN):
+        if _await(have_ended, STOPPING_S):
             self.outbox.end_polling(self._wake)
         else:
-            _log.error("a worker can't be stopped or its task settled in %g s; it is left behind", STOPPED_WITHIN)
+            _log.error("a worker can't be stopped or its task settled in %g s; it is left behind", STOPPING_S)
         self._starter.shutdown(wait=False)
 
     def _all_slots(self) -> tuple[Slot, ...]:
@@ -266,7 +262,7 @@ class Pool:
                     due_at = min(due_at, slot.start_at)
                 if slot.worker is not None:
                     is_active, due_at = is_active or slot.worker.is_working, min(due_at, slot.worker.late_at)
-            self._look_at = min(due_at, now + LOOKED_AFTER)
+            self._look_at = min(due_at, now + CHECK_INTERVAL_S)
             self._sleeps_until = self._look_at if is_active else due_at
             return None if self._sleeps_until == math.inf else max(0.0, self._sleeps_until - now)
 
@@ -311,7 +307,7 @@ class Pool:
             current = worker.done_with(frame.number, now)
             if current is None:
                 return
-            self._active_until = now + ACTIVE
+            self._active_until = now + ACTIVE_S
             self.waiting.settle(current.task, now - current.since, frame.processor)
             waits = frame.kind == SET_BACK and not current.task.done() and self._wait_again(current.task, gave_way=True)
             given = self._assign()
@@ -329,7 +325,7 @@ class Pool:
             _end_early(task)
 
     def _assign(self) -> _Given:
-        """Choose tasks for the workers that idle; under the lock. `_give` hands them over, without it."""
+        """Choose tasks for idle workers; called under the lock. `_give` hands them over, without it."""
         given: _Given = []
         for slot in self._slots if len(self.waiting) else ():
             worker = slot.idle_worker
@@ -344,7 +340,7 @@ class Pool:
         now = time.monotonic()
         for slot in self._slots:
             holder = slot.worker
-            if holder is not None and holder.could_hold(now - LOOKED_AFTER):
+            if holder is not None and holder.could_hold(now - CHECK_INTERVAL_S):
                 task = self.waiting.take(brief=True)
                 if task is None:
                     break
@@ -378,7 +374,7 @@ class Pool:
             return
         for end in (worker.socket, worker.process.sentinel) if worker.process.pid is not None else ():
             self._selector.unregister(end)
-        code = worker.end(REAPED_WITHIN)
+        code = worker.end(REAPING_S)
         with self._lock:
             slot.worker, current, worker.current = None, worker.current, None
             now = time.monotonic()
@@ -388,10 +384,10 @@ class Pool:
             if current is not None:
                 self.waiting.settle(current.task, now - current.since, now - current.since if is_begun else 0.0)
                 current.task.handed += 1
-                if not is_begun and worker.reason is None and current.task.handed < STARTS_TRIED:
+                if not is_begun and worker.reason is None and current.task.handed < MAX_STARTS:
                     waits = current.task.done() or self._wait_again(current.task, gave_way=False)
             slot.failed += not worker.is_ready
-            slot.start_at = now + RESTART_PAUSE * (not worker.is_ready)
+            slot.start_at = now + RESTART_PAUSE_S * (not worker.is_ready)
             given = self._assign()
         self._give(given)
         if current is not None and current.task.done():
@@ -409,13 +405,13 @@ class Pool:
             if slot is self._slots[0] and not self._first_tried.is_set():
                 self._reason = why
                 self._first_tried.set()
-            if all(one.failed >= STARTS_TRIED or (one.is_empty and one.start_at is None) for one in self._slots):
+            if all(one.failed >= MAX_STARTS or (one.is_empty and one.start_at is None) for one in self._slots):
                 while (task := self.waiting.take()) is not None:  # no worker ever can
                     self.waiting.settle(task, 0.0, 0.0)
                     task.set_exception(WorkerCrashed("no worker process could be started; the service keeps trying"))
 
     def _take_back(self, worker: Worker) -> None:
-        """Let the job that a worker holds wait again; under the lock. What it still answers to that isn't heard."""
+        """Let the job that a worker holds wait again; called under the lock. Its answer, if any, is ignored."""
         if worker.held is not None:
             task, worker.held = worker.held.task, None
             self.waiting.settle(task, 0.0, 0.0)
@@ -450,7 +446,7 @@ class Pool:
                 self._start(slot)
         with self._lock:
             for holder in self._all_workers():
-                if holder.held is not None and now - holder.held.since > LOOKED_AFTER:
+                if holder.held is not None and now - holder.held.since > CHECK_INTERVAL_S:
                     self._take_back(holder)
             given = self._assign()
             worker = self._standing_by.idle_worker
@@ -478,7 +474,7 @@ class Pool:
 
 
 def _do(what: Callable[[], None]) -> None:
-    """Do one of many things: the thread that attends must outlive its own bugs, and do the others."""
+    """Do one of several steps: the polling thread must outlive a bug in it, and do the others."""
     try:
         what()
     except Exception:
@@ -497,5 +493,5 @@ def _await(is_done: Callable[[], bool], within: float) -> bool:
     while not is_done():
         if time.monotonic() >= until:
             return False
-        time.sleep(CLOSING_CHECK)
+        time.sleep(CLOSING_CHECK_S)
     return True

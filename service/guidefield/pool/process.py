@@ -1,8 +1,8 @@
 """A worker process: it is prepared once, answers one job after the other, and ends with its parent.
 
 Theory of operation. Jobs and answers go through one pair of sockets, each as a frame: a head of fixed size, and bytes.
-What has to be known while a worker works, or after it died, is a few numbers in shared memory: which job it began last,
-which one is to end early.
+`Numbers`, in shared memory, are what must be known while a worker works, or after it died. `slot.py` is the other end
+of the sockets; heads and kinds of frames are those of both.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from typing import Any
 from guidefield.errors import GuidefieldError
 from guidefield.pool.waiting import Answer
 
-DATA_ROOM = 2  # address space of a worker as a multiple of its memory limit: one huge allocation fails at once
+DATA_LIMIT_FACTOR = 2  # limit of a worker's data segment as a multiple of its memory limit, so huge allocations fail
 LONGEST_REASON = 4096  # maximum length of the reason why a worker can't be prepared [characters]
 JOB = struct.Struct("<QQQ")
 """Head of a job's frame: its number, its size when pickled, and that of the buffer behind it, if it has one."""
-TOLD = struct.Struct("<BQdQ")
+FRAME = struct.Struct("<BQdQ")
 """Head of what a worker sends: kind, number of the job, processor time that it took [s], how many bytes follow."""
 READY, UNPREPARED, PROGRESS, REPLY, REFUSAL, SET_BACK, FAILED = range(7)
 """Kinds of what a worker sends: it is prepared; it can't be, and why; progress; outcomes of a job."""
-NOTHING, OPTIONAL, OWED = range(3)
+NOTHING, OPTIONAL, REQUIRED = range(3)
 """Work that remains after an answer: none; work that ends early for the next job; work to be done before that."""
 _PR_SET_PDEATHSIG = 1  # option of Linux's `prctl`: the signal that a process gets when the thread that started it ends
 
@@ -51,7 +51,7 @@ class Numbers(ctypes.Structure):
         cancelled: The job that is to be ended early.
         set_back: The job that is to be ended early because it will be begun anew.
         prepared: The job that a worker is done preparing for.
-        remaining: The work that remains after an answer: `NOTHING`, `OPTIONAL` or `OWED`.
+        remaining: The work that remains after an answer: `NOTHING`, `OPTIONAL` or `REQUIRED`.
     """
 
     _fields_ = [(name, ctypes.c_uint64) for name in ("begun", "cancelled", "set_back", "prepared", "remaining")]
@@ -68,9 +68,9 @@ class Line:
     def tell(self, kind: int, number: int = 0, processor: float = 0.0, what: bytes = b"") -> None:
         """Send one frame, whole though several threads do; return once it is on its way."""
         with _telling:
-            sent = self.socket.sendmsg([TOLD.pack(kind, number, processor, len(what)), what])
-            if sent < TOLD.size + len(what):  # not the head alone: it is shorter than any buffer's room
-                self.socket.sendall(memoryview(what)[sent - TOLD.size :])
+            sent = self.socket.sendmsg([FRAME.pack(kind, number, processor, len(what)), what])
+            if sent < FRAME.size + len(what):  # the head is sent: it is shorter than any buffer's room
+                self.socket.sendall(memoryview(what)[sent - FRAME.size :])
 
 
 _telling = threading.Lock()
@@ -78,7 +78,7 @@ _telling = threading.Lock()
 
 @dataclass(frozen=True)
 class Call:
-    """A job's line to those who wait for it."""
+    """The connection of a job, in its worker, to the service and the client; the `Watcher` of a run."""
 
     number: int
     line: Line
@@ -93,17 +93,17 @@ class Call:
         return bool(self.line.numbers.set_back == self.number)
 
     def be_prepared(self) -> None:
-        """Say that what the job needs is loaded: from now on it minds its time by itself."""
+        """Say that what the job needs is loaded: from now on it checks its deadline itself."""
         self.line.numbers.prepared = self.number
 
-    def follow(self, work: Callable[[], None]) -> None:
-        """Have work done after the answer; it asks `is_awaited`, and ends early then."""
+    def defer_optional(self, work: Callable[[], None]) -> None:
+        """Have work done after the answer; it must end early once `is_awaited` is true."""
         self.line.numbers.remaining = max(OPTIONAL, self.line.numbers.remaining)
         self.later.append(work)
 
-    def owe(self, work: Callable[[], None]) -> None:
+    def defer_required(self, work: Callable[[], None]) -> None:
         """Have work done after the answer, and before the next job; the worker lives until then, if it can."""
-        self.line.numbers.remaining = OWED
+        self.line.numbers.remaining = REQUIRED
         self.later.append(work)
 
     def is_awaited(self) -> bool:
@@ -124,7 +124,7 @@ class Call:
         return bool(self.line.listened.value)
 
     def tell(self, what: bytes) -> None:
-        """Tell something; it is lost if nobody listens."""
+        """Send the client progress, as `Watcher.tell`; it is lost if nobody listens."""
         with contextlib.suppress(OSError):
             self.line.tell(PROGRESS, self.number, what=what)
 
@@ -138,7 +138,7 @@ Setup = Callable[[], Work]
 def be_worker(setup: Setup, line: Line, memory: int) -> None:
     """Make this process a worker that may have some memory [bytes], and answer jobs until its parent ends it.
 
-    Where it can't be prepared, it tells why and ends.
+    If it can't be prepared, it tells why and ends.
     """
     end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all; the parent ends its workers
@@ -183,8 +183,8 @@ def _read(told: socket.socket, size: int) -> bytearray:
 
 
 def limit_memory(memory: int) -> None:
-    """Have huge allocations of this process fail at once, where it may have some memory [bytes]."""
-    resource.setrlimit(resource.RLIMIT_DATA, (DATA_ROOM * memory, resource.RLIM_INFINITY))
+    """Have huge allocations fail at once in this process, which may have some memory [bytes]."""
+    resource.setrlimit(resource.RLIMIT_DATA, (DATA_LIMIT_FACTOR * memory, resource.RLIM_INFINITY))
 
 
 def end_with_parent() -> None:

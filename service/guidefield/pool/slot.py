@@ -1,6 +1,6 @@
-"""One worker process as the service sees it: what it works on, and the frames between them.
+"""One worker process as the service sees it: its jobs, and the frames that go to it (`process.py` is the other end).
 
-Nothing here waits for the process. The pool's lock guards what a worker works on.
+Nothing here waits for the process. The pool's lock guards `Worker.current` and `Worker.held`.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from guidefield.errors import WorkerCrashed
-from guidefield.pool.process import JOB, OWED, TOLD, Line, Numbers, Setup, be_worker
+from guidefield.pool.process import FRAME, JOB, REQUIRED, Line, Numbers, Setup, be_worker
 from guidefield.pool.waiting import Task
 from guidefield.system import processor_time, resident
 
-SENDING_ROOM = 1 << 18  # so much may be on its way to a worker or from it [bytes]
+SOCKET_BUFFER_BYTES = 1 << 18  # size of the sockets' buffers, each way, and of one reading [bytes]
 READ_AT_ONCE = 1 << 20  # so much is read of one worker before the others have their turn [bytes]
 
 spawn = multiprocessing.get_context("spawn")
 
 
 class Frame(NamedTuple):
-    """Something that a worker told: kind, number of the job, processor time that it took [s], and the rest."""
+    """A message of a worker."""
 
-    kind: int
-    number: int
-    processor: float
-    what: bytes
+    kind: int  # one of the kinds in `process.py`
+    number: int  # of the job
+    processor: float  # processor time that the job took [s]
+    what: bytes  # a reply, a reason, or progress
 
 
 class Current(NamedTuple):
@@ -47,16 +47,16 @@ class Worker:
 
     Attributes:
         current: What it works on.
-        held: A brief job that it has beside that, and will begin by itself.
+        held: A brief job that it was sent besides, and will begin by itself.
         is_ready: Whether it is prepared.
         reason: Why it could not be prepared, or why it was stopped.
-        awaits_room: Whether the pool waits for room to send it more.
+        awaits_room: Whether the pool waits until its socket takes the rest of a job.
     """
 
     def __init__(self, setup: Setup, memory: int, listened: Any) -> None:
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
         for end in (self.socket, theirs):
-            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENDING_ROOM)
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
         self.socket.setblocking(False)
         self.line = Line(spawn.RawValue(Numbers), listened, theirs)
         self.process = spawn.Process(
@@ -66,9 +66,9 @@ class Worker:
         self.held: Current | None = None
         self.is_ready = self.awaits_room = False
         self.reason: WorkerCrashed | str | None = None
-        self._come = bytearray()
-        self._room = bytearray(SENDING_ROOM)
-        self._rest: list[memoryview] = []
+        self._received = bytearray()  # the begin of a frame whose rest hasn't come
+        self._buffer = bytearray(SOCKET_BUFFER_BYTES)
+        self._rest: list[memoryview] = []  # of jobs, to be sent
         self._sending = threading.Lock()
 
     def start(self) -> None:
@@ -90,9 +90,9 @@ class Worker:
         return self.current.task.is_brief and self.current.since >= since
 
     @property
-    def owes(self) -> bool:
-        """Return whether it has work after its answers that must be done, and nothing else."""
-        return bool(self.line.numbers.remaining == OWED) and self.current is None
+    def has_required_work(self) -> bool:
+        """Return whether it has no job, but work after an answer that must be done."""
+        return bool(self.line.numbers.remaining == REQUIRED) and self.current is None
 
     @property
     def is_working(self) -> bool:
@@ -122,7 +122,7 @@ class Worker:
         return self.process.exitcode
 
     def done_with(self, number: int, now: float) -> Current | None:
-        """Return what it was given under a number, and is done with; from now on it works on what it holds."""
+        """Return the job of a number, which it is done with; from now on it works on the one that it holds."""
         if self.held is not None and self.held.number == number:
             held, self.held = self.held, None
             return held
@@ -197,11 +197,11 @@ class Worker:
         return not self._rest
 
     def read(self) -> Iterator[Frame]:
-        """Yield what it told, as far as it came whole; raises EOFError if it tells no more."""
+        """Yield the whole frames that have come; raises EOFError if the worker has ended."""
         count = 0
         while count < READ_AT_ONCE:
             try:
-                size = self.socket.recv_into(self._room)
+                size = self.socket.recv_into(self._buffer)
             except BlockingIOError:
                 return
             except OSError:
@@ -209,15 +209,15 @@ class Worker:
             if not size:
                 raise EOFError
             count += size
-            self._come += memoryview(self._room)[:size]
+            self._received += memoryview(self._buffer)[:size]
             begin = 0
-            while len(self._come) >= begin + TOLD.size:
-                kind, number, processor, rest = TOLD.unpack_from(self._come, begin)
-                end = begin + TOLD.size + rest
-                if len(self._come) < end:
+            while len(self._received) >= begin + FRAME.size:
+                kind, number, processor, rest = FRAME.unpack_from(self._received, begin)
+                end = begin + FRAME.size + rest
+                if len(self._received) < end:
                     break
-                yield Frame(kind, number, processor, bytes(memoryview(self._come)[begin + TOLD.size : end]))
+                yield Frame(kind, number, processor, bytes(memoryview(self._received)[begin + FRAME.size : end]))
                 begin = end
-            del self._come[:begin]
-            if size < len(self._room):
+            del self._received[:begin]
+            if size < len(self._buffer):
                 return

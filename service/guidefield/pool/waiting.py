@@ -1,4 +1,4 @@
-"""The queue of jobs: bounded, fair between users and their clients, closed at the end.
+"""The queue of jobs: bounded, fair between users and their clients (start-time fair queueing), closed at the end.
 
 Theory of operation. A free worker goes to the user who has the fewest workers; of equal users, to the one whose turn it
 is by start-time fair queueing (Goyal, Vin and Cheng, 1996): a user's turn moves on by the processor time that it got,
@@ -6,10 +6,10 @@ and a user without tasks that wait begins where the queue is. Of equal turns the
 So a user who asks for little waits for one free worker at most, however much waits for others. The clients of one user
 take turns. If the queue is full, a user with fewer tasks in it pushes out the last task of the user with the most.
 
-Requests that take long may keep all workers when another user comes. So one more worker stands by: it takes only what
-has waited for `HELD_UP`, of users who have no worker. What it works on for longer than `TRIAL` while another such user
-waits goes back to the head of its user's line, to begin anew. What went back waits twice as long each time until it
-takes another one's place: so whatever takes some seconds has an end, and the first to come never waits longer.
+Long requests may occupy all workers when another user comes. So one more worker stands by: it takes only tasks that
+have waited for `STANDBY_WAIT_S`, of users who have no worker. If it works on one for longer than `TRIAL_S` while
+another such user waits, the task goes back to the head of its user's row, to begin anew; each time, it must wait twice
+as long until it takes another one's place. So every task of some seconds ends; the first to come never waits longer.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from guidefield.messages.identities import ANONYMOUS, Asker
 Answer = tuple[bool, bytes]  # true for a reply, False for an error; and the payload
 BACKSTOP = 60.0  # a worker that plans longer than its request allows by this is to be stopped [s]
 LONGEST_WORK = 600.0  # a worker that works longer on anything but a plan is to be stopped [s]
-HELD_UP = 0.4  # wait of a user without a worker, after which the worker that stands by takes its task [s]
-TRIAL = 0.4  # time for which that one works on a task before another user's may take its place [s]
-SOONEST, LATEST = 0.1, 30.0  # bounds of the time after which a client is asked to come back [s]
-HALVED_IN = 30.0
-"""Half-life of a user's use of processors [s]: after heavy use a user is served like others again within minutes."""
-FORGOTTEN = 1e-3  # less than this is nothing [s]
-MOST_REMEMBERED = 100  # number of users above which those whose use is forgotten are removed
-NEWEST = 0.1  # weight of the newest request in the typical time of one
+STANDBY_WAIT_S = 0.4  # wait of a user without a worker, after which the worker that stands by takes its task [s]
+TRIAL_S = 0.4  # time for which that one works on a task before another user's may take its place [s]
+MIN_RETRY_S, MAX_RETRY_S = 0.1, 30.0  # bounds of the time after which a client is asked to come back [s]
+HALF_LIFE_S = 30.0
+"""Half-life of a user's use of processors [s], which quotas count: `endpoint/allowances.py`."""
+NEGLIGIBLE_USE_S = 1e-3  # use of processors that counts as none [s]
+MAX_USERS = 100  # number of users above which those without use are removed
+NEWEST_WEIGHT = 0.1  # weight of the newest request in the typical time of one
 
 
 class TimedAnswer(NamedTuple):
@@ -44,7 +44,7 @@ class TimedAnswer(NamedTuple):
 
     at: float  # the time
     answer: Callable[[], Answer]  # makes the answer
-    at_last: float = math.inf  # the same for a worker that is done preparing, and minds its time by itself
+    at_last: float = math.inf  # the same for a worker that is done preparing, and checks its deadline itself
 
 
 def _ignore(*_: bytes) -> None:
@@ -56,7 +56,9 @@ class Task(Future[Answer]):
 
     Args:
         seconds: A worker that works longer on it is stopped [s].
-        late: When it is answered if the worker is late with it; the worker continues.
+        deadline: Its answer if it still waits then, and when that is.
+        late: Its answer if the worker is late with it, and when that is; the worker continues.
+        asker: Its user and client.
         size: Memory of the job while it waits [bytes].
         hear: Is called with what the worker tells while it works.
         begin: Is called when a worker begins with it, and again when one begins anew.
@@ -68,7 +70,8 @@ class Task(Future[Answer]):
         since: When it began to wait, by `time.monotonic()` [s].
         set_back: How often it was begun and gave way to another one.
         handed: How often it was handed to a worker that ended.
-        is_overdue: Whether its answer stands in for a worker's that didn't come in time: nothing else is waited for.
+        is_overdue: Whether its answer stands in for a worker's that didn't come in time.
+        cancelled_by_client: Whether its client cancelled it; `if_cancelled` makes its answer then.
     """
 
     def __init__(
@@ -111,7 +114,9 @@ class Limits:
 
 
 @dataclass
-class _Line:
+class _UserTasks:
+    """The tasks of one user that wait, in a row for each client; the clients take turns."""
+
     rows: OrderedDict[str, deque[Task]] = field(default_factory=OrderedDict)
     count: int = 0
     size: int = 0
@@ -139,21 +144,21 @@ class _Line:
 
 
 class Waiting:
-    """The queue; the caller of `take` calls `done` later. Safe for threads, none of which waits in it.
+    """The queue; the caller of `take` calls `settle` later. Safe for threads, none of which waits in it.
 
     Attributes:
-        due_at: When to ask for expired tasks, by `time.monotonic()`, at the latest [s]; infinite: none waits.
+        due_at: Latest time to call `take_expired`, by `time.monotonic()` [s]; infinite: no task with a deadline waits.
     """
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._lines: OrderedDict[str, _Line] = OrderedDict()
+        self._lines: OrderedDict[str, _UserTasks] = OrderedDict()
         self._count = self._size = 0
         self._running: Counter[str] = Counter()
-        self._typical = 1.0
-        self._used: dict[str, tuple[float, float]] = {}
-        self._turns: dict[str, float] = {}
-        self._turn = 0.0
+        self._typical = 1.0  # mean time of a request lately [s]
+        self._used: dict[str, tuple[float, float]] = {}  # a user's use of processors, and when it was that [s]
+        self._turns: dict[str, float] = {}  # a user's turn: the start tag of fair queueing, in processor time [s]
+        self._turn = 0.0  # turn of the user who was served last
         self._lock = threading.Lock()
         self.closed = False
         self.due_at = math.inf
@@ -176,14 +181,14 @@ class Waiting:
             return {*self._lines, *self._running, *self._forget_unused(time.monotonic())}
 
     def used(self, user: str) -> float:
-        """Return the processor time that a user got lately, halved every `HALVED_IN` [s]."""
+        """Return the processor time that a user got lately, halved every `HALF_LIFE_S` [s]."""
         return self._used_by(user, time.monotonic())
 
     def retry_after(self, user: str) -> float:
         """Estimate the time until half of a user's waiting tasks are done [s]."""
         line = self._lines.get(user)
         waits = 0.5 * (line.count if line is not None else 1) * self._typical
-        return round(min(max(waits, SOONEST), LATEST), 2)
+        return round(min(max(waits, MIN_RETRY_S), MAX_RETRY_S), 2)
 
     def add(self, task: Task) -> list[Task]:
         """Let a task wait its turn; return tasks of users who have more waiting that were pushed out for it.
@@ -193,7 +198,7 @@ class Waiting:
         with self._lock:
             if self.closed:
                 raise ServerBusy("the service is shutting down")
-            line = self._lines.get(task.asker.user) or _Line()
+            line = self._lines.get(task.asker.user) or _UserTasks()
             if (row := line.rows.get(task.asker.client)) is not None:
                 self._require_room_for_client(row, task)
             pushed: list[Task] = []
@@ -208,7 +213,7 @@ class Waiting:
             return pushed
 
     def take(self, *, brief: bool = False) -> Task | None:
-        """Take the next task, if there is one, and it is a `brief` one where that is asked; `done` must follow."""
+        """Take the next task, if there is one and, if `brief`, it is a brief one; `settle` must follow."""
         with self._lock:
             if not self._count:
                 return None
@@ -218,7 +223,7 @@ class Waiting:
             return self._take_of(user)
 
     def take_held_up(self, now: float) -> Task | None:
-        """Take the next task of a user without a worker that waited for `HELD_UP`, where no other worker is free."""
+        """Take the next task of a user without a worker that waited for `STANDBY_WAIT_S`; no other worker is free."""
         with self._lock:
             user = self._held_up(now)
             return None if user is None else self._take_of(user)
@@ -249,12 +254,12 @@ class Waiting:
             self._running[user] -= 1
             if not self._running[user]:
                 del self._running[user]
-            self._typical += NEWEST * (seconds - self._typical)
+            self._typical += NEWEST_WEIGHT * (seconds - self._typical)
             self._used[user] = self._used_by(user, now) + processor, now
-            if len(self._used) > MOST_REMEMBERED:
+            if len(self._used) > MAX_USERS:
                 self._used = self._forget_unused(now)
             self._turns[user] = self._turns.get(user, self._turn) + processor
-            if len(self._turns) > MOST_REMEMBERED:
+            if len(self._turns) > MAX_USERS:
                 here = self._lines.keys() | self._running.keys()
                 self._turns = {name: turn for name, turn in self._turns.items() if turn > self._turn or name in here}
 
@@ -306,11 +311,11 @@ class Waiting:
     def _busy(self, reason: str, task: Task, **details: Any) -> ServerBusy:
         return ServerBusy(f"{reason}; ask again later", **details, retry_after=self.retry_after(task.asker.user))
 
-    def _longer_than(self, line: _Line, task: Task) -> _Line | None:
+    def _longer_than(self, line: _UserTasks, task: Task) -> _UserTasks | None:
         """Return the line of another user that has the most waiting, if that is more than this one will have."""
         count, size = self._limits.tasks, self._limits.bytes
 
-        def share(other: _Line, more: int = 0, more_bytes: int = 0) -> float:
+        def share(other: _UserTasks, more: int = 0, more_bytes: int = 0) -> float:
             return max((other.count + more) / count, (other.size + more_bytes) / size)
 
         longest = max((other for other in self._lines.values() if other is not line), key=share, default=None)
@@ -320,7 +325,7 @@ class Waiting:
         user = task.asker.user
         if (line := self._lines.get(user)) is None:  # its turn comes at the earliest after those that were served
             self._turns[user] = max(self._turns.get(user, 0.0), self._turn)
-            line = self._lines[user] = _Line()
+            line = self._lines[user] = _UserTasks()
         line.add(task, first=first)
         if task.deadline is not None:
             self.due_at = min(self.due_at, task.deadline.at)
@@ -328,7 +333,7 @@ class Waiting:
         self._size += task.size
 
     def _order(self, user: str) -> tuple[int, float, int]:
-        """Of several users who wait the least comes first."""
+        """Return the order of a user among those who wait: the least is served first."""
         return self._running[user], self._turns[user], self._lines[user].count
 
     def _take_of(self, user: str) -> Task:
@@ -344,21 +349,21 @@ class Waiting:
         return task
 
     def _held_up(self, now: float, worked: float = math.inf) -> str | None:
-        """Return the first user who has no worker and waits for too long, beside what was worked on for some time."""
+        """Return the first user without a worker who waits for too long, if a task that took `worked` may give way."""
         heads = {user: line.next() for user, line in self._lines.items() if not self._running[user]}
         held = [
             user
             for user, head in heads.items()
-            if now - head.since >= HELD_UP and worked >= math.ldexp(TRIAL, head.set_back)
+            if now - head.since >= STANDBY_WAIT_S and worked >= math.ldexp(TRIAL_S, head.set_back)
         ]
         return min(held, key=lambda user: (heads[user].set_back, *self._order(user)), default=None)
 
     def _used_by(self, user: str, now: float) -> float:
         spent, at = self._used.get(user, (0.0, now))
-        return spent * math.exp2((at - now) / HALVED_IN)
+        return spent * math.exp2((at - now) / HALF_LIFE_S)
 
     def _forget_unused(self, now: float) -> dict[str, tuple[float, float]]:
-        return {name: used for name, used in self._used.items() if self._used_by(name, now) > FORGOTTEN}
+        return {name: used for name, used in self._used.items() if self._used_by(name, now) > NEGLIGIBLE_USE_S}
 
     def _all(self) -> Iterator[Task]:
         return (task for line in self._lines.values() for row in line.rows.values() for task in row)

@@ -123,7 +123,7 @@ class Recordings:
         lost = _size(own + LOST)
         return KeptRecording("none", proof) if lost is None else KeptRecording("lost", proof + lost)
 
-    def owe(self, run_id: str, log: bytes, shared: Iterable[SharedFile]) -> None:
+    def store_log(self, run_id: str, log: bytes, shared: Iterable[SharedFile]) -> None:
         """Keep a run's log, and links to the scene and robot that it needs.
 
         Raises OSError if the disk refuses, or knows no hard links; nothing of it is left then.

@@ -148,8 +148,8 @@ class Conditions(ReadOnly):
         return tuple(one.scaled(DRAWN) for one in limits)
 
     @property
-    def untold(self) -> str:
-        """What is kept that a proof, which is about where a motion is free, doesn't tell, in words."""
+    def outside_proof(self) -> str:
+        """The certified properties that no proof of the motion contains, in words."""
         kept = [f"{one.name} keeps its speed" for one in self.cartesian_limits]
         return " and ".join([*kept, *(["joints keep their torques"] if self.effort_limit is not None else [])])
 
