@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry import cache
-from guidefield.geometry.cache import folder, remembered
+from guidefield.geometry.cache import find_or_compute, folder
 
 SOURCES = Path(cache.__file__).parents[1]
 INPUTS = {"points": np.arange(12.0).reshape(4, 3), "delta": np.array(0.015)}
@@ -60,7 +60,7 @@ def entries() -> list[Path]:
 def test_it_is_computed_once(tmp_path: Path) -> None:
     make = Counted()
     for _ in range(3):
-        check(remembered("cover", INPUTS, make))
+        check(find_or_compute("cover", INPUTS, make))
     assert make.times == 1
     assert [path.name.split("-")[0] for path in entries()] == ["cover"]
     assert entries()[0].is_relative_to(tmp_path / "guidefield" / "geometry")
@@ -79,10 +79,10 @@ def test_other_inputs_are_another_entry(monkeypatch: pytest.MonkeyPatch) -> None
         ("cover", {**INPUTS, "points": points.view(np.int64)}),
     ]
     for kind, inputs in others:
-        remembered(kind, inputs, make)
+        find_or_compute(kind, inputs, make)
     assert make.times == len(others)
     monkeypatch.setattr(cache, "_sources", lambda module: "edited")
-    remembered("cover", INPUTS, make)
+    find_or_compute("cover", INPUTS, make)
     assert make.times == len(others) + 1
 
 
@@ -132,21 +132,21 @@ def _fingerprint() -> str:
 )
 def test_a_damaged_entry_is_computed_again(damage, caplog: pytest.LogCaptureFixture) -> None:
     make = Counted()
-    remembered("cover", INPUTS, make)
+    find_or_compute("cover", INPUTS, make)
     (path,) = entries()
     path.write_bytes(damage(path.read_bytes()))
     with caplog.at_level(logging.WARNING):
-        check(remembered("cover", INPUTS, make))
+        check(find_or_compute("cover", INPUTS, make))
     assert "damaged" in caplog.text
-    check(remembered("cover", INPUTS, make))
+    check(find_or_compute("cover", INPUTS, make))
     assert make.times == 2
 
 
 def test_without_a_disk_it_is_computed_each_time(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "guidefield").write_text("a file where the folder should be")
     make = Counted()
-    check(remembered("cover", INPUTS, make))
-    check(remembered("cover", INPUTS, make))
+    check(find_or_compute("cover", INPUTS, make))
+    check(find_or_compute("cover", INPUTS, make))
     assert make.times == 2
     assert "cannot" in caplog.text
 
@@ -155,10 +155,10 @@ def test_what_was_unused_for_longest_goes(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(cache, "MOST_BYTES", 20_000)
     big = {"array": np.zeros(500)}
     for k in range(4):
-        remembered(f"k{k}", INPUTS, lambda: big)
+        find_or_compute(f"k{k}", INPUTS, lambda: big)
         os.utime(entries()[-1], (k + 1e9, k + 1e9))
-    remembered("k0", INPUTS, lambda: pytest.fail("it is there"))  # used again, so that k1 is the oldest
-    remembered("k4", INPUTS, lambda: big)
+    find_or_compute("k0", INPUTS, lambda: pytest.fail("it is there"))  # used again, so that k1 is the oldest
+    find_or_compute("k4", INPUTS, lambda: big)
     names = [path.name.split("-")[0] for path in entries()]
     assert "k0" in names
     assert "k4" in names
@@ -174,7 +174,7 @@ cache.MOST_BYTES = 300_000
 rng = np.random.default_rng(int(sys.argv[1]))
 for step in range(300):
     k = int(rng.integers(20))
-    made = cache.remembered("shared", {"k": np.array(k)}, lambda: {"array": np.full(3000, float(k))})
+    made = cache.find_or_compute("shared", {"k": np.array(k)}, lambda: {"array": np.full(3000, float(k))})
     assert (made["array"] == k).all() and len(made["array"]) == 3000
     if step % 37 == 0:
         some = sorted(cache.folder().glob("shared-*"))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guidefield.geometry.cache import MAPPED, Draft, in_memory, read_arrays, write_arrays
+from guidefield.geometry.cache import MAPPED, Draft, allocate_in_memory, read_arrays, write_arrays
 
 MANY = 3 * MAPPED // 8
 LAYOUT = {"numbers": ("<f8", (MANY,)), "kinds": ("<i4", (3, 5)), "none": ("<f4", (0, 2)), "some": ("|u1", (7,))}
@@ -34,9 +34,9 @@ def check(arrays: dict[str, np.ndarray] | None, written: dict[str, np.ndarray]) 
 
 
 def test_what_is_made_in_place_is_read_again(tmp_path: Path) -> None:
-    path, wanted = tmp_path / "folder" / "entry", filled(in_memory(LAYOUT))
+    path, wanted = tmp_path / "folder" / "entry", filled(allocate_in_memory(LAYOUT))
     draft = Draft(path)
-    made = draft.room(LAYOUT)
+    made = draft.allocate(LAYOUT)
     assert not any(array.any() for array in made.values())
     filled(made)
     assert read_arrays(path) is None, "it isn't whole yet"
@@ -57,7 +57,7 @@ def test_one_bit_that_is_another_is_found(
     share: float, bit: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "entry"
-    write_arrays(path, filled(in_memory(LAYOUT)))
+    write_arrays(path, filled(allocate_in_memory(LAYOUT)))
     content = bytearray(path.read_bytes())
     content[int(share * len(content))] ^= 1 << bit
     path.write_bytes(content)

@@ -8,7 +8,7 @@ import pytest
 from guidefield.geometry.convex import hull_planes
 from guidefield.geometry.cover import cover
 from guidefield.geometry.decomposition import decompose
-from guidefield.geometry.solid import filled, find_nested, solid
+from guidefield.geometry.solid import fill_hollows, find_nested, solid
 from tests.geometry import solids
 from tests.scene.solids import prism
 
@@ -63,10 +63,10 @@ def test_what_reaches_through_a_wall_between_its_corners_is_not_within() -> None
 def test_a_hollow_bracket_is_cut_and_covered_as_a_full_one(inverted: bool) -> None:
     vertices, triangles = hollow_bracket(inverted=inverted)
     body = solid(vertices, triangles, 0.02)
-    parts = decompose(filled(body), 0.005, 8)
+    parts = decompose(fill_hollows(body), 0.005, 8)
     assert len(parts.parts) == 2
     assert parts.stand_off < 0.002
-    balls = cover(filled(body), 0.015).spheres
+    balls = cover(fill_hollows(body), 0.015).spheres
     rng = np.random.default_rng(0)
     points = np.vstack([solids.on_surface((vertices, triangles), 2000, rng), rng.uniform(0.0, 0.15, (2000, 3))])
     planes = [hull_planes(part.hull, len(part.hull.triangles)) for part in parts.parts]
@@ -78,7 +78,7 @@ def test_a_hollow_bracket_is_cut_and_covered_as_a_full_one(inverted: bool) -> No
 
 @pytest.mark.parametrize("inverted", [True, False])
 def test_every_triangle_belongs_to_a_solid_that_is_left(inverted: bool) -> None:
-    body = filled(
+    body = fill_hollows(
         solid(*solids.together(solids.box((0.1, 0.1, 0.1), (0.5, 0.0, 0.0)), hollow_bracket(inverted=inverted)))
     )
     assert len(body.spans) == 2

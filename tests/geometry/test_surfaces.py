@@ -87,7 +87,7 @@ def simple_polygons(draw: st.DrawFn) -> tuple[np.ndarray, float]:
 
 def triangulated(corners: np.ndarray) -> Surface:
     flat = flat_polygons(corners[None]).one(0)
-    return surfaces.surface(corners, surfaces.ears(flat.corners, flat.area))
+    return surfaces.surface(corners, surfaces.triangulate_polygon(flat.corners, flat.area))
 
 
 @laws

@@ -6,7 +6,7 @@ import trimesh
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry.closed import find_connected, volume
-from guidefield.geometry.mesh_surface import _SOME, _is_dented, mesh_surface
+from guidefield.geometry.mesh_surface import _CHUNK, _is_dented, mesh_surface
 from tests.scene.solids import box_mesh, klein_bottle, l_prism, moebius, room
 
 
@@ -32,7 +32,7 @@ def test_a_hull_is_convex_and_solid(seed, count):
 def test_a_dent_anywhere_in_a_large_mesh_is_found(dented):
     sphere = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
     vertices, faces = np.array(sphere.vertices), np.array(sphere.faces)
-    assert len(faces) > 4 * _SOME
+    assert len(faces) > 4 * _CHUNK
     assert not _is_dented(vertices, faces, 1e-7)
     vertices[faces[dented, 0]] *= 0.999
     assert _is_dented(vertices, faces, 1e-7)

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 
-from guidefield.geometry.convex import as_met
+from guidefield.geometry.convex import balls_as_capsules
 from guidefield.kernels.collide.overlap import (
     BOX,
     CAPSULE,
@@ -315,7 +315,7 @@ class NarrowPhase:
         if meeting not in self._met:
             first, second, patch = meeting
             other = self.shape(second)
-            shapes = as_met(self.shape(first), other.shape(patch) if isinstance(other, Patches) else other)
+            shapes = balls_as_capsules(self.shape(first), other.shape(patch) if isinstance(other, Patches) else other)
             one, another = (self._outlines.setdefault(id(shape), Outline(shape)) for shape in shapes)
             self._met[meeting] = one, another
         return self._met[meeting]

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap, content_key
-from guidefield.geometry.cache import Arrays, Layout, in_memory
+from guidefield.geometry.cache import Arrays, Layout, allocate_in_memory
 from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about
 from guidefield.geometry.placements import transform_points
 from guidefield.kernels.collide.parts import (
@@ -146,7 +146,7 @@ class PartsTable:
 
     def _write_tables(self) -> Arrays:
         sizes = {name: sum(layout[name][1][0] for layout, _ in self._added) for name in _DTYPES}
-        made = in_memory({name: (kind, (sizes[name],)) for name, kind in _DTYPES.items()})
+        made = allocate_in_memory({name: (kind, (sizes[name],)) for name, kind in _DTYPES.items()})
         begins, works = dict.fromkeys(_DTYPES, 0), []
         for layout, write in self._added:
             ends = {name: begins[name] + layout[name][1][0] for name in _DTYPES}

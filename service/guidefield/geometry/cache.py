@@ -1,8 +1,9 @@
 """A disk cache of computed arrays, by a hash of all that they depend on, the sources of what computes them included.
 
-Entries are files of ``<cache>/guidefield/geometry``, where ``<cache>`` is ``XDG_CACHE_HOME`` or ``~/.cache``, whole,
-shared by processes: one record in NumPy's own format, whose fields are the arrays, and a checksum. A large file is
-mapped; who makes large arrays may make them in the file. When the folder is full, the least recently used entries go.
+So no entry survives a change of the code that made it, or of what that imports. Entries are files, whole and shared by
+processes, of ``<cache>/guidefield/geometry`` (``XDG_CACHE_HOME`` or ``~/.cache``): one record in NumPy's own format,
+whose fields are a checksum and the arrays. Large files are mapped, and large arrays are made in them. When the folder
+is full, the least recently used entries go.
 """
 
 from __future__ import annotations
@@ -27,25 +28,25 @@ from guidefield.whole_file import draft_path, write_whole
 
 _log = logging.getLogger(__name__)
 
-MAPPED = 2**20  # files of more bytes are mapped; others are as soon read
+MAPPED = 2**20  # files of more bytes are mapped; smaller ones are read as fast
 
 Arrays = Mapping[str, np.ndarray]
 
 Layout = Mapping[str, tuple[str, tuple[int, ...]]]  # type, as NumPy writes it, and shape of each array, by name
 
-Room = Callable[[Layout], dict[str, np.ndarray]]  # gives arrays of such types and shapes to write in, all zero
+Allocate = Callable[[Layout], dict[str, np.ndarray]]  # makes arrays of such types and shapes to write in, all zero
 
 _SUM = "checksum"  # field of the checksum
 
 _ALIGNED = 64
-"""Arrays begin at a multiple of it: kernels take no others, and so those of a large mesh needn't be copied."""
+"""Arrays begin at a multiple of it [bytes], so that kernels take those of a mapped file without a copy."""
 
 _UNREADABLE = (ValueError, EOFError, KeyError, TypeError, OverflowError, MemoryError)
 """Exceptions of NumPy for files that aren't of its format."""
 
 
-def in_memory(layout: Layout) -> dict[str, np.ndarray]:
-    """`Room` in memory alone."""
+def allocate_in_memory(layout: Layout) -> dict[str, np.ndarray]:
+    """`Allocate` in memory alone."""
     return {name: np.zeros(shape, kind) for name, (kind, shape) in layout.items()}
 
 
@@ -94,7 +95,7 @@ class Draft:
         self._file: Path | None = None
         self._record: np.ndarray | None = None
 
-    def room(self, layout: Layout) -> dict[str, np.ndarray]:
+    def allocate(self, layout: Layout) -> dict[str, np.ndarray]:
         """Arrays to write in, of the types and shapes asked for, all zero; to be asked for once."""
         dtype = _dtype(layout)
         header = _header(dtype)
@@ -154,8 +155,8 @@ def _sum(record: np.ndarray) -> bytes:
 
 def _header(dtype: np.dtype) -> bytes:
     header = io.BytesIO()
-    told = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (1,)}
-    np.lib.format.write_array_header_1_0(header, told)
+    fields = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (1,)}
+    np.lib.format.write_array_header_1_0(header, fields)
     return header.getvalue()
 
 
@@ -171,10 +172,10 @@ def _arrays_in(record: np.ndarray) -> dict[str, np.ndarray]:
 
 
 MOST_BYTES = 4 * 2**30  # size of the folder, beyond which entries are removed
-KEPT_SHARE = 0.75  # which share of that is kept then
+TRIMMED_SHARE = 0.75  # the share of that which is left then
 
-LOOK_SHARE = 0.01
-"""A process looks at how much there is at its first entry, and when it has written this share of what is allowed."""
+CHECK_SHARE = 0.01
+"""A process sums up the folder at its first entry, and each time that it has written this share of `MOST_BYTES`."""
 
 LARGE = 10_000
 """A mesh of fewer triangles isn't worth a file: its results are made in some hundredths of a second."""
@@ -182,10 +183,10 @@ LARGE = 10_000
 STALE = 3600.0  # a draft of that age was left by a process that was killed [s]
 
 _PACKAGE = Path(__file__).parent.parent
-_ROOMS = ("collision", "geometry", "kernels", "scene")
-"""Where what computes is searched for; other rooms only hand over inputs."""
+_PACKAGES = ("collision", "geometry", "kernels", "scene")
+"""The packages whose sources count for an entry's hash; a new one with code that computes entries has to be added."""
 
-_COMPUTING = tuple(f"{_PACKAGE.name}.{room}." for room in _ROOMS)
+_COMPUTING = tuple(f"{_PACKAGE.name}.{room}." for room in _PACKAGES)
 
 _COMMENT = re.compile(r"#[^\n]*")
 _IMPORT = re.compile(
@@ -194,7 +195,7 @@ _IMPORT = re.compile(
 _ALIAS = re.compile(r"[ \t]+as[ \t]+\w+")
 
 
-def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray]:
+def find_or_compute(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray]:
     """Return what `make` returns, read-only, from disk if it was computed from the same inputs before.
 
     Args:
@@ -211,14 +212,14 @@ def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[st
     return arrays
 
 
-def make_in_place(kind: str, inputs: Arrays, make: Callable[[Room], object]) -> dict[str, np.ndarray]:
-    """`remembered` for results so large that `make` writes them in arrays, asked for once, of their file."""
+def make_in_place(kind: str, inputs: Arrays, make: Callable[[Allocate], object]) -> dict[str, np.ndarray]:
+    """`find_or_compute` for results so large that `make` writes them in arrays, asked for once, of their file."""
     path = _path(kind, inputs, make)
     arrays = read_arrays(path)
     if arrays is None:
         draft = Draft(path)
         try:
-            make(draft.room)
+            make(draft.allocate)
             arrays, size = draft.keep()
         finally:
             draft.drop()
@@ -245,12 +246,12 @@ def is_large(triangles: int) -> bool:
 
 
 def recall(kind: str, inputs: Arrays, make: Callable[..., object]) -> dict[str, np.ndarray] | None:
-    """Return what `remembered` would, without computing it; None if it isn't on disk."""
+    """Return what `find_or_compute` would, without computing it; None if it isn't on disk."""
     return read_arrays(_path(kind, inputs, make))
 
 
-def name_of(kind: str, inputs: Arrays, make: Callable[..., object]) -> str:
-    """What `remembered` keeps its answer under: the same for the same question."""
+def entry_name(kind: str, inputs: Arrays, make: Callable[..., object]) -> str:
+    """Return the file name of an entry of `find_or_compute`: the same for the same question."""
     return _path(kind, inputs, make).name
 
 
@@ -279,7 +280,7 @@ def _bytes_of(array: np.ndarray) -> memoryview:
 
 @functools.cache
 def _sources(module: str) -> str:
-    """Changes with numpy's version, with a module of this package, and with what it needs of the rooms that compute."""
+    """Hash NumPy's version, a module, and all that it imports of `_PACKAGES`, directly or not."""
     found: set[str] = set()
     waiting = {module}
     digest = hashlib.sha256(np.__version__.encode())
@@ -333,22 +334,22 @@ def _write(path: Path, arrays: Arrays) -> None:
 
 
 def _count(parent: Path, size: int) -> None:
-    """Look at how much there is in a folder, if the bytes since the last look make it worth one."""
+    """Add to what was written to a folder, and trim it if that is enough to check it again."""
     _written[parent] = _written.get(parent, np.inf) + size
-    if _written[parent] < LOOK_SHARE * MOST_BYTES:
+    if _written[parent] < CHECK_SHARE * MOST_BYTES:
         return
     try:
-        _make_room(parent)
+        _remove_oldest(parent)
         _written[parent] = 0.0
     except OSError as error:
         _log.warning("cannot look at what is in %s: %s", parent, error)
 
 
 _written: dict[Path, float] = {}
-"""What this process wrote to a folder since it last looked at how much there is: that takes long for thousands."""
+"""Bytes that this process wrote to a folder since it last summed it up, which takes long for thousands of files."""
 
 
-def _make_room(parent: Path) -> None:
+def _remove_oldest(parent: Path) -> None:
     """Remove what was used longest ago, if there is too much, and drafts that nobody writes any more."""
     known = []
     for path in parent.iterdir():
@@ -362,7 +363,7 @@ def _make_room(parent: Path) -> None:
     if total <= MOST_BYTES:
         return
     for _, size, path in sorted(known):
-        if total <= KEPT_SHARE * MOST_BYTES:
+        if total <= TRIMMED_SHARE * MOST_BYTES:
             return
         path.unlink(missing_ok=True)
         total -= size

@@ -1,4 +1,8 @@
-"""Charged surfaces as the tables that the kernels read, and trees over faces whose nodes stand for all below."""
+"""Charged surfaces as tables for the field's kernels, with trees over faces whose multipole nodes stand for all below.
+
+Columns and their order are those of kernels/field (field_tables.py, faces.py, box.py), which read them by number. The
+field near a surface is always that of each face; block sizes and `LEAST_FACES` are time alone, an opening is accuracy.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +60,9 @@ from guidefield.kernels.field.field_tables import (
     frozen,
 )
 
-__all__ = ["FieldTables", "at_angle", "convex_quads", "field_tables", "never", "pair_faces", "within"]
+__all__ = [
+    "FieldTables", "convex_quads", "expand_at_angle", "expand_within", "field_tables", "never_expand", "pair_faces",
+]  # fmt: skip
 
 LEAF = 48  # most faces of a block in a tree, where expansions stand for those that are far
 
@@ -66,8 +72,8 @@ BLOCK = 128
 LEAST_FACES = 1000  # surfaces of fewer faces are only cut in blocks: a tree doesn't pay
 
 
-class Cluster(NamedTuple):
-    """A node: the faces below it, the next node that isn't, whether it is a leaf, or an expansion represents it."""
+class FaceNode(NamedTuple):
+    """A node: the faces below it, the next node not below it, whether it is a leaf, whether it may be expanded."""
 
     faces: Integers
     skip: int
@@ -75,26 +81,26 @@ class Cluster(NamedTuple):
     expandable: bool
 
 
-def clusters(centroids: Floats, owners: Integers, least_faces: float) -> list[Cluster]:
+def build_face_trees(centroids: Floats, owners: Integers, least_faces: float) -> list[FaceNode]:
     """Build the nodes in depth-first order over faces with centroids (n, 3), a tree for each owner, shape (n,).
 
     Nodes are halved across their longest extent. Surfaces of fewer than `least_faces` have leaves only.
     """
-    nodes: list[Cluster] = []
+    nodes: list[FaceNode] = []
     for owner in np.unique(owners):
         faces = np.flatnonzero(owners == owner)
         _split(nodes, faces, centroids, len(faces) >= least_faces)
     return nodes
 
 
-def _split(nodes: list[Cluster], faces: Integers, centroids: Floats, expandable: bool) -> None:
+def _split(nodes: list[FaceNode], faces: Integers, centroids: Floats, expandable: bool) -> None:
     at = len(nodes)
     if len(faces) <= (LEAF if expandable else BLOCK):
-        nodes.append(Cluster(faces, at + 1, True, expandable))
+        nodes.append(FaceNode(faces, at + 1, True, expandable))
         return
     inner = expandable
     if inner:
-        nodes.append(Cluster(faces, 0, False, True))
+        nodes.append(FaceNode(faces, 0, False, True))
     here = centroids[faces]
     axis = int(np.argmax(np.ptp(here, axis=0)))
     order = np.argsort(here[:, axis], kind="stable")
@@ -102,7 +108,7 @@ def _split(nodes: list[Cluster], faces: Integers, centroids: Floats, expandable:
     _split(nodes, faces[order[:middle]], centroids, expandable)
     _split(nodes, faces[order[middle:]], centroids, expandable)
     if inner:
-        nodes[at] = Cluster(faces, len(nodes), False, True)
+        nodes[at] = FaceNode(faces, len(nodes), False, True)
 
 
 def expansion(corners: Floats, charge: float) -> tuple[Floats, float, float]:
@@ -129,12 +135,12 @@ Opening = Callable[[Floats, Floats], Floats]
 """From radii and spreads of nodes the distances from which their expansions are used, all of shape (n,) [m]."""
 
 
-def never(radii: Floats, _spreads: Floats) -> Floats:
+def never_expand(radii: Floats, _spreads: Floats) -> Floats:
     """Expand no node: from radii and spreads of nodes, shape (n,), infinite distances, shape (n,)."""
     return np.full(len(radii), np.inf)
 
 
-def at_angle(theta: float) -> Opening:
+def expand_at_angle(theta: float) -> Opening:
     """Expand nodes of at most `theta` times their distance.
 
     Largest errors over meshes of 1000 to 80 000 triangles: 0.1: 3e-5, 0.2: 5e-4, 0.3: 7e-3 of the potential, and twice
@@ -143,12 +149,12 @@ def at_angle(theta: float) -> Opening:
     return lambda radii, _: radii / theta
 
 
-def within(error: float) -> Opening:
+def expand_within(error: float) -> Opening:
     """Expand nodes where the potential can't be off by more than a share of it, whatever the faces.
 
     From |x - s|^-3 = sum_k C_k(cos) |s|^k / |x|^(k+3), |C_k| <= (k+1)(k+2)/2, with theta = radius/|x|: the relative
     error is at most (1 + theta)^3 spread ((1 - theta)^-3 - 1 - 3 theta - 6 theta^2). As all terms of the potential are
-    positive the sum over nodes is as good. What is found is a hundred times less: see `at_angle`.
+    positive the sum over nodes is as good. What is found is a hundred times less: see `expand_at_angle`.
     """
 
     def reach(radii: Floats, spreads: Floats) -> Floats:
@@ -177,9 +183,9 @@ def field_tables(
     quad_charge: Floats | None = None,
     boxes: Floats | None = None,
     cloud: Floats | None = None,
-    opening: Opening = never,
+    opening: Opening = never_expand,
 ) -> FieldTables:
-    """Tables of what is charged; all in one frame, lengths in m, charges per area.
+    """Return the tables of what is charged; all in one frame, lengths in m, charges per area.
 
     Faces without area are left out: they have no charge.
 
@@ -195,7 +201,8 @@ def field_tables(
         quad_charge: Charge of each quad, shape (k,); 1 if not given.
         boxes: Centre (3), unit axes (3 x 3), full sizes along them (3), charge; shape (b, 16).
         cloud: x, y, z, area it represents times charge, softening length; shape (s, 5).
-        opening: From where on expansions stand for the faces of large surfaces, one of `charge_tree`.
+        opening: Distances from which expansions stand for the faces of large surfaces: `never_expand`, or what
+            `expand_at_angle` or `expand_within` return.
 
     Raises:
         ValueError: if an array has another shape, is not finite, a radius or size is not positive or a normal not a
@@ -263,7 +270,7 @@ def convex_quads(vertices: Floats) -> tuple[Floats, Floats]:
 _FLAT_PAIR = 1e-7
 """Two triangles are one quadrilateral if each far corner is at most this share of their edge off the other's plane."""
 
-_MOST_ROUNDS = 16  # so often triangles are paired with a neighbour that isn't yet: all but a few are after two or three
+_MOST_ROUNDS = 16  # most rounds of pairing free neighbours: all but a few triangles are paired after two or three
 
 
 def pair_faces(vertices: Floats, triangles: Integers) -> tuple[Floats, Floats]:
@@ -339,7 +346,7 @@ def _faces(
 
 @dataclass(frozen=True, eq=False)
 class _Faces:
-    """Rows as `faces` has them, and corners; charge, and whether it is a sliver, of each triangle, then each quad."""
+    """Rows as kernels/field/faces.py has them, and corners; charge, and whether a sliver, of triangles, then quads."""
 
     triangles: Floats
     triangle_corners: Floats
@@ -354,7 +361,7 @@ def _blocks(faces: _Faces, owners: Integers, opening: Opening) -> dict[str, np.n
     ordered, pairs, count = faces.triangle_corners, faces.quad_corners, len(faces.triangles)
     centroids = np.concatenate([ordered.mean(axis=1), pairs.mean(axis=1)])
     alike = np.unique(np.column_stack([owners, faces.charge]), axis=0, return_inverse=True)[1].reshape(-1)
-    nodes = clusters(centroids, alike, np.inf if opening is never else LEAST_FACES)
+    nodes = build_face_trees(centroids, alike, np.inf if opening is never_expand else LEAST_FACES)
     rows, links = np.zeros((len(nodes), NODE_COLUMNS)), np.zeros((len(nodes), LINK_COLUMNS), np.int64)
     radii, spreads = np.full(len(nodes), np.inf), np.ones(len(nodes))
     vertices: list[Floats] = [np.empty((0, 3))]
@@ -398,7 +405,7 @@ def _blocks(faces: _Faces, owners: Integers, opening: Opening) -> dict[str, np.n
 
 
 def _halves(corners: Floats) -> tuple[Floats, Floats, Floats, np.ndarray]:
-    """Of triangles (n, 3, 3): unit normals, halves as `faces` has them, corners, longest edge first, who is ordinary.
+    """Return unit normals, half rows (kernels/field/faces.py), corners with the longest edge first, and non-slivers.
 
     In extended precision where the machine has it, and normal and area from the two shortest edges: from the others
     a sliver would lose its length over its width in digits.
@@ -434,7 +441,7 @@ def _areas(corners: Floats) -> np.ndarray:
 
 
 def _box_rows(boxes: Floats) -> Floats:
-    """Rows of kernels/field/box.py: axes from the longest side to the shortest, half sides."""
+    """Return the rows of kernels/field/box.py: axes from the longest side to the shortest, half sides."""
     order = np.argsort(-boxes[:, 12:15], axis=1, kind="stable")
     axes = np.take_along_axis(boxes[:, 3:12].reshape(-1, 3, 3), order[:, :, None], axis=1).reshape(-1, 9)
     halves = 0.5 * np.take_along_axis(boxes[:, 12:15], order, axis=1)

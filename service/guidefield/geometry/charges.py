@@ -1,4 +1,8 @@
-"""Points spread evenly over a surface, each standing for a share of its area, and a small capsule about it."""
+"""Points spread evenly over a surface, each standing for a share of its area, and a small capsule about points.
+
+Links' charges are made of both (`robot/bodies/charges.py`). The capsule contains the points by a margin for rounding,
+whatever the search finds; its constants decide only how small it is. More candidates spread the points more evenly.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.geometry.directions import across, furthest, spread_directions
+from guidefield.geometry.directions import furthest, perpendicular_axes, spread_directions
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.enclosing_circle import SLACK, enclosing_circle
 from guidefield.kernels.cover.pieces import farthest_first
@@ -20,8 +24,7 @@ _RADII = 1.0 + 0.25 * np.linspace(0.0, 1.0, 11) ** 2
 _DIRECTIONS = spread_directions(512)
 """Of many points those furthest in these directions choose the direction of the axis."""
 
-_FIRST_TILT = 0.2
-_LAST_TILT = 0.01  # steps of the search for the best direction [rad]
+_FIRST_TILT, _LAST_TILT = 0.2, 0.01  # the largest and smallest step of the search for the best direction [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +74,7 @@ def _tilt(cloud: Floats, direction: Floats) -> tuple[Capsule, Floats]:
     best = _along(cloud, direction)
     tilt = _FIRST_TILT
     while tilt > _LAST_TILT:
-        first, second = across(direction)
+        first, second = perpendicular_axes(direction)
         tilts = [direction + tilt * side for side in (first, -first, second, -second)]
         trials = [(_along(cloud, tilted), tilted) for tilted in (t / np.linalg.norm(t) for t in tilts)]
         trial, tilted = min(trials, key=lambda pair: pair[0].volume)
@@ -84,7 +87,7 @@ def _tilt(cloud: Floats, direction: Floats) -> tuple[Capsule, Floats]:
 
 def _along(cloud: Floats, direction: Floats) -> Capsule:
     """The capsule of least volume with its axis along a unit direction, through the middle of the enclosing circle."""
-    frame = np.vstack([across(direction), direction])
+    frame = np.vstack([perpendicular_axes(direction), direction])
     local = cloud @ frame.T
     circle = np.empty(3)
     enclosing_circle(np.ascontiguousarray(local[:, :2]), circle)
@@ -126,8 +129,8 @@ def surface_points(vertices: Floats, triangles: Integers, spacing: float) -> Sur
     represents the part of the surface nearest to it. ValueError if the area is 0 or the spacing not positive.
     """
     corners = np.asarray(vertices, dtype=np.float64)[np.asarray(triangles)]
-    across = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(across, axis=1)
+    normals = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
     area = float(areas.sum())
     if not (area > 0.0 and np.isfinite(area)):
         raise ValueError(f"a surface to put points on needs a finite area, got {area} m^2")
@@ -138,14 +141,14 @@ def surface_points(vertices: Floats, triangles: Integers, spacing: float) -> Sur
     chosen, shares = _farthest_first(candidates, spacing)
     of = owners[chosen]
     weights = shares.astype(np.float64) * (area / count)
-    result = SurfacePoints(candidates[chosen], across[of] / areas[of, None], weights)
+    result = SurfacePoints(candidates[chosen], normals[of] / areas[of, None], weights)
     for array in (result.points, result.normals, result.weights):
         array.setflags(write=False)
     return result
 
 
 def _uniform(corners: Floats, areas: Floats, count: int) -> tuple[Floats, Integers]:
-    """Points uniform in area, shape (count, 3), and the triangle of each: equal steps along the summed areas."""
+    """Return points uniform in area, shape (count, 3), and the triangle of each: equal steps along the summed areas."""
     steps = (np.arange(count) + 0.5) * (areas.sum() / count)
     owners = np.minimum(np.searchsorted(np.cumsum(areas), steps), np.flatnonzero(areas)[-1])
     order = np.arange(1, count + 1)

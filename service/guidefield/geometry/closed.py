@@ -1,4 +1,8 @@
-"""Closed surfaces of triangles: vertices merged, edges numbered, gaps and cracks closed, pieces told apart."""
+"""Close surfaces of triangles: merge vertices, number edges, fill gaps and cracks by lids, find connected pieces.
+
+No vertex moves: lids are added, so what a closed mesh contains is as it was given. Whether a mesh counts as closed, for
+collisions and for proofs alike, depends on `WIDEST_CRACK` and on the exact comparison of places.
+"""
 
 from __future__ import annotations
 
@@ -144,8 +148,8 @@ def boundary(triangles: Integers) -> Integers:
 WIDEST_CRACK = 1e-3
 """Corners at most so far apart along each axis may be one [m]: the sides of a box about those that should be."""
 
-_STEPS = 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 0.17, 0.3, 0.55, 1.0
-"""Widths that are tried, as shares of the widest: the corners of small triangles must not be taken for one."""
+_WIDTHS = 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 0.17, 0.3, 0.55, 1.0
+"""Shares of the widest crack, tried in turn: the least that closes all is used, lest small triangles collapse."""
 
 
 def seams(
@@ -170,7 +174,7 @@ def seams(
     open_ = np.zeros(len(vertices), bool)
     open_[loose] = True
     near = triangles[open_[triangles].any(axis=1)]  # joining changes no edge but those of these
-    for width in widest * np.array(_STEPS):
+    for width in widest * np.array(_WIDTHS):
         joined, widths = alone.copy(), np.zeros(1)
         joined[loose], widths = _join_points(vertices[loose], loose, float(width))
         welded = joined[near]

@@ -1,6 +1,7 @@
-"""Shapes of Coal's: convex hulls of points, trees of triangles, and balls in the form that meets these.
+"""Coal's shapes: convex hulls of points, trees of triangles, and balls in a form that is safe against these.
 
-Coal does not survive points that are thin or doubled.
+Coal and its Qhull crash on hulls of points that are doubled or lie almost in a plane: scaling, `_FLAT` and `_NEAR` keep
+such points from them. Vertices of a hull are input points bit for bit; `case_file.py` hands them to the referee.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from guidefield.geometry.directions import furthest, heights_along, spread_and_a
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 
 
-def as_met(first: Any, second: Any) -> tuple[Any, Any]:
-    """Two Coal shapes in the form in which they meet: a ball meets a mesh as a capsule without length.
+def balls_as_capsules(first: Any, second: Any) -> tuple[Any, Any]:
+    """Return two Coal shapes, a ball against a mesh as a capsule without length.
 
     Coal (3.0.3) finds balls in contact with triangles without area at one place in ten, however far they are.
     """
@@ -27,8 +28,8 @@ def as_met(first: Any, second: Any) -> tuple[Any, Any]:
     return first, second
 
 
-def all_as_met(geometry: Any) -> Any:
-    """Return a pinocchio.GeometryModel with a mesh with its balls as capsules without length; another itself."""
+def replace_balls(geometry: Any) -> Any:
+    """Return a pinocchio.GeometryModel, if it has a mesh with its balls as capsules without length."""
     shapes = [shape.geometry for shape in geometry.geometryObjects]
     if not any(isinstance(shape, coal.BVHModelBase) for shape in shapes):
         return geometry
@@ -54,10 +55,10 @@ def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
     return tree
 
 
-_FLAT = 1e-11  # spread across over spread along, below which points count as lying in a plane
+_FLAT = 1e-11  # least over largest singular value of points, below which they count as lying in a plane
 
 _NEAR = 2.0**-27
-"""Side of cells whose points are one, as a share of the mean distance of all from their middle: 1e-9 m in a link."""
+"""Side of cells whose points count as one, as a share of the points' spread: about 1e-9 m in a link."""
 
 
 def convex_hull(points: Floats) -> Surface:

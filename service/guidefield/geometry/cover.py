@@ -1,4 +1,4 @@
-"""Cover a body for certain with few balls that leave it by no more than a given overhang.
+"""Cover a body for certain with few bounding spheres ("balls") that leave it by no more than a given overhang.
 
 A ball of radius depth(c) + delta about a point c of a body stays within delta of it: the first depth(c) of every ray
 from c is in the body. The surface is cut into small elements; a ball contains a triangle if it contains its corners, so
@@ -7,7 +7,8 @@ box about the body until each cell is in a ball, outside, or within the margin o
 ball. Depths are distances to triangles, so both promises hold up to rounding, whatever the shape.
 
 Candidates are balls about points of the medial axis. Few are chosen by a greedy set cover (Chvatal, Mathematics of
-Operations Research 4, 1979), and shrink to what they own.
+Operations Research 4, 1979), and shrink to what they own. All constants but `_ROUNDING` trade the number of balls
+against the time to find them; the containment is proved whatever they are. Collision kernels read `Cover`.
 """
 
 from __future__ import annotations
@@ -72,16 +73,16 @@ def medial_balls(body: Solid, elements: Elements, most: int, resolution: float, 
 MARGIN = 0.02  # by how much balls contain the surface, as a share of delta
 ELEMENT = 0.3  # longest edge of an element's triangles, as a share of delta
 CANDIDATE = 0.5  # about the spacing of candidates along the surface, as a share of delta
-RESOLUTION = 0.1  # of candidates closer than this one is kept, as a share of delta
+RESOLUTION = 0.1  # of candidates closer to each other than this, one is kept; as a share of delta
 
 MOST_PIECES = 50_000
 """Where a body is so large that there would be more, its elements are larger, as long as balls contain them.
 
-That begins at 1125 squares of delta. Covers of the 43 links of five large arms take 0.54 of the time that a million
-took, and have 9 % more balls; with 30,000 they take 0.72 of that again, and have 6 % more still.
+That begins at an area of 1125 delta^2. Measured on the 43 links of five large arms: covers take 0.54 of the time that a
+limit of a million took, and have 9 % more balls; 30,000 would take 0.39 of it, with 16 % more balls.
 """
 
-LEAST_REACHES = 5.0  # delta has to be this many times as far as a body is from the mesh that it represents
+LEAST_REACHES = 5.0  # delta has to be at least this many times `Solid.reach`
 MOST_BALLS = 200_000  # a cover that may need more is refused
 CHUNK = 30_000  # this many elements are examined together
 _ROUNDING = 1.0 - 1e-9  # which share of delta is used, so that no rounding leads beyond it
@@ -89,7 +90,7 @@ _ROUNDING = 1.0 - 1e-9  # which share of delta is used, so that no rounding lead
 LEAST_CANDIDATES, MOST_CANDIDATES = 300, 2_000  # of candidates for the elements that are examined together
 
 Offer = Callable[[Solid, Elements, int, float], Floats]
-"""Offers balls, centre and depth (n, 4) [m], for a body and elements: how many, and how close they may be [m]."""
+"""Propose balls, centre and depth (n, 4) [m], for a body and elements: about how many, and how close at least [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,13 +110,13 @@ class Cover:
 
 
 def cover(body: Solid, delta: float) -> Cover:
-    """Cover a body, and the finer mesh that it represents, with balls that leave it by at most `delta` [m].
+    """Cover a body, and the finer mesh within `Solid.reach` of it, with balls that leave it by at most `delta` [m].
 
     Where gaps of its surface were closed, the overhang is that over the closed surface.
 
     Raises:
-        ValueError: if `delta` is not positive, or so small for the body that there might be very many balls, or for
-            how far it is from the mesh that it represents.
+        ValueError: if `delta` is not positive, or so small that there might be very many balls, or less than
+            `LEAST_REACHES` times `Solid.reach`.
     """
     if not (delta > 0.0 and np.isfinite(delta)):
         raise ValueError(f"`delta` must be positive, got {delta} m")
@@ -126,7 +127,7 @@ def cover(body: Solid, delta: float) -> Cover:
     delta = _ROUNDING * delta - body.reach
     margin = MARGIN * delta + body.reach
     balls, elements = _choose_balls(body, delta, margin)
-    balls = shrunk(body, balls, elements, delta, margin)
+    balls = shrink_balls(body, balls, elements, delta, margin)
     if body.closed:
         balls = contain_interior(body, balls, delta, margin)
     bound = enclosing_ball(body.surface.vertices) + np.array([0.0, 0.0, 0.0, body.reach])
@@ -166,7 +167,7 @@ def _choose_balls(body: Solid, delta: float, margin: float) -> tuple[Floats, Ele
             now = np.arange(len(elements.bounds)) < CHUNK
             looked_at = elements.some(now)
             candidates = _candidates(body, looked_at, offer, delta)
-            chosen = _few(candidates[candidates[:, 3] > margin], looked_at, margin)
+            chosen = _choose_few(candidates[candidates[:, 3] > margin], looked_at, margin)
             united_bits = np.bitwise_or.reduce(_bits(chosen, elements, margin), axis=0, initial=np.uint64(0))
             count = len(elements.bounds)
             inside = np.unpackbits(united_bits.view(np.uint8), bitorder="little", count=count).astype(bool)
@@ -193,7 +194,7 @@ def _about_elements(body: Solid, elements: Elements, most: int, resolution: floa
     return np.vstack([own, medial_balls(body, elements, most, resolution)]) if body.closed else own
 
 
-def _few(balls: Floats, elements: Elements, margin: float) -> Floats:
+def _choose_few(balls: Floats, elements: Elements, margin: float) -> Floats:
     bits = _bits(balls, elements, margin)
     chosen = np.empty(len(bits), np.int64)
     count = greedy_choice(bits, chosen)
@@ -201,7 +202,7 @@ def _few(balls: Floats, elements: Elements, margin: float) -> Floats:
 
 
 def _bits(balls: Floats, elements: Elements, margin: float) -> np.ndarray:
-    """Which ball contains which element by a margin, 64 to a word."""
+    """Return the bit matrix of which ball contains which element by a margin, 64 elements to a word."""
     bits = np.zeros((len(balls), -(-len(elements.bounds) // 64)), np.uint64)
     reduced = np.column_stack([balls[:, :3], balls[:, 3] - margin])
     contained(reduced, elements.points, elements.first_point, elements.bounds, blocks(elements), bits)
@@ -209,19 +210,16 @@ def _bits(balls: Floats, elements: Elements, margin: float) -> np.ndarray:
 
 
 MOVES = (1.0, 0.5, 0.25)
-"""Shares of the way to the centre of the smallest ball about its elements that a ball's centre is tried to move."""
+"""Shares, tried in turn, of a centre's way to the centre of the smallest ball about the elements it owns."""
 
-EASE = 0.1
-"""Least overhang of a ball, as a share of delta.
-
-One that fits a surface closely all over would make the proof for the inside look at very many very small cells.
-"""
+LEAST_OVERHANG = 0.1
+"""Least overhang of a ball, as a share of delta: less would make the proof for the inside look at very many cells."""
 
 
-def shrunk(body: Solid, balls: Floats, elements: Elements, delta: float, margin: float) -> Floats:
-    """Shrink balls (n, 4) that contain all elements by a margin [m] to balls (m, 4) that all own some elements.
+def shrink_balls(body: Solid, balls: Floats, elements: Elements, delta: float, margin: float) -> Floats:
+    """Give each element to one of the balls (n, 4) that contain it by a margin [m]; shrink balls to what they own.
 
-    No ball leaves the body by more than `delta` [m].
+    Balls that own nothing go. None of those returned, (m, 4), leaves the body by more than `delta` [m].
     """
     radii, owners = np.empty(len(balls)), np.empty(len(elements.bounds), np.int64)
     reduced = np.column_stack([balls[:, :3], balls[:, 3] - margin])
@@ -230,12 +228,12 @@ def shrunk(body: Solid, balls: Floats, elements: Elements, delta: float, margin:
     owners = owners.reshape(-1)
     small = np.column_stack([balls[kept, :3], radii[kept] + margin])
     small = _recentre(body, small, elements, owners, delta, margin)
-    small[:, 3] = np.maximum(small[:, 3], body.depths(small[:, :3]) + EASE * delta)
+    small[:, 3] = np.maximum(small[:, 3], body.depths(small[:, :3]) + LEAST_OVERHANG * delta)
     return small
 
 
 def _recentre(body: Solid, balls: Floats, elements: Elements, owners: Integers, delta: float, margin: float) -> Floats:
-    """Balls moved towards the smallest about what they own, where that makes them smaller and keeps the overhang."""
+    """Move balls towards the smallest about what they own, where that makes them smaller and keeps the overhang."""
     owned, first = _find_owned_points(elements, owners, len(balls))
     targets, radii = np.empty((len(balls), 4)), np.empty(len(balls))
     smallest_balls(owned, first, targets)
@@ -293,9 +291,9 @@ def _halve(balls: Floats, members: Integers) -> list[Integers]:
     return _halve(balls, order[:half]) + _halve(balls, order[half:])
 
 
-_ROOM = 4096  # cells that are asked for at a time
+_CELLS_AT_ONCE = 4096  # most uncovered cells that the kernel returns at a time
 
-_ROOT_SLACK = 1.0 + 1e-9
+_ROOT_SLACK = 1.0 + 1e-9  # by which the box about the body is larger, so that rounding leaves nothing outside
 
 
 def contain_interior(body: Solid, balls: Floats, delta: float, margin: float) -> Floats:
@@ -308,7 +306,7 @@ def contain_interior(body: Solid, balls: Floats, delta: float, margin: float) ->
     allowed = body.depths(balls[:, :3]) + delta
     low, high = body.surface.vertices.min(axis=0), body.surface.vertices.max(axis=0)
     box = np.array([[*(0.5 * (low + high)), 0.5 * float((high - low).max()) * _ROOT_SLACK]])
-    cells = np.empty((_ROOM, 5))
+    cells = np.empty((_CELLS_AT_ONCE, 5))  # centre (3), half size, depth of the centre [m]
     while count := uncovered_cells(balls, box, margin, body.tables, body.spans, cells):
         for cell in cells[:count]:
             needed = _corner_distance(balls, cell)
@@ -319,8 +317,8 @@ def contain_interior(body: Solid, balls: Floats, delta: float, margin: float) ->
             if growth[best] < np.inf:
                 balls[best, 3] = needed[best]
                 continue
-            balls = np.vstack([balls, [*cell[:3], cell[4] + delta]])
-            allowed = np.append(allowed, cell[4] + delta)
+            largest = cell[4] + delta
+            balls, allowed = np.vstack([balls, [*cell[:3], largest]]), np.append(allowed, largest)
     return balls
 
 

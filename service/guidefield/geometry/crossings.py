@@ -1,4 +1,9 @@
-"""Faces of a mesh that cross each other: pairs by a sweep and by planes, then intervals on the planes' common line."""
+"""Find faces of a mesh that cross each other: pairs by a sweep and by planes, then intervals on the common line.
+
+A piece of a link counts as hidden inside another only if none cross (`solid.find_nested`), and users are warned of
+crossings (`mesh_surface.py`). Slabs, chunks and the sample are time alone; beyond `SWEPT` or `EXAMINED` pairs the
+answer is incomplete, and says so.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +20,7 @@ _TOUCHING = 1e-10  # faces that reach through each other by less than this fract
 SWEPT = 60_000_000  # pairs that overlap along one axis, looked at in one mesh at most
 EXAMINED = 10_000_000  # pairs whose boxes overlap, looked at in one mesh at most
 
-_CHUNK = 200_000
+_CHUNK = 200_000  # pairs that are examined together
 
 _MOST_SLABS, _IN_SLAB = 128, 1000  # slabs at most, and triangles in one at least
 

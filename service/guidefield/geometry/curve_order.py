@@ -1,4 +1,9 @@
-"""An order of points in which neighbours stand together: along a Morton curve (G. M. Morton, 1966)."""
+"""An order of points in which neighbours stand together: along a Morton curve (G. M. Morton, 1966).
+
+Trees over boxes are complete binary trees in this order (`surface_rows.py`, `collision/obstacle_boxes.py`). An order is
+updated when some points change, with the result that a new one would have, because a scene's tables must not depend on
+how it came about.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +37,12 @@ class CurveOrder(NamedTuple):
         return bool((corners == self.corners).all())
 
 
-class Changed(NamedTuple):
-    """What a change of the points makes of their order."""
+class ChangedOrder(NamedTuple):
+    """An order after a change of the points."""
 
     along: CurveOrder  # the points along the same curve
-    # of those that stand one behind the other in the order as before where the first of them stood there, and how many
-    # they are; -1 and how many of others
+    # runs of the new order: the place of its first point in the old order, and its length, of points that stood there
+    # one behind the other; -1 and the length of a run of new points
     runs: list[tuple[int, int]]
     fresh: Integers  # the others in that order, indices among the others
 
@@ -48,7 +53,7 @@ def curve_order(points: Floats, bits: int = FINEST) -> Integers:
 
 
 def along_curve(points: Floats, bits: int = FINEST) -> CurveOrder:
-    """Points, shape (n, 3), along the curve, as `curve_order` has them."""
+    """Return the order of points (n, 3) with their places on the curve; as `curve_order` takes them."""
     if not len(points):
         return CurveOrder(np.empty(0, np.int64), np.empty(0, np.int64), np.array([np.inf, -np.inf]).repeat(3), bits)
     along = np.ascontiguousarray(points.T)  # NumPy takes a third of the time for coordinates one behind the other
@@ -61,7 +66,7 @@ def along_curve(points: Floats, bits: int = FINEST) -> CurveOrder:
     return CurveOrder(order, in_turn, corners, bits)
 
 
-def change_along(known: CurveOrder, now: Integers, fresh: Sequence[int], points: Floats, count: int) -> Changed:
+def change_along(known: CurveOrder, now: Integers, fresh: Sequence[int], points: Floats, count: int) -> ChangedOrder:
     """Update the order after points were replaced; it is right if the box about all of them is what it was.
 
     Args:
@@ -77,7 +82,7 @@ def change_along(known: CurveOrder, now: Integers, fresh: Sequence[int], points:
     most = 2 * (len(numbers) + len(known.order) - (count - len(numbers))) + 1
     order, in_turn, runs = np.empty(count, np.int64), np.empty(count, np.int64), np.empty((most, 2), np.int64)
     found = changed_order(known.order, known.places, now, numbers[turn], places[turn], order, in_turn, runs)
-    return Changed(known._replace(order=order, places=in_turn), list(map(tuple, runs[:found].tolist())), turn)
+    return ChangedOrder(known._replace(order=order, places=in_turn), list(map(tuple, runs[:found].tolist())), turn)
 
 
 def _places(points: Floats, corners: Floats, bits: int) -> Integers:

@@ -3,9 +3,9 @@
 Cells are halved by planes, the one whose hull stands off furthest first; each time by the plane, of some along the
 cell's principal axes, that leaves the hulls of both halves the least volume. Two cells whose common hull is tight
 enough become one again. For all this a small hull represents that of a cell: of the points that are furthest in
-directions all around. The parts contain the body by construction, whatever planes are chosen: the corners of a cell's
-body are among those of the triangles clipped at its sides, and its own corners within the body. How far they stand off
-is measured, and bounded from above.
+directions all around. The parts contain the body by construction, whatever planes are chosen and whatever the constants
+are: the corners of a cell's body are among those of the triangles clipped at its sides, and its own corners within the
+body. How far they stand off (the one-sided Hausdorff distance from the body) is bounded from above.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def clip_at(pieces: Pieces, plane: Floats) -> Pieces:
 
 
 def _cut(pieces: Pieces, heights: Floats, below: np.ndarray, count: np.ndarray, corners_below: int) -> list[Pieces]:
-    """What lies below of the triangles that have one or two corners below: a triangle, or two."""
+    """Return the parts below the plane of triangles with one or two corners below: a triangle each, or two."""
     chosen = np.flatnonzero(count == corners_below)
     rows = np.arange(len(chosen))
     # the corner that is alone on its side comes first
@@ -72,17 +72,17 @@ SAMPLES = 500  # about how many points of a part's surface the comparison looks 
 BESIDE = 1e-5  # how far beside a face a plane is tried, as a share of the cell's extent along its normal
 DIRECTIONS = 64  # of the points of a half the comparison keeps those furthest in these directions
 ALL_AROUND = 96  # a small hull is that of the points furthest in these directions
-MIDDLES = 64  # the stand-off of a small hull is that of at least this many places of its surface, evenly spread
+STAND_OFF_SAMPLES = 64  # least places on a small hull's surface, evenly spread, that its stand-off is estimated by
 
-ASKED = 8
-"""So many of these places at a time are asked whether they are inside the body, the furthest from its surface first."""
+PLACES_AT_ONCE = 8
+"""So many of these places at a time are tested for being inside the body, the furthest from its surface first."""
 
 MOST_BEYOND = 500  # where more points of a cell than these are beyond its small hull, its part is a polytope about them
-NEARLY = 1e-3  # cells are joined if the boxes about their small hulls are this close [m]
+CELL_GAP = 1e-3  # cells are joined if the boxes about their small hulls are this close [m]
 TOLERANCE = 1e-3  # how much too large a part's stand-off may be given, as that of `stand_off`
-SHARE = 0.25  # the same as a share of it
+TOLERANCE_SHARE = 0.25  # the same as a share of the stand-off, where that is more
 OVERLAP = 1e-9  # how far a cell reaches beyond its planes [m], so that rounding leaves nothing between two
-WORTH = 0.995  # halving has to leave at most this share of the volume
+WORTH = 0.995  # halving has to leave at most this share of the hull's volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,20 +156,20 @@ def _cell(body: Solid, planes: Floats, pieces: Pieces, points: Floats) -> _Cell 
 
 
 def _stand_off(hull: Surface, body: Solid) -> float:
-    """About how far a hull leaves a body [m]: `SHARE` more than the middles of small triangles of its surface do."""
+    """Estimate a hull's stand-off [m]: that of the middles of small triangles of its surface, and a share more."""
     pieces = Pieces(hull.corners, np.zeros(len(hull.triangles), np.int64))
-    pieces = bisect_pieces(pieces, max(float(np.sqrt(4.0 * pieces.area / MIDDLES)), _LEAST))
+    pieces = bisect_pieces(pieces, max(float(np.sqrt(4.0 * pieces.area / STAND_OFF_SAMPLES)), _LEAST))
     middles = pieces.corners.mean(axis=1)
     distances = body.distances(middles)
-    for some in np.split(np.argsort(-distances, kind="stable"), range(ASKED, len(middles), ASKED)):
+    for some in np.split(np.argsort(-distances, kind="stable"), range(PLACES_AT_ONCE, len(middles), PLACES_AT_ONCE)):
         outside = body.depths(middles[some]) < 0.0  # that takes longer than the distance
         if outside.any():
-            return (1.0 + SHARE) * float(distances[some][outside].max())
+            return (1.0 + TOLERANCE_SHARE) * float(distances[some][outside].max())
     return 0.0
 
 
 def _small_hull(points: Floats) -> Surface | None:
-    """The hull of the points that are furthest in directions all around; None if it is flat."""
+    """Return the hull of the points that are furthest in directions all around; None if it is flat."""
     if not len(points):
         return None
     extent = np.ptp(points, axis=0)
@@ -184,7 +184,7 @@ def _part(body: Solid, cell: _Cell) -> ConvexPart:
     hull = _hull_about(cell)
     if body.reach > 0.0:
         hull = convex_hull((hull.vertices[:, None] + body.reach * _CUBE).reshape(-1, 3))
-    return ConvexPart(hull, body.reach + stand_off(hull, body, tolerance=TOLERANCE, share=SHARE))
+    return ConvexPart(hull, body.reach + stand_off(hull, body, tolerance=TOLERANCE, share=TOLERANCE_SHARE))
 
 
 def _hull_about(cell: _Cell) -> Surface:
@@ -235,7 +235,7 @@ def _planes(cell: _Cell) -> Floats:
 
 
 def _different(axes: Floats) -> Floats:
-    """Unit vectors (n, 3), but those along one before."""
+    """Drop unit vectors (n, 3) along an earlier one."""
     along = np.tril(np.abs(axes @ axes.T), -1) > _SAME_AXIS
     different: Floats = axes[~along.any(axis=1)]
     return different
@@ -262,7 +262,7 @@ class _Samples:
         return float(_volumes(corners[None], self._points[:1])[0])
 
     def volumes_across(self, axis: Floats) -> list[tuple[float, float]]:
-        """Places of planes across an axis [m], and about the volumes of the hulls of both halves together [m^3]."""
+        """Return places of planes across an axis [m], and estimates of both halves' hull volumes together [m^3]."""
         along, corners = heights_along(self._points, axis), heights_along(self._pieces.corners, axis)
         places = np.array(_places(along))
         cut, first = np.empty((count_cut(corners, places), 3)), np.empty(2 * len(places) + 1, np.int64)
@@ -275,7 +275,7 @@ class _Samples:
 
 
 def _places(along: Floats) -> list[float]:
-    """Where planes are tried [m]; beside a face that lies in one, so that one half has it all."""
+    """Return the places of planes to try [m]; beside a face that lies in one, so that one half has it all."""
     low, high = float(along.min()), float(along.max())
     beside = BESIDE * (high - low)
     found = []
@@ -342,4 +342,4 @@ def _touch(a: _Cell, b: _Cell) -> bool:
     """Whether the boxes about two small hulls are as close as they may be where their cells touch."""
     low = np.maximum(a.hull.vertices.min(axis=0), b.hull.vertices.min(axis=0))
     high = np.minimum(a.hull.vertices.max(axis=0), b.hull.vertices.max(axis=0))
-    return bool((low <= high + NEARLY).all())
+    return bool((low <= high + CELL_GAP).all())

@@ -1,6 +1,7 @@
-"""Directions: spread over the sphere, principal ones of points, and the points that are furthest along some.
+"""Directions: spread over the sphere, principal axes of points, and the points that are furthest along some.
 
-NumPy hands tall products and decompositions to BLAS, whose threads cost more than these loops.
+Products are kernels or sums by hand, because NumPy hands tall ones to BLAS, whose threads cost more than these loops.
+Covers and hulls are chosen by these directions: others give other (as valid) shapes.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from guidefield.kernels.cover.cut_halves import furthest_along
 from guidefield.kernels.linalg.small_systems import principal_axes
 
 
-def across(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+def perpendicular_axes(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     """Two unit vectors, shape (2, 3), that make a right-handed frame with a unit vector, shape (3,)."""
     first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
     first /= np.linalg.norm(first)
@@ -24,8 +25,8 @@ def spread_directions(count: int) -> Floats:
     """Unit vectors spread over all directions along a spiral from pole to pole, shape (count, 3)."""
     k = np.arange(count)
     heights, turns = 1.0 - (2.0 * k + 1.0) / count, k * np.pi * (3.0 - np.sqrt(5.0))
-    across = np.sqrt(1.0 - heights**2)
-    return np.column_stack([across * np.cos(turns), across * np.sin(turns), heights])
+    radii = np.sqrt(1.0 - heights**2)
+    return np.column_stack([radii * np.cos(turns), radii * np.sin(turns), heights])
 
 
 def spread_and_axes(offsets: Floats) -> tuple[Floats, Floats]:

@@ -1,4 +1,8 @@
-"""Shapes as the bodies that the distance kernels read."""
+"""Obstacles' and links' shapes as rows of the tables that the signed-distance kernels read.
+
+Kinds, sizes and the order of the tables (half-spaces first) are those of kernels/distance/distance.py; boxes may be
+larger than their bodies, never smaller. Scenes (`scene/distance_tables.py`) and links' charges build on these rows.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from guidefield.geometry.directions import across
+from guidefield.geometry.directions import perpendicular_axes
 from guidefield.geometry.mesh_surface import SolidBox
 from guidefield.geometry.surface_rows import NO_TRIANGLES, SurfaceRows, few_surfaces, surface_rows
 from guidefield.geometry.surfaces import box_about
@@ -26,21 +30,21 @@ _IDENTITY.setflags(write=False)
 
 NO_SURFACE = SurfaceTables(np.empty((0, 6)), np.empty((0, 9)), np.empty((0, 21)))
 
-FEW = 32  # a sheet of more triangles than this keeps the axes of its frame
+SMALL_SHEET = 32  # an open surface of at most so many triangles gets axes in which its box is thin (`sheets`)
 ROUNDING = 1e-9  # by how much boxes in the world are made larger, so that rounding can't hide a body [m, and a share]
 
 
 @dataclass(frozen=True, eq=False)
 class DistanceBody:
-    """One body."""
+    """One body: a shape in a frame of its own, and where that is."""
 
     kind: int  # as in kernels/distance/distance.py
-    size: tuple[float, float, float]  # three numbers by kind [m]
+    size: tuple[float, float, float]  # of a box its half extents; of a capsule or cylinder radius, half length, 0 [m]
     bounds: Floats  # lower and upper corner of a box about it in its own frame, shape (6,) [m]
     placement: Floats  # rotation and translation of that frame, shape (3, 4) [m]
     surface: SurfaceTables | None = None  # the triangles of a solid or sheet, in its own frame
-    cloud: int = 0  # where the words of its `LaneCloud` are, if it is a cloud
-    # of a seen solid how its sides are found, in its own frame, see `ray_winding.ANCHOR`; shape (9,)
+    cloud: int = 0  # address of the words of its `LaneCloud` (kernels/distance/point_tree.py), if it is a cloud
+    # of a cropped solid how its sides are found, in its own frame, see `ray_winding.ANCHOR`; shape (9,)
     anchor: Floats | None = None
 
     def place(self, rotation: Floats, translation: Floats) -> DistanceBody:
@@ -65,7 +69,7 @@ def box_body(box: SolidBox) -> DistanceBody:
 def triangulated_body(
     vertices: Floats, triangles: Integers, kind: int, neighbours: Integers = NO_TRIANGLES
 ) -> DistanceBody:
-    """Make the body of vertices (v, 3) and triangles (t, 3), some with an area; of a seen solid without an anchor.
+    """Make the body of vertices (v, 3) and triangles (t, 3), some with an area; of a cropped solid without an anchor.
 
     Its kind is SOLID, CROPPED_SOLID or SHEET. Neighbours are further triangles (n, 3) of the whole surface that share a
     vertex with these: they say which side is which at its edges and corners, and nothing else.
@@ -79,7 +83,7 @@ def of_surface(rows: SurfaceRows, kind: int) -> DistanceBody:
 
 
 def sheets(surfaces: Sequence[tuple[Floats, Integers]], rotations: Floats, translations: Floats) -> BodyRows:
-    """Make the bodies of surfaces that are no solids, of at most `FEW` triangles each, all of them together.
+    """Make the bodies of surfaces that are no solids, of at most `SMALL_SHEET` triangles each, all of them together.
 
     Each has axes in which the box about it is as thin as the surface, if that is flat: the box about a slanted polygon
     along other axes is mostly empty, and would be examined from far away.
@@ -108,7 +112,7 @@ def sheets(surfaces: Sequence[tuple[Floats, Integers]], rotations: Floats, trans
 
 
 def balls_about(points: Floats, radius: float, cloud: int) -> DistanceBody:
-    """Make the body of balls of a radius [m] about points (n, 3); at `cloud` the words of their `LaneCloud` stay."""
+    """Make the body of balls of a radius [m] about points (n, 3); `cloud` is the lasting address of its tables."""
     low, high = box_about(points)
     bounds = np.r_[low - radius, high + radius]
     return DistanceBody(CLOUD, (0.0, 0.0, 0.0), bounds, _IDENTITY, cloud=cloud)
@@ -216,7 +220,7 @@ def body_tables(bodies: BodyRows, owners: Sequence[int] | Integers, nodes: Float
 def _half_space(shape: Any) -> DistanceBody:
     normal = np.array(shape.n, float)
     bounds = np.array([-np.inf, -np.inf, -np.inf, np.inf, np.inf, 0.0])
-    placement = np.column_stack([*across(normal), normal, float(shape.d) * normal])
+    placement = np.column_stack([*perpendicular_axes(normal), normal, float(shape.d) * normal])
     return DistanceBody(HALF_SPACE, (0.0, 0.0, 0.0), bounds, placement)
 
 
@@ -237,7 +241,7 @@ def _about_origin(kind: int, size: Sequence[float], half: Sequence[float]) -> Di
 
 
 def _surface_tables(surfaces: dict[int, SurfaceTables], count: int) -> tuple[SurfaceTables, Integers]:
-    """Tables of the surfaces of some of n bodies, and where the tree of each stands; none has an anchor. (n, 5)."""
+    """Join the surfaces of some of n bodies, and say where the tree of each stands, (n, 5); without anchors."""
     spans = np.zeros((count, 5), np.int64)
     node = triangle = 0
     for index, (nodes, corners, _) in sorted(surfaces.items()):

@@ -1,4 +1,8 @@
-"""A surface in small elements: bodies of limited extent, known by their corners."""
+"""Cut a surface into small elements, sets of neighbouring triangles, each with its corners and a ball about it.
+
+A ball that contains an element's corners contains the element: covers rely on it, and so pieces must be the surface
+without a gap, and bounds must not be too small.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +36,7 @@ class Pieces(NamedTuple):
         return area_of(self.corners)
 
     def some(self, chosen: np.ndarray | slice) -> Pieces:
-        """Those that indices (k,), a mask (n,) or a slice choose."""
+        """Return the pieces that indices (k,), a mask (n,) or a slice choose."""
         return Pieces(self.corners[chosen], self.sources[chosen])
 
 
@@ -46,7 +50,7 @@ class Elements(NamedTuple):
     bounds: Floats  # a ball about each element: centre and radius, shape (m, 4) [m]
 
     def some(self, chosen: np.ndarray) -> Elements:
-        """The elements that a mask, shape (m,), chooses."""
+        """Return the elements that a mask, shape (m,), chooses."""
         if chosen.all():
             return self
         counts, of_points = np.diff(self.first), np.diff(self.first_point)
@@ -78,7 +82,7 @@ def _allocate(count: int) -> Pieces:
 
 
 def join_pieces(parts: list[Pieces]) -> Pieces:
-    """All pieces of several."""
+    """Return all pieces of several."""
     return Pieces(np.concatenate([part.corners for part in parts]), np.concatenate([part.sources for part in parts]))
 
 
@@ -111,7 +115,7 @@ def _balls(points: Floats, first: Integers) -> Floats:
 
 
 def unite_elements(parts: list[Elements]) -> Elements:
-    """All elements of several."""
+    """Return all elements of several."""
     return Elements(
         join_pieces([part.pieces for part in parts]),
         _starts(np.concatenate([np.diff(part.first) for part in parts])),

@@ -1,7 +1,8 @@
-"""Trees over everything charged, whatever its kind: an expansion represents all that is far away.
+"""Add trees over boxes, capsules and surfaces to the field's tables: multipole expansions for all that is far away.
 
-The tables of a scene have trees over large meshes alone. Among thousands of boxes or polygons pictures of the field
-take these trees instead.
+The tables of a scene have trees over large meshes alone. For pictures of the field (`scene/field_slice.py`) among
+thousands of boxes or polygons these are added; planning never reads them. Nodes, links and their depth-first order are
+those of kernels/field. A larger `OPENING` is faster and less exact.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ OPENING = 0.35
 """Radius of a node over the distance from which its expansion is used: largest errors found among thousands of boxes,
 capsules and polygons are 1e-2 of the potential, 1e-4 in the median."""
 
-_UPPER = np.triu_indices(3)
+_UPPER = np.triu_indices(3)  # the second moments of a node: xx xy xz yy yz zz
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,10 @@ class _Charged:
 
 @dataclass(frozen=True, eq=False)
 class _Tree:
-    """Nodes in depth-first order: begin and end of the things below each, the node after those, leaves; row, reach."""
+    """Nodes in depth-first order.
+
+    Of each the begin and end of the things below, the next node not below it, whether it is a leaf, row and reach.
+    """
 
     begins: Integers
     ends: Integers
@@ -113,7 +117,7 @@ def with_far_trees(tables: FieldTables) -> FieldTables:
 
 
 def _over_faces(tables: FieldTables, count: int) -> tuple[Floats, Integers, Floats]:
-    """Nodes, links and reach of the faces' trees below trees over their roots, if there are many."""
+    """Return nodes, links and reach of the faces' trees, below trees over their roots if there are many."""
     nodes, links, reach = tables.nodes[:count].copy(), tables.links[:count].copy(), tables.reach[:count].copy()
     roots = np.array(list(_roots(links)), np.int64)
     if len(roots) < LEAST:
@@ -175,7 +179,7 @@ def _tree(things: _Charged) -> _Tree:
 
 
 def _together(things: _Charged, begins: Integers, ends: Integers) -> _Charged:
-    """Runs of things as one each: from a begin up to an end, both of shape (m,)."""
+    """Sum up runs of things, one thing each: from a begin up to an end, both of shape (m,)."""
     counts = ends - begins
     starts = np.cumsum(counts) - counts
     owner = np.repeat(np.arange(len(counts)), counts)

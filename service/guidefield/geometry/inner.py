@@ -1,4 +1,8 @@
-"""A few balls that are inside of a body for certain, and fill much of it: what touches one touches the body."""
+"""Choose a few inscribed spheres of a body that fill much of it: whatever touches one touches the body, for certain.
+
+Collision kernels prove contact by these balls, the most filling first; that their radii are less than the depths of
+their centres, by `SAFETY` and `Solid.reach`, makes it a proof. All other constants are how much is filled against time.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +16,15 @@ from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats
 from guidefield.kernels.cover.ball_cover import count_missing, held_points
 
-MOST = 8  # most balls of a body
+MOST_INNER_BALLS = 8  # most balls of a body: with more contact is proved sooner, and every test reads more
 
 SAFETY = 1e-6
 """By how much a ball is smaller than the depth of its centre, so that it is inside whatever rounding does [m]."""
 
 LEAST_RADIUS = 1e-3  # smaller balls aren't worth looking at [m]
-RESOLUTION = 0.01  # of candidates closer than this one is examined, as a share of the body's extent
+RESOLUTION = 0.01  # of candidates closer to each other than this, one is examined; as a share of the body's extent
 SLACK = 0.02  # by how much candidates may miss the surface that they were grown from, as a share of the body's extent
-STEPS = 12  # moves of a chosen ball to where it is deeper
+STEPS = 12  # of a chosen ball to where it is deeper: each moves it, or else halves the next step
 
 CANDIDATES = 200
 """About how many balls they are chosen from. With three times as many the chosen ones fill 1 % more of a link."""
@@ -30,7 +34,7 @@ _MOST_ALONG = 64  # most of them in a row: a flat body must not get very many
 
 
 def inner_balls(body: Solid) -> Floats:
-    """Return balls inside a body and the finer mesh it represents, shape (n, 4) [m], the most filling first.
+    """Return balls inside a body and the mesh within `Solid.reach` of it, shape (n, 4) [m], the most filling first.
 
     There are none in an open surface, not even if it was closed by lids: what is inside may not touch it. Nor are there
     any in a body that is flat.
@@ -53,16 +57,16 @@ def inner_balls(body: Solid) -> Floats:
 
 
 def _most_filling(body: Solid, balls: Floats, samples: Floats, step: float) -> Floats:
-    """At most `MOST` balls, each the one that fills most that those before it don't, moved to where it is deeper."""
+    """Choose balls in turn, each the one that fills most that those before don't, and move it to where it is deeper."""
     held, counts = _mark_contained(balls, samples), np.empty(len(balls), np.int64)
     missing = np.full(held.shape[1], ~np.uint64(0))
     chosen: list[Floats] = []
-    while len(chosen) < MOST:
+    while len(chosen) < MOST_INNER_BALLS:
         count_missing(held, missing, counts)
         best = int(counts.argmax())
         if counts[best] == 0:
             break
-        ball = _deeper(body, balls[best], step)
+        ball = _move_deeper(body, balls[best], step)
         fills = _mark_contained(ball[None], samples)[0]
         if int(np.bitwise_count(fills & missing).sum()) < counts[best]:
             ball, fills = balls[best], held[best]
@@ -72,17 +76,17 @@ def _most_filling(body: Solid, balls: Floats, samples: Floats, step: float) -> F
 
 
 def _mark_contained(balls: Floats, samples: Floats) -> np.ndarray:
-    """Which ball (n, 4) holds which sample (m, 3), 64 to a word: shape (n, words)."""
+    """Return the bit matrix of which ball (n, 4) holds which sample (m, 3), 64 samples to a word: (n, words)."""
     bits = np.empty((len(balls), -(-len(samples) // 64)), np.uint64)
     held_points(np.ascontiguousarray(balls), samples, bits)
     return bits
 
 
-def _deeper(body: Solid, ball: Floats, step: float) -> Floats:
-    """A ball moved along edges and diagonals of a cube, by smaller and smaller steps, while that makes it larger."""
+def _move_deeper(body: Solid, ball: Floats, step: float) -> Floats:
+    """Move a ball along edges and diagonals of a cube while that makes it larger, by ever smaller steps."""
     centre, radius = ball[:3], float(ball[3])
     for _ in range(STEPS):
-        trials = centre + step * _WAYS
+        trials = centre + step * _NEIGHBOURS
         radii = body.depths(trials) - SAFETY - body.reach
         best = int(radii.argmax())
         if radii[best] > radius:
@@ -92,7 +96,7 @@ def _deeper(body: Solid, ball: Floats, step: float) -> Floats:
     return np.append(centre, radius)
 
 
-_WAYS = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+_NEIGHBOURS = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
 
 
 def _grid(low: Floats, high: Floats) -> Floats:

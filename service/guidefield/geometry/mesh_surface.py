@@ -1,4 +1,8 @@
-"""The surface of a triangle mesh as it is judged: closed or open, consistent or not, convex or something else."""
+"""Classify a triangle mesh: closed or open, consistent or not, convex, or a box; turn it outwards and tell its faults.
+
+What a mesh counts as decides what is collision: a solid's inside is, an open surface has none. Scenes, links and the
+cases for the referee are judged by the same surface. The warnings are sentences that users read.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +28,7 @@ from guidefield.geometry.crossings import crossings
 from guidefield.geometry.surfaces import Surface, extents
 
 _FLAT = 1e-9  # a closed mesh with less volume than this fraction of its size cubed has no inside
-_SOME = 4096  # this many triangles are examined together for one that has an area
+_CHUNK = 4096  # triangles that are examined first or together, before all others
 _CONVEX = 1e-7  # how far a mesh may dent in and still be judged by its hull, as a fraction of its size
 
 
@@ -76,7 +80,7 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
 
 
 def surface_of(mesh: Joined) -> MeshSurface | None:
-    """The same of a mesh whose vertices are merged."""
+    """Do what `mesh_surface` does for a mesh whose vertices are merged."""
     vertices = mesh.vertices
     if not has_area(vertices, mesh.triangles):
         return None
@@ -91,7 +95,7 @@ def surface_of(mesh: Joined) -> MeshSurface | None:
 
 
 def crossing_warnings(mesh: Joined) -> tuple[str, ...]:
-    """What to tell of triangles that cross each other, by the indices they are given with; nothing if none do.
+    """Return a sentence on triangles that cross each other, by the indices they are given with; nothing if none do.
 
     Those that overlap at a crack alone don't count.
     """
@@ -111,8 +115,8 @@ def crossing_warnings(mesh: Joined) -> tuple[str, ...]:
 def has_area(vertices: np.ndarray, triangles: np.ndarray) -> bool:
     """Check that one of the triangles (t, 3) of vertices (v, 3) has an area."""
     least = 1e-12 * extents(vertices).max() ** 2 if len(triangles) else 0.0
-    for start in range(0, len(triangles), _SOME):
-        a, b, c = (vertices[column] for column in triangles[start : start + _SOME].T)
+    for start in range(0, len(triangles), _CHUNK):
+        a, b, c = (vertices[column] for column in triangles[start : start + _CHUNK].T)
         if 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).max() > least:
             return True
     return False
@@ -124,9 +128,9 @@ def _edges(triangles: np.ndarray) -> np.ndarray:
 
 
 def _facing_outwards(mesh: Joined) -> tuple[np.ndarray, bool, list[str]]:
-    """Triangles, turned where that makes a closed mesh consistent; whether it is solid; warnings.
+    """Return triangles, turned where that makes a closed mesh consistent; whether it is solid; warnings.
 
-    It is examined with its cracks closed.
+    The mesh is examined with its cracks closed.
     """
     vertices, triangles, welded = mesh.vertices, mesh.triangles, mesh.welded
     if not len(welded):
@@ -232,16 +236,16 @@ def hull_shape(around: Surface) -> Any:
 
 
 def _first_ones(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The first triangles and those that share a vertex with them: most surfaces of many are dented there."""
+    """Return the first triangles and those that share a vertex with them: most dented surfaces are dented there."""
     marked = np.zeros(len(vertices), bool)
-    marked[triangles[:_SOME]] = True
+    marked[triangles[:_CHUNK]] = True
     a, b, c = triangles.T
     few: np.ndarray = triangles[marked[a] | marked[b] | marked[c]]
     return few
 
 
 def _is_dented(vertices: np.ndarray, triangles: np.ndarray, deepest: float) -> bool:
-    """Whether a triangle's far vertex is more than is let above its neighbour's plane [m].
+    """Check whether a triangle's far vertex is more than `deepest` above its neighbour's plane [m].
 
     Edges of one triangle only don't count; an edge of more than two, which none of a hull is, may count or not.
     """
@@ -287,7 +291,7 @@ def find_boxes(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> list[Solid
     for side in range(3):  # from a corner, the shortest edge that is across those before
         sides[:, side] = edges[rows, np.where(square, lengths, np.inf).argmin(axis=1)]
         along = np.abs(np.einsum("nek,nk->ne", edges, sides[:, side])) / np.linalg.norm(sides[:, side], axis=1)[:, None]
-        square &= along < _SQUARE * lengths
+        square &= along < _RIGHT_ANGLE * lengths
     x = sides[:, 2] / np.linalg.norm(sides[:, 2], axis=1)[:, None]
     y = sides[:, 1] - np.einsum("nk,nk->n", sides[:, 1], x)[:, None] * x
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -300,13 +304,13 @@ def find_boxes(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> list[Solid
     is_box &= (np.sort((own > 0.0) @ [1, 2, 4], axis=1) == np.arange(8)).all(axis=1)
     about = triangles - centres[:, None, None]
     enclosed = np.einsum("ntk,ntk->n", about[:, :, 0], np.cross(about[:, :, 1], about[:, :, 2])) / 6.0
-    is_box &= np.abs(enclosed - 8.0 * halves.prod(axis=1)) <= _FULL * enclosed
+    is_box &= np.abs(enclosed - 8.0 * halves.prod(axis=1)) <= _VOLUME_TOLERANCE * enclosed
     for row in np.flatnonzero(is_box).tolist():
         found[some[row]] = SolidBox(rotations[row], centres[row], halves[row])
     return found
 
 
-_SQUARE = 1e-2
-"""Edges of a box are across each other if the cosine of their angle is less: corners tell how much exactly."""
+_RIGHT_ANGLE = 1e-2
+"""Edges at a corner of a box are perpendicular if the cosine of their angle is less; the box is made to hold all."""
 
-_FULL = 1e-3  # by which share what a solid with a box's corners encloses may differ from the box
+_VOLUME_TOLERANCE = 1e-3  # by which share a solid's volume may differ from that of the box about it

@@ -1,4 +1,8 @@
-"""A triangle mesh as a tree of balls; polytopes with few vertices about points."""
+"""A triangle mesh as a binary tree of balls, with its clusters; polytopes with few vertices about points.
+
+The tree is laid out by counts alone (`cluster_counts`, `count_boxed`), so that tables of a large mesh are allocated
+before it is written (`collision/lanes/surface_tables.py`, `collision/part_tables.py`). Balls contain their triangles.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +20,18 @@ MOST_VERTICES = 192  # a hull with more gives way to a polytope about it with ab
 
 
 CLUSTERS = (5, 21, 85)
-"""The first nodes on the way down with no more triangles get their corners as a polytope: 16, 64 or 256 of them."""
+"""The first nodes on the way down with no more triangles than one of these are its clusters.
+
+Their corners, padded to 16, 64 or 256, are tested as the points of a polytope.
+"""
 
 Cluster = tuple[np.ndarray, np.ndarray]  # nodes, shape (k,), and the triangles below each, shape (k, most)
 
 BOXED = 2048
-"""Nodes of more triangles than clusters have, and of no more than this, may get a box. With four times as many
-measuring is a tenth sooner, without any it takes twice as long, on a ring of a million about a Panda."""
+"""Nodes of more triangles than clusters have, and of no more than this, may get a box. With 8192 distances take a tenth
+less time, without any twice as long, on a ring of a million triangles about a Panda."""
 
-Told = Callable[[Cluster], None]  # receives nodes
+OnNodes = Callable[[Cluster], None]  # receives the nodes that may get a box, with their triangles
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,17 +61,17 @@ def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree
 def triangle_tree(triangles: np.ndarray) -> MeshTree:
     """The tree over triangles (t, 3, 3), each group halved along its widest side; without a polytope about them all."""
     nodes = 2 * len(triangles) - 1
-    return tree_written(triangles, np.empty((nodes, 4)), np.empty((nodes, 3), np.int64))
+    return write_tree(triangles, np.empty((nodes, 4)), np.empty((nodes, 3), np.int64))
 
 
 def cluster_counts(triangles: int) -> list[int]:
-    """How many of the nodes of a `triangle_tree` over a given number of triangles are of each of `CLUSTERS`."""
+    """Count the nodes of a `triangle_tree` over a given number of triangles that are of each of `CLUSTERS`."""
     sizes = _node_sizes(triangles)
     return [sum(many for (size, above), many in sizes.items() if 1 < size <= most < above) for most in CLUSTERS]
 
 
 def count_boxed(triangles: int) -> int:
-    """How many of the nodes of a `triangle_tree` over a given number of triangles may get a box, see `BOXED`."""
+    """Count the nodes of a `triangle_tree` over a given number of triangles that may get a box, see `BOXED`."""
     return sum(many for (size, _), many in _node_sizes(triangles).items() if CLUSTERS[-1] < size <= BOXED)
 
 
@@ -82,11 +89,11 @@ def _node_sizes(triangles: int) -> Counter[tuple[int, int]]:
     return found
 
 
-def tree_written(
+def write_tree(
     triangles: np.ndarray,
     balls: np.ndarray,
     links: np.ndarray,
-    boxed: Told = lambda _: None,
+    boxed: OnNodes = lambda _: None,
     counts: np.ndarray | None = None,
 ) -> MeshTree:
     """Write a `triangle_tree` in balls (2 t - 1, 4) and links (2 t - 1, 3); tell which nodes may get a box.
@@ -138,7 +145,7 @@ def mesh_of_nodes(counts: np.ndarray) -> np.ndarray:
 
 
 def _runs(members: np.ndarray, starts: np.ndarray, sizes: np.ndarray, most: int) -> np.ndarray:
-    """Runs of members as rows (n, most), the last of each repeated."""
+    """Return runs of members as rows (n, most), the last of each repeated."""
     rows: np.ndarray = members[starts[:, None] + np.minimum(np.arange(most), sizes[:, None] - 1)]
     return rows
 

@@ -1,4 +1,4 @@
-"""Placements as Pinocchio has them, from positions and quaternions."""
+"""Convert positions and quaternions (x, y, z, w) of the wire to Pinocchio's placements and rows, and back."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def wire_pose(placement: Any) -> tuple[tuple[float, float, float], tuple[float, 
 
 
 def unit(quaternion_xyzw: Sequence[float]) -> tuple[float, float, float, float]:
-    """A quaternion (x, y, z, w), near unit length, of unit length."""
+    """Normalize a quaternion (x, y, z, w)."""
     x, y, z, w = quaternion_xyzw
     norm = math.hypot(x, y, z, w)
     return x / norm, y / norm, z / norm, w / norm
 
 
 def frames(positions: np.ndarray, quaternions_xyzw: np.ndarray) -> np.ndarray:
-    """Return rows of rotation and translation, shape (n, 12), of positions (n, 3) and quaternions (n, 4)."""
+    """Return rotation and translation as flat 3 x 4 matrices, (n, 12), of positions (n, 3) and quaternions (n, 4)."""
     x, y, z, w = (quaternions_xyzw / np.linalg.norm(quaternions_xyzw, axis=1, keepdims=True)).T
     columns = (
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w), positions[:, 0],
@@ -40,7 +40,7 @@ def frames(positions: np.ndarray, quaternions_xyzw: np.ndarray) -> np.ndarray:
 
 
 def transform_points(placement: Any, points: np.ndarray) -> np.ndarray:
-    """Points (n, 3) of a body that is placed so, a pinocchio.SE3, in the world [m]."""
+    """Return points (n, 3) of a body in the world [m], where a pinocchio.SE3 places the body."""
     # by this sum, not by `@`: for three columns BLAS takes ten times as long
     there: np.ndarray = np.einsum("nj,ij->ni", points, placement.rotation) + placement.translation
     return there

@@ -1,7 +1,8 @@
-"""Covers and inner balls of boxes, cylinders, capsules and spheres, in the shape's own frame.
+"""Covers and inscribed balls of boxes, cylinders, capsules and spheres, in the shape's own frame, by formulas.
 
-Rows and grids of equal balls. Where these leave the shape too far, or are many, the surface is covered like any other;
-the fewer balls are kept. ValueError if the overhang is so small for the shape that there might be very many balls.
+Rows and grids of equal balls. Where these leave the shape too far, or are many, the surface is covered like any other
+(`cover.py`); the fewer balls are kept. ValueError if the overhang is so small for the shape that there might be very
+many balls. Containment rests on `_ROUNDING` and `SAFETY`; the other constants are numbers of balls.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.cover import MOST_BALLS, Cover, assemble_cover, cover
-from guidefield.geometry.inner import LEAST_RADIUS, MOST, SAFETY, inner_balls
+from guidefield.geometry.inner import LEAST_RADIUS, MOST_INNER_BALLS, SAFETY, inner_balls
 from guidefield.geometry.solid import solid
 from guidefield.geometry.surfaces import Floats, Integers
 
@@ -44,26 +45,26 @@ def inner_box(size: ArrayLike) -> Floats:
 
 
 def _row(half: float, radius: float) -> Floats:
-    """Equal balls from -half to half along z, about a radius apart if they needn't be more than `MOST`."""
+    """Equal balls from -half to half along z, about a radius apart if they needn't be more than `MOST_INNER_BALLS`."""
     inside = radius - SAFETY
-    count = int(np.clip(np.ceil(2.0 * half / radius) + 1, 1, MOST)) if inside >= LEAST_RADIUS else 0
+    count = int(np.clip(np.ceil(2.0 * half / radius) + 1, 1, MOST_INNER_BALLS)) if inside >= LEAST_RADIUS else 0
     heights = np.linspace(-half, half, count) if count > 1 else np.zeros(count)
     balls = np.column_stack([np.zeros((count, 2)), heights, np.full(count, inside)])
     balls.setflags(write=False)
     return balls
 
 
-FEW = 8  # a grid of so few balls isn't compared with anything
+SMALL_GRID = 8  # a grid of so few balls isn't compared with a cover of the surface
 
-_MOST_ALONG, _MOST_IN_GRID = 64, 512
+_MOST_ALONG, _MOST_IN_GRID = 64, 512  # most cells of a box along an axis, and in all: beyond it there is no grid
 
-_ROUNDING = 1.0 + 1e-12
+_ROUNDING = 1.0 + 1e-12  # factor on radii, so that rounding leaves nothing uncovered
 
 _PRISM_EXCESS = 0.01  # by how much the prism around a cylinder may leave it, as a share of delta
 
 
 def cover_sphere(radius: float) -> Cover:
-    """Cover of a sphere: itself."""
+    """Return a sphere itself as its cover."""
     return _direct(np.zeros((1, 3)), radius, np.array([radius]), radius)
 
 
@@ -107,7 +108,7 @@ def cover_box(size: ArrayLike, delta: float) -> Cover:
         centres = np.array(list(product(*axes)))
         depths = (half - np.abs(centres)).min(axis=1)
         grid = _direct(centres, float(np.linalg.norm(cell)), depths, float(np.linalg.norm(half)))
-        if len(centres) <= FEW:
+        if len(centres) <= SMALL_GRID:
             return grid
     around = cover(solid(*surfaces.box(2.0 * half)), delta).spheres
     if grid is not None and len(grid.spheres) <= len(around):
@@ -116,12 +117,11 @@ def cover_box(size: ArrayLike, delta: float) -> Cover:
 
 
 def _direct(centres: Floats, radius: float, depths: Floats, bound: float) -> Cover:
-    """Equal balls about centres of those depths, and a ball about the origin that contains the shape."""
     return _indirect(np.column_stack([centres, np.full(len(centres), radius * _ROUNDING)]), depths, bound)
 
 
 def _indirect(balls: Floats, depths: Floats, bound: float) -> Cover:
-    """Balls about centres of those depths, and a ball about the origin that contains the shape."""
+    """Make a cover of balls whose centres have these depths; a ball about the origin of radius `bound` has it all."""
     return assemble_cover(balls, depths, np.array([0.0, 0.0, 0.0, bound * _ROUNDING]))
 
 

@@ -1,4 +1,9 @@
-"""The body that a surface of triangles bounds, how deep a point is in it, and a cache of the solids of meshes."""
+"""The body that a surface of triangles bounds, the depth of points in it, and a cache in memory of meshes' solids.
+
+Covers, inscribed balls and convex parts of links are certain as far as `Solid.depths` is: never too large, and a
+surface without a closed piece has no inside. `CELL`, `FINE` and `WORTH` decide when a simpler surface stands for a fine
+mesh; by how much at most is its `reach`, which every user adds to its margin.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from guidefield.bounded_map import BYTES_PER_SOLID_FACE, SOLIDS, BoundedMap, content_key
-from guidefield.geometry.cache import in_memory
+from guidefield.geometry.cache import allocate_in_memory
 from guidefield.geometry.closed import (
     WIDEST_CRACK,
     boundary,
@@ -33,7 +38,7 @@ from guidefield.kernels.distance.triangle_distance import SurfaceTables
 
 @dataclass(frozen=True)
 class Nested:
-    """The triangles (k,) of a surface in none of its inner pieces; number and volume [m^3] of these."""
+    """The triangles (k,) of a surface that are in none of its inner pieces; number and volume [m^3] of these pieces."""
 
     outer: Integers
     pieces: int
@@ -86,10 +91,10 @@ class _Within:
         return found.complete and not across.any()
 
 
-def filled(body: Solid) -> Solid:
-    """Return a body without its sealed hollows: inner walls stay, but depths and distances are as of the outside.
+def fill_hollows(body: Solid) -> Solid:
+    """Return a body with its sealed hollows filled: inner walls stay, but depths and distances are as of the outside.
 
-    What contains it contains the body, and takes less of it, for walls may be thin.
+    A cover of it contains the body, and has fewer balls, for walls may be thin.
     """
     if not body.closed:
         return body
@@ -107,7 +112,7 @@ def filled(body: Solid) -> Solid:
 
 CELL = 1e-3  # vertices within a cell of a grid of this width are merged [m]
 FINE = 4000  # a mesh of fewer triangles is left as it is
-WORTH = 0.5  # at most this share of a mesh's triangles has to be left
+WORTH = 0.5  # most of a mesh's triangles, as a share, that may be left
 
 
 def coarse_solid(vertices: Floats, triangles: Integers) -> Solid | None:
@@ -154,10 +159,10 @@ def near_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float)
 
 
 def fill_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float) -> Solid:
-    """Return the `filled` near solid of these arguments, from the cache if it is there."""
+    """Return `fill_hollows` of the near solid of a mesh, from the cache if it is there."""
 
     def fill() -> Solid:
-        return filled(near_solid_of_mesh(vertices, triangles, widest_gap))
+        return fill_hollows(near_solid_of_mesh(vertices, triangles, widest_gap))
 
     return _find((content_key(vertices, triangles), widest_gap, "filled"), fill)
 
@@ -183,7 +188,7 @@ def _find(key: tuple[object, ...], build: Callable[[], Solid]) -> Solid:
 
 
 MOST_SOLIDS = 64
-"""Of more solids all but the largest count as one, in which depths are then less: every look goes through each."""
+"""Of more solids all but the largest count as one, whose depths may be too small: queries go through each solid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +197,7 @@ class Solid:
 
     surface: Surface  # distinct vertices; the triangles, those of one solid together, counter-clockwise from outside
     owners: Integers  # for each triangle, which solid's it is, shape (t,)
-    lids: int  # how many triangles close gaps
+    lids: int  # how many of the triangles close gaps
     closed: bool  # whether it has an inside
     tables: SurfaceTables  # the triangles with an area as the distance kernels read them
     spans: Integers  # where the tree of each solid stands in the tables, shape (k, 4)
@@ -249,7 +254,7 @@ def solid(vertices: Floats, triangles: Integers, widest_gap: float = 0.0) -> Sol
 
 
 def _lids(vertices: Floats, triangles: Integers, widest_gap: float) -> tuple[Integers, float]:
-    """Triangles that close the surface, and the largest extent of a gap [m]; one no wider than a crack has none."""
+    """Return triangles that close the surface, and the largest extent of a gap [m]; cracks have none."""
     joined, _ = seams(vertices, triangles, min(widest_gap, WIDEST_CRACK))
     thin = crack_lids(triangles, joined)
     lids, widest = closing_lids(vertices, np.concatenate([triangles, thin]))
@@ -257,7 +262,7 @@ def _lids(vertices: Floats, triangles: Integers, widest_gap: float) -> tuple[Int
 
 
 def _solids(vertices: Floats, triangles: Integers) -> tuple[Integers, Integers]:
-    """Triangles, those of a solid counter-clockwise from outside, and for each the solid it belongs to."""
+    """Return the triangles, those of a solid counter-clockwise from outside, and for each the solid it belongs to."""
     if volume(vertices, triangles) < 0.0:
         triangles = triangles[:, ::-1]
     _, piece = np.unique(find_connected(len(vertices), triangles)[triangles[:, 0]], return_inverse=True)
@@ -312,7 +317,7 @@ def surface_tables(vertices: Floats, triangles: Integers, owners: Integers) -> t
     wide = are_wide(vertices, triangles)
     triangles, owners = triangles[wide], owners[wide]
     each = np.split(triangles[np.argsort(owners, kind="stable")], np.cumsum(np.unique_counts(owners).counts)[:-1])
-    made = write_surfaces([(vertices, own, NO_TRIANGLES) for own in each], in_memory)
+    made = write_surfaces([(vertices, own, NO_TRIANGLES) for own in each], allocate_in_memory)
     counts = np.array([(len(one.tables.nodes), len(one.tables.corners)) for one in surfaces_in(made)])
     first = np.cumsum(counts, axis=0) - counts
     spans = np.column_stack([first[:, 0], (counts[:, 0] + 1) // 2, first[:, 1], counts[:, 1]])
@@ -323,13 +328,13 @@ def surface_tables(vertices: Floats, triangles: Integers, owners: Integers) -> t
 
 
 TOLERANCE = 1e-4
-"""How much too large a stand-off may be given [m], for each metre that the surface extends and for one at least."""
+"""How much too large a stand-off may be given, as a share of the surface's extent or of 1 m, whichever is larger."""
 
 
 def stand_off(
     around: Surface, body: Solid, enough: float = np.inf, tolerance: float = TOLERANCE, share: float = 0.0
 ) -> float:
-    """Return the largest distance of points of a surface from a body [m], never too small.
+    """Return the largest distance of points of a surface from a body (one-sided Hausdorff) [m], never too small.
 
     What is inside of a closed body is at no distance. The surface alone counts: what it encloses can't be reached from
     outside but through an opening about as narrow.

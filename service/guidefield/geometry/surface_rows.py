@@ -1,4 +1,8 @@
-"""The triangles of a body as the distance kernels read them, in the order of their tree."""
+"""The triangles of a body as the distance kernels read them, in the order of their tree.
+
+Columns and the tree's form are those of kernels/distance/triangle_distance.py. The order (Morton's curve) is time
+alone; the sign of a distance rests on the pseudonormals, which need a face's neighbours in the whole surface.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from guidefield.geometry.cache import Arrays, Room, in_memory
+from guidefield.geometry.cache import Allocate, Arrays, allocate_in_memory
 from guidefield.geometry.closed import numbered_edges
 from guidefield.geometry.curve_order import along_curve
 from guidefield.geometry.surfaces import box_about
@@ -48,7 +52,7 @@ def box_nodes(boxes: Floats) -> Floats:
 
 
 Triangulated = tuple[Floats, Integers, Integers]
-"""Vertices (v, 3) [m]; triangles (t, 3) that count; others (n, 3), of which these are the neighbours."""
+"""Vertices (v, 3) [m]; triangles (t, 3) that count; others (n, 3) around them, for pseudonormals alone."""
 
 NO_TRIANGLES = np.empty((0, 3), np.int64)
 
@@ -111,20 +115,20 @@ def few_surfaces(surfaces: Sequence[tuple[Floats, Integers]]) -> FewTriangles:
 
 
 def surface_rows(part: Triangulated) -> SurfaceRows:
-    """The rows of a surface, read-only; at least one of its triangles has an area."""
-    made = write_surfaces([part], in_memory)
+    """Return the rows of a surface, read-only; at least one of its triangles has an area."""
+    made = write_surfaces([part], allocate_in_memory)
     for array in made.values():
         array.setflags(write=False)
     return surfaces_in(made)[0]
 
 
-def write_surfaces(parts: Sequence[Triangulated], room: Room) -> dict[str, np.ndarray]:
-    """Write the rows of surfaces, each of some area, in arrays of the room, where `surfaces_in` finds them."""
+def write_surfaces(parts: Sequence[Triangulated], allocate: Allocate) -> dict[str, np.ndarray]:
+    """Write the rows of surfaces, each of some area, in arrays that are allocated, where `surfaces_in` finds them."""
     wide = [_wide(part) for part in parts]
     counts = np.array([len(triangles) for _, triangles, _ in wide])
     nodes, triangles = sum(map(node_count, counts.tolist())), int(counts.sum())
     shapes = {"nodes": (nodes, 6), "corners": (triangles, 9), "normals": (triangles, 21), "bounds": (len(parts), 6)}
-    made = room({"counts": ("<i8", counts.shape), **{name: ("<f8", shape) for name, shape in shapes.items()}})
+    made = allocate({"counts": ("<i8", counts.shape), **{name: ("<f8", shape) for name, shape in shapes.items()}})
     made["counts"][:] = counts
     for part, rows in zip(wide, surfaces_in(made), strict=True):
         _write(part, rows)
@@ -132,7 +136,7 @@ def write_surfaces(parts: Sequence[Triangulated], room: Room) -> dict[str, np.nd
 
 
 def surfaces_in(arrays: Arrays) -> list[SurfaceRows]:
-    """The surfaces whose rows are in arrays, in the same memory."""
+    """Return the surfaces whose rows `write_surfaces` wrote in arrays, in the same memory."""
     found, node, triangle = list[SurfaceRows](), 0, 0
     for bounds, count in zip(arrays["bounds"], arrays["counts"].tolist(), strict=True):
         nodes = arrays["nodes"][node : node + node_count(count)]
@@ -143,7 +147,7 @@ def surfaces_in(arrays: Arrays) -> list[SurfaceRows]:
 
 
 def are_wide(vertices: Floats, triangles: Integers) -> np.ndarray:
-    """Which triangles have an area, shape (t,)."""
+    """Return which triangles have an area, shape (t,)."""
     wide = np.empty(len(triangles), bool)
     vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
     wide_triangles(vertices, triangles, _THIN, wide)

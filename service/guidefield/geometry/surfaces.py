@@ -1,4 +1,8 @@
-"""Triangulated surfaces of shapes in their own frames, counter-clockwise from outside, and boxes about points."""
+"""Triangulate shapes in their own frames, counter-clockwise from outside; boxes about points.
+
+They are drawn, and charges stand on them; collisions are judged by the exact shapes. A cylinder's prism contains it,
+which covers rely on (`primitive_covers.py`); the surfaces of a sphere and a capsule are inside them.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def box_about(points: Floats) -> Floats:
-    """Lower and upper corner of the box about points, shape (n, 3), n >= 1; shape (2, 3)."""
-    columns = [points[:, axis] for axis in range(3)]  # one after another, which NumPy does in a fifth
+    """Return the lower and upper corner of the box about points, shape (n, 3), n >= 1; shape (2, 3)."""
+    columns = [points[:, axis] for axis in range(3)]  # one by one, which takes NumPy a fifth of the time
     return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
 
 def extents(points: Floats) -> Floats:
-    """How far points, shape (n, 3), n >= 1, reach along each axis; shape (3,)."""
+    """Return the extents along each axis of points, shape (n, 3), n >= 1; shape (3,)."""
     low, high = box_about(points)
     along: Floats = high - low
     return along
@@ -104,7 +108,7 @@ def sphere(radius: float, subdivisions: int = 2) -> Surface:
     return surface(radius * vertices, triangles)
 
 
-def ears(corners: Floats, area: float) -> Integers:
+def triangulate_polygon(corners: Floats, area: float) -> Integers:
     """Cut a counter-clockwise polygon (k, 2) of an area [m^2] in triangles (t, 3); ValueError if it crosses itself."""
     if len(corners) == 3:
         return np.array([[1, 2, 0]])

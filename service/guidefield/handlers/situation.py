@@ -12,7 +12,7 @@ import msgspec
 import pinocchio as pin
 
 from guidefield.errors import MalformedRequest, UnknownFrame, UnknownObject
-from guidefield.geometry.convex import as_met
+from guidefield.geometry.convex import balls_as_capsules
 from guidefield.geometry.placements import se3, wire_pose
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import Attach, AttachedObject
@@ -102,7 +102,7 @@ class Standing:
         body = obstacle.build(self.place(one), 0)
         placed = [coal.Transform3s(at.rotation, at.translation) for at in (body.placement, against.placement_at(time))]
         result = coal.DistanceResult()
-        shapes = as_met(body.shape, against.shape)
+        shapes = balls_as_capsules(body.shape, against.shape)
         coal.distance(shapes[0], placed[0], shapes[1], placed[1], coal.DistanceRequest(), result)
         return float(result.min_distance) - against.rounding
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from guidefield.bounded_map import content_key
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.geometry.cache import Arrays, is_large, remembered
+from guidefield.geometry.cache import Arrays, find_or_compute, is_large
 from guidefield.kernels.collide.primitive import gaps_from_ball
 from guidefield.memo import memoized_by
 from guidefield.scene.cloud import Cloud, cloud_specks
@@ -200,7 +200,7 @@ def _crop_cloud(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: fl
     if content:
         known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, MAX_CROPPED_SHARE])}
         content = content_key(*known.values())
-        points = remembered("points", known, find)["points"]
+        points = find_or_compute("points", known, find)["points"]
     else:
         points = find()["points"]
     if not len(points):

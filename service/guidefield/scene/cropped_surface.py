@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from guidefield.bounded_map import content_key
-from guidefield.geometry.cache import Arrays, is_large, remembered
+from guidefield.geometry.cache import Arrays, find_or_compute, is_large
 from guidefield.geometry.closed import boxes_about, drop_unused
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.geometry.surfaces import box_about
@@ -75,7 +75,7 @@ def crop_surface(
         return _restore(find(), whole, solids, b"")
     known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, most])}
     own = content_key(*known.values())
-    return _restore(remembered("seen", known, find), whole, solids, own)
+    return _restore(find_or_compute("seen", known, find), whole, solids, own)
 
 
 def _find_parts(

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.cache import Room, is_large, make_in_place
+from guidefield.geometry.cache import Allocate, is_large, make_in_place
 from guidefield.geometry.curve_order import CurveOrder, along_curve, change_along
 from guidefield.geometry.distance_bodies import (
-    FEW,
     ROUNDING,
+    SMALL_SHEET,
     BodyRows,
     DistanceBody,
     balls_about,
@@ -168,7 +168,8 @@ def bodies_of(obstacle: Obstacle) -> list[DistanceBody]:
 
 
 def _is_small_sheet(obstacle: Obstacle) -> bool:
-    return not (obstacle.solid or obstacle.convex or obstacle.cloud or obstacle.cropped) and obstacle.faces <= FEW
+    has_inside = obstacle.solid or obstacle.convex or obstacle.cloud or obstacle.cropped
+    return not has_inside and obstacle.faces <= SMALL_SHEET
 
 
 def _small_sheets(obstacles: list[Obstacle]) -> BodyRows:
@@ -183,8 +184,8 @@ def _small_sheets(obstacles: list[Obstacle]) -> BodyRows:
 def _large_bodies(obstacle: Obstacle) -> list[DistanceBody]:
     """The bodies of a large mesh in its own frame; from disk if they were asked for before."""
 
-    def write(room: Room) -> None:
-        write_surfaces(obstacle.surfaces, room)
+    def write(allocate: Allocate) -> None:
+        write_surfaces(obstacle.surfaces, allocate)
 
     made = make_in_place("bodies", {"content": np.frombuffer(obstacle.recipe.content, np.uint8)}, write)
     if not obstacle.solid:

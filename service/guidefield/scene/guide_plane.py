@@ -12,7 +12,7 @@ import numpy as np
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import SceneInvalid
 from guidefield.geometry.charged import convex_quads
-from guidefield.geometry.surfaces import ears
+from guidefield.geometry.surfaces import triangulate_polygon
 from guidefield.kernels.distance.convex_polygon import inradius
 from guidefield.kernels.distance.triangle_rows import touching_edges_of_each
 from guidefield.messages import scene as messages
@@ -207,7 +207,7 @@ def _build(polygons: FlatPolygons) -> list[Sheet | str]:
         triangles = of_convex if bulging[index] else None
         if triangles is None:
             try:
-                triangles = ears(polygons.corners[index], float(polygons.areas[index]))
+                triangles = triangulate_polygon(polygons.corners[index], float(polygons.areas[index]))
             except ValueError as error:
                 built.append(str(error))
                 continue

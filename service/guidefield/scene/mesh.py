@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, is_large, remembered
+from guidefield.geometry.cache import Arrays, find_or_compute, is_large
 from guidefield.geometry.charged import field_tables
 from guidefield.geometry.closed import find_connected, numbered_edges, volumes
 from guidefield.geometry.convex import convex_hull
@@ -54,7 +54,7 @@ def judge_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMesh
         surface = _judge(points_in(points), corners_in(corners))
         return None if surface is None else as_judged(surface)
     large = _LargeMesh(points, corners, content)
-    return _restore(remembered("mesh", large.known, large.find_facts), lambda: large.surface, content)
+    return _restore(find_or_compute("mesh", large.known, large.find_facts), lambda: large.surface, content)
 
 
 class _LargeMesh:
@@ -70,7 +70,7 @@ class _LargeMesh:
 
     @cached_property
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
-        found = remembered("surface", self.known, lambda: _arrays_of(self._judgement))
+        found = find_or_compute("surface", self.known, lambda: _arrays_of(self._judgement))
         vars(self).pop("_judgement", None)
         return found["vertices"], found["triangles"].astype(np.int64)
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, Room, in_memory, make_in_place
+from guidefield.geometry.cache import Allocate, Arrays, allocate_in_memory, make_in_place
 from guidefield.geometry.convex import bvh
 from guidefield.geometry.curve_order import curve_order
 from guidefield.geometry.surfaces import box_about
@@ -65,11 +65,11 @@ class Patches:
     def __init__(self, surface: Whole, content: bytes = b"") -> None:
         self._make = surface
 
-        def write(room: Room) -> Arrays:
-            return _write_patches(*self._surface, room)
+        def write(allocate: Allocate) -> Arrays:
+            return _write_patches(*self._surface, allocate)
 
         known = {"content": np.frombuffer(content, np.uint8), "patch": np.array(PATCH)}
-        made = make_in_place("patches", known, write) if content else write(in_memory)
+        made = make_in_place("patches", known, write) if content else write(allocate_in_memory)
         self._triangles, (self._low, self._high) = made["triangles"], np.split(made["boxes"], 2, axis=1)
         self._shapes: dict[int, Any] = {}
 
@@ -101,9 +101,9 @@ class Patches:
             yield float(apart[index]), index
 
 
-def _write_patches(vertices: np.ndarray, triangles: np.ndarray, room: Room) -> Arrays:
+def _write_patches(vertices: np.ndarray, triangles: np.ndarray, allocate: Allocate) -> Arrays:
     vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
-    made = room({"triangles": ("<i4", triangles.shape), "boxes": ("<f8", (-(-len(triangles) // PATCH), 6))})
+    made = allocate({"triangles": ("<i4", triangles.shape), "boxes": ("<f8", (-(-len(triangles) // PATCH), 6))})
     sums = np.empty((len(triangles), 3))
     corner_sums(vertices, triangles, sums)
     runs_of_triangles(vertices, triangles, curve_order(sums), PATCH, made["triangles"], made["boxes"])

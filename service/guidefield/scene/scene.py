@@ -16,7 +16,7 @@ import numpy as np
 from guidefield.bounded_map import BUILT_SCENES, BYTES_PER_FACE, BoundedMap, Limit
 from guidefield.collector import pause_collector
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.geometry.charged import at_angle, field_tables
+from guidefield.geometry.charged import expand_at_angle, field_tables
 from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.memo import SharedAnswer, memoized_by
@@ -218,7 +218,7 @@ def _tables(obstacles: tuple[Obstacle, ...]) -> FieldTables:
         cloud=np.concatenate(
             [np.empty((0, 5)), *(one.charges.cloud * [1.0, 1.0, 1.0, one.charge, 1.0] for one in obstacles)]
         ),
-        opening=at_angle(OPENING),
+        opening=expand_at_angle(OPENING),
     )
 
 

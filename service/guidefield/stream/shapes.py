@@ -12,7 +12,7 @@ from guidefield.collision.lanes.scene_tables import parts_of
 from guidefield.collision.obstacle_boxes import OwnBoxes, own_boxes
 from guidefield.collision.part_tables import PartsTable, tree_layout
 from guidefield.errors import MalformedRequest
-from guidefield.geometry.cache import in_memory
+from guidefield.geometry.cache import allocate_in_memory
 from guidefield.geometry.curve_order import curve_order
 from guidefield.geometry.mesh_tree import CLUSTERS
 from guidefield.geometry.placements import transform_points
@@ -109,7 +109,7 @@ def _balls_of_cloud(points: np.ndarray, radius: float) -> Parts:
     along its widest side, with hulls about some nodes, takes 20.
     """
     count = len(points)
-    made = in_memory(tree_layout(count, 2 * count - 1, [0] * len(CLUSTERS)))
+    made = allocate_in_memory(tree_layout(count, 2 * count - 1, [0] * len(CLUSTERS)))
     made["numbers"].reshape(-1, PART)[:, :9] = np.tile(points, 3)
     made["numbers"].reshape(-1, PART)[:, ROUND] = radius
     made["shapes"].reshape(-1, SHAPE)[:, KIND] = TRIANGLE

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.charged import field_tables, within
+from guidefield.geometry.charged import expand_within, field_tables
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import single_precision
 from tests.kernels.evaluation import potential_at_points
@@ -20,7 +20,7 @@ BUMPY = BALL.corners * (1.0 + 0.2 * np.sin(7.0 * BALL.corners[..., :1]) * np.cos
 @given(st.integers(0, 1000), st.sampled_from([1e-1, 1e-2, 1e-3, 1e-5]))
 def test_the_error_is_within_what_was_asked_for(seed: int, error: float) -> None:
     points = np.random.default_rng(seed).uniform(-2.0, 2.0, (24, 3))
-    tables = field_tables(BUMPY, opening=within(error))
+    tables = field_tables(BUMPY, opening=expand_within(error))
     exact, fast = field_at_points(field_tables(BUMPY), points), field_at_points(tables, points)
     assert np.abs(fast.potential / exact.potential - 1.0).max() <= error
     steep = exact.potential / np.maximum(np.abs(np.linalg.norm(points, axis=1) - 0.5), 0.05)

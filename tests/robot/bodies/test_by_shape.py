@@ -96,7 +96,7 @@ def test_stopped_anywhere_it_goes_on_from_there(tmp_path: Path) -> None:
 
 def test_a_fault_comes_through_and_what_was_found_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = Catalog().load(many(tmp_path, 2))
-    restored, found = by_shape.remembered, []
+    restored, found = by_shape.find_or_compute, []
 
     def failing(*question: object) -> object:
         if len(found) == 2:
@@ -104,7 +104,7 @@ def test_a_fault_comes_through_and_what_was_found_is_kept(tmp_path: Path, monkey
         found.append(restored(*question))
         return found[-1]
 
-    monkeypatch.setattr(by_shape, "remembered", failing)
+    monkeypatch.setattr(by_shape, "find_or_compute", failing)
     monkeypatch.setattr(by_shape, "usable_processors", lambda: 1)
     with pytest.raises(MemoryError, match="no room"):
         prepare(robot)

@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.collision.part_tables import tree_layout, write_boxes, write_clusters, write_triangles
-from guidefield.geometry.cache import Arrays, Layout, Room, in_memory, is_large, make_in_place
+from guidefield.geometry.cache import Allocate, Arrays, Layout, allocate_in_memory, is_large, make_in_place
 from guidefield.geometry.mesh_tree import (
     CLUSTERS,
     Cluster,
-    Told,
+    OnNodes,
     cluster_counts,
     count_boxed,
     mesh_of_nodes,
-    tree_written,
+    write_tree,
 )
 from guidefield.kernels.collide.parts import (
     BALL_ROW,
@@ -52,10 +52,10 @@ def large_surface(obstacle: Obstacle) -> Arrays:
     has them (k, PRIMITIVE), and `boxes` along the world's axes about these, lower and upper corner (k, 6) [m].
     """
 
-    def write(room: Room) -> Arrays:
+    def write(allocate: Allocate) -> Arrays:
         corners = np.take(obstacle.vertices, obstacle.triangles, axis=0)
         boxed = count_boxed(len(corners)) if obstacle.solid else 0
-        return _write_boxed_tree(corners, boxed, room)
+        return _write_boxed_tree(corners, boxed, allocate)
 
     return _write_or_recall("lanes", obstacle, write, {"place": np.array(obstacle.placement.homogeneous, float)})
 
@@ -63,9 +63,9 @@ def large_surface(obstacle: Obstacle) -> Arrays:
 def cloud_parts(obstacle: Obstacle, cloud: Cloud) -> Parts:
     """The balls of a cloud: triangles whose corners are one, rounded by their radius."""
 
-    def write(room: Room) -> Arrays:
+    def write(allocate: Allocate) -> Arrays:
         corners = np.repeat(cloud.points[:, None], 3, axis=1)
-        made = room(_layout(len(corners)))
+        made = allocate(_layout(len(corners)))
         _write_tree(corners, made)
         made["numbers"].reshape(-1, PART)[:, PART_ROUND] = cloud.radius
         made["balls"].reshape(-1, BALL_ROW)[:, RADIUS] += cloud.radius
@@ -75,24 +75,24 @@ def cloud_parts(obstacle: Obstacle, cloud: Cloud) -> Parts:
     return Parts(**{name: made[name] for name in Parts._fields})
 
 
-def _write_or_recall(kind: str, obstacle: Obstacle, write: Callable[[Room], Arrays], more: Arrays) -> Arrays:
+def _write_or_recall(kind: str, obstacle: Obstacle, write: Callable[[Allocate], Arrays], more: Arrays) -> Arrays:
     """What is written, read-only; of a large obstacle from disk if it was asked for before."""
     content = obstacle.recipe.content
     if content and is_large(obstacle.faces):
         return make_in_place(kind, {"content": np.frombuffer(content, np.uint8), **more}, write)
-    made = write(in_memory)
+    made = write(allocate_in_memory)
     read_only(*made.values())
     return made
 
 
-def _write_boxed_tree(corners: np.ndarray, boxed: int, room: Room) -> Arrays:
+def _write_boxed_tree(corners: np.ndarray, boxed: int, allocate: Allocate) -> Arrays:
     """The tables of triangles (t, 3, 3) in the world, with boxes about some large nodes: all of them, or none.
 
     About what is closed many places are nearly as far from much of it, and balls about large nodes tell little.
     """
     count = cluster_counts(len(corners))[CLUSTER]
     of_boxes = {"nodes": ("<i8", (count,)), "primitives": ("<f4", (count, PRIMITIVE)), "boxes": ("<f4", (count, 6))}
-    made = room({**_layout(len(corners), boxed), **of_boxes})
+    made = allocate({**_layout(len(corners), boxed), **of_boxes})
     nodes, about = list[np.ndarray](), list[np.ndarray]()
 
     def stand_in(cluster: Cluster) -> None:
@@ -118,14 +118,14 @@ def _write_tree(
     corners: np.ndarray,
     made: Arrays,
     more: Callable[[tuple[Cluster, ...]], None] = lambda _: None,
-    boxed: Told = lambda _: None,
+    boxed: OnNodes = lambda _: None,
 ) -> None:
     """Write the tree over triangles (t, 3, 3), and whatever else is written of its clusters at the same time.
 
-    `boxed` receives nodes as by `tree_written`.
+    `boxed` receives nodes as by `write_tree`.
     """
     balls, links = made["balls"].reshape(-1, BALL_ROW), made["links"].reshape(-1, LINK)
-    clusters = tree_written(corners, balls, links, boxed).clusters
+    clusters = write_tree(corners, balls, links, boxed).clusters
     run_parallel(
         lambda: write_triangles(corners, made), lambda: more(clusters), lambda: write_clusters(corners, clusters, made)
     )
@@ -209,9 +209,9 @@ def flat_forest(surfaces: Sequence[np.ndarray]) -> list[FlatParts]:
     corners, counts = np.ascontiguousarray(np.concatenate(surfaces)), np.array([len(surface) for surface in surfaces])
     mesh_of_node, mesh_of_triangle = mesh_of_nodes(counts), np.repeat(np.arange(len(counts)), counts)
     balls, links = np.empty((len(mesh_of_node), BALL_ROW)), np.empty((len(mesh_of_node), LINK), np.int64)
-    clusters = tree_written(corners, balls, links, counts=counts).clusters
+    clusters = write_tree(corners, balls, links, counts=counts).clusters
     hulls = _smallest(clusters, counts)
-    made = in_memory(tree_layout(len(corners), len(balls), [len(nodes) for nodes, _ in hulls]))
+    made = allocate_in_memory(tree_layout(len(corners), len(balls), [len(nodes) for nodes, _ in hulls]))
     made["links"][:] = links.ravel()
     write_triangles(corners, made)
     write_clusters(corners, hulls, made)

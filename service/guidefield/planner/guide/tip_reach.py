@@ -9,7 +9,7 @@ import coal
 import numpy as np
 
 from guidefield.collision.swept import swept_world
-from guidefield.geometry.convex import as_met
+from guidefield.geometry.convex import balls_as_capsules
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.planner.task.problem import Problem
@@ -33,7 +33,7 @@ def find_touched_obstacle(scene: Scene, centre: np.ndarray, radius: float) -> st
         request.security_margin = obstacle.rounding
         there = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
         for shape in _near(obstacle, np.asarray(centre, float), radius + obstacle.rounding):
-            first, second = as_met(shape, ball)
+            first, second = balls_as_capsules(shape, ball)
             if coal.collide(first, there, second, at, request, result):
                 return obstacle.name
     return None

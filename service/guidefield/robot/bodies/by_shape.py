@@ -9,7 +9,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, name_of, recall, remembered
+from guidefield.geometry.cache import Arrays, entry_name, find_or_compute, recall
 from guidefield.kernels.jit.compilers import load_imported
 from guidefield.memo import MISSING, Answers
 from guidefield.parallel import run_queue, usable_processors
@@ -104,14 +104,14 @@ class ByShape(Generic[Found]):
         tasks: dict[str, ShapeTask] = {}
 
         def find(name: str, question: Question) -> None:
-            answers[name] = self._restored(remembered(*question), unit)
+            answers[name] = self._restored(find_or_compute(*question), unit)
 
         def collect() -> tuple[Found | None, ...]:
             return tuple(None if name is None else answers.get(name) for name in names)
 
         for index, shape in enumerate(robot.geometry.geometryObjects):
             question = self._question(shape.geometry, asked, unit)
-            names.append(None if question is None else name_of(*question))
+            names.append(None if question is None else entry_name(*question))
             name = names[-1]
             if question is None or name is None or name in answers or name in tasks:
                 continue

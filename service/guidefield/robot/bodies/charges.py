@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.cache import Arrays, find_or_compute
 from guidefield.geometry.charges import Capsule, SurfacePoints, fit_capsule, surface_points
 from guidefield.geometry.closed import edge_counts
 from guidefield.geometry.distance_bodies import DistanceBody, body_rows, body_tables, primitive, triangulated_body
@@ -96,7 +96,7 @@ _SURFACES: dict[type, Callable[[Any], tuple[np.ndarray, np.ndarray]]] = {
 
 def _charge(vertices: np.ndarray, triangles: np.ndarray, spacing: float, least: float) -> ChargedShape:
     inputs = {"vertices": vertices, "triangles": triangles, "spacing": np.array([spacing, least])}
-    found = remembered("charges", inputs, lambda: _find_charges(vertices, triangles, spacing, least))
+    found = find_or_compute("charges", inputs, lambda: _find_charges(vertices, triangles, spacing, least))
     (radius,) = found["radius"].tolist()
     p0, p1 = found["axis"]
     return ChargedShape(found["points"], found["weights"], Capsule(p0, p1, radius))

@@ -22,7 +22,7 @@ from guidefield.geometry.primitive_covers import (
     inner_cylinder,
     inner_sphere,
 )
-from guidefield.geometry.solid import fill_solid_of_mesh, filled, near_solid_of_mesh, solid_of_mesh
+from guidefield.geometry.solid import fill_hollows, fill_solid_of_mesh, near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.surfaces import Floats
 from guidefield.memo import memoized
 from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, log_task
@@ -133,7 +133,7 @@ def _mesh(arrays: Arrays, delta: float) -> ShapeCoverage:
     body, outer = near_solid_of_mesh(*mesh), fill_solid_of_mesh(*mesh)
     if _allowance(body.area, delta) < LEAST_REACHES * body.reach:
         body = solid_of_mesh(*mesh)
-        outer = filled(body)
+        outer = fill_hollows(body)
     return ShapeCoverage(cover(outer, _allowance(body.area, delta)), inner_balls(body).reshape(-1, 4))
 
 

@@ -18,7 +18,7 @@ from lxml import etree
 
 from guidefield.bounded_map import ROBOT_LINES, ROBOTS, BoundedMap
 from guidefield.errors import RobotInvalid
-from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.cache import Arrays, find_or_compute
 from guidefield.messages.faults import find_nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
@@ -344,7 +344,7 @@ def lines_of(entries: Iterable[Entry]) -> list[RobotSummary]:
     def summarize_all() -> Arrays:
         return {"lines": np.frombuffer(msgspec.json.encode([summarize(entry) for entry in known]), np.uint8)}
 
-    found = remembered("robots", {"state": np.frombuffer(state.encode(), np.uint8)}, summarize_all)
+    found = find_or_compute("robots", {"state": np.frombuffer(state.encode(), np.uint8)}, summarize_all)
     return msgspec.json.decode(found["lines"].tobytes(), type=list[RobotSummary])
 
 

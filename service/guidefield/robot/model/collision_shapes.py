@@ -14,7 +14,7 @@ from lxml import etree
 
 from guidefield.bounded_map import TRIANGULATIONS, BoundedMap, content_key
 from guidefield.errors import RobotInvalid
-from guidefield.geometry.cache import Arrays, recall, remembered
+from guidefield.geometry.cache import Arrays, find_or_compute, recall
 from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import bvh, convex, convex_hull
 from guidefield.geometry.mesh_surface import mesh_surface
@@ -107,11 +107,11 @@ def _recall_hull(mesh: Any) -> Arrays:
     vertices, triangles = triangulation(mesh)
     known = _KNOWN.get(_identify(mesh))
     unit = 1.0 if known is None else known[1]
-    return hull_in_metres(remembered(*hull_question(vertices, triangles, unit)), unit)
+    return hull_in_metres(find_or_compute(*hull_question(vertices, triangles, unit)), unit)
 
 
 def hull_question(vertices: np.ndarray, triangles: np.ndarray, unit: float) -> tuple[str, Arrays, Callable[[], Arrays]]:
-    """Return name, inputs and computation of the hull of a mesh, (v, 3) and (t, 3), for `remembered`.
+    """Return name, inputs and computation of the hull of a mesh, (v, 3) and (t, 3), for `find_or_compute`.
 
     Its lengths are in units then: the robot's size as a power of two [m].
     """
@@ -275,7 +275,7 @@ def _settle_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _Se
     settled: dict[int, _SettledMesh] = {}
 
     def settle_one(key: int, mesh: FileMesh) -> None:
-        settled[key] = _settle_mesh(mesh, remembered(*hull_question(*mesh, unit)), unit)
+        settled[key] = _settle_mesh(mesh, find_or_compute(*hull_question(*mesh, unit)), unit)
 
     works = []
     for key, mesh in meshes.items():

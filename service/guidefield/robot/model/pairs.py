@@ -12,7 +12,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.geometry.convex import all_as_met
+from guidefield.geometry.convex import replace_balls
 from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.collision_shapes import hull
 from guidefield.robot.model.followers import follow
@@ -65,7 +65,7 @@ class SelfContacts:
     """Tests collision pairs of a geometry model for contact; `exact_tests` counts those whose meshes were asked."""
 
     def __init__(self, model: Any, geometry: Any) -> None:
-        self.geometry = all_as_met(geometry)
+        self.geometry = replace_balls(geometry)
         self.exact_tests = 0
         self._model, self._data = model, model.createData()
         self._geometry_data = scratch_space(self.geometry)
