@@ -453,11 +453,11 @@ class Engine:
         return robot(self._load_robot(request.robot))
 
     def _store_robot(self, request: requests.StoreRobot) -> Done:
-        from guidefield.handlers.robots import prepared
+        from guidefield.handlers.robots import prepare_stored
 
         self._robots.write(request.name, request.files, self._loaded.catalog.load)
         stored = self._load_robot(request.name)
-        return Done(done=f"robot {request.name!r} is stored{prepared(stored)}", warnings=list(stored.warnings))
+        return Done(done=f"robot {request.name!r} is stored{prepare_stored(stored)}", warnings=list(stored.warnings))
 
     def _delete_robot(self, request: requests.DeleteRobot) -> Done:
         self._robots.delete(request.name)

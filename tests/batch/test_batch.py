@@ -106,7 +106,7 @@ def test_a_cluster_that_loses_a_node_answers_all(tmp_path: Path) -> None:
     ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'guidefield[ray]'")
     from ray.cluster_utils import Cluster
 
-    from guidefield.batch.cluster import over_cluster
+    from guidefield.batch.cluster import answer_over_cluster
 
     cluster = Cluster()
     try:
@@ -119,7 +119,7 @@ def test_a_cluster_that_loses_a_node_answers_all(tmp_path: Path) -> None:
             Item(line, json.dumps(request).encode(), tmp_path / f"{line}.rrd") for line, request in enumerate(wanted, 1)
         ]
         found = {}
-        for outcome in over_cluster(asked, cluster.address):
+        for outcome in answer_over_cluster(asked, cluster.address):
             found[outcome.item.line] = outcome
             if len(found) == 20:
                 cluster.remove_node(doomed, allow_graceful=False)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.batch.results import RESULTS, Item, ItemAnswer, RequestFile, Results, crashed
+from guidefield.batch.results import RESULTS, Item, ItemAnswer, RequestFile, Results, make_crash_answer
 from guidefield.errors import MalformedRequest, WorkerCrashed
 
 REPLY = b'{"status": {"code": 1, "name": "SUCCESS"}}'
@@ -61,7 +61,7 @@ def test_what_crashed_is_told_and_asked_again(tmp_path: Path) -> None:
     with _requests(tmp_path, b"{}") as requests:
         (item,) = _items(requests)
         with Results(tmp_path, requests) as results:
-            results.add(crashed(item, WorkerCrashed("it died")))
+            results.add(make_crash_answer(item, WorkerCrashed("it died")))
             assert not results.has(item)
         with Results(tmp_path, requests) as again:
             assert not again.has(item)

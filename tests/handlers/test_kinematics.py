@@ -18,11 +18,11 @@ from guidefield.errors import (
     UnknownFrame,
     UnknownObject,
 )
-from guidefield.handlers.configurations import TOGETHER
+from guidefield.handlers.configurations import CONFIGURATIONS_PER_CHECK
 from guidefield.handlers.expired import ended_work
 from guidefield.handlers.kinematics import (
-    FRAMES_TOGETHER,
-    POINTS_AT_ONCE,
+    FRAMES_PER_CHECK,
+    POINTS_PER_CHECK,
     answer_kinematics,
     clearance,
     forward_kinematics,
@@ -333,10 +333,10 @@ class TestPotential:
 class TestAllowance:
     """However it ends, it ends between two of what was asked, and says how many were answered."""
 
-    FRAMES = requests.ForwardKinematics(robot=ARM, frames=["l3"], configurations=[{}] * (9 * FRAMES_TOGETHER))
+    FRAMES = requests.ForwardKinematics(robot=ARM, frames=["l3"], configurations=[{}] * (9 * FRAMES_PER_CHECK))
     REACHES = requests.InverseKinematics(robot=ARM, poses=[TargetPose(elbow(0.4, 0.3, 0.2), about_y(0.9))] * 9)
-    NEAR = requests.Clearance(robot=ARM, scene="test", configurations=[{}] * (9 * TOGETHER))
-    TWISTS = requests.Jacobian(robot=ARM, frames=["l3"], configurations=[{}] * (9 * TOGETHER))
+    NEAR = requests.Clearance(robot=ARM, scene="test", configurations=[{}] * (9 * CONFIGURATIONS_PER_CHECK))
+    TWISTS = requests.Jacobian(robot=ARM, frames=["l3"], configurations=[{}] * (9 * CONFIGURATIONS_PER_CHECK))
     FIELD = requests.Potential(scene="test", robot=ARM, configurations=[{}] * 9)
 
     @staticmethod
@@ -372,7 +372,7 @@ class TestAllowance:
         assert told.details["done"] == 0
 
     def test_the_field_at_many_points_is_that_at_each_and_ends_between_some(self):
-        points = np.random.default_rng(0).uniform(-1.0, 1.0, (2 * POINTS_AT_ONCE + 37, 3))
+        points = np.random.default_rng(0).uniform(-1.0, 1.0, (2 * POINTS_PER_CHECK + 37, 3))
         request = requests.Potential(scene="test", points=[tuple(point) for point in points.tolist()])
         reply = self.answered(request, Deadline())
         scene = built(ball(0.5, 0.5))
@@ -381,8 +381,8 @@ class TestAllowance:
         assert np.array_equal(reply.gradient, at_once.gradient)
         assert reply.winding == at_once.winding.tolist()
         some = iter([False, False])
-        with pytest.raises(DeadlineExpired, match=f"^{2 * POINTS_AT_ONCE} of {len(points)}$") as ended:
+        with pytest.raises(DeadlineExpired, match=f"^{2 * POINTS_PER_CHECK} of {len(points)}$") as ended:
             self.answered(request, Deadline(is_cancelled=lambda: next(some, True)))
         told = ended_work(ended.value, 1.0)
         assert isinstance(told, Preempted)
-        assert f"cancelled after {2 * POINTS_AT_ONCE} of" in told.message
+        assert f"cancelled after {2 * POINTS_PER_CHECK} of" in told.message

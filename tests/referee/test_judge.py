@@ -12,7 +12,7 @@ import pytest
 from guidefield import case_file
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
-from guidefield.handlers.attached import Held, with_held
+from guidefield.handlers.attached import HeldShape, add_held_links
 from guidefield.messages import scene as messages
 from guidefield.messages.conditions import AttachedObject, LineConstraint, OrientationCone, PlaneConstraint
 from guidefield.messages.values import Placement
@@ -262,7 +262,7 @@ def holding_a_book(below: float) -> Any:
     shape = build(messages.Scene(name="s", obstacles=[book.obstacle])).obstacles[0].shape
     placed = panda.robot.model.frames[0].placement.Identity()
     placed.translation = np.array([0.0, 0.0, 0.1])
-    robot = with_held(panda.robot, [Held("book", shape, placed, "panda_hand", tuple(book.touch_links))])
+    robot = add_held_links(panda.robot, [HeldShape("book", shape, placed, "panda_hand", tuple(book.touch_links))])
     holding = select(robot, None, None, robot.rest, placed.Identity())
     bare = world_of(holding, [])
     bare.place(holding.expand(rest(holding)))

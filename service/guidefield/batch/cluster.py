@@ -1,4 +1,4 @@
-"""A batch over a Ray cluster: the same answers, asked again where a node is lost. Needs ``guidefield[ray]``."""
+"""Answer a batch over a Ray cluster: the same answers, asked again where a node is lost. Needs ``guidefield[ray]``."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
-from guidefield.batch.local import answered
-from guidefield.batch.results import Item, ItemAnswer, crashed
+from guidefield.batch.local import answer_one
+from guidefield.batch.results import Item, ItemAnswer, make_crash_answer
 from guidefield.engine import Engine
 from guidefield.errors import WorkerCrashed
 from guidefield.first_start import CannotStart
@@ -25,7 +25,7 @@ _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # escape sequences that change a termin
 ATTEMPTS = 3  # the largest number of times that a request is repeated after its node or worker was lost
 
 
-def over_cluster(items: Iterable[Item], address: str) -> Iterator[ItemAnswer]:
+def answer_over_cluster(items: Iterable[Item], address: str) -> Iterator[ItemAnswer]:
     """Yield outcomes as they come from a Ray cluster with guidefield on every node: an address, ``auto`` or ``local``.
 
     Raises:
@@ -76,7 +76,7 @@ def _answer_items(ray: Any, items: Iterable[Item]) -> Iterator[ItemAnswer]:
                 if lost[item.line] <= ATTEMPTS:  # the answer was lost with its node, not the request
                     left = chain([item], left)
                 else:
-                    yield crashed(item, WorkerCrashed(_why(error)))
+                    yield make_crash_answer(item, WorkerCrashed(_why(error)))
 
 
 def _why(error: Exception) -> str:
@@ -104,5 +104,5 @@ def _engine() -> Engine:
 def _answer(request: bytes, record: bool) -> tuple[bool, bytes, bytes | None]:
     with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
         recording = Path(folder) / "run.rrd"
-        is_reply, payload = answered(_engine(), request, recording if record else None)
+        is_reply, payload = answer_one(_engine(), request, recording if record else None)
         return is_reply, payload, recording.read_bytes() if recording.exists() else None

@@ -1,4 +1,7 @@
-"""A batch over worker processes of this machine."""
+"""Answer a batch over worker processes of this machine, or render its recordings over them.
+
+`answer_one` is the work of one request, on a cluster too; cli/batch.py writes what is yielded to results.py.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
-from guidefield.batch.results import Item, ItemAnswer, crashed
+from guidefield.batch.results import Item, ItemAnswer, make_crash_answer
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, WorkerCrashed, strip_path
 from guidefield.first_start import CannotStart
@@ -24,7 +27,7 @@ from guidefield.rendering import Renderings
 from guidefield.stores.recordings import Recordings
 
 
-def answered(engine: Engine, request: bytes, record_to: Path | None, *, deferred: bool = False) -> tuple[bool, bytes]:
+def answer_one(engine: Engine, request: bytes, record_to: Path | None, *, deferred: bool = False) -> tuple[bool, bytes]:
     """Return whether there is a reply to a JSON request, not an error, and its JSON; deferred, log the recording."""
     try:
         decoded = codec.decode_request(request)
@@ -36,7 +39,7 @@ def answered(engine: Engine, request: bytes, record_to: Path | None, *, deferred
         return False, codec.encode(make_error_reply(error))
 
 
-def seconds_for(request: bytes) -> float:
+def find_longest_time(request: bytes) -> float:
     """Return the longest time that a worker may take for a request [s]."""
     try:
         decoded = codec.decode_request(request)
@@ -47,20 +50,20 @@ def seconds_for(request: bytes) -> float:
     return decoded.allowed_time + BACKSTOP if isinstance(decoded, CertifyRequest) else LONGEST_WORK
 
 
-AHEAD = 4  # number of requests that are handed over for each worker
+AHEAD = 4  # requests handed over for each worker: with fewer a worker may wait, with more they fill memory
 LOOK_UP = 0.5  # period of waking while waiting for results: a Ctrl-C that another thread takes doesn't wake it [s]
 
 _Job = TypeVar("_Job")
 
 
 def _prepare_answers() -> Work:
-    """In a worker process, which like the command line may read local files: warm an engine up."""
+    """Set a worker process up, which like the command line may read local files: warm an engine up."""
     logging.basicConfig(level=logging.WARNING)
     engine = Engine()
     engine.warm_up()
 
     def answer_item(item: Item, _call: Call) -> Answer:
-        return answered(engine, item.request, item.recording, deferred=True)
+        return answer_one(engine, item.request, item.recording, deferred=True)
 
     return answer_item
 
@@ -93,9 +96,9 @@ def render_over_workers(folder: Path, workers: int) -> Iterator[str | None]:
     Recordings(folder).sweep_shared(unused=0.0)
 
 
-def over_workers(items: Iterable[Item], workers: int) -> Iterator[ItemAnswer]:
-    """Yield outcomes of requests, in the order in which they come; of recordings only the logs."""
-    tasks = ((item, Task(item, seconds_for(item.request), size=len(item.request))) for item in items)
+def answer_over_workers(items: Iterable[Item], workers: int) -> Iterator[ItemAnswer]:
+    """Yield answers to requests in the order in which they come; of recordings only logs, see `render_over_workers`."""
+    tasks = ((item, Task(item, find_longest_time(item.request), size=len(item.request))) for item in items)
     for item, task in _over_pool(_prepare_answers, tasks, workers):
         yield _outcome(item, task)
 
@@ -131,4 +134,4 @@ def _outcome(item: Item, task: Task) -> ItemAnswer:
     try:
         return ItemAnswer(item, *task.result())
     except WorkerCrashed as error:
-        return crashed(item, error)
+        return make_crash_answer(item, error)

@@ -1,4 +1,7 @@
-"""The requests of a batch, a file read line by line, and its results, a file with a line for each answer."""
+"""The requests of a batch, a file read line by line, and its results, a file with a line for each answer.
+
+Users read `results.jsonl`, and a batch that was ended goes on from it: fields and fingerprints have to stay.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ from guidefield.errors import MalformedRequest, Status, WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.replies import make_error_reply
 
-RECORDINGS = "recordings"
+RECORDINGS = "recordings"  # folder of recordings, named by the line of the request
 BLANK = 0  # the fingerprint of a line without a request
 
 
@@ -35,7 +38,7 @@ class Item:
 
     @property
     def content(self) -> str:
-        """A name for what is asked: a request that was edited is asked anew."""
+        """The request's fingerprint in hexadecimal, as results have it: a request that was edited is asked anew."""
         return f"{fingerprint(self.request):016x}"
 
 
@@ -94,7 +97,7 @@ def fingerprint(request: bytes) -> int:
 
 
 RESULTS = "results.jsonl"
-LINE_BEGIN = b'{"line":'
+LINE_BEGIN = b'{"line":'  # the first field of `_ResultRecord`: so begins a torn line, too
 READ_AT_ONCE = 1 << 20  # buffer for the file that is read [bytes]
 
 
@@ -114,9 +117,9 @@ class _ResultRecord(msgspec.Struct, omit_defaults=True):
     error: msgspec.Raw = msgspec.Raw()
 
 
-class _Named(msgspec.Struct):
+class _Answer(msgspec.Struct):
     code: int = Status.SUCCESS
-    status: _Named | None = None
+    status: _Answer | None = None
 
     def outcome(self) -> int:
         """Return the code of a reply's status, or of an error; a reply without a status is a success."""
@@ -126,8 +129,8 @@ class _Named(msgspec.Struct):
 class _Result(msgspec.Struct):
     line: int
     request: str
-    reply: _Named | None = None
-    error: _Named | None = None
+    reply: _Answer | None = None
+    error: _Answer | None = None
 
 
 class Results:
@@ -179,7 +182,7 @@ class Results:
         line = _ResultRecord(item.line, item.content, **{"reply" if outcome.is_reply else "error": raw})
         self._file.write(msgspec.json.encode(line) + b"\n")
         self._file.flush()
-        self._note(item.line, msgspec.json.decode(outcome.payload, type=_Named).outcome())
+        self._note(item.line, msgspec.json.decode(outcome.payload, type=_Answer).outcome())
 
     def _lock(self) -> None:
         """Keep other processes out, where the file system has locks."""
@@ -203,7 +206,7 @@ class Results:
                 result = self._decode(text)
                 known = 0 < result.line < len(self._wanted) and self._wanted[result.line] != BLANK
                 if known and f"{self._wanted[result.line]:016x}" == result.request:
-                    self._note(result.line, (result.reply or result.error or _Named()).outcome())
+                    self._note(result.line, (result.reply or result.error or _Answer()).outcome())
         return end
 
     def _decode(self, text: bytes) -> _Result:
@@ -220,6 +223,6 @@ class Results:
             self.codes[code] += 1
 
 
-def crashed(item: Item, error: WorkerCrashed) -> ItemAnswer:
+def make_crash_answer(item: Item, error: WorkerCrashed) -> ItemAnswer:
     """Return the outcome of a request whose worker died."""
     return ItemAnswer(item, False, codec.encode(make_error_reply(error)))

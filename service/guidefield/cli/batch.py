@@ -63,9 +63,9 @@ def _render_owed(folder: Path, workers: int, bar: Progress) -> None:
 
 def _start_answers(items: Iterable[Item], workers: int, ray: str | None) -> Iterator[ItemAnswer]:
     if ray is None:
-        from guidefield.batch.local import over_workers
+        from guidefield.batch.local import answer_over_workers
 
-        return over_workers(items, workers)
-    from guidefield.batch.cluster import over_cluster
+        return answer_over_workers(items, workers)
+    from guidefield.batch.cluster import answer_over_cluster
 
-    return over_cluster(items, ray)
+    return answer_over_cluster(items, ray)

@@ -1,8 +1,8 @@
-"""The certificate and the clearance of one reply have to agree: where they don't, there is a bug, and no answer.
+"""Refuse to answer where the certificate and the clearance of one reply contradict each other: then there is a bug.
 
-Coal confirms the smallest distances where they are (`prove.minima`). A motion that is certified free and has a smaller
-distance than what is asked for is never answered: the request fails as an internal failure, and the motion is kept as
-a file that the referee judges (`case_file`).
+Coal confirms the smallest distances where they are (`prove.minima`). If a motion that is certified free comes closer
+than it is certified to, or two judges contradict each other, the request fails as an internal failure, and case_file.py
+writes the motion for the referee, to `failures` beside the cache.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from guidefield.prove.tables import ROUNDED
 from guidefield.prove.verdict import with_coal_error
 from guidefield.robot.model.spaces import ChartRate
 
-ACCURACY = 2.0 * ROUNDED  # what a distance that was found may be off [m]: what kernels round, and Coal's error
+ACCURACY = 2.0 * ROUNDED  # largest error of a distance that was found [m]: rounding of kernels, and Coal's error
 
 _log = logging.getLogger(__name__)
 
@@ -42,7 +42,7 @@ _Answer = TypeVar("_Answer", bound=Callable[..., Any])
 
 
 def keep_contradictions(answer: _Answer) -> _Answer:
-    """Decorate a function that answers a request for a run: what two judges contradict each other about is a file."""
+    """Decorate a function that answers a request for a run: keep the motion of a ContradictionError as a file."""
 
     @functools.wraps(answer)
     def answer_or_keep(request: MotionRequest, *given: Any, run_id: str, **named: Any) -> Any:
@@ -70,8 +70,8 @@ def declare(
     """Make the referee's motion of one that is certified under conditions.
 
     Args:
-        held: What is held; None: what the request says.
-        touching: Pairs that aren't tested because they touch, and part.
+        held: The held objects; None: those of the request.
+        touching: Pairs that touch at the start and part, which aren't tested.
         outside_proof: Certified properties that no case or proof contains, in words; None: those of the conditions.
     """
     given = motion if isinstance(motion, GivenMotion) else GivenMotion.of(motion)
@@ -103,10 +103,7 @@ def declare_parts(
 
 
 def _make_motion(request: MotionRequest, world: World, curve: Curve, min_clearance: float) -> Motion:
-    """Make the referee's motion of what was judged for a request; of steps the middles, joined by straight lines.
-
-    Its rates don't matter.
-    """
+    """Make the referee's motion of a judged curve, without limits of rates; of steps the middles, joined straight."""
     pieces, times, rates = curve.pieces, curve.times, list[np.ndarray]()
     endless = cast(ChartRate, np.full(world.group.nv, np.inf))
     ends: np.ndarray = np.concatenate([pieces, pieces[-1:, ::-1]])  # the last piece backwards: its end is a knot, too
@@ -135,24 +132,24 @@ class Certified(NamedTuple):
 
     measured: Clearance  # its smallest distances
     min_clearance: float  # what it is certified to keep from obstacles [m]
-    motions: Callable[[], Sequence[Motion]]  # makes what the referee reads
+    motions: Callable[[], Sequence[Motion]]  # makes the motions that the referee reads
     since: float | None = None  # from when it is certified, on the clock of what was measured [s]; None: all along
 
 
 def require_agreement(run_id: str, certified: Sequence[Certified]) -> None:
-    """Refuse to answer where a clearance contradicts a certificate; what contradicts it is kept as a file.
+    """Refuse to answer where a clearance contradicts a certificate; the motion is kept as a file.
 
     Raises ContradictionError if a motion that is certified comes closer than it is certified to.
     """
     for one in certified:
-        said = _contradiction(one)
+        said = _describe_contradiction(one)
         if said is not None:
             raise ContradictionError(
                 f"the certificate says that the motion is free, but {said}; {_keep(run_id, one.motions)}"
             )
 
 
-def _contradiction(one: Certified) -> str | None:
+def _describe_contradiction(one: Certified) -> str | None:
     obstacle, own, world = one.measured.obstacle, one.measured.own, one.measured.world
     if one.since is None:
         closest = [(obstacle.distance, obstacle.pair, obstacle.time, one.min_clearance)]
@@ -185,7 +182,7 @@ def _keep(run_id: str, motions: Callable[[], Sequence[Motion]]) -> str:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write(file, *motions())
-    except Exception:  # whatever it is, what contradicts itself has to be told
+    except Exception:  # whatever it is, the contradiction is reported
         _log.exception("the motion that contradicts its certificate could not be kept")
         return "it could not be kept"
     _log.error("two judges contradict each other about a motion: %s", file)

@@ -1,4 +1,7 @@
-"""The planning group of a request: its start, the limits of its joints, and path constraints."""
+"""Read from a request what belongs to its planning group: start, limits, path constraints, execution.
+
+Plans, certify requests and streams share it. Errors name the field by its path; their sentences are for users.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ from guidefield.robot.model.spaces import ChartRate, RobotConfiguration
 
 
 def start_of(positions: Positions, robot: RobotModel) -> tuple[RobotConfiguration, list[str]]:
-    """The start of the whole robot, shape (nq,), clamped where it is beyond a limit by next to nothing; and warnings.
+    """The start of the whole robot, shape (nq,), clamped where it is slightly beyond a limit; and warnings.
 
     Raises InvalidConfiguration as `configuration_from_wire`.
     """
@@ -51,8 +54,8 @@ def goal_positions(goal: Goal | RelativeGoal | None) -> list[Positions]:
     return [goal.positions] if isinstance(goal, JointsGoal) else []
 
 
-def clamped_goals(goal: Goal | RelativeGoal | None, robot: RobotModel) -> list[str]:
-    """Warn about each joint that a goal's configurations have beyond its limit by next to nothing."""
+def warn_of_clamped_goals(goal: Goal | RelativeGoal | None, robot: RobotModel) -> list[str]:
+    """Warn about each joint that a goal's configurations have slightly beyond its limit (`LimitFault.is_slight`)."""
     worst: dict[str, LimitFault] = {}
     for positions in goal_positions(goal):
         for fault in find_given_faults(robot.joints, positions):
@@ -67,12 +70,12 @@ def clamp_slight(robot: RobotModel, q: RobotConfiguration) -> RobotConfiguration
     return clamp(slight, q)
 
 
-def limited(group: PlanningGroup, request: MotionRequest | StreamOpen) -> PlanningGroup:
+def limit_group(group: PlanningGroup, request: MotionRequest | StreamOpen) -> PlanningGroup:
     """The group with the limits of a request, and its scaling factors.
 
     Raises InvalidConfiguration if a joint is named that neither is planned for nor follows one that is.
     """
-    names, followers = [joint.name for joint in group.joints], followers_of(group)
+    names, followers = [joint.name for joint in group.joints], mimic_laws(group)
     for name in request.limits:
         if name not in names and name not in followers:
             raise InvalidConfiguration(
@@ -89,7 +92,7 @@ def limited(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Planni
     )
 
 
-def followers_of(group: PlanningGroup) -> dict[str, Mimic]:
+def mimic_laws(group: PlanningGroup) -> dict[str, Mimic]:
     """The law of each mimic joint whose source joint is planned for."""
     planned = {joint.name for joint in group.joints}
     laws = {joint.name: joint.mimic for joint in group.robot.joints if joint.mimic is not None}
@@ -124,14 +127,14 @@ def jerk_limits(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Ch
     asked = {name: limits.jerk for name, limits in request.limits.items() if limits.jerk is not None}
     if not asked:
         return None
-    for name, law in followers_of(group).items():
+    for name, law in mimic_laws(group).items():
         if name in asked and law.multiplier != 0.0:
             asked[law.driver] = min(asked.get(law.driver, np.inf), asked[name] / abs(law.multiplier))
     return np.concatenate([np.full(joint.nv, asked.get(joint.name, np.inf)) for joint in group.joints])
 
 
 def execution_of(request: MotionRequest, group: PlanningGroup) -> ControllerModel | None:
-    """How a controller executes the motion of a group; None where a request doesn't say.
+    """The model of the controller that executes the motion of a group; None where a request doesn't say.
 
     Raises:
         MalformedRequest: if what is drawn can't keep a limit.
@@ -207,7 +210,7 @@ def effort_limit_of(request: MotionRequest, group: PlanningGroup) -> EffortLimit
     asked = {name: limits.effort for name, limits in request.limits.items() if limits.effort is not None}
     if not asked:
         return None
-    tree, laws = tree_of(group), followers_of(group)
+    tree, laws = tree_of(group), mimic_laws(group)
     for name in asked:
         if name in laws:
             raise MalformedRequest(
@@ -225,12 +228,12 @@ def effort_limit_of(request: MotionRequest, group: PlanningGroup) -> EffortLimit
 
 
 def bounds_efforts(request: MotionRequest | StreamOpen) -> bool:
-    """Whether a request limits the effort of a joint."""
+    """Return whether a request limits the effort of a joint."""
     return any(limits.effort is not None for limits in request.limits.values())
 
 
-def unweighed(request: MotionRequest) -> list[str]:
-    """A warning for each held object without a mass, where efforts are limited."""
+def warn_of_missing_masses(request: MotionRequest) -> list[str]:
+    """Warn about each held object without a mass, where efforts are limited."""
     if not bounds_efforts(request):
         return []
     names = [one.obstacle.name for one in request.attached_objects if one.mass is None]

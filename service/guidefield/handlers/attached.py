@@ -1,4 +1,7 @@
-"""The objects that a request attaches to the robot."""
+"""Attach the objects of a request to the robot: each becomes a link, with its shape, collision pairs and inertia.
+
+Its warnings, errors and names in replies are those of the request's `attached_objects`.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ from guidefield.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class HeldShape:
     """An object that a link holds."""
 
     name: str  # its name; no link's, frame's or collision shape's
@@ -37,15 +40,15 @@ class Held:
     placement: Any  # of the shape in the link's frame, a pinocchio.SE3
     link: str  # the link that holds it
     touch_links: tuple[str, ...] = ()  # links that it may touch besides
-    warnings: tuple[str, ...] = ()  # what is odd about it but harmless
+    warnings: tuple[str, ...] = ()  # its harmless peculiarities
     inertia: Any | None = None  # a pinocchio.Inertia in the link's frame; None where its mass isn't known
 
 
-def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
-    """The robot holding objects.
+def add_held_links(robot: RobotModel, held: Sequence[HeldShape]) -> RobotModel:
+    """The robot with a link for each held object, fixed to the link that holds it.
 
-    Each is a link of its own, fixed to the one that holds it. It is tested against all links but those, those it may
-    touch, and those that move with it as one; and against other held objects that don't.
+    It is tested against all links but that one, its `touch_links`, and those that move with it as one; and against
+    other held objects that don't.
 
     Raises RobotInvalid if an object is held by a robot that has no collision geometry; UnknownFrame if a link that
     holds or may be touched isn't one of the robot's; UnknownObject if an object has the name of a link, of a frame, of
@@ -105,12 +108,12 @@ def _describe_kinds(shape: Any) -> tuple[str, str]:
     return type(shape).__name__.lower(), "primitive"
 
 
-MANY = 1000  # objects of fewer triangles and points are built within a hundredth of a second or two
+LARGE_COUNT = 1000  # triangles and points; objects of fewer are built within 20 ms, without a look at the deadline
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """Objects to attach, known by a hash."""
+class _Attached:
+    """Objects to attach, equal if their contents are: `memoized` builds a robot once for equal ones."""
 
     content: bytes
     objects: Sequence[AttachedObject] = field(compare=False)
@@ -119,13 +122,11 @@ class _Asked:
 def holding(
     robot: RobotModel, attached: Sequence[AttachedObject], scene: Scene, deadline: Deadline = UNLIMITED
 ) -> RobotModel:
-    """The robot with what it holds.
-
-    The same robot with the same objects is made once, so that what is computed for it is computed once.
+    """The robot with the objects that a request attaches; the same object for the same ones, so that its tables stay.
 
     Args:
-        attached: What it holds; an obstacle's own placement counts within the placement in its link.
-        scene: Where it is; it must not have obstacles of the same names.
+        attached: The objects; an obstacle's own placement counts within the placement in its link.
+        scene: The scene, which must not have obstacles of the same names.
         deadline: Checked before objects of many triangles or points are built.
 
     Raises:
@@ -158,21 +159,21 @@ def holding(
 
 def are_large(attached: Sequence[AttachedObject]) -> bool:
     """Return whether objects have enough triangles and points for building them to take long."""
-    return are_many([one.obstacle for one in attached], MANY)
+    return are_many([one.obstacle for one in attached], LARGE_COUNT)
 
 
-def _collect(attached: Sequence[AttachedObject]) -> _Asked:
+def _collect(attached: Sequence[AttachedObject]) -> _Attached:
     contents = [content_of(one.obstacle).all for one in attached]
     others = [(one.link, one.placement, one.touch_links, one.mass, one.centre_of_mass, one.inertia) for one in attached]
-    return _Asked(msgspec.msgpack.encode([contents, others]), attached)
+    return _Attached(msgspec.msgpack.encode([contents, others]), attached)
 
 
 @memoized
-def _build_robot(robot: RobotModel, asked: _Asked) -> RobotModel:
-    return with_held(robot, [_build_held(one, index) for index, one in enumerate(asked.objects)])
+def _build_robot(robot: RobotModel, asked: _Attached) -> RobotModel:
+    return add_held_links(robot, [_build_held(one, index) for index, one in enumerate(asked.objects)])
 
 
-def _build_held(one: AttachedObject, index: int) -> Held:
+def _build_held(one: AttachedObject, index: int) -> HeldShape:
     try:
         body = obstacle.build(one.obstacle, index)
     except SceneInvalid as error:
@@ -192,13 +193,13 @@ def _build_held(one: AttachedObject, index: int) -> Held:
     if body.cloud is not None:
         shape = bvh(body.vertices, body.triangles)
     warnings = tuple(f"`attached_objects[{index}]`, {warning}" for warning in body.warnings)
-    return Held(
+    return HeldShape(
         one.obstacle.name, shape, placement, one.link, tuple(one.touch_links), warnings, _inertia_of(one, index)
     )
 
 
 def _inertia_of(one: AttachedObject, index: int) -> Any | None:
-    """Of an object, in the frame of the link that holds it; None where its mass isn't known."""
+    """The inertia of an object in the frame of the link that holds it; None where its mass isn't known."""
     if one.mass is None:
         return None
     inertia = payload_inertia(one.mass, one.centre_of_mass, one.inertia, f"attached_objects[{index}]")

@@ -1,4 +1,4 @@
-"""The certify request: the motion that it gives, the judgement, and the reply, in order."""
+"""Answer a certify request: the motion that it gives, the judgement, and the reply, in order."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def answer_certify(
     prove: Prove = lambda *_: None,
     deadline: Deadline | None = None,
 ) -> CertifyReply:
-    """Judge a motion, and say what came of it; arguments as those of `answer_plan`.
+    """Judge a motion, and reply with the verdict; arguments as those of `answer_plan`.
 
     Raises:
         GuidefieldError: InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
@@ -77,7 +77,7 @@ def answer_certify(
     began = time.monotonic() if began is None else began
     deadline = Deadline(received + request.allowed_time) if deadline is None else deadline
     problem, warnings = certify_problem(request, robot, scene, deadline)
-    if not request.proof:  # that is about the scene as it is declared
+    if not request.proof:  # a proof is about the whole scene
         problem = crop_to_reach(problem, deadline, limited=False)
     prepare_plan(None, problem.scene, deadline)
     deadline.check("the motion was laid out")
@@ -108,7 +108,7 @@ def answer_certify(
 
 
 def restore_certify(request: CertifyRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> JudgedMotion:
-    """The motion of a judgement that was packed; arguments as those of `answer_certify`."""
+    """Restore the motion of a judgement from its log, for the recording; arguments as those of `answer_certify`."""
     problem, _ = certify_problem(request, robot, scene, UNLIMITED)
     problem = crop_to_reach(problem, UNLIMITED, limited=False)
     found = None if packed.found is None else packed.found.clearance(_motion(problem), problem)
@@ -118,7 +118,7 @@ def restore_certify(request: CertifyRequest, robot: RobotModel, scene: Scene, pa
 def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotModel]) -> None:
     """Load a request's robot, and make the tables that judge it, before its time begins.
 
-    What can't be used is refused later, where that is kept.
+    Errors are left to `answer_certify`, whose refusals are stored.
     """
     with contextlib.suppress(GuidefieldError):
         robot = load(request.robot)
@@ -136,7 +136,7 @@ def _motion(problem: GivenProblem) -> TimedMotion:
 
 
 def _since(problem: GivenProblem, judgement: Judgement) -> float | None:
-    """From when a motion is certified, on the clock of what is measured [s]: after the piece on which it leaves."""
+    """The time from which a motion is certified [s, as measured]: after the piece on which it leaves a contact."""
     if judgement.leaving is None or not judgement.leaving.leaves:
         return None
     times = _motion(problem).piece_times()
@@ -144,10 +144,9 @@ def _since(problem: GivenProblem, judgement: Judgement) -> float | None:
 
 
 def motions_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> list[Motion]:
-    """The parts of the motion that a request is about, and what they are judged by.
+    """The motion of a request for the referee; in two parts where it leaves a contact at the start.
 
-    Where a contact at the start may be left, how it is left is found out first; raises GuidefieldError as
-    `certify_problem` does, where the question is ill-posed.
+    Raises GuidefieldError as `certify_problem`, where the question is ill-posed.
     """
     problem, _ = certify_problem(request, robot, scene, Deadline(time.monotonic() + request.allowed_time))
     leaving = judge_leaving(problem, problem.motion) if request.leave_start_contact else None
@@ -155,7 +154,6 @@ def motions_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> list
 
 
 def _declare_parts(request: CertifyRequest, problem: GivenProblem, leaving: Leaving | None) -> list[Motion]:
-    """The motion of a problem for the referee, in two parts where it leaves a contact at the start."""
     if leaving is None or not leaving.parts:
         return [declare(request, problem, problem.motion)]
     return declare_parts(request, leaving.parts, leaving.contacts)

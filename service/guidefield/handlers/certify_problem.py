@@ -1,4 +1,7 @@
-"""From a certify request to a motion and what it is judged by: what is ill-posed about it is refused here, by name."""
+"""From a certify request to the planner's `GivenProblem`: the curve through its rows, and its conditions.
+
+What is ill-posed is refused here, by name; given_columns.py reads the columns.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,9 @@ from guidefield.handlers.asked_group import (
     effort_limit_of,
     execution_of,
     jerk_limits,
-    limited,
+    limit_group,
     start_of,
-    unweighed,
+    warn_of_missing_masses,
 )
 from guidefield.handlers.attached import holding
 from guidefield.handlers.given_columns import (
@@ -52,15 +55,15 @@ from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.robot.model.spaces import ChartPoints, ChartRates, RobotConfiguration
 from guidefield.scene.scene import Scene
 
-LEAST_STEP = 1e-9  # between two times at least [s]
-READS_RATES = (Interpolation.CUBIC, Interpolation.QUINTIC)  # of a trajectory with velocities
-SAME = 1e-6  # accelerations that differ by less than this share, or by this [rad/s² or m/s²], are the same
+MIN_TIME_STEP = 1e-9  # smallest step between two times [s]: rates are differences divided by it
+READ_VELOCITIES = (Interpolation.CUBIC, Interpolation.QUINTIC)  # interpolations that need velocities of rows
+ACCELERATION_TOLERANCE = 1e-6  # deviation of given accelerations, relative and absolute, without a warning
 
 
 def certify_problem(
     request: CertifyRequest, robot: RobotModel, scene: Scene, deadline: Deadline
 ) -> tuple[GivenProblem, tuple[str, ...]]:
-    """The motion that a request gives among what it is judged by, and warnings about what was odd but harmless.
+    """The motion that a request gives with the conditions it is judged by, and warnings about harmless peculiarities.
 
     Raises InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid, MalformedRequest if the
     question is ill-posed.
@@ -69,10 +72,10 @@ def certify_problem(
     robot = holding(robot, request.attached_objects, scene, deadline)
     rows = _positions(request)
     columns = _columns(request, robot)
-    columns.require_width(_field(request), rows)
+    columns.require_width(_name_of_rows(request), rows)
     group, warnings = _planning_group(request, columns, rows, robot)
     _require_in_group(columns, group)
-    given, odd = _motion(request, request.trajectory, "trajectory", columns, rows, group)
+    given, odd = _build_motion(request, request.trajectory, "trajectory", columns, rows, group)
     planned = given if request.planned is None else _planned(request, request.planned, given, columns, group)
     if bounds_efforts(request) and (given.times is None or (given.velocities is None and not given.is_point)):
         raise MalformedRequest(
@@ -99,7 +102,7 @@ def certify_problem(
         execution=execution,
         drawn=drawn,
     )
-    return problem, (*robot.warnings, *scene.warnings, *warnings, *unweighed(request), *odd)
+    return problem, (*robot.warnings, *scene.warnings, *warnings, *warn_of_missing_masses(request), *odd)
 
 
 def planning_group(request: CertifyRequest, robot: RobotModel) -> PlanningGroup:
@@ -108,16 +111,16 @@ def planning_group(request: CertifyRequest, robot: RobotModel) -> PlanningGroup:
     Raises InvalidGroup, InvalidConfiguration, UnknownFrame as `certify_problem`.
     """
     columns, rows = _columns(request, robot), _positions(request, 1)
-    columns.require_width(_field(request), rows)
+    columns.require_width(_name_of_rows(request), rows)
     return _planning_group(request, columns, rows, robot)[0]
 
 
 def _planning_group(
     request: CertifyRequest, columns: Columns, rows: np.ndarray, robot: RobotModel
 ) -> tuple[PlanningGroup, list[str]]:
-    q_whole, warnings = _first(request, columns, rows, robot)
+    q_whole, warnings = _first_configuration(request, columns, rows, robot)
     place = se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw)
-    return limited(select(robot, _group(request, columns, robot), request.tip, q_whole, place), request), warnings
+    return limit_group(select(robot, _group(request, columns, robot), request.tip, q_whole, place), request), warnings
 
 
 def _require_served(request: CertifyRequest, scene: Scene) -> None:
@@ -128,7 +131,7 @@ def _require_served(request: CertifyRequest, scene: Scene) -> None:
         )
 
 
-def _first(
+def _first_configuration(
     request: CertifyRequest, columns: Columns, rows: np.ndarray, robot: RobotModel
 ) -> tuple[RobotConfiguration, list[str]]:
     """The configuration of the whole robot, shape (nq,), in the first of the rows (n, k), and warnings."""
@@ -137,7 +140,7 @@ def _first(
     return configuration_from_wire(robot, first_positions(columns, rows, robot), base=q), warnings
 
 
-def _field(request: CertifyRequest) -> str:
+def _name_of_rows(request: CertifyRequest) -> str:
     return "path" if request.trajectory is None else "trajectory.positions"
 
 
@@ -178,7 +181,7 @@ def _require_in_group(columns: Columns, group: PlanningGroup) -> None:
             )
 
 
-def _motion(
+def _build_motion(
     request: CertifyRequest,
     given: GivenTrajectory | None,
     field: str,
@@ -192,16 +195,18 @@ def _motion(
         return GivenMotion(CurveKind.LINEAR, points[kept], _with_end(kept, len(points))), warnings
     times = _times(request, given)
     rates = _rates(request, given.velocities, f"{field}.velocities", columns, group, points)
-    kept, odd = _moments(times, points, rates, field)
+    kept, odd = _select_rows(times, points, rates, field)
     warnings += odd
     given_points = points
     times, points, end = times[kept], points[kept], _with_end(kept, len(points))
     if rates is not None:
         motion = GivenMotion(CurveKind.HERMITE, points, end, times, rates[kept])
-        told = _accelerations(request, given, field, columns, group, given_points)
-        if told is not None and (motion.is_point or request.execution is not None):
-            motion = dataclasses.replace(motion, accelerations=told if motion.is_point else told[kept])
-        return motion, warnings + ([] if told is None else _other_accelerations(motion, told[kept]))
+        accelerations = _accelerations(request, given, field, columns, group, given_points)
+        if accelerations is not None and (motion.is_point or request.execution is not None):
+            motion = dataclasses.replace(
+                motion, accelerations=accelerations if motion.is_point else accelerations[kept]
+            )
+        return motion, warnings + ([] if accelerations is None else _other_accelerations(motion, accelerations[kept]))
     if request.interpolation == "linear":
         return GivenMotion(CurveKind.LINEAR, points, end, times), warnings
     return GivenMotion(CurveKind.SPLINE, points, end, times, spline_rates(times, points)), warnings
@@ -222,7 +227,7 @@ def _planned(
         )
     rows = rows_in(planned.positions)
     columns.require_width("planned.positions", rows)
-    motion, _ = _motion(request, planned, "planned", columns, rows, group)
+    motion, _ = _build_motion(request, planned, "planned", columns, rows, group)
     turning = np.array([joint.kind is JointKind.CONTINUOUS for joint in group.joints])
     turns = np.where(turning, np.round((given.start - motion.start) / (2.0 * np.pi)), 0.0)
     return dataclasses.replace(motion, positions=cast(ChartPoints, motion.positions + 2.0 * np.pi * turns))
@@ -231,7 +236,7 @@ def _planned(
 def _draw(planned: GivenMotion, execution: ControllerModel) -> DrawnMotion:
     given = planned.scheduled
     assert not isinstance(given, QuinticMotion), "rows that are given are cubic or straight"
-    if execution.interpolation in READS_RATES and isinstance(given, StraightMotion):
+    if execution.interpolation in READ_VELOCITIES and isinstance(given, StraightMotion):
         raise MalformedRequest(
             f"`execution.interpolation` {execution.interpolation.value!r} needs velocities, and the trajectory's"
             " `interpolation` 'linear' has none: leave it out",
@@ -274,6 +279,7 @@ def _rates(
 
 
 def _with_end(kept: np.ndarray, count: int) -> np.ndarray:
+    """Rows of the request by knot: those kept, but for the end the last of its rows, which may repeat the end."""
     rows: np.ndarray = np.append(kept[:-1], count - 1)
     return rows
 
@@ -285,7 +291,7 @@ def _times(request: CertifyRequest, given: GivenTrajectory) -> np.ndarray:
     return request.time_step * np.arange(len(given.positions))
 
 
-def _moments(
+def _select_rows(
     times: np.ndarray, points: np.ndarray, rates: np.ndarray | None, field: str
 ) -> tuple[np.ndarray, list[str]]:
     """Choose one row of each time; warn about the others.
@@ -296,9 +302,9 @@ def _moments(
     same = (steps == 0.0) & (np.diff(points, axis=0) == 0.0).all(axis=1)
     if rates is not None:
         same &= (np.diff(rates, axis=0) == 0.0).all(axis=1)
-    if len(wrong := np.flatnonzero(~same & ~(steps >= LEAST_STEP))):
+    if len(wrong := np.flatnonzero(~same & ~(steps >= MIN_TIME_STEP))):
         row = int(wrong[0])
-        how = "is the same, and the rows differ" if steps[row] == 0.0 else f"is less than {LEAST_STEP:g} s later"
+        how = "is the same, and the rows differ" if steps[row] == 0.0 else f"is less than {MIN_TIME_STEP:g} s later"
         raise MalformedRequest(
             f"`{field}.times` must increase: times[{row + 1}] = {times[row + 1]:.9g} after times[{row}] ="
             f" {times[row]:.9g} {how}",
@@ -310,13 +316,13 @@ def _moments(
     return kept, [f"rows that repeat the one before, its time too, were left out: {len(times) - len(kept)}"]
 
 
-def _other_accelerations(motion: GivenMotion, told: np.ndarray) -> list[str]:
-    """A warning where accelerations (n, nv) that were given are not those of the curve."""
+def _other_accelerations(motion: GivenMotion, accelerations: np.ndarray) -> list[str]:
+    """Warn where given accelerations (n, nv) are not those of the curve."""
     if motion.is_point or motion.times is None or motion.velocities is None:
         return []
     begins, ends = piece_accelerations(motion.times, motion.positions, motion.velocities)
     near = [
-        np.abs(told - mine) <= SAME * (1.0 + np.abs(mine))
+        np.abs(accelerations - mine) <= ACCELERATION_TOLERANCE * (1.0 + np.abs(mine))
         for mine in (np.vstack([begins, ends[-1:]]), np.vstack([begins[:1], ends]))
     ]
     if len(other := np.flatnonzero(~(near[0] | near[1]).all(axis=1))):

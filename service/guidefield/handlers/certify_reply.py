@@ -1,4 +1,4 @@
-"""The reply to a certify request, from the judgement that was made."""
+"""Build the reply to a certify request, with its sentences, from the planner's judgement."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from guidefield.handlers.plan_reply import (
     execution_figures,
     outcome,
     self_figures,
-    unmeasured,
+    warn_of_bounds,
     wire_cartesian_use,
     wire_deviation,
     wire_efforts,
@@ -34,8 +34,8 @@ from guidefield.planner.quality import UNMEASURED, Clearance
 from guidefield.planner.task.stages import Ending, describe_kept, describe_refused_place
 from guidefield.prove.verdict import Reason, Verdict
 
-RATES = {"velocity": ("rad/s", "m/s"), "acceleration": ("rad/s²", "m/s²"), "jerk": ("rad/s³", "m/s³")}
-"""Limits of rates, by their fields in a reply."""
+RATES = ("velocity", "acceleration", "jerk")
+"""Fields of `LimitUses` and of the reply with shares of limits of rates."""
 
 
 def reply_to(
@@ -47,14 +47,14 @@ def reply_to(
     seconds: Mapping[str, float],
     warnings: Sequence[str],
 ) -> CertifyReply:
-    """Put a judgement into the wire's words."""
+    """Build the reply from a judgement; `seconds` are times of stages [s], `measured` None if time was up before."""
     group, ended, leaving = problem.group, _ending(problem, judgement), judgement.leaving
     uses = judgement.uses
     left = [] if leaving is None or not leaving.leaves else [warn_of_left_contacts(leaving.contacts)]
     return CertifyReply(
         run_id=run_id,
         status=outcome(ended.status, ended.message, ended.details),
-        warnings=[*warnings, *left, *(unmeasured(measured) if measured else [UNMEASURED])],
+        warnings=[*warnings, *left, *(warn_of_bounds(measured) if measured else [UNMEASURED])],
         curve=problem.motion.kind.value,
         position_names=group.position_names,
         velocity_names=group.velocity_names,
@@ -110,15 +110,15 @@ def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
         return Ending(
             status, f"{end_reason(status)} before the motion was certified; it is free until {until}", details
         )
-    return Ending(Status.INVALID_MOTION_PLAN, f"{_why(problem, judgement)}, at {where}", details)
+    return Ending(Status.INVALID_MOTION_PLAN, f"{_describe_refusal(problem, judgement)}, at {where}", details)
 
 
-def _why(problem: GivenProblem, judgement: Judgement) -> str:
+def _describe_refusal(problem: GivenProblem, judgement: Judgement) -> str:
     verdict = judgement.verdict
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
     match verdict.reason:
         case Reason.CONTACT:
-            return _contact(judgement, pair)
+            return _describe_contact(judgement, pair)
         case Reason.TOO_CLOSE:
             return f"the motion keeps less than {1000 * problem.min_clearance:g} mm between {pair}"
         case Reason.BEYOND_LIMITS:
@@ -141,7 +141,7 @@ def _why(problem: GivenProblem, judgement: Judgement) -> str:
             return f"the motion brings {pair} so close that it is undecided whether they {kept}"
 
 
-def _contact(judgement: Judgement, pair: str) -> str:
+def _describe_contact(judgement: Judgement, pair: str) -> str:
     if judgement.enclosed:
         return f"the motion begins with {pair}, one wholly inside the other"
     if judgement.leaving is not None and not judgement.leaving.leaves:
@@ -183,7 +183,7 @@ def _free_until(problem: GivenProblem, verdict: Verdict) -> tuple[float, float |
     return problem.motion.end if verdict.free_until is None else problem.motion.along(*verdict.free_until)
 
 
-def _covered(problem: GivenProblem, leaving: Leaving | None) -> str:
+def _describe_covered(problem: GivenProblem, leaving: Leaving | None) -> str:
     what = "path" if problem.motion.times is None else "trajectory"
     if leaving is None or not leaving.leaves:
         return what
@@ -201,7 +201,7 @@ def _certificate(problem: GivenProblem, judgement: Judgement) -> replies.MotionC
     return replies.MotionCertificate(
         collision_free=verdict.free,
         method=CERTIFICATE,
-        covers=_covered(problem, judgement.leaving),
+        covers=_describe_covered(problem, judgement.leaving),
         evaluations=verdict.evaluations,
         reason=verdict.reason.value,
         free_until=replies.Along(row=row, time=when),

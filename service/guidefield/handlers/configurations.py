@@ -1,4 +1,4 @@
-"""Many configurations of a request as one array: all columns at once, where every configuration has the same ones."""
+"""Configurations and rates of kinematics requests as arrays, checked: a table's columns, or lists, all rows at once."""
 
 from __future__ import annotations
 
@@ -23,9 +23,8 @@ from guidefield.robot.model.configuration import FURTHEST, configuration_from_wi
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import ModelConfigurations, RobotConfigurations
 
-TOGETHER = 16
-"""Number of configurations that are answered before the time is examined: with the slowest robots a few milliseconds.
-"""
+CONFIGURATIONS_PER_CHECK = 16
+"""Configurations answered between two looks at the deadline: with the slowest robots a few milliseconds."""
 
 
 def configurations_from(robot: RobotModel, given: ConfigurationBatch) -> RobotConfigurations:
@@ -64,7 +63,7 @@ def model_configurations(group: PlanningGroup, configurations: RobotConfiguratio
     return cast(ModelConfigurations, configurations)
 
 
-def batches(deadline: Deadline, count: int, together: int = TOGETHER) -> Iterator[slice]:
+def batches(deadline: Deadline, count: int, together: int = CONFIGURATIONS_PER_CHECK) -> Iterator[slice]:
     """Yield slices of `count` configurations, as long as there is time.
 
     Raises DeadlineExpired as `require_time`, before a slice.
@@ -134,7 +133,7 @@ def _unpacked(table: ConfigurationTable) -> np.ndarray:
 
 
 def _scalar_rows(given: Sequence[Positions]) -> np.ndarray | None:
-    """Values of several configurations that name the same joints, of one value each, in the same order: (n, k)."""
+    """Values (n, k) of configurations that name the same joints in the same order, each a number; None of others."""
     if len(given) < 2:
         return None
     names = tuple(given[0])

@@ -113,7 +113,7 @@ def dynamics(
 
 
 def se3_of(placement: Placement) -> Any:
-    """A placement of a message, pinocchio.SE3."""
+    """The pinocchio.SE3 of a message's placement."""
     return se3(placement.position, placement.quaternion_xyzw)
 
 

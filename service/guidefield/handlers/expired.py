@@ -1,4 +1,4 @@
-"""Answers to requests whose time is up, or that are cancelled, before their work is done."""
+"""Replies and errors to requests whose time is up, or that are cancelled, before they have any result."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.requests import CertifyRequest, MotionRequest
 
-Stage = Literal["queue", "load"]  # a request waits for a worker, or what it needs is loaded and prepared
+Stage = Literal["queue", "load"]  # waiting for a worker; loading and preparing robot and scene. On the wire.
 
 _BUSY = "all workers were busy for the {:g} s that were allowed; ask again, or allow more"
 
@@ -91,7 +91,7 @@ def ended_work(expired: DeadlineExpired, allowed: float) -> GuidefieldError:
 
 
 def error_answer(encoding: Encoding, error: GuidefieldError) -> tuple[bool, bytes]:
-    """Return an error as it is sent."""
+    """Return an error as workers send answers: False for no reply, and its bytes."""
     return False, codec.encode(make_error_reply(error), encoding)
 
 

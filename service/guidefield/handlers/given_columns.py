@@ -1,8 +1,8 @@
-"""The rows of a motion that a client gives: columns by name, in any order, as points of the group's chart.
+"""Read rows of joint values by column names, in any order, as chart coordinates of a planning group.
 
 Columns are those of a plan's reply. A continuous joint goes the shorter way from one row to the next, as other planners
 mean it: their angles may have been brought within one turn. So does a planar joint's angle, and a ball joint may have
-its quaternions with either sign. A joint that follows another may have a column, if it says what its law says.
+its quaternions with either sign. A mimic joint may have a column if its values are those of its law.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ MIMIC_TOLERANCE = 1e-4
 class Columns:
     """The columns of each joint in a row."""
 
-    field: str  # what the request calls the names
+    field: str  # the request's field with the names, for messages
     names: tuple[str, ...]  # of all columns, in the order of a row
     of: Mapping[str, tuple[int, ...]]  # by joint, the indices of its columns in the order of its coordinates
 
@@ -41,7 +41,7 @@ class Columns:
     def named(
         cls, field: str, names: Sequence[str], robot: RobotModel, suffixes: Mapping[JointKind, Sequence[str]]
     ) -> Columns:
-        """From names as a client gives them.
+        """Find the columns of each joint; `suffixes` are those of kinds of joints with several columns, in order.
 
         Raises InvalidConfiguration if a name is none of the robot's, stands twice, or a joint lacks one of its columns.
         """
@@ -79,14 +79,14 @@ class Columns:
 
 
 def rows_in(rows: Sequence[Sequence[float]]) -> np.ndarray:
-    """Return the rows that a message holds, shape (n, k)."""
+    """Return rows of one length, which messages have checked, as an array of shape (n, k)."""
     flat = chain.from_iterable(rows)  # which NumPy reads in a third of the time
     width = len(rows[0])
     return np.fromiter(flat, float, width * len(rows)).reshape(len(rows), width)
 
 
 def first_positions(columns: Columns, rows: np.ndarray, robot: RobotModel) -> Positions:
-    """The first of some rows (n, k) as joint names and values, without followers."""
+    """The first of some rows (n, k) as joint names and values, without mimic joints."""
     first = rows[0].tolist()
     values = {name: [first[index] for index in at] for name, at in columns.of.items()}
     free = {joint.name for joint in robot.joints if joint.mimic is None}
@@ -94,19 +94,19 @@ def first_positions(columns: Columns, rows: np.ndarray, robot: RobotModel) -> Po
 
 
 def chart_points(columns: Columns, rows: np.ndarray, group: PlanningGroup, field: str) -> tuple[ChartPoints, list[str]]:
-    """The chart points of rows.
+    """The chart coordinates of rows.
 
     Args:
-        columns: What the columns are.
+        columns: The columns of each joint.
         rows: Shape (n, k) [rad, m, or entries of a quaternion].
-        group: Whose joints move; one without a column stays at the group's origin.
-        field: What the request calls the rows.
+        group: The moving joints; one without a column stays where it is in `q_origin`, the group's start.
+        field: The request's field with the rows, for messages.
 
     Returns:
         Shape (n, nv), each next to the one before; and warnings about whole turns that were added.
 
     Raises:
-        InvalidConfiguration: if a value is too large, a quaternion is none, or a follower is not where its law says.
+        InvalidConfiguration: if a value is too large, a quaternion is none, or a mimic joint is not where its law says.
     """
     if len(far := np.argwhere(np.abs(rows) > FURTHEST)):
         row, column = far[0].tolist()
@@ -123,11 +123,11 @@ def chart_points(columns: Columns, rows: np.ndarray, group: PlanningGroup, field
         mine = slice(joint.idx_v, joint.idx_v + joint.nv)
         if joint.kind in chart.ROTATION:
             require_quaternions(joint, given, field)
-            points[:, mine] = _turned(joint, given, group.q_origin[joint.idx_q : joint.idx_q + joint.nq])
+            points[:, mine] = _unwrap_rotations(joint, given, group.q_origin[joint.idx_q : joint.idx_q + joint.nq])
             continue
         if joint.kind in chart.ANGLE:
             angle = chart.ANGLE[joint.kind]
-            given[:, angle], jump = _the_shorter_way(given[:, angle])
+            given[:, angle], jump = _unwrap_angles(given[:, angle])
             if jump is not None:
                 warnings.append(
                     f"joint {joint.name} goes the shorter way from row {jump} to row {jump + 1}: its angles are taken"
@@ -135,7 +135,7 @@ def chart_points(columns: Columns, rows: np.ndarray, group: PlanningGroup, field
                 )
         points[:, mine] = given
     moves = cast(ChartPoints, points)
-    _require_followers(columns, rows, group, moves, field)
+    _require_mimic_columns(columns, rows, group, moves, field)
     return moves, warnings
 
 
@@ -144,21 +144,21 @@ def chart_rates(
 ) -> ChartRates:
     """Rates of chart points (n, nv) from rows (n, k) of velocities in the tangent space: shape (n, nv).
 
-    Raises InvalidConfiguration if a follower's velocity is not what its law says.
+    Raises InvalidConfiguration if a mimic joint's velocity is not that of its law.
     """
     tangents = np.zeros(points.shape)
     for joint in group.joints:
         if (at := columns.of.get(joint.name)) is not None:
             tangents[:, joint.idx_v : joint.idx_v + joint.nv] = rows[:, list(at)]
-    _require_followers(columns, rows, group, tangents, field, rates=True)
+    _require_mimic_columns(columns, rows, group, tangents, field, rates=True)
     if group.is_euclidean:
         return cast(ChartRates, tangents)
     rates = [np.linalg.solve(group.tangent_map(z), v) for z, v in zip(points, tangents, strict=True)]
     return cast(ChartRates, np.array(rates))
 
 
-def _the_shorter_way(angles: np.ndarray) -> tuple[np.ndarray, int | None]:
-    """Angles (n,), each within half a turn of the one before by whole turns; after which row the first was added."""
+def _unwrap_angles(angles: np.ndarray) -> tuple[np.ndarray, int | None]:
+    """Add whole turns to angles (n,), each to be next to the one before; return also the row before the first turn."""
     turns = -np.round(np.diff(angles) / (2.0 * np.pi))
     jumps = np.flatnonzero(turns)
     if not len(jumps):
@@ -178,7 +178,7 @@ def require_quaternions(joint: Joint, given: np.ndarray, field: str) -> None:
         )
 
 
-def _turned(joint: Joint, given: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def _unwrap_rotations(joint: Joint, given: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Chart coordinates, shape (n, nv), of the values (n, nq) of a joint that turns freely."""
     found = [chart.to_chart(joint, given[0], reference)]
     for values in given[1:]:
@@ -187,7 +187,7 @@ def _turned(joint: Joint, given: np.ndarray, reference: np.ndarray) -> np.ndarra
 
 
 def _mimic_columns(columns: Columns, group: PlanningGroup) -> list[tuple[Joint, int, Joint | None]]:
-    """Followers that have a column: the joint, its column, and its driver, None where that stands still."""
+    """Mimic joints that have a column: the joint, its column, and its source joint, None where that stands still."""
     planned = {joint.name: joint for joint in group.joints}
     return [
         (joint, columns.of[joint.name][0], planned.get(joint.mimic.driver))
@@ -196,10 +196,10 @@ def _mimic_columns(columns: Columns, group: PlanningGroup) -> list[tuple[Joint, 
     ]
 
 
-def _require_followers(
+def _require_mimic_columns(
     columns: Columns, rows: np.ndarray, group: PlanningGroup, moves: np.ndarray, field: str, *, rates: bool = False
 ) -> None:
-    """Refuse followers' columns that aren't what their laws say of chart points (n, nv), or of their `rates`."""
+    """Refuse columns of mimic joints that aren't those of their laws at chart points (n, nv), or of their `rates`."""
     for joint, column, driver in _mimic_columns(columns, group):
         assert joint.mimic is not None, "it follows another"
         if driver is not None:
@@ -221,7 +221,7 @@ def _require_followers(
 
 
 def velocity_names_of(columns: Columns, robot: RobotModel) -> list[str]:
-    """Names of the velocity columns of the joints that some position columns are of, in the order of these."""
+    """Names of the velocity columns of the joints that have position columns, in the order of these."""
     first = sorted(columns.of, key=lambda name: min(columns.of[name]))
     joints = {joint.name: joint for joint in robot.joints}
     return [name + end for name in first for end in chart.VELOCITY_SUFFIXES.get(joints[name].kind, ("",))]

@@ -1,4 +1,4 @@
-"""The reply of a service about itself."""
+"""The reply of a service about itself: versions, keys, codes, rules and schemas as declared, and the figures given."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ class Rules:
 
 def info(figures: Figures, rules: Rules | None = None) -> InfoReply:
     """Versions, keys, codes, rules, the JSON Schema of every message, and the figures given."""
-    kept = rules or Rules()
+    rules = rules or Rules()
     return msgspec.structs.replace(
         brief_info(figures),
         packages={package: _version(package) for package in PACKAGES},
         keys=list(KEYS),
         codes=list(CODES),
-        limits=list(kept.limits),
-        delivery=list(kept.delivery),
+        limits=list(rules.limits),
+        delivery=list(rules.delivery),
         schemas=make_schemas(),
     )
 
@@ -95,7 +95,7 @@ def brief_info(figures: Figures) -> InfoReply:
 
 
 def disk_of(folder: Path) -> Disk | None:
-    """The disk that a folder is on; None where it can't be looked at."""
+    """Size and free space of the disk that a folder is on; None where they can't be read."""
     try:
         found = shutil.disk_usage(folder)
     except OSError:

@@ -1,4 +1,4 @@
-"""The kinematics requests: where frames are, what reaches a pose, how near obstacles are, and their field."""
+"""Answer kinematics requests, but for Jacobians and dynamics: frames, inverse kinematics, clearances, and the field."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ from guidefield.robot.model.spaces import ModelConfiguration, RobotConfiguration
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
-FRAMES_TOGETHER = 1024
-"""Number of configurations at which frames are placed before the time is examined: about a millisecond."""
-POINTS_AT_ONCE = 4096  # at this many points the field is found before it is asked whether to go on
+FRAMES_PER_CHECK = 1024
+"""Configurations at which frames are placed between two looks at the deadline: about a millisecond."""
+POINTS_PER_CHECK = 4096  # points at which the field is computed between two looks at the deadline
 
 _Asked = TypeVar("_Asked")
 
@@ -68,10 +68,10 @@ def answer_kinematics(
     scene: Scene | None,
     deadline: Deadline = UNLIMITED,
 ) -> Reply:
-    """The reply to a request of any kind, with what is odd about robot and scene.
+    """The reply to a request of any kind, with the warnings of robot and scene before its own.
 
     Raises DeadlineExpired if the deadline passed before all is answered; its details say how many are; GuidefieldError
-    as its own function.
+    as the function of its kind in `_ANSWERS`.
     """
     reply = _ANSWERS[type(request)](request, robot, scene, deadline)
     warnings = [warning for one in (robot, scene) if one is not None for warning in one.warnings]
@@ -79,8 +79,8 @@ def answer_kinematics(
     return answered
 
 
-def _beyond_limits(robot: RobotModel, configurations: RobotConfigurations, field: str) -> list[str]:
-    """A warning for each joint that one of some configurations (n, nq) has beyond its limits: it is answered anyway."""
+def _warn_beyond_limits(robot: RobotModel, configurations: RobotConfigurations, field: str) -> list[str]:
+    """Warn about each joint that a configuration of (n, nq) has beyond its limits: it is answered anyway."""
     warnings = []
     for joint in robot.joints if len(configurations) else ():
         if joint.limits is None:
@@ -111,11 +111,13 @@ def forward_kinematics(
     root = _rows_of(request.robot_placement.position, request.robot_placement.quaternion_xyzw)
     configurations, joints = configurations_from(robot, request.configurations), robot.joint_table
     placements = np.empty((len(configurations), len(request.frames), 7))
-    for some in batches(deadline, len(configurations), FRAMES_TOGETHER):
+    for some in batches(deadline, len(configurations), FRAMES_PER_CHECK):
         place_frames(joints, frames, root, configurations[some], placements[some])
     if request.packed:
         return ForwardKinematicsReply(placements=[], packed=pack_numbers(placements))
-    with pause_collector() if len(placements) > FRAMES_TOGETHER else contextlib.nullcontext():  # all that is made stays
+    with (
+        pause_collector() if len(placements) > FRAMES_PER_CHECK else contextlib.nullcontext()
+    ):  # all that is made stays
         listed = [
             [Placement((x, y, z), (a, b, c, d)) for x, y, z, a, b, c, d in of_frames]
             for of_frames in placements.tolist()
@@ -156,7 +158,7 @@ def inverse_kinematics(
         _require_same_outside(group, start, f"start_configurations[{index}]")
     world = World.build(group, obstacles, request.allowed_collisions) if request.collision_free else None
     accept = None
-    if world is not None:  # what touches nothing, and is no closer to it than 10 micrometres
+    if world is not None:  # what is closer than `prove.closest.NEARLY`, 10 um, counts as contact: Coal isn't asked
         closest = ClosestPairs(world)
         accept = lambda zs: closest.free(group.expand_each(zs), confirmed=False)  # noqa: E731
     configurations, reasons = [], []
@@ -177,7 +179,7 @@ def inverse_kinematics(
             met = blocking_pairs(world, [group.expand_from_chart(z) for z in result.rejected])
             reasons[-1] += f": {met.describe()}" if met.counts else ""
     given = cast(RobotConfigurations, np.array(starts).reshape(-1, robot.model.nq))
-    warnings = _beyond_limits(robot, given, "start_configurations")
+    warnings = _warn_beyond_limits(robot, given, "start_configurations")
     return InverseKinematicsReply(configurations=configurations, reasons=reasons, warnings=warnings)
 
 
@@ -202,7 +204,7 @@ def clearance(
             continue
         for q, one in zip(batch, closest.clearances(batch), strict=True):
             found.add(q, one)
-    warnings = _beyond_limits(robot, configurations, "configurations")
+    warnings = _warn_beyond_limits(robot, configurations, "configurations")
     if request.verdict:
         return ClearanceReply(minimum=[], pair=[], witness_points=[], self_minimum=[], free=free, warnings=warnings)
     reply = found.as_packed() if request.packed else found.as_lists()
@@ -311,9 +313,9 @@ def _at_points(points: Sequence[Vector3], scene: Scene, deadline: Deadline) -> P
     potentials: list[float] = []
     gradients: list[Vector3] = []
     windings: list[float] = []
-    for begin in range(0, len(points), POINTS_AT_ONCE):
+    for begin in range(0, len(points), POINTS_PER_CHECK):
         require_time(deadline, begin, len(points))
-        some = np.array(points[begin : begin + POINTS_AT_ONCE], float)
+        some = np.array(points[begin : begin + POINTS_PER_CHECK], float)
         field = field_at_points(tables, some)
         potentials += field.potential.tolist()
         gradients += [_vector(gradient) for gradient in field.gradient]

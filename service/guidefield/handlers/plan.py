@@ -1,4 +1,4 @@
-"""The plan request: its problem, the plan, and the reply, in order."""
+"""Answer a plan request for one goal: its problem, the plan, and the reply, in order; prepare its robot ahead."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ def answer_plan(
     prove: Prove = lambda *_: None,
     deadline: Deadline | None = None,
 ) -> PlanReply:
-    """Plan, and say what came of it.
+    """Plan, and reply with the outcome.
 
     Args:
         received: When it arrived, on the clock of `time.monotonic` [s].
         began: When loading its robot and scene began, on the same clock [s]; None: now.
         record: Opens the recording.
-        preparing: Told which part of the robot is prepared, where that isn't known from before.
+        preparing: Called with the part of the robot that is prepared, where that isn't known from before.
         prove: Keeps the proof, where the request asks for it.
         deadline: When planning must end; None: when the time that the request allows is up.
 
@@ -83,7 +83,7 @@ def answer_plan(
         problem = dataclasses.replace(problem, observer=recording)
     others = [*(refusal.seconds.values() if refusal else ()), *([derivation.left.seconds] if derivation.left else ())]
     load_seconds = time.monotonic() - began - sum(others)
-    made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
+    made = derivation.add_to(refusal or plan(problem, Planner(request.planner), attempts))
     drawn = made.drawn
     motion = made.trajectory if drawn is None else drawn.motion.measured_among(problem.scene)
     measured = None if motion is None else measure_clearances([(motion, problem)])
@@ -107,7 +107,7 @@ def answer_plan(
 
 
 def restore_plan(request: PlanRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> PlainMotion:
-    """The motion of a plan that was packed; arguments as those of `answer_plan`."""
+    """Restore the motion of a plan from its log, for the recording; arguments as those of `answer_plan`."""
     problem, _ = problem_of(request, robot, scene, UNLIMITED)
     if not _is_guided(request, problem):
         problem = crop_to_reach(problem, UNLIMITED)
@@ -143,7 +143,7 @@ def prepare_ahead(
 ) -> bool:
     """Prepare a request's robot and lay its links out before its time begins; return whether that was done before.
 
-    What can't be used is refused later, where that is kept.
+    Errors are left to `answer_plan`, whose refusals are stored.
     """
     with contextlib.suppress(GuidefieldError):
         robot = load(request.robot)
@@ -155,7 +155,7 @@ def prepare_ahead(
         if held and not are_large(held):
             robots.append(holding(robot, held, nowhere))
         picked = _picked_up(request, robot, declared)
-        if picked and not are_large(picked):  # where it is held is known later; what takes long is about its shape
+        if picked and not are_large(picked):  # the place where it is held is known later; only its shape takes long
             picking = holding(robot, picked, nowhere)
             if not is_prepared(picking):
                 prepare(picking)

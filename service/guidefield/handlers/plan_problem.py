@@ -1,4 +1,7 @@
-"""From a plan request to the planner's problem: what is ill-posed about it is refused here, by name."""
+"""From a plan request to the planner's problem, which is all that the planner knows, derived guide planes included.
+
+What is ill-posed is refused here, by the name of its field.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +19,16 @@ from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import (
     cartesian_limits_of,
     clamp_slight,
-    clamped_goals,
     constraints_of,
     effort_limit_of,
     execution_of,
     goal_positions,
     jerk_limits,
-    limited,
+    limit_group,
     rates_of,
     start_of,
-    unweighed,
+    warn_of_clamped_goals,
+    warn_of_missing_masses,
 )
 from guidefield.handlers.attached import holding
 from guidefield.messages import requests
@@ -48,9 +51,9 @@ from guidefield.scene.scene import Scene
 
 
 def given_planes(request: PlanRequest, scene: Scene, deadline: Deadline) -> tuple[GuidePlane, ...]:
-    """The request's planes, else the scene's; none where the bare connection is asked for.
+    """The request's planes, else the scene's; none for planner "tree".
 
-    Where planes are to be derived, the last of the scene's is left if it is the goal.
+    Where planes are to be derived, there are none but the last of the scene's, if it is the goal.
 
     Raises SceneInvalid if a plane of the request isn't flat, isn't convex or has no area; DeadlineExpired if time was
     up before planes of many corners were built.
@@ -71,8 +74,8 @@ class Derivation:
     left: StageLeft | None = None
     warning: str | None = None
 
-    def told_in(self, made: Plan) -> Plan:
-        """The plan with this stage in it."""
+    def add_to(self, made: Plan) -> Plan:
+        """Return a plan with this stage before its own."""
         if self.left is None:
             return made
         seconds = {**made.seconds, "guide": made.seconds.get("guide", 0.0) + self.left.seconds}
@@ -105,16 +108,13 @@ def _goal_place(problem: Problem) -> np.ndarray | GuidePlane:
     return problem.guide_planes[-1]
 
 
-AT_ONCE = 500  # this many goals are read before it is asked whether there is time: it takes some milliseconds
+GOALS_PER_CHECK = 500  # goals read between two looks at the deadline: some milliseconds
 
 
 def problem_of(
     request: PlanRequest, robot: RobotModel, scene: Scene, deadline: Deadline
 ) -> tuple[Problem, tuple[str, ...]]:
-    """Build the planner's problem of a request, and warnings about what was odd but harmless.
-
-    They are about the robot, what it holds, the scene, the start and the goal.
-    Guide planes that are to be derived are not in it yet.
+    """Build a request's problem, without derived guide planes, and warnings about harmless peculiarities.
 
     Raises InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid if the question is
     ill-posed; MalformedRequest if it asks for what this version doesn't serve; DeadlineExpired if time was up before
@@ -124,7 +124,7 @@ def problem_of(
     q_whole, warnings = start_of(request.start, robot)
     root = request.robot_placement
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
-    group = limited(group.starting_at(request.start), request)
+    group = limit_group(group.starting_at(request.start), request)
     planes = given_planes(request, scene, deadline)
     if request.path_constraints and request.planner == "guided":
         raise MalformedRequest("path constraints are kept by connections: planner 'guided' makes none, 'auto' does")
@@ -159,9 +159,9 @@ def problem_of(
         *robot.warnings,
         *scene.warnings,
         *warnings,
-        *clamped_goals(request.goal, robot),
-        *many_turns_warnings(request, robot),
-        *unweighed(request),
+        *warn_of_clamped_goals(request.goal, robot),
+        *warn_of_many_turns(request, robot),
+        *warn_of_missing_masses(request),
     )
 
 
@@ -224,7 +224,7 @@ def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, 
     of_set = isinstance(goal, requests.JointSetGoal)
     configurations: list[Configuration] = []
     for index, positions in enumerate(goal_positions(goal)):
-        if len(configurations) % AT_ONCE == AT_ONCE - 1:
+        if len(configurations) % GOALS_PER_CHECK == GOALS_PER_CHECK - 1:
             deadline.check("the goals were read")
         with at_path(f"$.goal.positions[{index}]" if of_set else "$.goal.positions"):
             configurations.append(_goal_configuration(group, positions))
@@ -251,8 +251,8 @@ HARDLY_RADIANS = 4.0 * math.pi
 """A goal that is further from the start was probably given in degrees [rad]: no whole turn is ever needed."""
 
 
-def many_turns_warnings(request: PlanRequest, robot: RobotModel) -> list[str]:
-    """A warning for each continuous joint whose goal is further than `HARDLY_RADIANS` from its start.
+def warn_of_many_turns(request: PlanRequest, robot: RobotModel) -> list[str]:
+    """Warn about each continuous joint whose goal is further than `HARDLY_RADIANS` from its start.
 
     A joint with limits needs none: there such a goal is refused.
     """

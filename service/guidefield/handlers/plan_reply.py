@@ -1,4 +1,4 @@
-"""The reply to a plan request, from the plan that was made."""
+"""Build the reply to a plan request from the plan; the parts that replies to sequences and certify requests share."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ CERTIFICATE = (
     "the URDF's collision geometry; rigorous motion bounds and separating directions on segments of Bezier curves,"
     " halved per pair; confirmed by Coal where it is closest or refused; position limits on the same curves"
 )
+"""The `method` of each certificate in replies."""
 STAGES = ("ends", "connect", "guide", "relax", "parameterize", "certify")
+"""Stages of the planner by their fields in `Timing`."""
 
 
 def reply_to(
@@ -46,11 +48,13 @@ def reply_to(
     seconds: Mapping[str, float],
     warnings: Sequence[str],
 ) -> PlanReply:
-    """Put a plan into the wire's words.
+    """Build the reply.
 
-    `drawn` is what a controller draws of its motion, None where that isn't asked for; `measured` is how far that, or
-    the trajectory, keeps from everything, None without one; `received` is as in `answer_plan`; `seconds` is the time of
-    waiting and loading [s]: what came after the planner's stages is measuring.
+    Args:
+        drawn: The motion as a controller draws it; None where that isn't asked for.
+        measured: Distances along that, or else along the trajectory; None without one.
+        received: As in `answer_plan`.
+        seconds: Times of waiting and loading [s]; all time after the planner's stages counts as measuring.
     """
     group, whole = problem.group, made.verdict.free and made.judged_from == 0.0
     kept = problem.min_clearance if whole else -np.inf
@@ -64,7 +68,7 @@ def reply_to(
     return PlanReply(
         run_id=run_id,
         status=outcome(made.status, made.message, made.details),
-        warnings=[*warnings, *made.warnings, *unmeasured(measured)],
+        warnings=[*warnings, *made.warnings, *warn_of_bounds(measured)],
         position_names=group.position_names,
         velocity_names=group.velocity_names,
         path=path,
@@ -79,7 +83,7 @@ def reply_to(
         certificate=replies.CertificateFigures(
             collision_free=made.verdict.free,
             method=CERTIFICATE,
-            covers=covered(made.trajectory, drawn, made.judged_from),
+            covers=describe_covered(made.trajectory, drawn, made.judged_from),
             evaluations=made.verdict.evaluations,
         ),
         metrics=metrics,
@@ -118,7 +122,7 @@ def wire_execution(
     return execution_figures(execution, planned, drawn, group)
 
 
-def covered(trajectory: Trajectory | None, drawn: DrawnMotion | None, since: float = 0.0) -> str:
+def describe_covered(trajectory: Trajectory | None, drawn: DrawnMotion | None, since: float = 0.0) -> str:
     """Name the subject of the certificate, which may begin at a time [s]."""
     if trajectory is None:
         return "path"
@@ -128,14 +132,14 @@ def covered(trajectory: Trajectory | None, drawn: DrawnMotion | None, since: flo
 def wire_trajectory(
     trajectory: Trajectory | None, sample_rate: float | None, group: PlanningGroup
 ) -> replies.Trajectory | None:
-    """The knots of the certified curve, or samples of it; rates in the tangent space, as the wire has them.
+    """The knots of the certified curve, or samples of it; rates in the tangent space.
 
-    An orientation doesn't say which way it was turned to, and who reads it takes the shorter one: a piece that turns by
-    `LONGEST_TURN` or more has knots within it.
+    Readers take the shorter way from one orientation to the next: a piece that turns by `LONGEST_TURN` or more gets
+    further knots.
     """
     if trajectory is None:
         return None
-    states = _turning_less(trajectory, group) if sample_rate is None else trajectory.resample(sample_rate)
+    states = _add_turning_knots(trajectory, group) if sample_rate is None else trajectory.resample(sample_rate)
     along = states.positions, states.velocities
     return replies.Trajectory(
         times=states.times.tolist(),
@@ -148,7 +152,7 @@ def wire_trajectory(
 def execution_figures(
     execution: ControllerModel, planned: Trajectory | StraightMotion, drawn: DrawnMotion, group: PlanningGroup
 ) -> replies.ExecutionFigures:
-    """The rows that a controller is sent, and how far what it draws of them leaves the planned motion."""
+    """The rows that a controller is sent, and the deviation of the curve that it draws from the planned motion."""
     velocities, accelerations = drawn.velocities, drawn.accelerations
     return replies.ExecutionFigures(
         interpolation=execution.interpolation.value,
@@ -174,8 +178,7 @@ def wire_deviation(found: Deviations, group: PlanningGroup) -> replies.MotionDev
     )
 
 
-def _turning_less(trajectory: Trajectory, group: PlanningGroup) -> Trajectory:
-    """The same curve with as many knots as its readers need."""
+def _add_turning_knots(trajectory: Trajectory, group: PlanningGroup) -> Trajectory:
     made = trajectory
     while (far := group.turns(made.positions) >= LONGEST_TURN).any():
         times = np.sort(np.concatenate([made.times, 0.5 * (made.times[:-1] + made.times[1:])[far]]))
@@ -189,9 +192,9 @@ def clearance_figures(measured: Clearance, certified: float) -> replies.Clearanc
     if closest.pair is None:
         return replies.ClearanceFigures(minimum=None, mean=None, inner=None, ends=None, pair=None, time=None)
     return replies.ClearanceFigures(
-        minimum=stated(closest, certified),
+        minimum=state_distance(closest, certified),
         mean=measured.mean,
-        inner=None if measured.inner is None else stated(measured.inner, certified),
+        inner=None if measured.inner is None else state_distance(measured.inner, certified),
         ends=measured.ends,
         pair=list(closest.pair),
         time=closest.time,
@@ -202,19 +205,19 @@ def self_figures(measured: Clearance, certified: float) -> replies.SelfClearance
     """The distance of the robot from itself as the reply has it; arguments as of `clearance_figures`."""
     if measured.own.pair is None:
         return replies.SelfClearance(minimum=None, pair=None)
-    return replies.SelfClearance(minimum=stated(measured.own, certified), pair=list(measured.own.pair))
+    return replies.SelfClearance(minimum=state_distance(measured.own, certified), pair=list(measured.own.pair))
 
 
-def stated(closest: SmallestDistance, certified: float) -> float | None:
-    """The smallest distance [m]; where there was no time to find it, what is certain; None if nothing is."""
+def state_distance(closest: SmallestDistance, certified: float) -> float | None:
+    """Return the smallest distance [m]; a lower bound if there was no time to find it, None if none is known."""
     if closest.exact:
         return closest.distance
     kept = max(closest.bound, certified)
     return kept if np.isfinite(kept) else None
 
 
-def unmeasured(measured: Clearance | None) -> list[str]:
-    """A warning for each smallest distance that there was no time to find."""
+def warn_of_bounds(measured: Clearance | None) -> list[str]:
+    """Warn about each smallest distance that there was no time to find: its field is a lower bound."""
     if measured is None:
         return []
     stated = [
@@ -262,7 +265,7 @@ def wire_efforts(efforts: Efforts) -> replies.EffortFigures:
 
 
 def wire_cartesian_use(use: CartesianUse, *, jumps: bool = False) -> replies.CartesianUse:
-    """One of them in the wire's words; `jumps`: velocities jump, so that there is no acceleration."""
+    """A use of a limit in the wire's words; `jumps`: velocities jump, so that there is no acceleration."""
     limit, is_limited = use.limit, math.isfinite(use.limit.acceleration)
     return replies.CartesianUse(
         frame=None if limit.is_link else limit.name,

@@ -1,4 +1,7 @@
-"""Prepare a robot and a scene for their first plan: each part is kept, and the next request continues from it."""
+"""Prepare a robot and a scene for their first plan: each part is stored, and the next request continues from it.
+
+Also crop a scene to the robot's reach. A part that is missing here is made later, within the plan's own time.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ from guidefield.scene.scene import Scene, unplaced
 
 Asked = TypeVar("Asked", bound=Conditions)
 
-MANY_HELD = 10_000  # obstacles that move, of fewer triangles and points, are held somewhere within some milliseconds
+MANY_HELD = 10_000  # triangles and points; moving obstacles of fewer are laid out at a time within some milliseconds
 
 
 def prepare_plan(
@@ -66,7 +69,7 @@ def prepare_problem(request: PlanRequest, problem: Problem, told: Told) -> None:
 
 
 def crop_to_reach(problem: Asked, deadline: Deadline, *, limited: bool = True) -> Asked:
-    """Crop the scene of a problem to what its robot can reach: distances from the nearest obstacles are the same.
+    """Crop the scene of a problem to the obstacles in its robot's reach: distances from the nearest ones are the same.
 
     Raises DeadlineExpired if time was up before.
     """
@@ -133,5 +136,6 @@ def prepare_field(scene: Scene, deadline: Deadline) -> None:
 
 
 _prepared = MemoSet()
-
+"""Scenes that `prepare_plan` has prepared in this process."""
 _laid_out = MemoSet()
+"""Robots whose links have their tables."""

@@ -1,4 +1,7 @@
-"""Requests that a handler makes of the recorder of its run, and the motion that it gives to be recorded."""
+"""Interfaces between a handler and the recorder of its run: the recording, and the motion that is recorded.
+
+Packed classes are stored in a run's log by the order of their fields; a log is read by the same version alone.
+"""
 
 from __future__ import annotations
 
@@ -43,19 +46,19 @@ class RecordedMotion(Protocol):
 
 
 class Recording(Protocol[_R_contra]):
-    """Somebody who records a run: an observer who hears of the end, once."""
+    """A recorder of a run: an observer of its events, and once of its end."""
 
     def observe(self, event: Event) -> None:
-        """Be told of an event."""
+        """Record an event."""
 
     def finish(self, reply: _R_contra, motion: RecordedMotion) -> None:
-        """Be told the end, and keep it."""
+        """Record the end, and store the recording."""
 
 
 Prove = Callable[[Sequence[Motion], Deadline], None]
 """Proves the motions that a run is certified for, as far as the deadline allows, and keeps the proof with the run."""
 Record = Callable[[PlanningGroup, Scene], Recording[_R_contra] | None]
-"""Opens the recording of a run, once it is known what moves where."""
+"""Opens the recording of a run, once its group and scene are known."""
 
 
 class PackedKnots(msgspec.Struct, array_like=True, frozen=True):
@@ -117,7 +120,7 @@ class PackedStretch(msgspec.Struct, array_like=True, frozen=True):
     end: float
     allowed: list[tuple[str, str]]  # pairs that may touch on it
     found: PackedClearance  # distances along it
-    is_last: bool = False  # whether what a controller draws of it ends the whole
+    is_last: bool = False  # whether it is the last one measured: the drawn motion may end later than its knots
 
 
 class PackedLeg(msgspec.Struct, array_like=True, frozen=True):

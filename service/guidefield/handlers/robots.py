@@ -28,11 +28,11 @@ from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.mimic_limits import bind_rates
 from guidefield.robot.model.model import Joint, RobotModel
 
-PREPARE_WITHIN = 60.0  # how long a robot that a client stores is prepared [s]
+PREPARE_WITHIN = 60.0  # longest time to prepare a robot that a client stores; its first plan does the rest [s]
 
 
 class StoredRobots(Protocol):
-    """Whoever keeps robots that clients sent."""
+    """A store of robots that clients sent."""
 
     def names(self) -> list[str]:
         """Their names."""
@@ -42,7 +42,7 @@ class StoredRobots(Protocol):
 
 
 def robots(catalog: Catalog, stored: StoredRobots) -> RobotsReply:
-    """The robots that can be named, and what was found wrong with those that cannot be used."""
+    """The robots that can be named; those that can't be used with their problem."""
     return RobotsReply(robots=[*catalog.summaries(), *summaries_of(catalog, stored, stored.names())])
 
 
@@ -59,8 +59,8 @@ def summaries_of(catalog: Catalog, stored: StoredRobots, names: Iterable[str]) -
     return [*map(catalog.line, sent), *damaged]
 
 
-def prepared(model: RobotModel) -> str:
-    """Prepare a robot that was stored for its first plan; what to add to a sentence about it."""
+def prepare_stored(model: RobotModel) -> str:
+    """Prepare a stored robot for its first plan; return words to add to the sentence that it is stored."""
     try:
         prepare(model, Deadline(time.monotonic() + PREPARE_WITHIN))
     except DeadlineExpired as stopped:
@@ -79,7 +79,7 @@ def robot(model: RobotModel) -> RobotReply:
         tip=model.tip,
         rest=configuration_to_wire(model.joints, model.rest),
         geometry=_geometry(model),
-        collision_pairs=_linked(model),
+        collision_pairs=_linked_pairs(model),
         pairs_left_out=[PairLeftOut(links=list(pair.links), reason=pair.reason) for pair in model.pairs_left_out],
         warnings=[*model.remarks, *model.warnings],
         rest_state=model.rest_state,
@@ -129,7 +129,7 @@ def _finite(limits: Iterable[float]) -> list[float | None]:
     return [float(limit) if math.isfinite(limit) else None for limit in limits]
 
 
-def _linked(model: RobotModel) -> list[list[str]]:
+def _linked_pairs(model: RobotModel) -> list[list[str]]:
     """Pairs of links of which some shapes are tested against each other, each once."""
     pairs = (
         sorted((model.link_of_geometry(pair.first), model.link_of_geometry(pair.second)))

@@ -1,4 +1,4 @@
-"""The plan request with steps: its course, the sequence, the reply, and the motion that a recording shows, in order."""
+"""Answer a plan request with steps: its course, the sequence, the reply, and the motion for a recording, in order."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from guidefield.handlers.plan_reply import (
     STAGES,
     cartesian_uses,
     clearance_figures,
-    covered,
+    describe_covered,
     effort_figures,
     motion_metrics,
     outcome,
     self_figures,
-    unmeasured,
+    warn_of_bounds,
     wire_execution,
     wire_planes,
     wire_trajectory,
@@ -45,7 +45,7 @@ from guidefield.handlers.recording import (
     Prove,
     Record,
 )
-from guidefield.handlers.situation import CARRIED, Standing
+from guidefield.handlers.situation import CARRIED, StepSituation
 from guidefield.handlers.steps import Steps
 from guidefield.messages import replies, scene as messages
 from guidefield.messages.replies import PlanReply
@@ -72,10 +72,10 @@ from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
-RATE = 30.0  # rate at which a carried object's placement is given [Hz]
+CARRIED_RATE = 30.0  # placements of a carried object in a recording [Hz]
 MAX_SAMPLES = 400
 """Most samples of distances, over all steps, but for the ends of each and where its distances are smallest."""
-MOST = 3000  # largest number of such times, over all steps
+MAX_CARRIED_PLACEMENTS = 3000  # over all steps: with more, the rate is lower
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,16 +83,16 @@ class SequenceMotion:
     """The motion of a sequence."""
 
     course: Steps  # the steps
-    standings: Sequence[Standing]  # of the steps that were planned: the situation when each begins
+    standings: Sequence[StepSituation]  # of the steps that were planned: the situation when each begins
     spans: Sequence[tuple[float, float]]  # when each begins and ends [s]
     trajectory: Trajectory | None  # the motion; None where a step failed before it was certified
-    failed_at: Standing | None  # the situation when the step began that failed; None where none did
+    failed_at: StepSituation | None  # the situation when the step began that failed; None where none did
     measured: Sequence[tuple[Stretch, Clearance]]  # its parts with distances along them
     parts: int = 1  # into which the span between two rows that a controller is sent is divided
 
     @classmethod
     def of(
-        cls, course: Steps, made: SequencePlan[Standing], measured: Sequence[tuple[Stretch, Clearance]]
+        cls, course: Steps, made: SequencePlan[StepSituation], measured: Sequence[tuple[Stretch, Clearance]]
     ) -> SequenceMotion:
         """The motion of a plan, with distances along its parts."""
         standings, spans = [leg.at for leg in made.legs], [leg.span for leg in made.legs]
@@ -102,7 +102,7 @@ class SequenceMotion:
     @classmethod
     def unpack(cls, course: Steps, packed: PackedMotion) -> SequenceMotion:
         """The motion of a sequence, from its steps and what was packed."""
-        standings, at = list[Standing](), course.start
+        standings, at = list[StepSituation](), course.start
         for index, leg in enumerate(packed.legs):
             at = course.after(index - 1, at, _configuration(leg.q), leg.begin) if index else at
             standings.append(at)
@@ -169,10 +169,10 @@ class SequenceMotion:
         start, whole = self.course.start, self.course.whole
         if self.trajectory is None:
             return start.scene
-        most = max(MOST // len(self.spans), 1)
+        most = max(MAX_CARRIED_PLACEMENTS // len(self.spans), 1)
         ways: dict[str, list[tuple[float, Placement]]] = {}
         for at, (begin, end) in zip(self.standings, self.spans, strict=True):
-            times = np.linspace(begin, end, int(np.clip(np.ceil((end - begin) * RATE), 1, most)) + 1)
+            times = np.linspace(begin, end, int(np.clip(np.ceil((end - begin) * CARRIED_RATE), 1, most)) + 1)
             zs = self.trajectory.evaluate(times)[0]
             for moment, z in zip(times.tolist(), zs, strict=True) if at.objects else ():
                 q = whole_configuration(whole, whole.from_chart(z))
@@ -183,7 +183,7 @@ class SequenceMotion:
 
 
 def executed_in_time(stretch: Stretch) -> TimedMotion:
-    """What a robot executes of a stretch, to be measured."""
+    """The motion that a robot executes on a stretch, on the scene's clock, to be measured."""
     executed = stretch.executed
     return executed if isinstance(executed, Trajectory) else executed.measured_among(stretch.scene)
 
@@ -200,8 +200,8 @@ def _stretch(packed: PackedStretch, conditions: Conditions, trajectory: Trajecto
     return Stretch(**fields, index=packed.index, motion=cut_trajectory(trajectory, packed.begin, packed.end))
 
 
-def _with_carried(start: Standing, ways: dict[str, list[tuple[float, Placement]]]) -> Scene:
-    """The obstacles at first, and what is held at first, each object with a way moving along it."""
+def _with_carried(start: StepSituation, ways: dict[str, list[tuple[float, Placement]]]) -> Scene:
+    """The obstacles and held objects of the start; those with timed placements in `ways` move along them."""
     at_first = [
         *start.scene.message.obstacles,
         *(start.place(one) for one in start.objects if _is_shown(one.attached.obstacle)),
@@ -241,7 +241,7 @@ def answer_steps(
     prove: Prove = lambda *_: None,
     deadline: Deadline | None = None,
 ) -> PlanReply:
-    """Plan a sequence, and say what came of it; arguments and errors as those of `answer_plan`."""
+    """Plan a sequence, and reply with the outcome; arguments and errors as those of `answer_plan`."""
     began = time.monotonic() if began is None else began
     deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
     course = Steps(request, robot, scene, deadline, preparing)
@@ -251,7 +251,7 @@ def answer_steps(
     load_seconds = time.monotonic() - began
     made = plan_sequence(course, course.start, course.whole, deadline, recording or Silent())
     begin = time.monotonic()
-    stretches = measurable(made)
+    stretches = select_moving_stretches(made)
     found = measure_clearances([(executed_in_time(stretch), stretch) for stretch in stretches])
     measured = None if found is None else [*zip(stretches, found, strict=True)]
     if measured is not None:
@@ -275,7 +275,7 @@ def answer_steps(
     return reply
 
 
-def _motions(request: PlanRequest, made: SequencePlan[Standing], stretches: Sequence[Stretch]) -> list[Motion]:
+def _motions(request: PlanRequest, made: SequencePlan[StepSituation], stretches: Sequence[Stretch]) -> list[Motion]:
     motions = []
     for one in stretches:
         held = [held.attached for held in made.legs[one.index].at.objects]
@@ -285,28 +285,28 @@ def _motions(request: PlanRequest, made: SequencePlan[Standing], stretches: Sequ
 
 
 def restore_steps(request: PlanRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> SequenceMotion:
-    """The motion of a sequence that was packed; arguments as those of `answer_steps`."""
+    """Restore the motion of a sequence from its log, for the recording; arguments as those of `answer_steps`."""
     return SequenceMotion.unpack(Steps(request, robot, scene, UNLIMITED, lambda _: None), packed)
 
 
-def measurable(made: SequencePlan[Standing]) -> list[Stretch]:
+def select_moving_stretches(made: SequencePlan[StepSituation]) -> list[Stretch]:
     """The stretches of a sequence on which something moves."""
     return [stretch for stretch in made.stretches if stretch.executed.duration > 0.0]
 
 
-Measured = Sequence[tuple[Stretch, Clearance]]  # stretches with how far they keep from everything
+Measured = Sequence[tuple[Stretch, Clearance]]  # stretches with distances along them
 
 
 def reply_to(
     request: PlanRequest,
     course: Steps,
-    made: SequencePlan[Standing],
+    made: SequencePlan[StepSituation],
     measured: Measured | None,
     run_id: str,
     received: float,
     seconds: dict[str, float],
 ) -> PlanReply:
-    """Put a sequence into the wire's words.
+    """Build the reply.
 
     `measured` has the stretches on which something moves, None where time was up before; `received` is as in
     `answer_plan`; `seconds` is the time of waiting, loading and measuring [s].
@@ -325,7 +325,7 @@ def reply_to(
     return PlanReply(
         run_id=run_id,
         status=outcome(made.status, made.message, made.details),
-        warnings=[*warnings, *dict.fromkeys(text for _, one in measured for text in unmeasured(one))],
+        warnings=[*warnings, *dict.fromkeys(text for _, one in measured for text in warn_of_bounds(one))],
         position_names=group.position_names,
         velocity_names=group.velocity_names,
         path=path,
@@ -337,7 +337,7 @@ def reply_to(
         certificate=replies.CertificateFigures(
             collision_free=made.free,
             method=CERTIFICATE,
-            covers=covered(made.trajectory, made.drawn),
+            covers=describe_covered(made.trajectory, made.drawn),
             evaluations=sum(verdict.evaluations for verdict in made.verdicts),
         ),
         metrics=metrics,
@@ -357,7 +357,7 @@ def reply_to(
 
 
 def _step(
-    leg: StepResult[Standing], course: Steps, made: SequencePlan[Standing], measured: Measured
+    leg: StepResult[StepSituation], course: Steps, made: SequencePlan[StepSituation], measured: Measured
 ) -> replies.StepFigures:
     own = [(stretch, one) for stretch, one in measured if stretch.index == leg.index and course.moves(leg.index)]
     judged = [
@@ -390,13 +390,13 @@ def _step(
     )
 
 
-def _certified(stretch: Stretch, made: SequencePlan[Standing], kept: float) -> float:
+def _certified(stretch: Stretch, made: SequencePlan[StepSituation], kept: float) -> float:
     """Return the certified clearance on a stretch [m]; minus infinity if it isn't certified."""
     verdicts = [verdict for one, verdict in zip(made.stretches, made.verdicts, strict=False) if one is stretch]
     return kept if verdicts and all(verdict.free for verdict in verdicts) else -np.inf
 
 
-def _figures(stretch: Stretch, one: Clearance, made: SequencePlan[Standing]) -> replies.ClearanceFigures:
+def _figures(stretch: Stretch, one: Clearance, made: SequencePlan[StepSituation]) -> replies.ClearanceFigures:
     return clearance_figures(one, _certified(stretch, made, stretch.min_clearance))
 
 

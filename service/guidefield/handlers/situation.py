@@ -1,4 +1,7 @@
-"""The situation between two steps of a sequence: the robot, the held objects, and the obstacles."""
+"""The situation between two steps of a sequence: the robot, the held objects, and the obstacles.
+
+It is the planner's `Situation` (planner/sequence/course.py); steps.py makes the next one of each.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +32,12 @@ CARRIED = (messages.Box, messages.Sphere, messages.Cylinder, messages.Capsule, m
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldObject:
     """An object that is held."""
 
-    attached: AttachedObject  # what holds it how
+    attached: AttachedObject  # the object, with the link and placement by which it is held
     touch_objects: tuple[str, ...] = ()  # obstacles that it may touch where it is picked up and put down
-    near: frozenset[str] = frozenset()  # those that it has not been away from since
+    near: frozenset[str] = frozenset()  # those that it hasn't been `AWAY` from since it was picked up
 
     @property
     def name(self) -> str:
@@ -43,14 +46,14 @@ class Held:
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class StepSituation:
     """The situation in which a step begins."""
 
     robot: RobotModel  # the robot, with nothing in its hands
     root: Any  # its placement in the world, pinocchio.SE3
     scene: Scene  # the obstacles as they stand, without what is held
     q: RobotConfiguration  # configuration of the whole robot, shape (nq,)
-    objects: tuple[Held, ...] = field(default=())  # what is held
+    objects: tuple[HeldObject, ...] = field(default=())  # what is held
 
     @property
     def held_names(self) -> tuple[str, ...]:
@@ -59,7 +62,7 @@ class Standing:
 
     @property
     def touches(self) -> tuple[Touch, ...]:
-        """Return the obstacles that held objects may touch at places where they are picked up and put down."""
+        """Held objects, each with an obstacle that it may touch where it is picked up and put down."""
         return tuple((one.name, other) for one in self.objects for other in one.touch_objects)
 
     @cached_property
@@ -72,7 +75,7 @@ class Standing:
         """Placement of a frame of the robot in the world, pinocchio.SE3."""
         return self.root * self._data.oMf[self.robot.frame_id(name)]
 
-    def place(self, one: Held) -> messages.Obstacle:
+    def place(self, one: HeldObject) -> messages.Obstacle:
         """A held object as an obstacle where it is."""
         attached = one.attached
         own = se3(
@@ -82,11 +85,8 @@ class Standing:
         in_link = se3(attached.placement.position, attached.placement.quaternion_xyzw)
         return put_at(attached.obstacle, self.frame(attached.link) * in_link * own)
 
-    def move(self, q: RobotConfiguration, time: float, min_clearance: float) -> Standing:
-        """The same with the robot at a configuration, shape (nq,), at a time [s].
-
-        What has left what it stood on by then is known to have.
-        """
+    def move(self, q: RobotConfiguration, time: float, min_clearance: float) -> StepSituation:
+        """The same with the robot at a configuration, shape (nq,), at a time [s]; `near` is without those left."""
         there = dataclasses.replace(self, q=q)
         objects = [
             dataclasses.replace(one, near=frozenset(name for name in one.near if there.gap(one, name, time) < away))
@@ -95,7 +95,7 @@ class Standing:
         ]
         return dataclasses.replace(there, objects=tuple(objects))
 
-    def gap(self, one: Held, other: str, time: float) -> float:
+    def gap(self, one: HeldObject, other: str, time: float) -> float:
         """Distance of a held object from an obstacle at a time [s]; 0 or less in contact [m]."""
         against = self.scene.obstacle(other)
         assert against is not None, "what may be touched is an obstacle"
@@ -111,7 +111,7 @@ class Standing:
         found = self.scene.obstacle(name)
         return 0.0 if found is None or found.motion is None else found.motion.end
 
-    def without(self, name: str) -> Standing:
+    def without(self, name: str) -> StepSituation:
         """The same with a held object put down where it is; raises UnknownObject if no such object is held."""
         one = next((one for one in self.objects if one.name == name), None)
         if one is None:
@@ -127,7 +127,7 @@ class Standing:
         objects = tuple(other for other in self.objects if other is not one)
         return dataclasses.replace(self, scene=_with(self.scene, obstacles), objects=objects)
 
-    def holding(self, asked: Attach, link: str) -> Standing:
+    def holding(self, asked: Attach, link: str) -> StepSituation:
         """The same with an obstacle picked up where it is; one that moves, where it comes to rest.
 
         Raises UnknownObject if there is no such obstacle, or one that it may touch; UnknownFrame if a link isn't one of
@@ -158,7 +158,7 @@ class Standing:
         mass = asked.mass, asked.centre_of_mass, asked.inertia
         attached = AttachedObject(message, holder, placement, asked.touch_links, *mass)
         others = tuple(name for name in asked.touch_objects if name != asked.object)
-        held = Held(attached, others, frozenset(others))
+        held = HeldObject(attached, others, frozenset(others))
         left = [one for one in self.scene.message.obstacles if one.name != asked.object]
         return dataclasses.replace(self, scene=_with(self.scene, left), objects=(*self.objects, held))
 

@@ -1,4 +1,7 @@
-"""The steps of a plan request as the planner's course: each a plan request of its own, where the last one ended."""
+"""The steps of a plan request as the planner's `Course`: each a plan request of its own, where the last one ended.
+
+Methods of `Course` are described in planner/sequence/course.py.
+"""
 
 from __future__ import annotations
 
@@ -19,20 +22,20 @@ from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, a
 from guidefield.geometry.placements import se3, wire_pose
 from guidefield.handlers.asked_group import (
     cartesian_limits_of,
-    clamped_goals,
     constraints_of,
     effort_limit_of,
     execution_of,
-    followers_of,
     jerk_limits,
-    limited,
+    limit_group,
+    mimic_laws,
     start_of,
+    warn_of_clamped_goals,
 )
 from guidefield.handlers.attached import holding, payload_inertia
 from guidefield.handlers.plan import refuse_ends
 from guidefield.handlers.plan_problem import in_motion, problem_of, with_derived_planes
 from guidefield.handlers.preparation import prepare_problem
-from guidefield.handlers.situation import Held, Standing
+from guidefield.handlers.situation import HeldObject, StepSituation
 from guidefield.messages import requests
 from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal
@@ -51,7 +54,7 @@ from guidefield.scene.scene import Scene
 
 STEP_FIELDS = ("goal", "tip", "guide_planes", "attach", "detach", "cartesian_limits")
 """Fields of a step that a plan request of its own has, too."""
-BALLS = (JointKind.SPHERICAL, JointKind.FLOATING)
+UNSERVED_KINDS = (JointKind.SPHERICAL, JointKind.FLOATING)
 """Kinds of joints whose chart begins anew with every step: they are not served in sequences."""
 
 
@@ -71,12 +74,12 @@ class Steps:
         holding(robot, request.attached_objects, scene, deadline)  # refused here, as in any request
         q, self.warnings = start_of(request.start, robot)
         for index, step in enumerate(request.steps):
-            self.warnings += [f"step {index}: {warning}" for warning in clamped_goals(step.goal, robot)]
+            self.warnings += [f"step {index}: {warning}" for warning in warn_of_clamped_goals(step.goal, robot)]
             if step.attach is not None and step.attach.mass is not None:
                 with _in_step(index):
                     payload_inertia(step.attach.mass, step.attach.centre_of_mass, step.attach.inertia, "attach")
-        objects = tuple(Held(one) for one in request.attached_objects)
-        self.start = Standing(robot, se3(base.position, base.quaternion_xyzw), scene, q, objects)
+        objects = tuple(HeldObject(one) for one in request.attached_objects)
+        self.start = StepSituation(robot, se3(base.position, base.quaternion_xyzw), scene, q, objects)
         self._moving = self._moving_joints()
         self.whole = self._group(robot, self.start.q, request)
         self.execution = execution_of(request, self.whole)
@@ -89,7 +92,7 @@ class Steps:
         """As in `Course`."""
         return self._request.steps[index].goal is not None
 
-    def motion(self, index: int, at: Standing, begin: float) -> StepMotion | None:
+    def motion(self, index: int, at: StepSituation, begin: float) -> StepMotion | None:
         """As in `Course`."""
         step = self._request.steps[index]
         if step.goal is None:
@@ -107,7 +110,7 @@ class Steps:
         way = _way(step, asked, problem) if step.linear else None
         return StepMotion(problem, self._planned(asked, way), way)
 
-    def after(self, index: int, at: Standing, q: RobotConfiguration, time: float) -> Standing:
+    def after(self, index: int, at: StepSituation, q: RobotConfiguration, time: float) -> StepSituation:
         """As in `Course`."""
         step = self._request.steps[index]
         with _in_step(index):
@@ -120,7 +123,7 @@ class Steps:
                     then = then.holding(step.attach, then.link_of(self._tip(step)))
         return then
 
-    def conditions(self, index: int, at: Standing) -> Conditions:
+    def conditions(self, index: int, at: StepSituation) -> Conditions:
         """As in `Course`."""
         asked = self._limited_for(index)
         with _in_step(index):
@@ -141,7 +144,7 @@ class Steps:
                 counters=self.counters,
             )
 
-    def leaves_at(self, index: int, at: Standing, arrival: float) -> float:
+    def leaves_at(self, index: int, at: StepSituation, arrival: float) -> float:
         """As in `Course`."""
         step = self._request.steps[index]
         return max(arrival + step.pause, 0.0 if step.attach is None else at.rests_from(step.attach.object))
@@ -175,9 +178,9 @@ class Steps:
 
     def _group(self, robot: RobotModel, q: RobotConfiguration, request: PlanRequest) -> PlanningGroup:
         root = self.start.root
-        group = limited(select(robot, self._moving, request.tip, q, root).starting_at(request.start), request)
+        group = limit_group(select(robot, self._moving, request.tip, q, root).starting_at(request.start), request)
         for joint in group.joints:
-            if joint.kind in BALLS:
+            if joint.kind in UNSERVED_KINDS:
                 raise InvalidGroup(
                     f"`steps` are served for revolute, continuous, prismatic and planar joints; {joint.name!r} is"
                     f" {joint.kind.value}",
@@ -192,11 +195,11 @@ class Steps:
     def _tip(self, step: PlanStep) -> str:
         return step.tip or self._request.tip or self.start.robot.tip
 
-    def _make_request(self, index: int, at: Standing) -> PlanRequest:
+    def _make_request(self, index: int, at: StepSituation) -> PlanRequest:
         step, request, robot = self._request.steps[index], self._limited_for(index), at.robot
         with _in_step(index):
             part = select(robot, self._joints(step), self._tip(step), at.q, at.root)
-        moving = {*(joint.name for joint in part.joints), *followers_of(part)}
+        moving = {*(joint.name for joint in part.joints), *mimic_laws(part)}
         permitted = [(one.name, other) for one in at.objects for other in self._touched(index, one, at)]
         return msgspec.structs.replace(
             request,
@@ -223,7 +226,7 @@ class Steps:
             or request.max_acceleration_scaling_factor,
         )
 
-    def _touched(self, index: int, one: Held, at: Standing) -> frozenset[str]:
+    def _touched(self, index: int, one: HeldObject, at: StepSituation) -> frozenset[str]:
         """Obstacles that a held object may touch while a step is planned: what it still stands on or is put down on.
 
         The certificate of the whole knows better when it may.
@@ -235,7 +238,7 @@ class Steps:
             return frozenset(one.touch_objects)
         return one.near
 
-    def _carries(self, index: int, one: Held, at: Standing) -> bool:
+    def _carries(self, index: int, one: HeldObject, at: StepSituation) -> bool:
         step = self._request.steps[index]
         if step.goal is None:
             return False
@@ -243,7 +246,7 @@ class Steps:
         frame = model.frames[at.robot.frame_id(one.attached.link)]
         carriers = {model.names[joint] for joint in model.supports[frame.parentJoint] if joint}
         part = select(at.robot, self._joints(step), self._tip(step), at.q, at.root)
-        moving = {*(joint.name for joint in part.joints), *followers_of(part)}
+        moving = {*(joint.name for joint in part.joints), *mimic_laws(part)}
         return bool(carriers & moving)
 
     def _planned(self, asked: PlanRequest, way: StraightWay | None) -> Callable[[Problem], Plan]:
@@ -258,7 +261,7 @@ class Steps:
             else:
                 derived, derivation = with_derived_planes(problem, asked)
                 attempts = ATTEMPTS[asked.minimizer](problem.group)
-                made = derivation.told_in(plan(derived, Planner(asked.planner), attempts))
+                made = derivation.add_to(plan(derived, Planner(asked.planner), attempts))
             return dataclasses.replace(made, seconds={**made.seconds, "load": loaded})
 
         return planned
@@ -329,7 +332,7 @@ def _narrow(execution: ExecutionOptions | None, moving: set[str]) -> ExecutionOp
     return msgspec.structs.replace(execution, tolerance=tolerance)
 
 
-def _goal(step: PlanStep, at: Standing, tip: str) -> requests.Goal:
+def _goal(step: PlanStep, at: StepSituation, tip: str) -> requests.Goal:
     goal = step.goal
     assert goal is not None, "the step moves"
     if not isinstance(goal, RelativeGoal):

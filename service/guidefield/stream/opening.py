@@ -12,7 +12,7 @@ from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, MalformedRequest, UnknownObject
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import bounds_efforts, cartesian_limits_of, jerk_limits, limited, start_of
+from guidefield.handlers.asked_group import bounds_efforts, cartesian_limits_of, jerk_limits, limit_group, start_of
 from guidefield.handlers.attached import holding
 from guidefield.messages.streams import Deviation, StreamOpen
 from guidefield.planner.task.motion_limits import CartesianLimit
@@ -81,7 +81,7 @@ def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: S
                 unserved="acceleration",
                 path=f"$.cartesian_limits[{index}].acceleration",
             )
-    group = limited(group, request)
+    group = limit_group(group, request)
     turned = group.starting_at(request.start).whole_turns
     turns = np.zeros(group.nv) if turned is None else turned
     require_one_axis(group)

@@ -1,4 +1,4 @@
-"""Held objects are bodies of the robot: placed by their link, tested against what they may not touch."""
+"""HeldShape objects are bodies of the robot: placed by their link, tested against what they may not touch."""
 
 import coal
 import numpy as np
@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.errors import UnknownFrame, UnknownObject
-from guidefield.handlers.attached import Held, with_held
+from guidefield.handlers.attached import HeldShape, add_held_links
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.group.reduced_model import select
 from tests.robots import load, random_configuration, robot
@@ -14,8 +14,8 @@ from tests.robots import load, random_configuration, robot
 IN_HAND = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.3])), np.array([0.02, 0.0, 0.15]))
 
 
-def rod(name: str = "rod", link: str = "panda_hand", touch: tuple[str, ...] = ()) -> Held:
-    return Held(name, coal.Cylinder(0.01, 0.4), IN_HAND, link, touch)
+def rod(name: str = "rod", link: str = "panda_hand", touch: tuple[str, ...] = ()) -> HeldShape:
+    return HeldShape(name, coal.Cylinder(0.01, 0.4), IN_HAND, link, touch)
 
 
 def grouped(model):
@@ -23,7 +23,7 @@ def grouped(model):
 
 
 def test_it_moves_with_its_link():
-    arm = grouped(with_held(robot("panda"), [rod()]))
+    arm = grouped(add_held_links(robot("panda"), [rod()]))
     bare = grouped(robot("panda"))
     assert arm.geometry.ngeoms == bare.geometry.ngeoms + 1
     data, geometry_data = arm.model.createData(), arm.geometry.createData()
@@ -51,7 +51,7 @@ FOLLOWED = """<robot name="followed"><link name="base"/>
 @pytest.mark.parametrize("holder", ["l1", "l2", "l3"])
 def test_it_has_a_frame_after_joints_were_locked_and_followers_left_out(holder: str) -> None:
     """Where a body's frame was none, reducing the model a second time read beyond the frames: a crash at times."""
-    held = with_held(load(UrdfText(text=FOLLOWED)), [rod(link=holder)])
+    held = add_held_links(load(UrdfText(text=FOLLOWED)), [rod(link=holder)])
     arm = select(held, ["a"], holder, held.rest, pin.SE3.Identity())
     bodies = list(arm.geometry.geometryObjects)
     assert "rod" in [body.name for body in bodies]
@@ -68,8 +68,8 @@ def against(model, name: str) -> set[str]:
 
 def test_it_is_tested_against_what_it_may_not_touch():
     fingers = ("panda_leftfinger", "panda_rightfinger")
-    assert set(fingers) <= against(with_held(robot("panda"), [rod()]), "rod")
-    holding = with_held(robot("panda"), [rod(touch=fingers)])
+    assert set(fingers) <= against(add_held_links(robot("panda"), [rod()]), "rod")
+    holding = add_held_links(robot("panda"), [rod(touch=fingers)])
     others = against(holding, "rod")
     assert not others & {"panda_hand", *fingers}
     assert {"panda_link0", "panda_link5"} <= others
@@ -78,16 +78,16 @@ def test_it_is_tested_against_what_it_may_not_touch():
 
 def test_names_must_fit():
     with pytest.raises(UnknownFrame, match="no_link"):
-        with_held(robot("panda"), [rod(link="no_link")])
+        add_held_links(robot("panda"), [rod(link="no_link")])
     with pytest.raises(UnknownFrame, match="no_link"):
-        with_held(robot("panda"), [rod(touch=("no_link",))])
+        add_held_links(robot("panda"), [rod(touch=("no_link",))])
     with pytest.raises(UnknownObject, match="panda_hand"):
-        with_held(robot("panda"), [rod("panda_hand")])
+        add_held_links(robot("panda"), [rod("panda_hand")])
     with pytest.raises(UnknownObject, match="rod"):
-        with_held(robot("panda"), [rod(), rod()])
+        add_held_links(robot("panda"), [rod(), rod()])
 
 
 @pytest.mark.parametrize(("name", "what"), [("panda_joint3", "frame"), ("panda_link5_0", "collision shape")])
 def test_names_that_the_robot_has_for_something_else_are_refused(name: str, what: str):
     with pytest.raises(UnknownObject, match=f"'{name}' has the name of a {what}"):
-        with_held(robot("panda"), [rod(name)])
+        add_held_links(robot("panda"), [rod(name)])
