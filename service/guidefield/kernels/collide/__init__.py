@@ -1,1 +1,1 @@
-"""Collision tests of bodies at sixteen configurations, and along motions."""
+"""Collision tests at sixteen configurations and along motions, distances by GJK, and the tables of bodies for both."""

@@ -1,10 +1,12 @@
-"""A test if a robot touches obstacles or itself at any of sixteen configurations, in the order of cost and yield.
+"""Collision tests of a robot against obstacles and itself at sixteen configurations at once, along motions and paths.
 
-A ball inside a body that met an obstacle lately often does again. Balls about all that a joint carries leave few
-obstacles; about those bodies, fewer. A ball inside a body that meets an obstacle is a hit. Where no ball of a body's
-cover meets, or the axis that last kept the two apart still does, it is free. What is left is decided exactly, in lanes
-as far as that goes. In float32 the cheap tests are off by less than `BAND`: they widen covers and shrink inner balls by
-it, so that never a contact passes for free, nor the other way round farther than it.
+Tests go from cheap to exact; their order is a matter of speed. An inner ball that met an obstacle lately often does
+again. Balls about all bodies of a joint leave few obstacles, balls about each body fewer. An inner ball that meets an
+obstacle is a contact. A pair is free where no ball of the body's cover meets, or the axis that last separated both
+still does. GJK decides the rest. In float32 the cheap tests are off by less than `BAND`: they widen covers and shrink
+inner balls by it, so that no contact passes for free, and nothing farther away than it for a contact. Search trees,
+shortcuts and streams call `motion_free` and `block_touches`: answers also depend on the axes and hits that a world's
+scratch kept, so that a search that is to be repeatable has to `forget` them first.
 """
 
 from __future__ import annotations
@@ -100,7 +102,7 @@ def _inner_meets(world: LaneWorld, body: int, o: int, near: int, clearance: floa
 
 @lane_part
 def _near_obstacles(world: LaneWorld, clearance: float, likely: bool) -> int:
-    """Find bodies near obstacles by the balls about them; how many, or -1 if an inner ball is in an obstacle."""
+    """Write pairs of body and obstacle whose bounding balls meet; how many, -1 if an inner ball is in an obstacle."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, centres, found, bounds, n = scratch.poses, scratch.centres, scratch.found, bodies.bounds, obstacles.size
     members, order, count = bodies.members, bodies.order, 0
@@ -167,7 +169,7 @@ def _cover_meets(world: LaneWorld, body: int, o: int, near: int, clearance: floa
 
 @lane_part
 def _undecided_obstacles(world: LaneWorld, clearance: float, count: int) -> int:
-    """Keep of what is near only what the covers can't tell apart; how many."""
+    """Keep of `count` near pairs those that the bodies' covers can't tell apart; how many."""
     scratch = world.scratch
     found, kept = scratch.found, 0
     for entry in range(count):
@@ -181,10 +183,7 @@ def _undecided_obstacles(world: LaneWorld, clearance: float, count: int) -> int:
 
 @lane_part
 def _near_pairs(world: LaneWorld, count: int) -> int:
-    """Add pairs of the robot's bodies that come near each other to what was found.
-
-    Their count, -1 if any touch by cells.
-    """
+    """Add the robot's own near pairs to the `count` found before; how many, or -1 if cells say that some touch."""
     bodies, scratch = world.bodies, world.scratch
     coordinates = world.block
     poses, centres, bounds, found = scratch.poses, scratch.centres, bodies.bounds, scratch.found
@@ -215,8 +214,8 @@ def _near_pairs(world: LaneWorld, count: int) -> int:
 def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
     """Tell if the robot touches an obstacle or itself at any of the sixteen configurations of a world's block.
 
-    It keeps `clearance` from obstacles [m], >= 0. Unless a contact is `likely` it isn't looked for with what finds one
-    sooner.
+    It keeps `clearance` from obstacles [m], >= 0. If a contact is `likely`, inner balls are tried first: they find one
+    sooner, and cost time where there is none.
     """
     joints, bodies, obstacles, scratch = world.joints, world.bodies, world.obstacles, world.scratch
     coordinates = world.block
@@ -246,7 +245,7 @@ def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
 
 FRACTIONS = np.arange(1, LANES + 1, dtype=np.float32)
 FRACTIONS.setflags(write=False)
-"""1 to 16: what a sample's place on a motion is made of."""
+"""1 to 16, the first of `LaneWorld.fractions`: `motion_free` makes the samples' places on a motion of them."""
 
 EXACT = 1e-3  # a share of a block: motions that are as long as whole blocks get no more for being rounded up to float32
 

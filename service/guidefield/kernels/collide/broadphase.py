@@ -1,9 +1,10 @@
 # ruff: noqa: ARG001  numba calls typing and code generation with arguments that most have no use for
-"""The broad phase: obstacles near sixteen balls of a robot, one in each lane.
+"""Masks of a robot's balls, one in each of sixteen lanes, that are near an obstacle: the broad phase.
 
-Of a cloud a grid of distances tells first, then the cloud's tree. A cell of the grid holds how far the nearest point is
-from the cell's middle; it is found when it is first asked for, and stays. What is within `off` of the middle is that
-distance off a point, give or take `off`: that tells for most balls if a point is within their reach.
+For a cloud, a grid of distances answers first, then the cloud's tree. A cell of the grid holds the distance from its
+middle to the nearest point; it is filled when first read (0 before), and stays, for all threads. A place that is `off`
+from the middle is that distance away from a point, give or take `off`: this decides for most balls. Masks may be too
+large by rounding, never too small: callers widen `reach` by `BAND`.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ def _gathered(typing: Any, pointer: Any, places: Any) -> Any:
 
 @lane_step(boolean(CLOUD_TABLES, f32x16, f32x16, f32x16, f32x16, int64))
 def _ask(cloud: LaneCloud, places: Vector, x: Vector, y: Vector, z: Vector, lanes: int) -> bool:
-    """Fill the cells (their places, their middles) of some lanes."""
+    """Fill the cells of some lanes, by their places and middles; 0 says that a cell is empty, so that none gets it."""
     while lanes:
         k = first_lane(lanes)
         lanes &= lanes - 1
@@ -122,7 +123,7 @@ def cloud_near(cloud: LaneCloud, x: Vector, y: Vector, z: Vector, reach: float, 
 
 @lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64, int64))
 def _near_cloud(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
-    """`near_obstacle` of a cloud: a call of its own, as the others are but a few instructions in their place."""
+    """`near_obstacle` of a cloud: a function of its own, while the others are inlined as a few instructions."""
     return int(cloud_near(cloud_of(words_at(obstacles.clouds[o])), x, y, z, reach, lanes))
 
 
@@ -144,7 +145,7 @@ def near_obstacle(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vec
 
 @lane_step(void(BODIES, SCRATCH_MEMORY))
 def place_carriers(bodies: LaneBodies, scratch: Scratch) -> None:
-    """Write the centres of the balls about carriers."""
+    """Write the centres of the balls about carriers (`LaneBodies`) where the scratch's poses place them."""
     poses, around, carrying, centres = scratch.poses, bodies.around, bodies.carrying, scratch.centres
     for c in range(bodies.carriers):
         x, y, z = ball_centre(poses, carrying[c], around, c)

@@ -1,7 +1,8 @@
-"""Distances of a robot's bounding spheres from rounded boxes that drift, at sixteen configurations at once.
+"""Distances of a robot's bounding spheres from drifting rounded boxes, at sixteen configurations at once.
 
-A tree among what moves looks at a configuration once, not at each time: a box stands where it will be when the robot
-could be there at the soonest. Nothing is proven by that.
+For search trees of streams among moving obstacles: a tree tests a configuration once, not at each time, so that a box
+stands where it will be when the robot could be there at the soonest. This guides a search and proves nothing; pieces of
+motion are proven by `kernels/stream/judge.py`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Distance of two bodies made of convex parts, and if it is more than a margin: GJK in float64, and trees of balls.
+"""Distance of two bodies made of convex parts, or if it exceeds a margin: GJK in float64 over trees of balls.
 
 GJK after Gilbert, Johnson and Keerthi (1988). With v the point of the simplex in the difference A - B nearest to the
 origin and w the support point of A - B against v, the distance is at least v.w / |v| and at most |v|: the search ends
 when these differ by less than `ACCURACY`, or where one of them says enough. Of two trees the nearer children are
-compared first.
+compared first. Batches of collision tests and proofs call it: `ACCURACY` and `SLACK` are part of the tolerances of
+both. Scratch is one array of `WORK` numbers: the simplex, two poses, the axis, the nearest leaves, then the stack.
 """
 
 from __future__ import annotations
@@ -125,11 +126,11 @@ def place_part_of(parts: Parts, node: int, body: Floats, work: Floats, pose: int
 ACCURACY = 2e-7  # by how much a distance may be too large [m]
 
 ROUNDS, FEW_ROUNDS = 64, 5
-"""After how many rounds GJK has what it finds (with rounded parts it comes closer by a factor each time), and where a
-bound is enough."""
+"""Rounds after which GJK ends with what it has (among rounded parts it comes closer by a factor each time), and rounds
+for two nodes that aren't both leaves, where a bound is enough."""
 
 SLACK = 5e-6
-"""What is nearer than the nearest leaves that are known by no more isn't looked for: flat sides have many alike [m]."""
+"""Leaves nearer than the nearest known ones by no more than this aren't searched: flat sides have many alike [m]."""
 
 PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)  # tables, a node or part in them, the placement of its body
 
@@ -322,7 +323,7 @@ def _apart_at_least(
     a: Parts, node_a: int, pose_a: Floats, b: Parts, node_b: int, pose_b: Floats, least: float, most: float,
     work: Floats,
 ) -> float:  # fmt: skip
-    """A bound of the distance of all that two nodes hold [m]; of two leaves as `parts_distance`."""
+    """Bound the distance of two nodes' contents from below [m]; of two leaves as `parts_distance`."""
     part_a, part_b = part_of(a, node_a), part_of(b, node_b)
     radius_a, radius_b = ball_radius(a.balls, node_a), ball_radius(b.balls, node_b)
     place_ball(a, node_a, pose_a, work, POSE_A)

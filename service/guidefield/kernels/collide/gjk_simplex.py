@@ -34,7 +34,6 @@ def has_point(w: Floats, count: int, x: float, y: float, z: float) -> bool:
 
 @lane_part
 def _dot(w: Floats, i: int, j: int) -> float:
-    """Scalar product of two points."""
     return float(w[i] * w[j] + w[i + 1] * w[j + 1] + w[i + 2] * w[j + 2])
 
 

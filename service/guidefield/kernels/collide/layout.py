@@ -1,4 +1,9 @@
-"""Tables of a robot's bodies and of obstacles for kernels of SIMD batches, and the memory that they work in."""
+"""Tables of a robot's bodies and of obstacles for kernels of SIMD batches, and their scratch memory.
+
+`collision/lanes` fills them: `robot_tables` and `cell_grids` the robot, `scene_tables` and `primitives_layout` the
+obstacles, `memory` the scratch. A world reaches a kernel as words in the order of `LaneWorld` and of the tuples in it,
+which `lay_out` writes: a field that is added, moved or removed has to be so there, too.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +35,11 @@ REACH, AXIS_AND_REACH = 3, 4
 HITS = 4  # number of balls that met an obstacle last and are tried first
 
 BODY, OBSTACLE, BALL, HIT = range(4)
-"""Columns of what met last: a body, an obstacle, the ball inside the body; then how many columns there are."""
+"""Columns of a hit: a body, the obstacle that it met, the ball inside the body; then how many columns there are."""
 
 MASK, FOUND = 2, 3
-"""Behind the body and the obstacle, or -1 and the pair, of what was found near each other: the mask; then how many
-columns there are."""
+"""Columns of a near pair: after body and obstacle, or -1 and the own pair, the mask of lanes; then how many columns
+there are."""
 
 CARRIER_A, CARRIER_B, FIRST_PAIR, PAST_PAIR, MEETING = range(5)
 """Columns of a meeting: its carriers, its first pair of bodies and the one past its last; then how many there are."""
@@ -45,15 +50,16 @@ BODY_A, BODY_B, PAIR_AXES, PAIR = range(4)
 GRID_SIDES = 3  # coordinates that a grid of cells has at most
 
 DRIVER, COUNT, STEP, SIDE = range(4)
-"""Whole numbers of each of a grid's sides: the coordinate, how many of the smallest cells are along it, how far such
-children of a cell as follow each other along it are apart; then how many numbers there are."""
+"""Whole numbers of each of a grid's sides: the coordinate, how many of the smallest cells are along it, the distance in
+`cells` between a cell's children that are neighbours along it; then how many numbers there are."""
 
 START, LEVELS, DIVIDED, TOGETHER, GRID_PLACES = range(SIDE * GRID_SIDES, SIDE * GRID_SIDES + 5)
-"""Behind its sides' whole numbers a grid has where its largest cells begin, how often they are divided, by how many
-powers of 2 along a side, and where it begins what is known of as many of them together; then how many there are."""
+"""Behind its sides' whole numbers a grid has: where its largest cells begin in `cells`, how often they are divided, by
+how many powers of 2 along a side, and where the verdicts on blocks of that many of them begin; then how many there
+are."""
 
 LEAST, PER_LENGTH, WRAPS = range(3)
-"""Other numbers of each of a grid's sides: the least value, smallest cells per length, 1 / (2 pi) if it wraps or 0."""
+"""Real numbers of each of a grid's sides: the least value, smallest cells per length, 1 / (2 pi) if it wraps or 0."""
 
 MOVED, GRID_NUMBERS = SIDE * GRID_SIDES, SIDE * GRID_SIDES + 1
 """Behind them stands how far motions within one of the largest cells move bodies past each other; then how many numbers
@@ -70,7 +76,7 @@ VELOCITY, KEPT, KEPT_AT_START, KEPT_AT_GOAL, DRIFTING_BOX = 16, 19, 20, 21, 22
 start and at the goal [m]; then how many numbers there are."""
 
 HORIZON, WIDENING = 0, 1  # numbers of `DriftingBoxes`
-CLOUD = 6  # the kind of an obstacle that is balls about points; its primitive says nothing
+CLOUD = 6  # the kind of an obstacle that is balls about points, beside those of `primitive`; its primitive is unused
 
 
 class LaneBodies(NamedTuple):
@@ -111,9 +117,9 @@ class LaneBodies(NamedTuple):
     grouped: Singles  # (BALL_ROW * groups,) a ball about each group
     cover: Singles  # (BALL_ROW * c,) balls that contain the bodies
     inner: Singles  # (BALL_ROW * i,) balls that are inside them
-    grid_numbers: Singles  # (GRID_NUMBERS * n_meetings,) its other numbers
-    # (n_cells,) what is known of the grids' cells, or where a cell's children begin; int32, written by the kernels. The
-    # first number says from where on the array is free.
+    grid_numbers: Singles  # (GRID_NUMBERS * n_meetings,) real numbers of the grids
+    # (n_cells,) verdicts on the grids' cells, or where a cell's children begin, as `self_narrowphase` has them; int32,
+    # written by the kernels. The first number says from where on the array is free.
     cells: Cells
     # a bit for each number before those of cells' children, set where one of the largest is known to keep the bodies
     # apart: few lines of the cache tell most of what is asked. uint32, written by the kernels.
@@ -125,7 +131,7 @@ class LaneObstacles(NamedTuple):
 
     size: int  # n
     kinds: Indices  # (n,) kind of the primitive that contains each, or `CLOUD`
-    whole: Indices  # (n,) 1 where that primitive is the obstacle itself, else 0
+    whole: Indices  # (n,) 1 where that primitive is the obstacle itself, 0 where it only contains it
     roots: Indices  # (n,) its root in the scene's parts
     ignored: Indices  # (bodies * n,) 1 where the body isn't tested against it
     primitives: Singles  # (PRIMITIVE * n,) float32
@@ -192,7 +198,7 @@ class LaneWorld(NamedTuple):
     bodies: LaneBodies
     parts: Parts  # hulls of its bodies and of their pieces, in the turned frames of joints
     surfaces: Parts  # the bodies themselves, as proofs have them
-    fractions: Singles  # `FRACTIONS`, and by how much each coordinate counts, (16 + nv,): 1 for angles
+    fractions: Singles  # `batch_collision.FRACTIONS`, and by how much each coordinate counts, (16 + nv,): 1 for angles
     nv: int  # how many coordinates a configuration has
     # obstacles, scene: What is around it
     obstacles: LaneObstacles
@@ -257,7 +263,7 @@ def axis_place(obstacles: LaneObstacles, body: int, obstacle: int) -> int:
 
 @lane_part
 def write_found(found: Integers, count: int, body: int, other: int, mask: int) -> int:
-    """Write what is near behind `count` such rows, (FOUND * n,); how many there are then."""
+    """Write a near pair behind `count` others in `found` (FOUND * n,); how many there are then."""
     at = FOUND * count
     found[at + BODY], found[at + OBSTACLE], found[at + MASK] = body, other, mask
     return count + 1

@@ -1,4 +1,9 @@
-"""Pairs of bodies that may touch where a robot stands: by balls about its bodies and their parts, and boxes."""
+"""Pairs of bodies that may be closer than a margin at a configuration, by balls about bodies and parts, and boxes.
+
+The broad phase of distances and of proofs: its tables are filled by `collision/pairs.py`, `bodies.py` and
+`obstacle_boxes.py`. It may keep a pair that is far, but never drop a near one. Numbers of pairs count the own pairs
+first, then those with obstacles without `left_out`; proofs name pairs by them.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +65,7 @@ class PairTable(NamedTuple):
 
 @lane_uncounted
 def _place(place: Floats, point: Floats, found: Floats) -> None:
-    """Place a point (3,) of the frame of a joint that stands somewhere, (12,), in the world [m]."""
+    """Write the place of a point (3,), in the frame of a joint placed at (12,), in the world [m]."""
     for i in range(3):
         here = place[4 * i] * point[0] + place[4 * i + 1] * point[1] + place[4 * i + 2] * point[2]
         found[i] = here + place[4 * i + 3]
@@ -75,7 +80,6 @@ def _place_parts(robot: BodyBalls, b: int, placements: Floats, parts: Floats) ->
 
 @lane_uncounted
 def _distance(a: Floats, b: Floats) -> float:
-    """Distance of two points, shapes (3,) [m]."""
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return math.sqrt(x * x + y * y + z * z)
 
@@ -125,7 +129,7 @@ def _is_near(
     centre: Floats,
     parts: Floats,
 ) -> bool:
-    """The same of a body and an obstacle, by its balls and the obstacle's own box."""
+    """Tell if a body's balls and an obstacle's own box can't tell the two to be farther apart than a margin."""
     if _gap(obstacles, o, centre) - robot.radii[b] > margin:
         return False
     _place_parts(robot, b, placements, parts[0])

@@ -1,6 +1,7 @@
-"""The exact decision for bodies that may touch obstacles or clouds: each lane's separating axis is tried on all others.
+"""Exact decisions if bodies touch obstacles or clouds: each lane's separating axis is tried on all others.
 
-Before GJK each lane has an axis of its own, away from the obstacle's point nearest to the middle of the body.
+Before GJK each lane has an axis of its own, away from the obstacle's point nearest to the middle of the body. The last
+axis of body and obstacle stays in the scratch, where the next question begins.
 """
 
 from __future__ import annotations
@@ -139,7 +140,7 @@ def _surface_apart(world: LaneWorld, body: int, pose: Floats, root: int, there: 
 
 @lane_step(boolean(WORLD, int64, int64, int64, types.float64))
 def pieces_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: float) -> bool:
-    """Tell if any piece of a body touches an obstacle, no cloud, in any lane of a mask; shapes as in `block_touches`.
+    """Tell if any piece of a body touches an obstacle, no cloud, in any lane of a mask.
 
     The scratch's `pose_b` has to be the identity.
     """

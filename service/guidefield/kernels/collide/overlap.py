@@ -1,4 +1,7 @@
-"""Overlaps of two convex shapes along directions, of which the least one is their penetration depth."""
+"""Overlaps of two convex shapes along candidate directions; the least one is mostly their penetration depth.
+
+`collision/narrow_phase.py` checks Coal's depth by it; where they differ, it descends from the best directions.
+"""
 
 from __future__ import annotations
 

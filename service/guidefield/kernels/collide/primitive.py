@@ -1,4 +1,8 @@
-"""Primitives for lanes: what they are as numbers, which of sixteen points are near one, and axes away from it."""
+"""Primitives: their numbers, masks of sixteen points near one, axes away from it, and bounds of many at once.
+
+Two forms: rows of `PRIMITIVE` numbers in float32 for SIMD batches, and `primitives_layout.PLACED` as scenes declare
+them, here in float64: kind, quaternion from 1, centre from 5, half extents from 8, radius at 11.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +28,11 @@ HALF_LENGTH = HALVES + 2  # place of the half length of a cylinder or a capsule
 
 @lane_part
 def _three(primitives: Floats32, at: int) -> Vector3:
-    """Three numbers that stand together."""
     return primitives[at], primitives[at + 1], primitives[at + 2]
 
 
 @lane_part
 def _axis(primitives: Floats32, at: int, k: int) -> Vector3:
-    """An axis of a primitive whose numbers begin there, by its number."""
     return _three(primitives, at + AXES + 3 * k)
 
 
@@ -183,8 +185,8 @@ def primitive_bodies(
 ) -> None:
     """Write the rows of bodies as `DistanceTables` has them, of primitives `PLACED` (n, 12).
 
-    Of others rows say nothing. Kinds (n,), sizes (n, 3), own boxes (n, 6), placements (n, 3, 4), and world boxes
-    (n, 6), wider by `rounding` [m].
+    Kinds (n,), sizes (n, 3), own boxes (n, 6), placements (n, 3, 4), and world boxes (n, 6), wider by `rounding` [m];
+    of rows of zeros, which are no primitives, they mean nothing.
     """
     for i in range(placed.shape[0]):
         row, placement = placed[i], placements[i]
@@ -214,8 +216,8 @@ def primitive_bodies(
 def gaps_from_ball(placed: Rows, ball: Row, rounding: float, least: RowOut, most: RowOut) -> None:
     """Write the least and largest distance (n,) of primitives `PLACED` (n, 12) from places in a ball (4,) [m].
 
-    Of what is no primitive, all zero, nothing is known. Distances are wider by `rounding`, of a metre and of each metre
-    that places are from the origin.
+    A row of zeros is no primitive: its distances are unbounded. They are wider by `rounding`, of a metre and of each
+    metre that places are from the origin.
     """
     middle_far = max(abs(ball[0]), abs(ball[1]), abs(ball[2]))
     for i in range(placed.shape[0]):

@@ -1,4 +1,7 @@
-"""Tables of primitives for SIMD batches, and the words and memory of a world, each written by one call."""
+"""Tables of primitives for SIMD batches, and the words and memory of a world, each written by one call.
+
+The order of words is that of `LaneWorld`; offsets are those of `collision/lanes/memory.py` and `scene/primitives.py`.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,6 @@ LINE = 64  # bytes of a line of the cache: sixteen floats that lie across two of
 SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)  # number of words of obstacles and their shapes
 
 _IGNORED = LaneObstacles._fields.index("ignored")
-
 
 MEMORY_WORDS = len(Scratch._fields) + 1  # number of words behind those: of the scratch and the block
 DRIFT_WORDS = len(DriftingBoxes._fields)  # and behind those, not written here
@@ -155,7 +157,7 @@ def _box_about(kind: int, row: Floats, boxes: Floats32, place: int) -> None:
 
 @inlined
 def _radius(kind: int, row: Floats) -> float:
-    """Of the ball about a primitive's centre that contains it [m]."""
+    """Radius of the ball about a primitive's centre that contains it [m]."""
     if kind == HALF_SPACE:
         return math.inf
     if kind == CAPSULE:
@@ -204,7 +206,7 @@ def _write_axes(x: float, y: float, z: float, w: float, row: Floats) -> None:
 
 @inlined
 def _write_row(kind: int, placed: Floats, at: int, row: Floats) -> None:
-    """Write the numbers of a primitive, as `PRIMITIVE` has them."""
+    """Write a primitive's row of `PRIMITIVE` numbers."""
     _write_axes(placed[at + 1], placed[at + 2], placed[at + 3], placed[at + 4], row)
     for k in range(7):
         row[CENTRE + k] = placed[at + 5 + k]

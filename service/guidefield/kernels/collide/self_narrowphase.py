@@ -1,6 +1,8 @@
-"""The exact decision for bodies of the robot that may touch each other.
+"""Exact decisions if bodies of the robot touch each other, with a cache of verdicts on cells of joint coordinates.
 
-Hulls come first, then nearly convex pieces, and where two of these aren't apart, the bodies themselves.
+Hulls come first, then nearly convex pieces, and where two of these aren't apart, the bodies themselves. Pairs of joints
+whose bodies' distance depends on at most three coordinates have a grid (`collision/lanes/cell_grids.py`): a cell is
+judged when first met, once for all threads. `never_touching` finds pairs that can't collide at all.
 """
 
 from __future__ import annotations
@@ -72,7 +74,7 @@ from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import LANES, below, first_lane, largest_of, load, rint, smallest_of, splat, store
 
 UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
-"""Verdicts on a cell: bodies keep apart wherever in it, they touch wherever in it, or neither is known.
+"""Verdicts on a cell: none yet, bodies keep apart wherever in it, neither is known, they touch wherever in it.
 
 A larger number says that neither is known of the cell as a whole, and where its children are.
 """
@@ -261,7 +263,7 @@ def _apart_by_largest(apart: Any, start: int, places: Floats32) -> int:
 def left_of_cells(robot: LaneAlone, meeting: int, mask: int, coordinates: Floats32) -> int:
     """The lanes of a mask where nothing is known of a meeting's bodies by their cells, -1 if they touch in any.
 
-    Shapes as in `block_touches`.
+    `coordinates` are a world's block.
     """
     bodies, scratch = robot.bodies, robot.scratch
     grids, numbers, places = bodies.grids, bodies.grid_numbers, scratch.places
@@ -336,7 +338,7 @@ def never_touching(words: Indices, most: int, stack: IndicesOut, never_out: Trut
 
     Args:
         words: A packed `LaneAlone`.
-        most: So many cells are judged for each, fewer where several pairs of bodies meet.
+        most: Cells judged for each meeting at most, divided by its number of pairs.
         stack: Memory, shape (STACK,).
         never_out: Shape (n_meetings,).
     """
@@ -387,7 +389,7 @@ def _pieces_meet(
 ) -> int:
     """The lanes of a mask where two bodies are apart although two of their pieces aren't; -1 if they touch in any.
 
-    Each lane that is judged leaves an axis behind, as in `meets_obstacle`.
+    Each lane that is judged leaves an axis behind, which mostly separates the others too.
     """
     bodies, parts, scratch = robot.bodies, robot.parts, robot.scratch
     work, pose_a, pose_b, axes = scratch.work, scratch.pose_a, scratch.pose_b, scratch.pair_axes

@@ -1,4 +1,4 @@
-"""Axes that separate bodies in lanes: how far bodies reach along them, and the stored form of one that did."""
+"""Separating axes of bodies at sixteen configurations: bodies' reach along them, and the stored form of an axis."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Covers found once a robot: balls that contain a body, balls inside of it, how tight they are."""
+"""Covers of bodies, found once a robot or mesh: balls that contain a body or lie in it, cuts, depths and insides."""

@@ -1,6 +1,8 @@
-"""Balls that contain elements, and the least radii with which they still do.
+"""Set cover by balls: which balls contain which elements, a greedy choice, and the least radii that still contain all.
 
-An element is a small body that is contained in a ball if its corners are: triangles of a surface.
+An element is a small body, such as some triangles, that is in a ball if its corners are. Elements stand 64 to a word of
+bits. Also the spread and extents of clusters of triangles, of which `lanes/surface_tables.py` makes its tree. Rows (n,
+4) are centre and radius [m].
 """
 
 from __future__ import annotations
@@ -92,7 +94,6 @@ def _reach_squared(x: float, y: float, z: float, corners: Floats, first: int, la
 
 @inlined
 def _contains(balls: Floats, i: int, corners: Floats, first: np.ndarray, bounds: Floats, j: int) -> bool:
-    """Whether ball i contains element j."""
     x, y, z, radius = balls[i, 0], balls[i, 1], balls[i, 2], balls[i, 3]
     dx, dy, dz = bounds[j, 0] - x, bounds[j, 1] - y, bounds[j, 2] - z
     gap = dx * dx + dy * dy + dz * dz
@@ -185,7 +186,7 @@ def _near(balls: Floats, blocks: Floats, w: int, near_out: np.ndarray) -> int:
 
 @inlined
 def _reach(balls: Floats, i: int, corners: Floats, first: np.ndarray, j: int) -> float:
-    """How far ball i has to reach for element j, which it contains [m]."""
+    """Radius that ball i needs for element j, which it contains [m]."""
     square = _reach_squared(balls[i, 0], balls[i, 1], balls[i, 2], corners, first[j], first[j + 1])
     reach: float = min(math.sqrt(square), balls[i, 3])
     return reach

@@ -1,6 +1,7 @@
 """Halves of a surface on either side of planes across an axis: cut triangles, and the points furthest out.
 
-Each plane has two halves: below it, then above. All sums keep their order.
+Each plane has two halves: below it, then above. All sums keep their order, so that a robot's convex pieces
+(`geometry/decomposition.py`) are the same on every machine.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def beyond_any(points: Rows, planes: Rows, rounding: float, beyond_out: TruthsOu
         beyond_out[i] = beyond
 
 
-CORNERS = 3
+CORNERS = 3  # of a triangle
 
 
 @part
@@ -72,7 +73,7 @@ def _is_across(along: Floats, t: int, place: float) -> bool:
 
 @part
 def _below(along: Floats, t: int, side: float, place: float) -> int:
-    """How many corners of triangle t are in the half on a side of a plane."""
+    """Number of corners of triangle t in the half on a side of a plane."""
     count = 0
     for k in range(CORNERS):
         count += 1 if side * (along[t, k] - place) <= 0.0 else 0
@@ -81,7 +82,7 @@ def _below(along: Floats, t: int, side: float, place: float) -> int:
 
 @exact_kernel
 def count_cut(along: Rows, places: Row) -> int:
-    """Return number of points of `cut_halves`: corners at `along` (t, 3) on the axis, planes at `places` (n,) [m]."""
+    """Return the number of `cut_halves`' points: corners at `along` (t, 3) on the axis, planes at `places` (n,) [m]."""
     count = 0
     for place in places:
         for t in range(along.shape[0]):

@@ -1,4 +1,4 @@
-"""The smallest ball around points."""
+"""The smallest ball around points, a small ball around balls, and largest distances from given centres."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ SLACK = 1.0 + 1e-12
 _FLAT = 1e-12
 """Determinant over the product of squared lengths, below which points count as lying in a plane or on a line."""
 
-_HELD = 5
-_STEPS = 200
+_HELD = 5  # points that a ball is held by, and the next one outside
+_STEPS = 200  # rounds at most; a ball that is left early is widened to contain all, and a little larger than it need be
 
 
 @inlined

@@ -1,7 +1,7 @@
 """The smallest circle around points in the plane.
 
-Takes in the farthest point outside until there is none; the circle of the two or three points that hold it grows each
-time, so that no such set returns.
+It takes in the farthest point outside until there is none; the circle of the two or three points that hold it grows
+each time, so that no such set returns.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from guidefield.kernels.jit.compilers import part
 from guidefield.kernels.jit.decorators import exact_kernel
 from guidefield.kernels.simd.packing import fused
 
-SLACK = 1.0 + 1e-12  # by how much the farthest point may be farther than the circle is wide, as rounding has it
+SLACK = 1.0 + 1e-12  # a point farther than the radius by this factor counts as inside: rounding
 
-_HELD = 4
+_HELD = 4  # points that a circle is held by, and the next one outside
 _FLAT = 1e-24  # square of twice a triangle's area over those of two sides, below which its corners lie on a line
 
 

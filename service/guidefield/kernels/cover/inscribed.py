@@ -1,7 +1,8 @@
-"""Depths of points in a body, and the largest balls in it that touch its surface at given points.
+"""Depths of points in a body, largest balls in it, cells of it that no ball covers, and bounds on distances to it.
 
-A body is the union of solids, each bounded by a closed surface; they may overlap. Each surface is a tree in the same
-tables, a row of `spans` says where.
+A body is the union of solids, each bounded by a closed surface; they may overlap. All surfaces are trees in the same
+tables (`SurfaceTables`), a row of `spans` says where each is. Covers and decompositions rely on bounds that hold
+whatever rounding does: `ROUNDING` may grow, not shrink.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from guidefield.kernels.distance.triangle_distance import (
 from guidefield.kernels.jit.arrays import Floats, IndexRows, Indices, Integers, RowOut, Rows, RowsOut
 from guidefield.kernels.jit.decorators import inlined, kernel
 
-STEPS = 40  # shrinking ends after this many steps, if not before
-ROUNDING = 1e-9  # by how much what is known of a point's neighbour is believed less, as a share and in metres
+STEPS = 40  # of shrinking a tangent ball, at most: it may be too large after them
+ROUNDING = 1e-9  # widening of bounds that come from a neighbouring point's distance, as a share and in metres
 TOUCHING = 5e-3  # share of its radius by which a ball may reach beyond the surface while it is shrunk
 
 
@@ -155,11 +156,11 @@ def tangent_balls(
 
 
 FINENESS = 0.1
-"""A cell within the body that is in no single ball is given up when its half size is this share of its depth."""
+"""A cell within the body that is in no single ball is returned when its half size is this share of its depth."""
 
 FINEST = 0.25  # the same next to the surface, as a share of the margin
 
-_STACK = 8 * 64
+_STACK = 8 * 64  # cells that wait: seven more for each of at most 64 halvings
 _DIAGONAL = math.sqrt(3.0)
 
 

@@ -1,4 +1,8 @@
-"""Deduplication of points by an open-addressing hash table over their bits."""
+"""Merging equal points, connected components of meshes, and pairs of triangles that may cross: cleaning of meshes.
+
+Points are merged by an open-addressing hash table over the bits of their coordinates, so that -0.0 differs from 0.0.
+`geometry/closed.py` and `geometry/crossings.py` rely on places in order of first occurrence.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,7 @@ def _may_straddle(corners: Floats, plane: Floats) -> bool:
     return bool(least < -plane[4] and most > plane[4])
 
 
-_BLUR = 8.0 * float(np.finfo(float).eps)
+_BLUR = 8.0 * float(np.finfo(float).eps)  # rounding of a height over a plane, times edge^3 over twice the area
 
 
 @kernel
@@ -111,7 +115,7 @@ def swept_pairs(
 
 @inlined
 def _root(labels: Integers, vertex: int) -> int:
-    """The lowest vertex that a vertex is known to be connected with; ways there are halved (R. Tarjan)."""
+    """The lowest vertex that a vertex is known to be connected with: union-find with path halving (R. Tarjan)."""
     while labels[vertex] != vertex:
         labels[vertex] = labels[labels[vertex]]
         vertex = labels[vertex]

@@ -1,6 +1,7 @@
-"""Triangles halved until they are small, and gathered into elements by the cells of a grid; balls about these.
+"""Triangles halved until they are small, gathered into elements by the cells of a grid, balls about these, and orders.
 
-All sums keep their order, so that every number is what NumPy makes of the same triangles.
+All sums keep their order, so that every number is what NumPy makes of the same triangles, on every machine. Elements
+become covers (`geometry/elements.py`) and charges (`geometry/charges.py`): another order changes both.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from guidefield.kernels.jit.arrays import Blocks, BlocksOut, Floats, Indices, IndicesOut, Rows, RowsOut
 from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel
 
-BLOCK = 64  # candidates of a block
+BLOCK = 64  # candidates that share a ball, which `farthest_first` leaves out together; for speed only
 
 
 @inlined
@@ -71,7 +72,7 @@ def farthest_first(candidates: Rows, start: int, spacing: float, chosen_out: Ind
         new = which[block]
 
 
-BITS = 11  # of a digit
+BITS = 11  # of a digit of the radix sort: its table of 2,048 starts stays in the cache
 
 
 @kernel

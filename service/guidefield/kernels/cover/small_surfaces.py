@@ -1,4 +1,8 @@
-"""Many small surfaces at once: axes in which each is thin, and its rows for the distance kernels."""
+"""Many small surfaces at once: axes in which each is thin, and its rows for the distance kernels.
+
+Also Morton order of points, and numbers of edges with how often they are run through. A surface's tree is that of
+`geometry/surface_rows.py` `node_count`: nodes and rows have to be laid out alike there and in `kernels/distance`.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,6 @@ from guidefield.kernels.linalg.small_systems import write_stable_order
 
 @lane_part
 def _spread_bits(cell: int) -> int:
-    """The bits of a number of 21 of them, two zeros between each and the next."""
     cell = (cell | cell << 32) & 0x001F00000000FFFF
     cell = (cell | cell << 16) & 0x001F0000FF0000FF
     cell = (cell | cell << 8) & 0x100F00F00F00F00F

@@ -1,4 +1,8 @@
-"""Winding numbers of a closed surface by solid angles of all its triangles, without a tree."""
+"""Winding numbers of a closed surface around a point, by crossings of a line or by solid angles, and its volume.
+
+All triangles are asked, without a tree. `winding_by_crossings` takes a fraction of the time; where it returns `UNSURE`,
+`collision/solids.py` takes `winding_by_angles`. Error bounds may grow, not shrink: a wrong sign is a wrong inside.
+"""
 
 from __future__ import annotations
 
@@ -15,19 +19,20 @@ _ALONG_X, _ALONG_Y = 0.3819660112501051, -0.2360679774997897
 """The line's direction is these and 1: along no axis, diagonal or side of what people build."""
 
 _ROUNDING, _WIDER = 1e-15, 1e-9
-"""Of an area's terms, eight times as much as rounding takes; of boxes, of a metre and of each from the origin."""
+"""Error of an area as a share of its terms, eight times what rounding makes; widening of boxes, of a metre and of each
+metre from the origin."""
 
 
 @exact_part
 def _project(vertices: Floats, i: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A corner from a point: beside the line, along two axes, and along it."""
+    """Coordinates of a corner as seen from a point: two beside the line, and z, which grows along it."""
     w = vertices[i, 2] - z
     return (vertices[i, 0] - x) - _ALONG_X * w, (vertices[i, 1] - y) - _ALONG_Y * w, w
 
 
 @exact_part
 def _area(bu: float, bv: float, cu: float, cv: float) -> tuple[float, float]:
-    """Twice the area that two points and the line span, as it is seen along the line, and how far off it may be."""
+    """Twice the signed area that two points span with the line, seen along it, and a bound on its error."""
     return bu * cv - bv * cu, _ROUNDING * (abs(bu * cv) + abs(bv * cu))
 
 

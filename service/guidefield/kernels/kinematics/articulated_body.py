@@ -1,4 +1,4 @@
-"""Systems M y = g of a tree of joints, solved in time proportional to their number, without the matrix M.
+"""Solve M y = g for a tree of joints in time proportional to their number, without the matrix M: articulated bodies.
 
 M = sum_i s_i J_i^T J_i + ridge 1, with point masses s_i that the joints carry, is the mass matrix of a tree of bodies
 whose rotors weigh `ridge` each: articulated-body inertias factor it (R. Featherstone, Rigid Body Dynamics Algorithms,
@@ -28,7 +28,7 @@ class TreeFactors(NamedTuple):
 
 @inlined
 def empty_factors(n: int, m: int) -> Any:
-    """Room for factors."""
+    """Return uninitialized factors."""
     return TreeFactors(np.empty((m, 6)), np.empty((n, 6, 6)), np.empty((m, 6)), np.empty((n, 6, 6)))
 
 
@@ -90,7 +90,6 @@ def _felt(A: Floats, S: Floats, first: int, size: int, ridge: float, U: Floats, 
 
 @inlined
 def _subtract(share: float, u: Floats, w: Floats, B: Floats) -> None:
-    """B - share u w^T in place of B."""
     for r in range(6):
         part = share * u[r]
         for c in range(6):

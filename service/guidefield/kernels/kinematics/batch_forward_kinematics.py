@@ -1,4 +1,8 @@
-"""Forward kinematics of sixteen configurations at once, in float32, from tables: one kernel for every robot."""
+"""Forward kinematics of sixteen configurations at once, in float32, from tables: one kernel for every robot.
+
+`collision/lanes/robot_tables.py` writes the tables: kinds, forms and columns have to be the same there. Numbers are off
+by less than `DECISION_BAND` of `kernels/collide/layout.py`; collision tests rely on that.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,10 @@
-"""Forward kinematics of a tree of joints in float64, from tables: one compiled kernel for every robot.
+"""Forward kinematics of a tree of joints in float64, and its derivatives, from tables: one kernel for every robot.
 
 Joint kinds and their motion subspaces are Pinocchio's (linear part first): a revolute or continuous joint turns about
 its axis, a prismatic one slides along it, a planar one moves in its x-y plane and turns about z, a spherical one turns
-freely, a floating one does everything; the last three have tangents in the moved frame.
+freely, a floating one does everything; the last three have tangents in the moved frame. Configurations have a cosine
+and sine for a continuous joint, quaternions are (x, y, z, w). Local coordinates of a spherical or floating joint are
+rotation vectors from a configuration `origin`. `robot/model/model.py` makes the table.
 """
 
 from __future__ import annotations
@@ -63,7 +65,6 @@ def axis_rotation(ax: float, ay: float, az: float, c: float, s: float, rotation_
 
 @inlined
 def _quaternion_rotation(x: float, y: float, z: float, w: float, rotation_out: Floats) -> None:
-    """Rotation of a unit quaternion."""
     rotation_out[0, 0] = 1.0 - 2.0 * (y * y + z * z)
     rotation_out[0, 1] = 2.0 * (x * y - z * w)
     rotation_out[0, 2] = 2.0 * (x * z + y * w)
@@ -317,7 +318,7 @@ def _near_angle(angle: float, near: float) -> float:
 
 @inlined
 def _rotation_vector(q: Floats, origin: Floats, at: int, near: Floats, v: int, values_out: Floats) -> None:
-    """Rotation vector from a quaternion (x, y, z, w) to another, the long or the short way round: what is nearer."""
+    """Write the rotation vector from `origin`'s quaternion to q's, the short or the long one: the nearer to `near`."""
     ox, oy, oz, ow = -origin[at], -origin[at + 1], -origin[at + 2], origin[at + 3]
     qx, qy, qz, qw = q[at], q[at + 1], q[at + 2], q[at + 3]
     x = ow * qx + ox * qw + oy * qz - oz * qy

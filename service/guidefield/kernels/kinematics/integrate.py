@@ -1,7 +1,7 @@
 """Steps of a group's joints along tangents, within limits, and Newton's method for the tip's position.
 
-A group's tangent v gives the model's by ``factor * v[leader]``: joints that mimic others follow them. Steps are
-Pinocchio's ``integrate``: additive for axes, the exponential map of the moved frame for the others.
+A group's tangent v gives the model's by ``factors[r] * v[leaders[r]]``: mimic joints follow their source joints. Steps
+are Pinocchio's ``integrate``: additive for axes, the exponential map of the moved frame for the others.
 """
 
 from __future__ import annotations
@@ -185,10 +185,10 @@ def tip_jacobian(mover: Mover, subspaces: Floats, tip: Vector3, jacobian_out: Fl
                 jacobian_out[c, column] += factor * S[c]
 
 
-_STEPS = 30
+_STEPS = 30  # of Newton's method, at most: a tip a few steps of `_LONGEST` away is reached, or can't be
 _ARRIVED = 1e-6  # accuracy with which the point is reached [m], at size 1
 _LONGEST = 0.4  # no joint moves more than this in a step [rad, or m at size 1]
-_OWN = 0.05  # added to what a turn moves: one about the tip itself is not free [m], at size 1
+_OWN = 0.05  # added to the lever of a turn, so that one about the tip itself isn't free [m], at size 1
 
 
 @inlined

@@ -2,8 +2,8 @@
 
 Damped least squares whose damping follows the squared error (T. Sugihara, "Solvability-unconcerned inverse kinematics
 by the Levenberg-Marquardt method", IEEE T-RO 27(5), 2011). The error is what exceeds the tolerances; coordinates rest
-on their limits while the error pushes them outward. A lane whose descent has ended takes the next start. What comes of
-a start doesn't depend on its neighbours.
+on their limits while the error pushes them outward. A lane whose descent has ended takes the next start; where a
+descent ends doesn't depend on its neighbours. Constants change which solutions are found, and so plans.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from guidefield.kernels.kinematics.tip_chain import BALL, COLUMN, LANES, TipChai
 from guidefield.kernels.simd.rotations import quaternion_of_vector, quaternion_product, vector_of_quaternion
 from guidefield.kernels.simd.vector import load, magnitude, root, select, store
 
-MAX_ITERATIONS = 60
+MAX_ITERATIONS = 60  # of one start
 PATIENCE = 5  # a start is given up if this many iterations in a row haven't halved the squared error
 LEVER = 0.3  # a rotation error of one radian counts as much as a position error of this [m], at size 1
 DAMPING = 0.05
@@ -28,7 +28,7 @@ UR5, xArm7 and Kinova."""
 # least damping [m^2], at size 1: keeps the equations solvable where fewer coordinates than rows move
 DAMPING_FLOOR = 1e-10
 
-IDLE = -1
+IDLE = -1  # the start of a lane that has none
 
 
 class Tolerances(NamedTuple):

@@ -1,7 +1,8 @@
-"""A chain of ball or universal joints as the places of its joints: closing it, what it exerts on its end, its angles.
+"""A chain of ball or universal joints as the places of its joints: closing it, the force on its end, its angles.
 
-Joints stand at J_0 .. J_n, link k runs from J_{k-1} to J_k, l_k = J_k - J_{k-1}. A link's spin about itself plays no
-part: it is carried along.
+Joints stand at J_0 .. J_n, link k runs from J_{k-1} to J_k, l_k = J_k - J_{k-1}. Places don't tell a link's spin about
+itself: `chain_configuration` leaves it as it is. `robot/group/link_chain.py` makes the table,
+`guide/coordinate_descent.py` descends by it.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from guidefield.kernels.linalg.small_systems import solve_three
 
 BALL, FREE, UNIVERSAL = range(3)  # kinds of joints of a chain; FREE is the first of a chain that nothing holds
 _CLOSED = 1e-7  # accuracy with which a chain is closed [m]
-_CLOSING_ROUNDS = 12
+_CLOSING_ROUNDS = 12  # after them a chain counts as not to be closed; near a solution two or three do
 _LARGEST_TURN = 0.4  # no link turns more than this in a round of closing [rad]
 
 
@@ -60,7 +61,7 @@ def rotated(R: Floats, v: Floats, out: Floats) -> None:
 
 @inlined
 def _ridge(N: Floats) -> float:
-    """Return what keeps N regular where the chain is straight."""
+    """Return what is added to the diagonal of N, which is singular where all links are on one line."""
     return float(1e-12 * (N[0, 0] + N[1, 1] + N[2, 2]))
 
 
@@ -122,10 +123,10 @@ def close_chain(joints_out: RowsOut, m: int, target: Row) -> bool:
 
 @kernel
 def end_force(joints: Rows, forces: Rows, torques: Rows, m: int, force_out: RowOut) -> None:
-    """Write f2 (3,), the force that links 1..m exert on their end J_m; it does the same work when the chain is closed.
+    """Write the force f (3,) at J_m that does the work of all on links 1..m as J_m moves and `close_chain` follows.
 
-    Q_i = tau_i + l_i x sum_{i<j<=m} F_j, f2 = N^-1 sum Q_i x l_i; `joints` (n + 1, 3) [m], forces (n, 3) on links,
-    torques (n, 3) about J_{k-1}.
+    Q_i = tau_i + l_i x sum_{i<j<=m} F_j, f = N^-1 sum Q_i x l_i; `joints` (n + 1, 3) [m], forces F (n, 3) on links,
+    torques tau (n, 3) of forces on link k about J_{k-1}.
     """
     N, work, link = np.zeros((3, 3)), np.zeros(3), np.empty(3)
     fx, fy, fz = 0.0, 0.0, 0.0
@@ -299,8 +300,8 @@ def chain_configuration(
 ) -> bool:
     """Find the configuration near q (nq,) whose joints stand at given places (n + 1, 3) [m]; links turn the least.
 
-    Spin is carried along: `rotations` (n, 3, 3) are those of the links in the world at q, `rotations_out` at `q_out`.
-    It is false if there is none: a universal joint can't point everywhere if its axes aren't square to its link.
+    Links keep their spin: `rotations` (n, 3, 3) are theirs in the world at q, `rotations_out` at `q_out`. Returns False
+    if there is none: a universal joint can't point everywhere if its axes aren't square to its link.
     """
     n = chain.kinds.shape[0]
     world, relative, turn, scratch = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))

@@ -121,7 +121,7 @@ def apply_poses(poses: Floats32, joint: int, x: float, y: float, z: float) -> tu
 
 @lane_part
 def turned(poses: Floats32, joint: int, x: Any, y: Any, z: Any) -> tuple[Vector, Vector, Vector]:
-    """An axis of a joint's moved frame in the world, at each of sixteen configurations; arguments as for `moved`."""
+    """An axis of a joint's moved frame in the world, at sixteen configurations; arguments as for `apply_poses`."""
     at = joint * POSE
     return row_along(poses, at, x, y, z), row_along(poses, at + ROW, x, y, z), row_along(poses, at + 2 * ROW, x, y, z)
 

@@ -1,4 +1,8 @@
-"""A chain of joints from the world to a tip at several configurations at once: how far the tip is from a pose."""
+"""A chain of joints from the world to a tip in local coordinates, in lanes: the tip's offset from a pose, and rates.
+
+Inverse kinematics, path constraints of trees and of the optimizer share it; `robot/group/kinematics.py` makes the
+table.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,7 @@ from guidefield.kernels.simd.vector import LANES_64, load, store
 TURN, SLIDE, BALL = range(3)
 """Kinds of parts: about z, along z, any rotation. Joints with several degrees of freedom are several parts."""
 
-LANES = LANES_64
+LANES = LANES_64  # configurations at once, in float64
 COLUMN = 6 * LANES
 """Numbers of a column: how its coordinate turns what comes after it, and the velocity of that at the origin."""
 

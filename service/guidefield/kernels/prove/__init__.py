@@ -1,1 +1,1 @@
-"""The smallest distance between bodies at a configuration and along a motion, exact to a tolerance."""
+"""Certificates of motions, and the smallest distances between bodies at configurations and along motions."""

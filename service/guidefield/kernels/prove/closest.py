@@ -1,4 +1,7 @@
-"""The closest pairs of bodies at many configurations, by spheres, boxes and GJK over trees of convex parts."""
+"""The closest pairs of bodies at many configurations, and pairs in contact, by spheres, boxes and GJK over trees.
+
+`prove/closest.py` calls it: -1 and -2 in its results mean "no more pairs" and "more than `CANDIDATES`".
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from guidefield.kernels.prove.placement import LOOK, NOW, place_centres
 from guidefield.kernels.prove.samples import Search, new_search
 from guidefield.kernels.prove.tables import MovingRobot
 
-CANDIDATES = 12  # maximum number of pairs that are returned for each configuration and kind of pair: all in contact are
+CANDIDATES = 12  # pairs returned for each configuration and kind of pair, at most
 
 
 @uncounted

@@ -8,7 +8,8 @@ by the whole of a twist each. Where both have moved by the share s of it, |s| <=
 at least, and so in space. Bodies are rigid: v(x) = v + omega x x. So n.(x + s v(x)) = (n + s n x omega).x + s n.v, and
 the farthest points along two turned directions tell. It is concave in s, and least at one of both ends. Any direction
 will do: the last one is tried before the nearest points are looked for. A ball about a node needs no direction: it
-moves no farther than its centre and its own turning together.
+moves no farther than its centre and its own turning together. Rows of the log become proofs (`prove/proof.py`), which
+the referee replays without searching. `NODE_ROUNDS` and `RATE` are a matter of speed.
 """
 
 from __future__ import annotations
@@ -63,15 +64,14 @@ NODE_ROUNDS = 8
 Baxter's a tenth."""
 
 RATE = 0.02
-"""Two nodes that would be told in a shorter time aren't divided, as long as few were looked at: what they are farther
-apart than asked in the middle is at least this share, for each pair of nodes so far, of what they may lose. With half
-or twice of it a UR5 takes a tenth longer."""
+"""The segment is halved instead of two nodes if their distance in the middle less what is asked is at least this share,
+times the pairs of nodes visited, of what they may lose. With half or twice of it a UR5 takes a tenth longer."""
 
-LATER = 1e30  # the distance is then that share of this [m]: more than any distance
+LATER = 1e30  # more than any distance [m]: `bodies_keep` returns a share of it where halves of the segment tell sooner
 
 LOG_COUNT, LOG_CAPACITY, LOG_SEGMENT, LOG_PAIR, LOG_PATIENT, LOG_SPHERES, LOG_ROWS = range(7)
 """Numbers of a log: rows written, rows there is room for, the segment and the pair of what is written next, 1 where a
-shorter segment is no way out, 1 where spheres told the last two nodes apart, and where the rows begin."""
+shorter segment isn't to be asked for, 1 where spheres told the last two nodes apart, and where the rows begin."""
 
 ROW_SEGMENT, ROW_PAIR, ROW_A, ROW_B, ROW_AXIS, LOG_ROW = 0, 1, 2, 3, 4, 7
 """Columns of a row: segment, pair, a node of each body, and the direction across which they are separated, 0 where
@@ -115,7 +115,6 @@ def _farthest(
 
 @lane_part
 def _second_rests(twists: Floats) -> bool:
-    """Whether the second body doesn't move."""
     return bool(
         twists[SECOND_TURNS] == 0.0
         and twists[SECOND_TWIST] == 0.0
@@ -150,9 +149,9 @@ def _keep_along(
     asked: float,
     work: Floats,
 ) -> float:
-    """What two parts keep along the axis as both move by up to a share of their twists [m].
+    """Return the distance that two parts keep along the axis as both move by up to a share of their twists [m].
 
-    Where that is less than what is asked, something that isn't less and is less than what is asked.
+    If it is less than `asked`, some number between both.
     """
     x, y, z = axis_in(work)
     length = axis_length(work)
@@ -189,9 +188,9 @@ def _nodes_keep(
     work: Floats,
     log: Floats,
 ) -> float:
-    """Infinite where all that two nodes hold keeps what is asked; else the distance of two leaves, or less than any.
+    """Return infinity if all in two nodes keeps what is asked; else the distance of two leaves.
 
-    Or, of other nodes, a share of `LATER`.
+    Of other nodes minus infinity, or a share of `LATER`.
     """
     part_a, part_b, leaves = part_of(a, node_a), part_of(b, node_b), is_leaf(a, node_a) and is_leaf(b, node_b)
     radius_a, radius_b = ball_radius(a.balls, node_a), ball_radius(b.balls, node_b)

@@ -1,7 +1,7 @@
 """Rigorous bounds of the motion of a pair's bodies in a segment, of first and of second order.
 
 Let x be the way of the coordinates from the middle of a segment, D the chord from its first point to its last, and
-x = l D + e (`bezier.bound_segment`). Control points of x bound all three: x by X, l by the share L, and e by E,
+x = l D + e (`placement.bound_segment`). Control points of x bound all three: x by X, l by the share L, and e by E,
 coordinate by coordinate. To first order a point moves by l J D, a rigid motion by the twist J D; J e moves it besides
 by at most the sum of r E, with r its distance from each axis. What is of higher order is at most half of the point's
 acceleration where the coordinates go straight from 0 to x in a time of 1,
@@ -16,7 +16,8 @@ the way, and jumps of rates, don't count.
 
 Bounds are those of each body as the world sees it, and of the two bodies of own pairs as some body between them sees
 them: distances are the same from anywhere. A short body that a joint turns beside a long one moves less than that does,
-seen from the long one. (Schwarzer, Saha and Latombe 2005 bound motions to first order.)
+seen from the long one. (Schwarzer, Saha and Latombe 2005 bound motions to first order.) Certificates and the pieces of
+streams rest on these bounds; the referee has formulas of its own.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ of any length [m]; then how many there are."""
 
 
 class MotionBounds(NamedTuple):
-    """How far a motion goes within a segment; see this file."""
+    """Bounds of a motion within a segment, and scratch; letters are those of the module's docstring."""
 
     parts: Floats  # scratch, shape (2, MOST_ORDER, nv)
     # farthest, aside: X and E of the group's coordinates, shape (nv,)
@@ -71,7 +72,7 @@ class MotionBounds(NamedTuple):
 
 @uncounted
 def _write_sizes(robot: RobotBodies, sizes: Floats, bounds: MotionBounds, out: Floats) -> None:
-    """Sizes of the joints' moves of those of the group's coordinates, shape (nv,)."""
+    """Write the sizes of moves of the model's coordinates, by those of the group's coordinates, shape (nv,)."""
     n = robot.offset.shape[0]
     for i in range(n):
         total = 0.0
@@ -123,7 +124,7 @@ def find_moves(
 def _reach(robot: RobotBodies, b: int, by: Integers, count: int, place: BodyPoses, bounds: MotionBounds) -> float:
     """Write how far a body is from the axes of some coordinates at the place; how far they sweep it, together [m].
 
-    See `MotionBound.reach`. Coordinates of one joint stand together.
+    See `MotionBound.reach` of `collision/motion_bound.py`. Coordinates of one joint stand together.
     """
     x, y, z = place.centres[b, 0], place.centres[b, 1], place.centres[b, 2]
     for k in range(count):

@@ -1,4 +1,8 @@
-"""Distances of a pair of bodies at a placement: bounds by spheres and boxes, by convex parts, and over a segment."""
+"""Distances of a pair of bodies at a placement: bounds by spheres and boxes, by convex parts, and over a segment.
+
+Each pair's next search begins with the axis and the leaves of its last one (`DistanceQuery.last`): a matter of speed.
+Distances from a moving obstacle are less by what is kept in addition, as it may have left its motion.
+"""
 
 from __future__ import annotations
 

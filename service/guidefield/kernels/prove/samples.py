@@ -1,6 +1,7 @@
-"""The smallest distances at samples of a motion, and about the smallest of these: the first answers of a search.
+"""Samples of a motion and of the surroundings of the nearest ones: first answers of a search, never a proof.
 
-All parts are compiled into their callers: what is long is called from one place, in a loop.
+Small first answers let the search leave out more. All parts are compiled into their callers: what is long is called
+from one place, in a loop.
 """
 
 from __future__ import annotations
@@ -42,10 +43,10 @@ from guidefield.kernels.prove.tables import (
     refuse,
 )
 
-APART, WHEN = range(2)  # columns of what was found of a pair last: a distance that it had [m], and its parameter
+APART, WHEN = range(2)  # columns of `Search.latest`: a pair's last known distance [m], and its parameter
 
 STEPS = 3
-"""Number of times that the surroundings of the smallest sample are searched, each time half as far away. Unrecorded."""
+"""Number of times that the surroundings of the smallest sample are searched, each time half as far away."""
 
 FIRST_REACH = 0.2  # obstacles are first listed within this distance of the robot, then within twice as much [m]
 FARTHEST = 1e6  # no obstacle with an end is farther away than this [m]

@@ -7,7 +7,9 @@ each two nodes of its bodies' trees are separated by their spheres or by a slab 
 segment is halved for the pairs that are left.
 
 What has to be kept is the larger one of the margin and of the smallest distance found so far less the tolerance. As
-segments are judged in their order, the search ends at the first violation, to the resolution.
+segments are judged in their order, the search ends at the first violation, to the resolution. `prove/search.py` calls
+it and checks the deadline in between; questions and verdict are rows of `tables`. `LIST`, `ALL_AT_ONCE` and `longest`
+are a matter of speed, `FINE` and `DEEPEST` of where it gives up.
 """
 
 from __future__ import annotations
@@ -15,7 +17,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
 from guidefield.kernels.jit.arrays import Floats, Integers, Row, RowOut, RowsOut
 from guidefield.kernels.jit.decorators import counted, kernel, uncounted
@@ -83,14 +84,14 @@ SINCE_LEVEL, UNTIL_LEVEL, START, COUNT, LEVEL = range(5)
 """Columns of a segment on the stack: begin, end, where its pairs begin and their number, -1 where they are to be
 listed; then the number of columns."""
 
-TO_LIST = -1.0
+TO_LIST = -1.0  # the number of pairs of a segment whose pairs are to be listed
 
 FINE = 1e-5  # no distance of a pair that moves less than this in a segment differs by more from that in its middle [m]
 LOG_ENDS = 3  # columns of a segment in a log: begin, end, and the parameter of the placement
 
 
 class _Left(NamedTuple):
-    """The segments on the stack, and the pairs that are left in them."""
+    """The segments on the stack, and the remaining pairs of each."""
 
     stack: Floats  # shape (DEEPEST + 3, LEVEL)
     pairs: Integers  # those of each, one behind the other
@@ -212,13 +213,13 @@ def _is_done(
 
 @uncounted
 def _is_fine(verdict: Floats, since: float, travel: float) -> bool:
-    """Return whether a pair that moves so little [m] needs no smaller segments, as far as distances are asked for."""
+    """Return whether a pair needs no shorter segments: no verdict is asked for there, and it moves at most `FINE`."""
     return bool(travel <= FINE and not (verdict[RESOLUTION] >= 0.0 and since < verdict[END]))
 
 
 @uncounted
 def _leave_undecided(verdict: Floats, since: float, until: float, pair: int) -> None:
-    """End what is free where a segment begins in which a pair is undecided; a violation in the segment is kept."""
+    """End the free part of the motion at the begin of an undecided segment; a violation in the segment is kept."""
     if verdict[REASON] == FREE or verdict[PLACE] > until:
         verdict[REASON], verdict[PLACE], verdict[CULPRIT] = UNDECIDED, 0.5 * (since + until), pair
     verdict[END] = since
@@ -307,9 +308,6 @@ def _halve(left: _Left, level: int, more: int, end: float) -> int:
         other[SINCE_LEVEL], other[UNTIL_LEVEL] = (middle, until) if half == 0 else (since, middle)
         other[START], other[COUNT] = start, more
     return level + 2
-
-
-_INDEX = types.int64
 
 
 @kernel

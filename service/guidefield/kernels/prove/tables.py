@@ -1,4 +1,8 @@
-"""Tables of a robot, of obstacles at rest and in motion, of the pairs between them, and of a motion."""
+"""Tables of a robot, of obstacles at rest and in motion, of the pairs between them, and of a motion; rows of answers.
+
+`prove/tables.py` and `stream/obstacles.py` fill them, all kernels of this folder read them. `prove/search.py` and the
+certificate read columns of questions and verdicts.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +71,7 @@ class MovingObstacles(NamedTuple):
 class BodyPairs(NamedTuple):
     """Pairs that must stay apart, and how the bodies of the robot's own are seen from each other."""
 
-    # own, moving, left_out: As `PairTable` has them
+    # own, moving, left_out: As `near_pairs.PairTable` has them
     own: IndexRows
     moving: Indices
     left_out: Indices
