@@ -22,7 +22,6 @@ from guidefield.kernels.jit.arrays import (
     Integers,
     Row,
     Rows,
-    numba_type,
 )
 from guidefield.kernels.jit.decorators import lane_kernel, lane_uncounted, uncounted
 
@@ -182,9 +181,6 @@ def find_boxes_near(
     for k in range(count):
         met_out[k] = obstacles.order[met_out[k]]
     return count
-
-
-BALLS, OBSTACLES, PAIRS = map(numba_type, (BodyBalls, BoxedObstacles, PairTable))
 
 
 @lane_kernel

@@ -1,7 +1,9 @@
 """Builders of bounding volume hierarchies over triangles, points and boxes, their refit, and the overlaps of boxes.
 
 Triangles and points are halved at the median along the widest side of their box (Hoare's selection); boxes stand in the
-order that their caller gives them. The levels of boxes above are a refit: they are found from the leaves up.
+order that their caller gives them. The levels of boxes above are a refit: they are found from the leaves up. Queries
+compute children from a node's number: the layouts of `boxes_of_pairs` (`triangle_distance`), `fill_tree` (`point_tree`)
+and `boxes_above` (`boxes_met`) are theirs, too.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from guidefield.kernels.jit.decorators import exact_kernel, inlined, inner_kerne
 from guidefield.kernels.simd.packing import AROUND, BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 
-_STACK = 64
+_STACK = 64  # runs that wait, at most: one for each halving
 
 
 @inner_kernel
@@ -145,7 +147,7 @@ def sort_for_tree(points: RowsOut) -> None:
 
 @kernel
 def fill_tree(points: Rows, firsts: Indices, points_out: SinglesOut, boxes_out: SinglesOut) -> None:
-    """Write tables of sorted points (n, 3) as of `LaneCloud`: points (BLOCK * blocks,), boxes (AROUND * blocks,)."""
+    """Write sorted points (n, 3) as `point_tree.LaneCloud` has them: (BLOCK * blocks,), boxes (AROUND * blocks,)."""
     count, size = points.shape[0], boxes_out.shape[0]
     for at in range(0, size, AROUND):
         boxes_out[at : at + AROUND // 2] = np.float32(math.inf)
@@ -167,14 +169,14 @@ def fill_tree(points: Rows, firsts: Indices, points_out: SinglesOut, boxes_out: 
 
 @lane_part
 def _empty(box: Floats) -> None:
-    """Make a box, shape (6,), one of nothing."""
+    """Make a box (6,) empty: from plus to minus infinity."""
     for k in range(3):
         box[k], box[3 + k] = math.inf, -math.inf
 
 
 @lane_part
 def _add(box: Floats, other: Floats) -> None:
-    """Make a box, shape (6,), one about another one too."""
+    """Widen a box (6,) to hold another one."""
     for k in range(3):
         box[k], box[3 + k] = min(box[k], other[k]), max(box[3 + k], other[3 + k])
 
@@ -198,7 +200,7 @@ def boxes_above(boxes: RowsOut, firsts: Indices, children: int) -> None:
 def boxes_of_pairs(boxes: Rows, leaf: int, nodes: RowsOut) -> None:
     """Write the boxes (2 leaves - 1, 6) of a complete binary tree over boxes (n, 6), `leaf` of them in a leaf.
 
-    Node i has the children 2 i + 1 and 2 i + 2; boxes of empty leaves are of nothing.
+    Node i has the children 2 i + 1 and 2 i + 2; boxes of empty leaves are empty.
     """
     inner = nodes.shape[0] // 2
     for i in range(nodes.shape[0] - 1, -1, -1):

@@ -3,7 +3,8 @@
 Every obstacle is a *body*: a shape in a frame of its own. Distances are negative inside boxes, cylinders, capsules
 (spheres among them), half-spaces and closed surfaces, and the vector leads to the nearest way out; a sheet (a polygon,
 an open mesh) has no inside; a cloud is balls about points. Where the vector isn't unique (at equal distances) it is one
-of those possible.
+of those possible. The optimizer, guides and motion bounds rely on distances that aren't too large; a new kind of body
+is added as `BOX` and its neighbours say.
 """
 
 from __future__ import annotations
@@ -46,11 +47,9 @@ A further kind needs a branch in `body_distance` and `_body_near`, and in `point
 of the numbers counts: from HALF_SPACE on kinds aren't bounded primitives (`scene/distance_tables.py`).
 """
 
-
-_STACK = 64
-
-_FEW = 32  # so few bodies are examined one by one
-_SMALL = 64  # a surface of so few triangles may be near where its box is
+_STACK = 64  # nodes that wait, at most
+_FEW = 32  # up to this many bodies are examined one by one, without their tree
+_SMALL = 64  # a surface of up to this many triangles counts as near where its box is; its triangles aren't asked
 
 
 class DistanceTables(NamedTuple):
@@ -71,7 +70,7 @@ class DistanceTables(NamedTuple):
     anchors: Rows
     nodes: Rows  # tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m]
     surfaces: SurfaceTables  # triangles of all surfaces
-    clouds: Indices  # where the words of each body's `LaneCloud` are, 0 of all that are none, shape (n,)
+    clouds: Indices  # address of the words of each body's `point_tree.LaneCloud`, 0 of all that are none, shape (n,)
 
 
 TABLES = numba_type(DistanceTables)
@@ -186,7 +185,7 @@ def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables,
 
 @uncounted
 def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
-    """Tell if a body may be within reach of a point; the box about it in the world costs the least to look at."""
+    """Tell if a body may be within reach of a point; the cheapest test, its box in the world, comes first."""
     if box_gap_squared(x, y, z, tables.boxes, body) >= reach * reach:
         return False
     if not bounds_near(x, y, z, body, tables, reach):

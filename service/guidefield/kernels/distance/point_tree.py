@@ -1,7 +1,8 @@
 # ruff: noqa: ARG001  numba calls typing and code generation with arguments that most have no use for
 """A cloud, balls of one radius about many points: a tree of boxes sixteen wide, a grid of distances, queries by both.
 
-Points are in float32: what is said of them is good to less than `BAND`.
+Points are in float32: distances are off by less than `BAND` of `kernels/collide/layout.py`. `scene/cloud.py` writes the
+tables and keeps them alive, as kernels get their address; a cell of the grid is filled when first asked.
 """
 
 from __future__ import annotations
@@ -187,7 +188,7 @@ def nearest_distance(cloud: LaneCloud, x: float, y: float, z: float) -> float:
 
 @lane_step(boolean(CLOUD_TABLES, float64, float64, float64, float64))
 def _beyond(cloud: LaneCloud, x: float, y: float, z: float, reach: float) -> bool:
-    """Tell if the grid tells that a point is farther than a reach from all points of a cloud."""
+    """Tell if a point is farther than a reach from all points of a cloud, by its cell of the grid."""
     n = cloud.numbers
     size, per = float(n[CELL]), float(n[PER_LENGTH])
     i = min(max(int((x - n[0]) * per + 0.5), 0), cloud.columns - 1)

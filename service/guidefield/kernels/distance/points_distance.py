@@ -1,9 +1,10 @@
 """Signed distance of several points at once, one in each lane, to the nearest of some bodies.
 
 Boxes, cylinders, capsules, half-spaces and surfaces of triangles are measured in all lanes, clouds lane by lane. All
-distances are those of `body_distance`. A surface's tree is searched for all points at once: a node is left out where no
-point is nearer to its box than to the nearest triangle so far (ray packets of Wald et al., Interactive Rendering with
-Coherent Ray Tracing, 2001, for distances).
+distances are those of `distance.body_distance`: a kind of body or a rule changed there is to be changed here. A
+surface's tree is searched for all points at once: a node is left out where no point is nearer to its box than to the
+nearest triangle so far (ray packets of Wald et al., Interactive Rendering with Coherent Ray Tracing, 2001, for
+distances).
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ def signed_distance_of_each(
 
 @uncounted
 def _make_signed(signed_square: Vector, ax: Vector, ay: Vector, az: Vector) -> Signed:
-    """By squares of signed distances, and vectors as in `SquareAndDirection`."""
+    """Signed distances of squares and vectors as in `SquareAndDirection`."""
     distance = root(magnitude(signed_square))
     over = 1.0 / largest_of(distance, NEXT_TO)
     return select(signed_square < 0.0, -distance, distance), over * ax, over * ay, over * az
@@ -115,7 +116,7 @@ def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, 
 
 @uncounted
 def _away(d: Vector, nx: Vector, ny: Vector, nz: Vector) -> SquareAndDirection:
-    """By signed distances and unit vectors."""
+    """Square and direction of signed distances and unit vectors."""
     far = magnitude(d)
     length = largest_of(far, NEXT_TO)
     return d * far, length * nx, length * ny, length * nz
@@ -149,7 +150,6 @@ def _away_from_box(p: Lanes3, half: Floats) -> SquareAndDirection:
 
 @uncounted
 def _with_sign(length: Vector, by: Vector) -> Vector:
-    """A length with the sign of another number."""
     return select(by < 0.0, -length, length)
 
 
@@ -182,7 +182,7 @@ def _away_from_capsule(p: Lanes3, size: Floats) -> SquareAndDirection:
 
 @uncounted
 def _away_from_sheet(p: Lanes3, body: int, tables: DistanceTables) -> SquareAndDirection:
-    """As `surface_distance` of a sheet whose triangles are in one leaf."""
+    """As `triangle_distance.surface_distance` of a sheet whose triangles are in one leaf."""
     surfaces, first, count = tables.surfaces, tables.spans[body, 2], tables.spans[body, 3]
     bx, by, bz = _away_from_triangle(p, surfaces.corners[first])
     best = _square(bx, by, bz)
@@ -229,13 +229,11 @@ def _away_from_triangle(p: Lanes3, corner: Floats) -> Lanes3:
 
 @uncounted
 def _share(x: Vector) -> Vector:
-    """Brought between 0 and 1."""
     return largest_of(smallest_of(x, 1.0), 0.0)
 
 
 @uncounted
 def _square(x: Vector, y: Vector, z: Vector) -> Vector:
-    """The square of a vector's length."""
     return x * x + y * y + z * z
 
 
@@ -284,7 +282,7 @@ def _find_nearest_triangles(p: Lanes3, surfaces: SurfaceTables, span: Span, best
 def _away_from_surface(
     p: Lanes3, gap: Vector, body: int, tables: DistanceTables, best: Vector, scratch: Floats
 ) -> SquareAndDirection:
-    """As `body_distance`; infinite where it isn't below the best, the square of a signed distance.
+    """As `distance.body_distance`; infinite where it isn't below the best, the square of a signed distance.
 
     Args:
         p: Points in the frame of the surface [m].
@@ -339,7 +337,6 @@ def _write_signed(i: int, d: float, nx: float, ny: float, nz: float, scratch: Fl
 
 @uncounted
 def _read_away(scratch: Floats) -> SquareAndDirection:
-    """What `_write_signed` wrote of all points."""
     return _away(
         load(scratch, 4 * LANES_64),
         load(scratch, 5 * LANES_64),

@@ -1,10 +1,10 @@
 """Winding number of a closed surface of triangles about a point: its crossings with a ray, counted with their sign.
 
-Where only that part of it is there that meets a ball, the way to another place in the ball serves, around which it is
-known how often it winds.
+If only the part of the surface in a ball is known, a segment to an anchor takes the ray's place: a place in the ball
+whose winding number is known (`scene/cropped_surface.py`).
 
 Exact, also where pieces overlap or lie in one another: a ray that grazes an edge or a corner as closely as rounding
-is not believed, and another direction is tried. For a surface whose triangles agree about the outside it is 1 within a
+isn't counted, and another direction is tried. For a surface whose triangles agree about the outside it is 1 within a
 solid, 2 where two solids overlap, 0 outside and in hollows.
 """
 
@@ -19,13 +19,12 @@ from guidefield.kernels.jit.arrays import Floats, Rows, Vector3
 from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 from guidefield.kernels.linalg.small_systems import cross, dot
 
-RAYS = 64  # directions that are tried
+RAYS = 64  # directions that are tried, at most
 GRAZING = 1e-12  # an edge is grazed if the ray passes it closer than this, over the lengths involved
-GRAZED = 1 << 40  # more crossings than there are: the ray grazes an edge
+GRAZED = 1 << 40  # stands for a ray that grazes an edge in a sum of crossings: more than there are
 
-_STACK = 64
-
-_FLAT = 1e-12  # less than this of a direction along an axis counts as so much where boxes are met
+_STACK = 64  # nodes that wait, at most
+_FLAT = 1e-12  # least part of a direction along an axis, where boxes are met: smaller ones count as this
 
 BALL, REACH, PLACE, ROOM, TURNS, ANCHOR = 0, 3, 4, 7, 8, 9
 """Columns of anchors: centre and radius of the ball in which all of the surface is there; a place, how far about it is
@@ -155,7 +154,7 @@ def surely_outside_seen(
 ) -> bool:
     """`surely_outside` of a closed surface of which only the part that meets a ball is known; `anchors` (k, ANCHOR).
 
-    What is between two places in the ball is in it, and so all is there that the way between them crosses.
+    A segment between two places in the ball is in it, so that all triangles that it crosses are known.
     """
     dx, dy, dz = x - anchors[row, BALL], y - anchors[row, BALL + 1], z - anchors[row, BALL + 2]
     if not (dx * dx + dy * dy + dz * dz <= anchors[row, REACH] ** 2 and anchors[row, ROOM] > 0.0):

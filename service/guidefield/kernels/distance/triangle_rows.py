@@ -1,4 +1,7 @@
-"""Triangles row by row: boxes, corners as the distance kernels read them, triangles with an area, touching edges."""
+"""Rows of triangles for the distance kernels: boxes, corners, pseudonormals; which have an area; edges that touch.
+
+Columns are those of `triangle_distance.SurfaceTables`; edges that touch are those of outlines of planes and extrusions.
+"""
 
 from __future__ import annotations
 

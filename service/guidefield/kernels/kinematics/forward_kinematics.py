@@ -434,9 +434,6 @@ class CarriedPoint(NamedTuple):
     point: Row  # in its frame, shape (3,) [m]
 
 
-CARRIED_POINT = numba_type(CarriedPoint)
-
-
 @uncounted
 def place_point(of: CarriedPoint, z: Floats, places: JointPlaces) -> Vector3:
     """Position of a point at local coordinates of the group, shape (nv,) [m]; leaves the joints' placements."""

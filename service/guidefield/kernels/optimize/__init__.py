@@ -1,1 +1,1 @@
-"""The objective of optimising a motion: duration, clearance and limits, by the control points of a spline."""
+"""The objective of a motion, duration, clearance and limits, by a spline's control points, and its Newton descent."""

@@ -9,8 +9,8 @@ Obstacles that move are where they are at the sample's time, t0 + (i + t) h: its
 of a piece, and by the departure t0 are (i + t) h and 1. With them the barrier's derivatives by time become those by
 both; of the second ones there is what Gauss and Newton's Hessian keeps.
 
-It costs far more than all else that an optimisation looks at. So it is examined seldom: between two looks
-`ClearanceModel` represents it, its quadratic expansion.
+It costs far more than all other terms of an optimisation. So it is evaluated seldom: in between `ClearanceModel`
+represents it, its quadratic expansion; `newton_descent` says how far from there it is trusted.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ class MotionSamples(NamedTuple):
     weights: Row  # (s,) how much each counts
     ranges: Row  # (s,) range of the barrier against obstacles there [m]
     floors: Row  # (s,) distance below which points cost more there [m]
-    shares: Row  # (s,) factor of the barrier between links there; where it is 0 that isn't looked at
+    shares: Row  # (s,) factor of the barrier between links there; where it is 0 that isn't evaluated
 
 
 SAMPLES = numba_type(MotionSamples)
 
 
 class ClearanceModel(NamedTuple):
-    """The clearance of a motion about control points at which it was looked at."""
+    """The clearance of a motion about control points at which it was evaluated."""
 
     value: float  # there
     points: Rows  # these control points, shape (n, nv) [rad or m]
@@ -182,7 +182,7 @@ def clearance_along(
         step: h [s].
         begin: t0 [s].
         clearance: Distance from obstacles at which the barrier's wall stands [m].
-        most: What it comes to at most if it is wanted.
+        most: Value above which the result isn't wanted.
         near: What is remembered of the samples; of the same motion, moved, and the same ranges.
         gradient_out: Shape (n, nv).
         pieces_out: As many as there are samples at least; the same for the next two.

@@ -5,8 +5,9 @@ A constraint's number is v, its limit L. Each of s samples along the motion at w
     w / (2 s) · max(v / L - room, 0)²
 
 with the share `room` of a limit that costs nothing. Constraints may be alternatives: of several groups of them a sample
-keeps the one that costs least there. Unlike the clearance it is cheap, eight samples at once: it is
-looked at in each of Newton's steps, and a motion can follow a constraint that bends.
+keeps the one that costs least there. Unlike the clearance it is cheap, eight samples at once: it is evaluated in each
+of Newton's steps, and a motion can follow a constraint that bends. Numbers are those of
+`kernels/tree/path_constraints.py`.
 
 The Hessian is Gauss and Newton's, of what is beyond. Where nothing is, a step would not know of the constraint, and
 would cross a narrow tolerance at once: there a number counts as if it were beyond, times min(1, (tight / L)²).
@@ -68,7 +69,7 @@ def _placed_from(kept: KeptSamples, s: int, points: Floats, measured: Measured) 
 
 @inlined
 def _beyond(kept: KeptSamples, c: int, measured: Measured, lane: int) -> float:
-    """By how much a constraint's number is beyond what costs nothing, as a share of its limit."""
+    """Excess of a constraint's number over what costs nothing, as a share of its limit."""
     beyond: float = max(number(kept.frames, c, measured, lane) / kept.frames.limits[c] - kept.room, 0.0)
     return beyond
 

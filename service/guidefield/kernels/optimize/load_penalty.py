@@ -1,8 +1,8 @@
 """A penalty of a motion's loads beyond a share of their limits, with derivatives by control points and time.
 
 A load is a torque, or the speed of a point in space, as a share of its limit. Those near their limits are expanded
-where they were looked at: torques, and the three components of velocities, are q = q0 + a · z + b · z' + c · z''. The
-penalty is
+where they were evaluated (`torque_loads`, `speed_loads`): torques, and the three components of velocities, are q = q0 +
+a · z + b · z' + c · z''. The penalty is
 
     1/2 w · sum of max(0, |q| - s)²
 
@@ -24,7 +24,7 @@ from guidefield.kernels.jit.decorators import kernel, uncounted
 
 
 class LoadModel(NamedTuple):
-    """Loads of a motion about control points at which they were looked at, by k rows, the first `rows` of which count.
+    """Loads of a motion about control points where they were evaluated, in k rows, the first `rows` of which count.
 
     Torques have a row each, and after them velocities three.
     """
@@ -133,7 +133,7 @@ def add_load_penalty(
         step: h [s].
         rows: Scratch, shape (3, 4 nv).
         gradient_out: By the control points, shape (n, nv).
-        blocks_out: Hessian as in `add_hessian`, shape (n, nv, 4 nv).
+        blocks_out: Hessian as in `clearance_model.add_hessian`, shape (n, nv, 4 nv).
         border_out: Hessian by control points and u, shape (n, nv).
     """
     nv, total, by_u, by_uu, k = points.shape[1], 0.0, 0.0, 0.0, 0

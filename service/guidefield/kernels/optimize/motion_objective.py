@@ -4,7 +4,8 @@
 
 with u = log h, h the length of each of m pieces, h0 = exp(u0), and t0 the departure: all in all the arrival, in units
 of m h0. The departure may be given. The clearance is its model's, and holds λ. The first three and the last three
-control points are the ends': they are moved by u alone.
+control points are the ends': they are moved by u alone. A further term is added to `objective_value` and, with its
+derivatives, to `motion_objective`: both have to be the same function.
 """
 
 from __future__ import annotations
@@ -217,14 +218,14 @@ def motion_objective(
         limits: What is kept. A coordinate whose range is a single value is cut out of the system.
         times: When it may depart and arrive.
         kept: Where path constraints are examined.
-        groups: Of coordinates that may be coupled, as `coupled_groups` gives them.
+        groups: Of coordinates that may be coupled, as `newton_descent.coupled_groups` gives them.
         points: Control points, shape (n, nv), n > 6, strictly within limits [rad or m].
         step: h [s].
         begin: t0 [s].
         first_step: h0 [s].
         limit_weight: μ.
-        blocks_out: Hessian by all points, see `add_hessian`, shape (n, nv, 4 nv); without the first three and the last
-            three it is that of the n - 6 free points, as in `bordered_band`. What couples different groups means
+        blocks_out: Hessian by all points, as in `clearance_model`, shape (n, nv, 4 nv); without the first three and the
+            last three it is that of the n - 6 free points, as in `bordered_band`. What couples different groups means
             nothing.
         border_out: By the times and these, shape (k, (n - 6) nv).
         corner_out: By the times, shape (k, k).

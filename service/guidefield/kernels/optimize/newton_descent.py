@@ -1,4 +1,7 @@
-"""Newton's method on a motion's control points and the length of its pieces, about one look at the clearance."""
+"""Newton's method on a motion's control points and the length of its pieces, about one evaluation of the clearance.
+
+`planner/optimize/interior_point.py` sets the rules and the weights, and evaluates the clearance again in between.
+"""
 
 from __future__ import annotations
 
@@ -66,16 +69,16 @@ class DescentRules(NamedTuple):
     """Settings of the steps."""
 
     steps: int  # at most this many
-    tries: int  # so often at most a step is shortened until it is within limits and brings something
+    tries: int  # lengths of a step that are tried until one is within limits and lowers the objective
     shorter: float  # by this factor
-    # a step that promises less than this share of the objective is not taken. Nor is a further one after a whole step
-    # that brought what it would of a quadratic function, up to this share: it would promise as little
+    # a step that promises less than this share of the objective is not taken, nor a further one after a whole step that
+    # lowered the objective, up to this share, as if it were quadratic: it would promise as little
     settled: float
     little: float  # after a step that brought less than this share of the objective no further one is taken
     # most that a coordinate of a control point [rad, or m at size 1] and the departure [s] move in one step
     longest: float
     most_stretched: float  # most that u changes in one step
-    # where a coordinate is further from where the clearance was looked at, as counted there, no further step is taken
+    # if a coordinate is further than this from where the clearance was evaluated, no further step is taken
     trusted: float
     damping: float  # added to the Hessian's diagonal, as a share of it
 
@@ -102,7 +105,6 @@ ROOM = numba_type(DescentRoom)
 
 @uncounted
 def _largest(values: Floats, sizes: Floats) -> float:
-    """The largest amount in rows one after the other, of coordinates of some sizes."""
     most = 0.0
     for i in range(values.shape[0]):
         most = max(most, abs(values[i]) / sizes[i % sizes.shape[0]])

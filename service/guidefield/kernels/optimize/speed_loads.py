@@ -1,4 +1,4 @@
-"""Speeds in space along a motion as loads, looked at on samples: see `load_penalty`.
+"""Speeds in space along a motion as loads, evaluated on samples: see `load_penalty`.
 
 The velocity of a carried point p is the sum of J_j z'_j, with J_j the velocity by joint j alone. Joint j turns those by
 later joints, and moves p, which those by itself and earlier joints turn about their axes: with w the joints' axes,
@@ -55,7 +55,7 @@ def _fastest(
 def largest_speed_loads(
     body: CarriedBody, limit: float, points: Rows, step: float, bases: Blocks, share: float, loads_out: RowOut
 ) -> float:
-    """Write the load at each sample; return the sum of squares beyond a share. See `largest_torque_loads`."""
+    """Write the load at each sample; return the sum of squares beyond a share, as in `torque_loads`."""
     nv, pieces, total = points.shape[1], points.shape[0] - 3, 0.0
     places, state, twist = joint_places(body.joints), empty_bounds(nv, body.joints.sources.shape[0]), np.empty(6)
     for at in range(pieces * bases.shape[0]):
@@ -82,7 +82,7 @@ def expand_speed_loads(
 ) -> int:
     """Expand loads above a share, three rows each, behind those that are there; return how many rows there are then.
 
-    See `expand_torque_loads`. Where the points are balls their turning counts as if the velocity were longer.
+    See `torque_loads.expand_torque_loads`. Where points are balls their turning counts as if the velocity were longer.
     """
     nv, joints = points.shape[1], body.joints
     places, state, twist = joint_places(joints), empty_bounds(nv, joints.sources.shape[0]), np.empty(6)

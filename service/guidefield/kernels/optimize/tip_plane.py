@@ -1,4 +1,7 @@
-"""A guide plane that a motion's tip crosses: where it comes nearest, and what missing it costs, in one call each."""
+"""A guide plane that a motion's tip crosses: where it comes nearest, and what missing it costs, in one call each.
+
+`planner/optimize/passages.py` has the formulas, and the same in Python for places that aren't planes.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ from guidefield.kernels.kinematics.forward_kinematics import CarriedPoint, frame
 from guidefield.kernels.optimize.clearance_model import add_gradient
 from guidefield.kernels.timing.hermite import spline_points, spline_slopes
 
-SAMPLES = 5  # about a place, the third of them there
+SAMPLES = 5  # about a place, the middle one of them there
 
 
 class TipPlane(NamedTuple):
@@ -55,7 +58,7 @@ def _missed(place: TipPlane, tip: Floats, missed_out: Floats) -> float:
 def nearest_crossing(
     place: TipPlane, points: Floats, about: float, spacing: float, closer: float, shifts: int
 ) -> float:
-    """Return where a spline comes nearest to a plane, in pieces from the start: as `nearest` of passages has it.
+    """Return where a spline comes nearest to a plane, in pieces from the start, as `passages.nearest`.
 
     Args:
         place: The plane.
@@ -106,7 +109,7 @@ def add_crossing(
     basis_out: Floats,
     hessians_out: Floats,
 ) -> float:
-    """Add what missing a plane adds to the objective of a motion, as `add_passage` has it, as place s of a model.
+    """Add what missing a plane adds to the objective of a motion, as `passages.add_passage`, as place s of a model.
 
     Args:
         place: The plane.
@@ -116,7 +119,7 @@ def add_crossing(
         crossing: κ.
         s: Which place it is.
         gradient_out: By the control points, shape (m + 3, nv).
-        pieces_out: As `ClearanceModel` has them, shape (places,).
+        pieces_out: As `clearance_model.ClearanceModel` has them, shape (places,).
         basis_out: The same, shape (places, 4).
         hessians_out: The same, shape (places, nv, nv).
 

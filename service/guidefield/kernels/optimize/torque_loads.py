@@ -1,4 +1,4 @@
-"""Torques of a motion as loads, looked at on samples: see `load_penalty`."""
+"""Torques of a motion as loads, evaluated and expanded on samples: rows of `load_penalty.LoadModel`."""
 
 from __future__ import annotations
 
@@ -70,10 +70,10 @@ def expand_torque_loads(
     """Expand loads above a share linearly; return how many there are.
 
     Args:
-        tree, limits, points, step, bases: As there.
+        tree, limits, points, step, bases: As of `largest_torque_loads`.
         loads: The largest at each sample.
         near: The share.
-        pieces_out, samples_out, values_out, slopes_out: As in `LoadModel`, of the largest number.
+        pieces_out, samples_out, values_out, slopes_out: As in `LoadModel`, with room for all loads.
     """
     nv, m, count = points.shape[1], tree.joints.sources.shape[0], 0
     n, chain = tree.joints.table.parents.shape[0], tree.chains.shape[1]

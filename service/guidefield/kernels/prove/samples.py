@@ -46,7 +46,7 @@ from guidefield.kernels.prove.tables import (
 APART, WHEN = range(2)  # columns of `Search.latest`: a pair's last known distance [m], and its parameter
 
 STEPS = 3
-"""Number of times that the surroundings of the smallest sample are searched, each time half as far away."""
+"""Number of times that the surroundings of the smallest sample are searched, each time half as far away. Unrecorded."""
 
 FIRST_REACH = 0.2  # obstacles are first listed within this distance of the robot, then within twice as much [m]
 FARTHEST = 1e6  # no obstacle with an end is farther away than this [m]

@@ -1,1 +1,1 @@
-"""Curves in time: splines, time-optimal speed, extrema."""
+"""Curves in time: splines and lengths, time-optimal speed and schedules, torques, speeds in space, and their bounds."""

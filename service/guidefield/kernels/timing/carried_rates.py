@@ -10,7 +10,8 @@ one, or are turned. So with X = x_1 + ... + x_k up to a joint, and D its change 
     |p''''| <= sum R (x4 + D(4 X1 X3 + 3 X2² + 6 X1² X2 + X1⁴))
 
 R grows by at most what the joints after it move the point. Over a time h a vector is within h²/8 times the bound of its
-second derivative from the chord, whose length is largest at an end.
+second derivative from the chord, whose length is largest at an end. Limits of speeds in space rest on these bounds:
+constants trade time for how close they are.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class CoordinateBounds(NamedTuple):
 
 @counted
 def empty_bounds(nv: int, rows: int) -> CoordinateBounds:
-    """Room for bounds of a given number of coordinates of a group, and of its model."""
+    """Return scratch for nv coordinates of a group, and `rows` of its model."""
     return CoordinateBounds(
         np.empty(nv), np.empty(nv), np.empty(nv), np.empty(rows), np.empty(rows), np.empty(rows), np.empty(rows)
     )

@@ -1,4 +1,4 @@
-"""Time-optimal speed along a given path, under velocity and acceleration limits of every joint.
+"""Time-optimal speed along a path within limits of velocity and acceleration, and schedules among moving obstacles.
 
 With s the parameter of a path q(s), x = (ds/dt)² and u = d²s/dt², constant over a step h_i of the grid, every limit is
 linear in (x, u):
@@ -7,14 +7,17 @@ linear in (x, u):
 
 Backward, the *controllable* x_i is the largest from which some u reaches a controllable x_{i+1}: a linear program in
 two variables. The path ends at rest, so x = u = 0 is always allowed and the controllable sets are intervals [0, K_i].
-Forward from rest, the greatest u that stays controllable is optimal. Theory: H. Pham and Q.-C. Pham, "A new approach
-to time-optimal path parameterization based on reachability analysis", IEEE Transactions on Robotics 34(3), 2018.
+Forward from rest, the greatest u that stays controllable is optimal. Theory: H. Pham and Q.-C. Pham, "A new approach to
+time-optimal path parameterization based on reachability analysis", IEEE Transactions on Robotics 34(3), 2018.
+
+A schedule is a search in breadth over places on a path and rates, step by step in time: of those that arrive first, the
+cheapest. `planner/schedule/schedule.py` follows `parents_out` back; costs decide among schedules, not whether there is
+one.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from guidefield.kernels.jit.arrays import (
@@ -31,8 +34,6 @@ from guidefield.kernels.jit.arrays import (
     Rows,
 )
 from guidefield.kernels.jit.decorators import inlined, kernel
-
-FREE = types.Array(types.uint8, 2, "C", readonly=True)
 
 UNREACHED = 1 << 40  # cost of a state that can't be reached
 CHANGING = 4  # cost of a step in which the rate changes
@@ -90,7 +91,7 @@ def earliest_schedule(
     parents_out: ByteBlocksOut,
     arrival_out: IndicesOut,
 ) -> None:
-    """Follow all states through some steps, or up to the first in which the end is reached.
+    """Follow all states, places and rates, through some steps, or up to the first in which the end is reached.
 
     At place 0 the robot rests: it may wait there, and leave at any rate. It may arrive at any rate. A rate doesn't
     change in the first step of the way, nor in the last. `cells` (n,) is the column of `free` (steps * per_step, cells)

@@ -1,4 +1,4 @@
-"""Derivatives of torques by coordinates, velocities and accelerations.
+"""Derivatives of torques by coordinates, velocities and accelerations: for expansions by `torque_loads`.
 
 With S_j the twist of coordinate j in the world, v and a the twist and its derivative before it, let
 
@@ -27,8 +27,8 @@ from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.timing.carried_rates import CoordinateBounds
 from guidefield.kernels.timing.torques import MassTree, TorqueRoom
 
-MASS, MOMENT, INERTIA, MOMENTUM, TURNING = 0, 1, 4, 10, 13  # where rows of `carried` have what, and how long they are
-CARRIED = 22
+MASS, MOMENT, INERTIA, MOMENTUM, TURNING = 0, 1, 4, 10, 13  # columns of `DerivativeRoom.carried`
+CARRIED = 22  # their number
 
 
 class DerivativeRoom(NamedTuple):
@@ -43,7 +43,7 @@ class DerivativeRoom(NamedTuple):
 
 @counted
 def derivative_room(n: int, m: int, nv: int) -> DerivativeRoom:
-    """Room for a given number of joints, coordinates of the model, and of the group."""
+    """Return scratch for n joints, m coordinates of the model, nv of the group."""
     scratch = np.empty((n, CARRIED)), np.empty((m, 12)), np.empty((m, 21)), np.empty((2, 6))
     return DerivativeRoom(scratch[0], scratch[1], scratch[2], scratch[3], np.empty((3, nv, nv)))
 
@@ -194,7 +194,7 @@ def _dot(a: Floats, b: Floats) -> float:
 def write_torque_derivatives(
     tree: MassTree, state: CoordinateBounds, places: JointPlaces, room: TorqueRoom, made: DerivativeRoom
 ) -> None:
-    """Write the derivatives of torques where they were written by `write_torques`."""
+    """Write the derivatives of torques where `torques.write_torques` wrote them."""
     joints, table, by = tree.joints, tree.joints.table, made.by
     _write_carried(tree, places, room.twists, made.carried)
     by[:, :, :] = 0.0

@@ -48,7 +48,7 @@ from guidefield.kernels.timing.carried_rates import (
 
 SAME = 1e-9  # share by which rates may differ that are the same but for rounding
 CLOSER = 0.1  # share of a piece below which an interval has bounds of its own
-HALVINGS = 20_000  # of intervals, at most, as in `carried_rates`: each look takes longer
+HALVINGS = 20_000  # of intervals, at most, as in `carried_rates`: fewer, as each takes longer
 EXCESS = 1e-4  # share of what is found that its bound may always be above it: it matters where a limit isn't kept
 
 
@@ -80,7 +80,7 @@ class TorqueRoom(NamedTuple):
 
 @counted
 def torque_room(n: int, nv: int, chain: int) -> TorqueRoom:
-    """Room for a given number of joints, coordinates of the group, and entries of a chain."""
+    """Return scratch for n joints, nv coordinates of the group, and chains of a length."""
     return TorqueRoom(
         np.empty((n, 6)),
         np.empty((n, 6)),
@@ -243,7 +243,6 @@ def torques_at(tree: MassTree, zs: Rows, rates: Rows, rises: Rows, torques_out: 
 
 @uncounted
 def _note(torques: Floats, time: float, found_out: Floats) -> None:
-    """Note the largest torques that were found, and when."""
     for j in range(torques.shape[0]):
         if abs(torques[j]) > found_out[j, FOUND]:
             found_out[j, FOUND], found_out[j, TIME] = abs(torques[j]), time

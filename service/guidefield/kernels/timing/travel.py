@@ -1,4 +1,8 @@
-"""Travelled length of a motion of Bezier curves in local coordinates, the time at a length, and the turning."""
+"""Travelled lengths of a motion and of its tip, the time at a length, and the turning: path metrics of replies.
+
+Lengths are of cubic Hermite tables (`way_lengths`, to a share that it is given) or of Bezier curves by chords
+(`travelled`, too short by what lies between the places asked for).
+"""
 
 from __future__ import annotations
 
@@ -12,11 +16,11 @@ from guidefield.kernels.jit.decorators import inlined, kernel, uncounted
 from guidefield.kernels.kinematics.forward_kinematics import CarriedPoint, JointPlaces, joint_places, place_point
 from guidefield.kernels.timing.hermite import place_and_rate
 
-IN_CHART, OF_FRAME, WAYS = range(3)  # numbers of the two lengths; then how many there are
+IN_CHART, OF_FRAME, WAYS = range(3)  # numbers of the lengths in local coordinates and of the tip; then how many
 STRIDES = 3  # each part is measured by all of its chords, by every second and by every fourth of its points
 
 AGAINST, LOOK = WAYS * STRIDES, WAYS * STRIDES + 1
-"""Numbers of a look at a part, behind the lengths of both ways: how far the motion may go back and forth within its
+"""Numbers of a measured part, behind both lengths by three strides: how far the motion may go back and forth within its
 chords, as it goes against them at an end; then how many there are."""
 
 
@@ -83,7 +87,7 @@ def _look(
     scratch: _Scratch,
     look_out: Floats,
 ) -> None:
-    """Look at a part of a piece, between two times [s]: shape (LOOK,). `goes_on`: where the last one ended."""
+    """Measure a part of a piece, between two times [s]: shape (LOOK,). `goes_on`: where the last one ended."""
     points, rates, steps = scratch.points, scratch.rates, scratch.points.shape[0] - 1
     if goes_on:
         for j in range(points.shape[1]):
@@ -114,14 +118,14 @@ def _length(look: Floats, way: int) -> float:
 
 @uncounted
 def _unsure(look: Floats, way: int) -> float:
-    """By how much a length may be off: by how much it is another one by the longer chords, or by going back."""
+    """Bound the error of a length: its difference from that by longer chords, or by going back and forth."""
     before = (4.0 * look[way * STRIDES + 1] - look[way * STRIDES + 2]) / 3.0
     return float(max(abs(_length(look, way) - before), look[AGAINST]))
 
 
 @uncounted
 def _asked_length(looks: Floats, asked: Floats, way: int) -> float:
-    """The length of a way of those parts of which it is asked, (k, LOOK) and (k, WAYS)."""
+    """Sum a length over the parts of which it is asked, (k, LOOK) and (k, WAYS)."""
     total = 0.0
     for k in range(looks.shape[0]):
         total += _length(looks[k], way) if asked[k, way] > 0.0 else 0.0
@@ -136,7 +140,7 @@ def _is_asked(asked: Floats, k: int) -> bool:
 
 @uncounted
 def _leave_unsure(looks: Floats, asked: Floats, most: Floats, done: Floats) -> int:
-    """Ask no more for lengths that are off by no more than some, (WAYS,), and add them up; of how many parts it is.
+    """Settle and add up lengths whose error is small enough.
 
     Args:
         looks: At parts, shape (k, LOOK).
@@ -145,7 +149,7 @@ def _leave_unsure(looks: Floats, asked: Floats, most: Floats, done: Floats) -> i
         done: The lengths of what isn't asked any more, shape (WAYS,); changed.
 
     Returns:
-        Of how many parts some way is still asked.
+        The number of parts of which some length is still asked.
     """
     count = 0
     for k in range(looks.shape[0]):
