@@ -1,4 +1,8 @@
-"""Bodies of obstacles that move, placed where they are at a time, with the velocities of what carries them."""
+"""Bodies of obstacles that move, placed where they are at a time, with the velocities of what carries them.
+
+`scene/distance_tables.py` makes the tables. A motion is on a screw from each placement to the next, at rest before the
+first and after the last, as proofs have it (`kernels/prove/placement.py`).
+"""
 
 from __future__ import annotations
 
@@ -90,7 +94,7 @@ def place_moved(moving: MovingBodies, time: float, moved: MovedBodies) -> None:
 
 @uncounted
 def _on_screw(start: Floats, twist: Floats, time: float, placement_out: Floats) -> None:
-    """Return where a frame is that has been on a screw for a time, from a placement (3, 4) on."""
+    """Write where a frame is that has been on a screw for a time, from a placement (3, 4) on."""
     x, y, z = time * twist[0], time * twist[1], time * twist[2]
     u, v, w = time * twist[3], time * twist[4], time * twist[5]
     square = u * u + v * v + w * w

@@ -57,14 +57,14 @@ from guidefield.kernels.jit.decorators import compiled, uncounted
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64, Vector, load, select, store, total as total_of
 
-MARGIN = 0.04  # a group may move this far before bodies are looked for anew [m], at size 1
-MOST = 24  # with more bodies about it than this, a group looks for them anew each time
+MARGIN = 0.04  # a group may move this far before bodies near it are searched again [m], at size 1
+MOST = 24  # bodies that are remembered of a group; with more about it they are searched each time
 
 
 class NearBodies(NamedTuple):
-    """Bodies near s configurations of a motion, by group; overwritten by every look at them."""
+    """Bodies near s configurations of a motion, by group; overwritten by every search."""
 
-    centres: BlocksOut  # where each group's ball was when bodies were looked for, shape (s, g, 3) [m]
+    centres: BlocksOut  # where each group's ball was when bodies were searched, shape (s, g, 3) [m]
     counts: IndexRowsOut  # how many there were, shape (s, g); -1 where nothing is remembered
     bodies: IndexBlocksOut  # their indices, shape (s, g, `MOST`)
 
@@ -73,7 +73,7 @@ NEAR_BODIES = numba_type(NearBodies)
 
 
 def nothing_remembered(configurations: int, groups: int) -> NearBodies:
-    """Of some configurations and groups."""
+    """Return memory of no bodies near any of some configurations and groups."""
     return NearBodies(
         np.zeros((configurations, groups, 3)),
         np.full((configurations, groups), -1),
@@ -97,7 +97,7 @@ def bodies_that_count(robot: SampledRobot, tables: DistanceTables, g: int, reach
 def remembered_bodies(
     robot: SampledRobot, tables: DistanceTables, s: int, g: int, reach: float, near: NearBodies, work: Workspace
 ) -> int:
-    """The same of configuration s, for a reach that is the same each time; looks for them where it has to."""
+    """`bodies_that_count` near configuration s, remembered while the group stays near; for the same reach each time."""
     x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
     dx, dy, dz = x - near.centres[s, g, 0], y - near.centres[s, g, 1], z - near.centres[s, g, 2]
     margin = MARGIN * robot.size
@@ -383,7 +383,7 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
 
 @compiled(SCALAR(ROBOT, MOVING, VECTOR, SCALAR, SCALAR))
 def moving_distance(robot: SampledRobot, moving: MovingBodies, z: Floats, time: float, cutoff: float) -> float:
-    """The same to obstacles that move, at chart coordinates (nv,) and a time [s]."""
+    """Smallest distance to obstacles that move, at chart coordinates (nv,) and a time [s]; else `obstacle_distance`."""
     work = workspace(robot, moving.bodies)
     moved = moved_bodies(moving, robot.joints.table.parents.shape[0], robot.joints.offsets.shape[0])
     place(robot, z, work)

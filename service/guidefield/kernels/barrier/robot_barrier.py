@@ -36,7 +36,7 @@ def robot_barrier(
         z: Chart coordinates, shape (nv,) [rad or m].
         time: When those that move are met [s].
         walls: Range, wall and floor of the barrier against obstacles, see `obstacle_barrier` [m].
-        share: Factor of the barrier between links; where it is 0 that isn't looked at.
+        share: Factor of the barrier between links; where it is 0 that isn't evaluated.
         gradient_out: Its gradient by z, shape (nv,); nothing is written where the barrier is 0.
         hessian_out: Gauss and Newton's approximation of its Hessian, shape (nv, nv); the same.
         across_out: That by z and time, shape (nv,) [1/s]; the same.

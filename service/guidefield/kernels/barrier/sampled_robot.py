@@ -21,7 +21,7 @@ from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64, select
 
 SOFT = 0.01  # below this distance the barrier is its parabola [m], at size 1; below half the range where that is less
-STEEPNESS = 100.0  # cost of a point on top of the barrier where nothing of the floor remains
+STEEPNESS = 100.0  # cost of a point in contact, besides the barrier's: a larger one keeps the floor more strictly
 
 
 @inlined
@@ -73,7 +73,7 @@ class SampledRobot(NamedTuple):
     # another from a group's first on, a block, near each other
     points: Rows
     weights: Row  # (p,) how much each counts
-    groups: IndexRows  # (g, 4)
+    groups: IndexRows  # (g, 4) `JOINT` and the columns after it
     balls: Rows  # (g, 4) centre and radius of a ball about a group's points, in the frame of the joint [m]
     blocks: Rows  # (4, n) the same about each block of points, by rows
     first_blocks: Indices  # (g,) the first block of each group
@@ -90,7 +90,7 @@ ROBOT = numba_type(SampledRobot)
 
 
 class Workspace(NamedTuple):
-    """Scratch of `barrier_at`, overwritten by every call; n joints, nv tangents of the model."""
+    """Scratch of `robot_barrier`, overwritten by every call; n joints, nv local coordinates of the model."""
 
     joints: JointPlaces  # placements of the joints, and how they move
     row: Floats  # gradient of one distance by them, shape (nv,)
@@ -136,7 +136,7 @@ def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
 
 @uncounted
 def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
-    """Placements of joints, motion subspaces by the chart of the model, and centres of balls, into the scratch.
+    """Write placements of joints, motion subspaces by local coordinates of the model, and centres of balls.
 
     Args:
         z: Chart coordinates of the group, shape (nv,) [rad or m].

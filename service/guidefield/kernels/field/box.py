@@ -1,6 +1,7 @@
-"""Charged boxes at points: six rectangles that share eight distances, one arctangent each; lanes of points.
+"""Fields of charged boxes, capsules, spheres and planes in closed form, at lanes of points.
 
-Where all lanes are `FAR` all faces are flat to them and nothing can cancel, so that the shorter forms serve.
+A box is six rectangles that share eight distances, one arctangent each. Where all lanes are `FAR` all faces are flat to
+them and nothing can cancel, so that the shorter forms serve.
 """
 
 from __future__ import annotations
@@ -184,7 +185,6 @@ def plane_at(p: Any, normal: Vector3, offset: float) -> Six:
 
 FAR = 1.8  # distance from the centre, over half the diagonal, from which no face has half a solid angle of pi/8
 
-
 CENTRE, AXES, HALVES, CHARGE, FAR_SQUARE, BOX_COLUMNS = 0, 3, 12, 15, 16, 17
 """Columns of a box: centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3) [m], charge,
 the square of the distance from its centre that is `FAR` [m^2]; then how many columns there are."""
@@ -192,7 +192,6 @@ the square of the distance from its centre that is `FAR` [m^2]; then how many co
 
 @inlined
 def _along(box: Any, axis: int, dx: Any, dy: Any, dz: Any) -> Any:
-    """An offset along one of a box's axes."""
     at = AXES + 3 * axis
     return dx * box[at] + dy * box[at + 1] + dz * box[at + 2]
 
@@ -256,7 +255,7 @@ def _face(
 
 @inlined
 def box_at(x: Any, y: Any, z: Any, box: Any) -> tuple[Any, Any, Any, Any, Any, Any]:  # noqa: PLR0915
-    """Return the field of a box of unit charge per area, a row (BOX_COLUMNS,), at points: as `primitives.sphere_at`."""
+    """Return the field of a box of unit charge per area, a row (BOX_COLUMNS,), at points: as `sphere_at`."""
     dx, dy, dz = x - box[CENTRE], y - box[CENTRE + 1], z - box[CENTRE + 2]
     p1, p2, p3 = _along(box, 0, dx, dy, dz), _along(box, 1, dx, dy, dz), _along(box, 2, dx, dy, dz)
     a1, a2, a3 = box[HALVES], box[HALVES + 1], box[HALVES + 2]

@@ -197,11 +197,11 @@ def single_field(height: Any, F: Any, a: Any, aa: Any, af: Any) -> tuple[Any, An
 
 
 POINT, NORMAL, PLANE_ROWS = 0, 3, 6
-"""Numbers that lead a face's row: a point of its plane (3), its unit normal (3); then how many there are."""
+"""Leading columns of a face's row: a point of its plane (3), its unit normal (3); then how many there are."""
 
 QUADRUPLE, SQUARED, FLATTENED, EDGES, LONGEST, LENGTH, TAU, THIRD, HALF_ROWS = 0, 1, 2, 3, 6, 9, 10, 11, 14
-"""Numbers of a triangle: a, a^2, a `FLAT`, L_i^2 (3); t, along the longest edge (3), its length, tau, e (3); then how
-many there are."""
+"""Columns of a triangle behind those, and of each half of a quadrilateral: a, a^2, a `FLAT`, L_i^2 (3); t, along the
+longest edge (3), its length, tau, e (3); then how many there are."""
 
 AFTER, FIRST_VERTEX, PAST_VERTEX, LINK_COLUMNS = 0, 1, 2, 12
 """Columns of a node's links: the node after all below it, a leaf's vertices; then how many columns there are."""
@@ -223,7 +223,7 @@ def _dot(a: Any, b: Any, at: int) -> Any:
 
 @inlined
 def _height(p: Any, row: Any) -> Any:
-    """Of points over the plane of a face, on the side of its normal."""
+    """Height of points over the plane of a face, on the side of its normal."""
     return (
         (p[0] - row[POINT]) * row[NORMAL]
         + (p[1] - row[POINT + 1]) * row[NORMAL + 1]
@@ -302,9 +302,9 @@ def block_at(  # noqa: PLR0915 - corners, triangles, quads, corners
     """Return the field of a block of unit charge per area: Phi, gradient (3), curvature, half the solid angles.
 
     p are points in the frame of the tables [m], three lanes; `scratch` has 4 * step elements for every vertex (v, 3) of
-    the block, `link` is its row of `FieldTables.links`. Triangles have vertices (t, 3), the longest edge from the first
-    to the second, and rows of plane and half (t, 20); quads two triangles each (q, 6), and plane and two halves
-    (q, 34).
+    the block, `link` is its row of `FieldTables.links` (field_tables.py). Triangles have vertices (t, 3), the longest
+    edge from the first to the second, and rows of plane and half (t, 20); quads two triangles each (q, 6), and plane
+    and two halves (q, 34).
     """
     x, y, z = p
     zero = 0.0 * x

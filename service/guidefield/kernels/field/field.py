@@ -1,4 +1,8 @@
-"""The field of everything charged at many points: boxes, faces, spheres, capsules, planes and clouds summed."""
+"""The field of everything charged at many points: boxes, faces, spheres, capsules, planes and clouds summed.
+
+Clusters of charges are far nodes of trees (`geometry/far_tree.py`), which count by their multipole expansion beyond
+their reach. A kind of charge has a branch in `_with_forms` and in `_with_form_potentials`: both are the same sum.
+"""
 
 from __future__ import annotations
 
@@ -292,8 +296,8 @@ def _potential_of(t: Any, p: Any, phi: Any, scratch: Any, step: int) -> Any:
 def add_field(t: Any, points: Any, first: int, field_out: Any) -> None:
     """Add the field (6, n) at points (3, n) from the first on.
 
-    What is left over behind the last whole vector is left out. Points are in the frame of the tables, less their origin
-    [m]; the field is potential [1/m], gradient (3) [1/m^2], curvature [1/m^3] and winding number.
+    Points behind the last whole vector are left out (`padded` adds some). They are in the frame of the tables, less its
+    origin [m]; the field is potential [1/m], gradient (3) [1/m^2], curvature [1/m^3] and winding number.
     """
     x, y, z = points[0], points[1], points[2]
     step = lanes_of(x)

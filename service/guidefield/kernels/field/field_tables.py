@@ -1,4 +1,8 @@
-"""Tables of charges, as the kernels read them."""
+"""Tables of charges as field kernels read them: their columns, and versions without expansions or in single precision.
+
+`geometry/charged.py` and `far_tree.py` write them. `single_precision` moves the position that each row begins with: a
+further kind of charge needs a line there.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from numba import types
 from guidefield.kernels.field.faces import HALF_ROWS, PLANE_ROWS
 from guidefield.kernels.jit.arrays import IndexRows, Row, Rows, numba_type
 
-TRIANGLE_COLUMNS, QUAD_COLUMNS = PLANE_ROWS + HALF_ROWS, PLANE_ROWS + 2 * HALF_ROWS
+TRIANGLE_COLUMNS, QUAD_COLUMNS = PLANE_ROWS + HALF_ROWS, PLANE_ROWS + 2 * HALF_ROWS  # as `faces` has them
 
 CHARGE, MOMENTS, AREA, CHARGE_PER_AREA, NODE_COLUMNS = 3, 4, 10, 13, 14
 """Columns of a node, behind its centre of charge (3): charge, its second moments xx xy xz yy yz zz, area vector (3),

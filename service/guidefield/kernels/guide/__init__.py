@@ -1,1 +1,1 @@
-"""The thesis' planner: descents on guide planes, what is free across them, a coarse way for the tip."""
+"""Kernels of guide planes: descents on them, rounds towards them, free areas about points, a coarse way for the tip."""

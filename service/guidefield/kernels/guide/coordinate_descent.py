@@ -1,8 +1,9 @@
-"""One round of the seed's minimizer: a slide, then every link in turn, each by a search for one number.
+"""One round of the minimizer Univariate: a slide, then every link in turn, each by a search for one number.
 
 service/docs/algorithm.md, "Univariate". A search follows the sign of a projected force or torque: steps of one size as
 long as it stays, reversed and halved where it changes, halved where a trial isn't free. Only the links whose forces a
 search needs are evaluated: those that it moves, of a chain that nothing holds the one that turns.
+`planner/guide/guide.py` calls it, for robots that are chains of ball or universal joints.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ joint."""
 
 
 class Strung(NamedTuple):
-    """The chain at a configuration."""
+    """A chain of links at a configuration."""
 
     q: Floats  # configuration, shape (nq,)
     places: Floats  # of the joints and the end, shape (n + 1, 3) [m, world]
@@ -59,7 +60,7 @@ class SweepRoom(NamedTuple):
 
 @inlined
 def strung(nq: int, n: int) -> Any:
-    """Room for a chain: length of a configuration, count of links."""
+    """Memory for a chain: length of a configuration, count of links."""
     return Strung(np.empty(nq), np.empty((n + 1, 3)), np.empty((n, 3, 3)))
 
 
@@ -113,14 +114,14 @@ def push(joints: Any, carriers: Any, robot: Any, tables: Any, at: Any, kind: int
         low, high = k - 1, k - 1
     _feel(joints, carriers, robot, tables, at, low, high, room)
     F, T, end, J = room.forces, room.torques, room.end, at.places
-    if kind == TURN_FROM:  # tau_k alone: the seed's sequential strategy for a moving base
+    if kind == TURN_FROM:  # tau_k alone: of a chain that nothing holds
         return T[k - 1, 0], T[k - 1, 1], T[k - 1, 2]
     x, y, z = 0.0, 0.0, 0.0
     if kind == SLIDE_WHOLE:
         for i in range(n):
             x, y, z = x + F[i, 0], y + F[i, 1], z + F[i, 2]
         return x, y, z
-    if kind == SLIDE_END:  # F_n + f2
+    if kind == SLIDE_END:  # F_n + f, f as `end_force` has it
         end_force(J, F, T, n - 1, end)
         return F[n - 1, 0] + end[0], F[n - 1, 1] + end[1], F[n - 1, 2] + end[2]
     if kind == TURN_PAIR:  # links 1 and 2 together, about J_0
@@ -128,7 +129,7 @@ def push(joints: Any, carriers: Any, robot: Any, tables: Any, at: Any, kind: int
         x, y, z = T[0, 0] + T[1, 0], T[0, 1] + T[1, 1], T[0, 2] + T[1, 2]
         fx, fy, fz = F[1, 0], F[1, 1], F[1, 2]
         return x + ly * fz - lz * fy, y + lz * fx - lx * fz, z + lx * fy - ly * fx
-    # tau_k - l_k x (F_k + f2)
+    # tau_k - l_k x (F_k + f)
     end_force(J, F, T, k - 1, end)
     lx, ly, lz = J[k, 0] - J[k - 1, 0], J[k, 1] - J[k - 1, 1], J[k, 2] - J[k - 1, 2]
     fx, fy, fz = F[k - 1, 0] + end[0], F[k - 1, 1] + end[1], F[k - 1, 2] + end[2]
@@ -215,7 +216,7 @@ def _within(limits: Any, q: Floats) -> bool:
 
 @inlined
 def _kind_of(leads: int, task: int, n: int) -> tuple[int, int, int]:
-    """Of a round's tasks in order: kind, link, and which axis across it."""
+    """Kind, link, and which axis across it, of a round's task, by its number."""
     if task == 0:
         return (SLIDE_WHOLE if leads == 1 else SLIDE_END), n, 0
     if leads == 1:
@@ -228,7 +229,7 @@ def _kind_of(leads: int, task: int, n: int) -> tuple[int, int, int]:
 
 @inlined
 def _axis_of(kind: int, k: int, which: int, at: Any, felt: Vector3, normal: Floats, axis_out: Floats) -> bool:
-    """Along or about what a search goes; False where there is nothing to follow."""
+    """Write the axis along or about which a search goes; False where there is none."""
     if kind in (TURN_FROM, TURN_TOWARDS):
         across(at, k, which, axis_out)
         return True

@@ -1,8 +1,9 @@
-"""Descent of the potential on the manifold of configurations whose tip keeps a constraint: kernel of Projected.
+"""Descent of the potential on the manifold of configurations whose tip keeps a constraint: the minimizer Projected.
 
-service/docs/algorithm.md, "Projected". A step is ``v = -(y - Z C y)`` with ``y = M^-1 g`` and ``Z = M^-1 C^T
-(C M^-1 C^T)^-1``: Newton's step in the metric M of nearby faces' curvature, less the part that would leave the
-constraint. It is taken back onto the constraint by up to three corrections with the same Z.
+service/docs/algorithm.md, "Projected". A step is ``v = -(y - Z C y)`` with ``y = M^-1 g`` and ``Z = M^-1 C^T (C M^-1
+C^T)^-1``: Newton's step in the metric M of nearby faces' curvature, less the part that would leave the constraint. It
+is taken back onto the constraint by up to three corrections with the same Z. `planner/guide/projected.py` and
+`plane_rounds` call it; settings are theirs.
 """
 
 from __future__ import annotations
@@ -68,13 +69,13 @@ class Step(NamedTuple):
 
 @inlined
 def state_room(nq: int, n: int) -> Any:
-    """Room for a state: length of a configuration, count of joints."""
+    """Memory for a state: length of a configuration, count of joints."""
     return State(np.empty(nq), np.empty((n, 3, 4)), np.empty((n, 6)), np.empty((n, 10)))
 
 
 @inlined
 def step_room(n: int, m: int, nv: int, kind: int) -> Any:
-    """Room for a step: joints, tangents of the model, of the group, rows of the constraint."""
+    """Memory for a step: joints, tangents of the model, of the group, rows of the constraint."""
     return Step(
         np.empty(nv), np.empty(nv), np.empty((kind, nv)), np.empty((1 + kind, nv)), np.empty((kind, nv)),
         np.empty((6, nv)), np.empty((kind, kind)), np.empty(kind), np.zeros(nv, np.int64), np.empty(m),
@@ -100,7 +101,7 @@ def _gradient(mover: Any, subspaces: Floats, wrenches: Floats, carried: Floats, 
 
 @inlined
 def _divide(mover: Any, factors: Any, right: Floats, room: Any, out: Floats) -> None:
-    """M^-1 of a row of the group (nv,): followers share what acts on their leader, and answer instead of it."""
+    """M^-1 of a row of the group (nv,): mimic joints share what acts on their source, and answer instead of it."""
     for r in range(mover.leaders.shape[0]):
         k = mover.leaders[r]
         room.right[r] = mover.factors[r] / mover.norms[k] * right[k]
@@ -177,7 +178,7 @@ def _newly_blocked(mover: Any, q: Floats, room: Any) -> int:
 
 @inlined
 def _count_by_size(mover: Any, subspaces: Floats) -> None:
-    """Have tangents (m, 6) count by the robot's size: what slides goes as far for one step as at size 1 by its size."""
+    """Scale tangents (m, 6) by the robot's size, so that slides of robots of any size go as far for one step."""
     for r in range(mover.leaders.shape[0]):
         for c in range(6):
             subspaces[r, c] *= mover.sizes[mover.leaders[r]]
@@ -232,11 +233,11 @@ def direction(mover: Any, constraint: Any, regularization: float, here: Any, fac
 ENDED, UNDECIDED, OUT_OF_STEPS = range(3)
 """Ends of a call of the descent: at its end; for the caller to judge a motion; after all the steps it may take."""
 
-_REFUSED, _TAKEN, _TO_JUDGE = range(3)
+_REFUSED, _TAKEN, _TO_JUDGE = range(3)  # verdicts on a trial
 
-_CORRECTIONS = 3
-_TRIALS = 10
-_SUFFICIENT_DECREASE = 1e-4
+_CORRECTIONS = 3  # steps back onto the constraint, at most
+_TRIALS = 10  # halvings of a step, at most
+_SUFFICIENT_DECREASE = 1e-4  # least share of the promised decrease that a trial has to bring (Armijo)
 
 
 class Settings(NamedTuple):
@@ -250,7 +251,7 @@ class Settings(NamedTuple):
     margin: float  # distance kept from obstacles [m]
     self_margin: float  # what capsules of the robot keep from each other [m]
     floor: float  # motions are halved down to this [m]
-    exact: int  # 1 where a no of the capsules is a no
+    exact: int  # 1 where the capsules are the links themselves, so that a motion that they refuse isn't free
 
 
 SETTINGS = numba_type(Settings)

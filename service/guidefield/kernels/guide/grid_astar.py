@@ -2,6 +2,7 @@
 
 A path costs its length times 1 + (comfort / clearance)^2, clearance up to what is ample. Points touch a ball of their
 own clearance: two neighbours are joined if their balls cover the way between them, so that no wall is too thin.
+`planner/guide/auto_planes.py` lays guide planes along it: it is no motion of the robot, and nothing is proven by it.
 """
 
 from __future__ import annotations
@@ -17,11 +18,10 @@ from guidefield.kernels.jit.decorators import inlined, kernel
 CAP = 0.25  # clearance beyond this doesn't count [m], at size 1
 
 _HASTE = 1.1
-"""The way found costs at most this many times the cheapest: the estimate of the rest is so much too large."""
+"""The path found costs at most this many times the cheapest: the estimate of the rest is larger by this factor."""
 
-_SETTLED = -1.0
-
-_ROOM = 1 << 14  # for entries of the heap at first
+_SETTLED = -1.0  # cost of a point that is settled or out of bounds
+_ROOM = 1 << 14  # entries that the heap has room for at first
 
 
 @inlined

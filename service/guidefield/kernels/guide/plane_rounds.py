@@ -1,7 +1,8 @@
-"""Rounds of advance, slide and reorient towards a guide plane by Projected, where capsules judge every motion.
+"""Rounds towards a guide plane in one call: the tip advances, the arm descends by Projected, the path is straightened.
 
 service/docs/algorithm.md, "Crossing a guide plane". guide.py and guided_path.py of planner/guide do the same step by
-step for the minimizers and the robots whose motions are judged elsewhere.
+step for other minimizers, and for robots whose motions capsules can't judge alone: a rule changed here is to be changed
+there. `planner/guide/rounds.py` reads `Record`.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ ADVANCED, DESCENDED = range(2)  # kinds of steps
 BEFORE, AFTER, GAPS = range(3)
 """The tip's distances to the inset polygon of a round: where it begins and where it ends; then how many."""
 
-_STRAIGHT, _ALL, _NONE = -1, -2, -3  # ways, where a number that isn't negative is the one step through which it leads
+_STRAIGHT, _ALL, _NONE = -1, -2, -3  # ways without steps, with all, none; a number from 0 on is the only step of one
 
 
 class Rounds(NamedTuple):
@@ -116,7 +117,7 @@ def _advanced(
     mover: Any, swept: Any, bodies: Any, settings: Any, rounds: Any, q: Floats, tip: Vector3, to: Vector3,
     distance: float, row: int, record: Any,
 ) -> float:  # fmt: skip
-    """The largest of step, step/2, step/4 .. that is feasible and free, taken; its length, 0 if there is none."""
+    """Take the largest of step, step/2, step/4 .. that is feasible and free; return its length, 0 if there is none."""
     tried, smallest = min(rounds.step, distance), min(rounds.smallest, 0.5 * distance)
     longest, point, there = tried, np.empty(3), record.steps[row]
     while tried >= smallest or tried == longest:
@@ -156,7 +157,7 @@ def _way_keeps(
 def _straighten(
     swept: Any, bodies: Any, settings: Any, rounds: Any, q: Floats, steps: Floats, kept: Any, record: Any
 ) -> None:
-    """Leave out steps of a round where the way without them keeps as wide a margin: as `GuidedPath.straighten`."""
+    """Leave out steps of a round where the way without them keeps as wide a margin: as guided_path.py."""
     last, through, m, counts = steps.shape[0] - 1, _NONE, 0, record.counts
     if last < 1:
         return
@@ -195,8 +196,9 @@ def approach(
 ) -> int:  # fmt: skip
     """Make rounds towards a guide plane, until the record is full; return how the last one ended.
 
-    From q (nq,); the capsules have to be the robot's very shapes, `tables` are in single precision. A descent has at
-    most `most_steps` steps: there have to be that many rows and one more in the record for each round.
+    From q (nq,); `aim` is the plane's `TipGuard`; capsules have to be the links themselves, not bounds of them; tables
+    are in single precision. A descent has at most `most_steps` steps: there have to be that many rows and one more in
+    the record for each round.
 
     The end is NEARER, ARRIVED or BLOCKED (the tip can't be moved; that round has no steps).
     """

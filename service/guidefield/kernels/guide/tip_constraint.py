@@ -12,11 +12,10 @@ from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.kinematics.integrate import Mover, tip_jacobian, tip_position
 
 EVALUATIONS, JUDGED, STEPS, ROUNDS, REFUSED, COUNTS = range(6)
-"""Evaluations of U or of its forces; motions judged; steps of descents; rounds towards a plane; ends of the motion that
-was refused in the last of them, 2 or 0; then how many columns there are."""
+"""Columns of counts: evaluations of U or of its forces; motions judged; steps of descents; rounds towards a plane; ends
+of the motion that was refused in the last of them, 2 or 0; then how many columns there are."""
 
 COUNTS_OUT = INDICES_OUT  # a row of them, shape (COUNTS,)
-
 
 ON_PLANE, HELD, SLIDING = 1, 3, 4
 """Kinds, by the count of numbers that stay zero: height above a plane; displacement from a point; height, rotation."""

@@ -1,4 +1,8 @@
-"""The free part of a plane about a point: rays in all directions until they hit, and the polygon that they leave."""
+"""The free part of a plane about a point: rays in all directions until they hit, and the polygon that they leave.
+
+`planner/guide/auto_planes.py` makes guide planes of it. Between rays obstacles may be missed: planes guide, they prove
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +40,7 @@ def _ray_length(
 def _ray_lengths(
     tables: DistanceTables, centre: Floats, u: Floats, v: Floats, longest: float, candidates: Integers, lengths: Floats
 ) -> None:
-    """Return how far evenly spread rays in a plane get before they hit an obstacle [m]."""
+    """Write the lengths of evenly spread rays in a plane before they hit an obstacle [m]."""
     count = bodies_near(centre[0], centre[1], centre[2], longest, tables, candidates)  # nothing else can be hit
     rays = lengths.shape[0]
     for k in range(rays):
@@ -104,10 +108,10 @@ def _cut(corners: Floats, count: int, nx: float, ny: float, offset: float, cut: 
 
 @kernel
 def free_section(tables: DistanceTables, centre: Row, axes: Rows, longest: float, corners_out: RowsOut) -> int:
-    """Cut a convex polygon about a point (3,) that is free as far as rays tell, at the nearest hits first; its corners.
+    """Cut a convex polygon about a point (3,) that is free as far as rays tell, at the nearest hits first.
 
-    In the plane's unit vectors `axes` (2, 3), counter-clockwise [m]; `corners_out` (2 rays, 2); no ray exceeds
-    `longest` [m].
+    Returns the count of corners, which are in the plane's unit vectors `axes` (2, 3), counter-clockwise [m];
+    `corners_out` (2 rays, 2); no ray exceeds `longest` [m].
     """
     rays = corners_out.shape[0] // 2
     candidates, lengths = np.empty(tables.kinds.shape[0], np.int64), np.empty(rays)

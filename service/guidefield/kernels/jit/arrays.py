@@ -1,4 +1,8 @@
-"""Types of what kernels read and write, declared once for Python and for numba."""
+"""Types of what kernels read and write, declared once for Python and for numba.
+
+A kernel's signature follows from its annotations. A type that changes here recompiles every kernel that has it, and
+needs arrays of that type and layout from all callers: others are refused.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +39,7 @@ FLOATS_OUT = types.Array(types.float32, 1, "C")
 
 FLOAT_POINTER, DOUBLE_POINTER, INTEGER_POINTER = map(types.CPointer, (types.float32, types.float64, types.int64))
 
-# Fields of a named tuple that kernels take; what they write ends with Out.
+# Annotations: fields of named tuples and arguments. Kernels write those that end with Out, and four more, see below.
 Row = Annotated[Floats, VECTOR]
 RowOut = Annotated[Floats, VECTOR_OUT]
 Rows = Annotated[Floats, MATRIX]
@@ -49,18 +53,19 @@ IndexRowsOut = Annotated[Integers, INDEX_MATRIX_OUT]
 IndexBlocksOut = Annotated[Integers, types.Array(types.int64, 3, "C")]
 Singles = Annotated[Floats32, FLOATS]
 SinglesOut = Annotated[Floats32, FLOATS_OUT]
+# written, too: verdicts on a grid's cells, their bits, rows in single precision, and of small indices
 Cells = Annotated[NDArray[np.int32], types.Array(types.int32, 1, "C")]
 Bits = Annotated[NDArray[np.uint32], types.Array(types.uint32, 1, "C")]
-Flags = Annotated[NDArray[np.bool_], types.Array(types.boolean, 2, "C", readonly=True)]
-
 SingleRows = Annotated[Floats32, types.Array(types.float32, 2, "C")]
 IndexRows32 = Annotated[NDArray[np.int32], types.Array(types.int32, 2, "C")]
-AnyRows = Annotated[Floats, types.Array(types.float64, 2, "A", readonly=True)]
+Flags = Annotated[NDArray[np.bool_], types.Array(types.boolean, 2, "C", readonly=True)]
+AnyRows = Annotated[Floats, types.Array(types.float64, 2, "A", readonly=True)]  # rows of any stride
+# sets of bits, 64 to a word; `simd.packing` has words of another kind, addresses
 Words = Annotated[NDArray[np.uint64], types.Array(types.uint64, 1, "C", readonly=True)]
 WordRows = Annotated[NDArray[np.uint64], types.Array(types.uint64, 2, "C", readonly=True)]
 WordRowsOut = Annotated[NDArray[np.uint64], types.Array(types.uint64, 2, "C")]
 ByteRows = Annotated[NDArray[np.uint8], types.Array(types.uint8, 2, "C", readonly=True)]
-ByteBlocksOut = Annotated[NDArray[np.int8], types.Array(types.int8, 3, "C")]
+ByteBlocksOut = Annotated[NDArray[np.int8], types.Array(types.int8, 3, "C")]  # signed
 TruthsOut = Annotated[NDArray[np.bool_], types.Array(types.boolean, 1, "C")]
 
 _PLAIN = {int: types.int64, float: types.float64, bool: types.boolean, type(None): types.void}

@@ -2,6 +2,7 @@
 
 With A = U^T U the border (B, C) adds the Schur complement C - B^T A^{-1} B. Rows of A's blocks fall into groups one
 after the other; those of different groups aren't coupled in any block, and each group has a factor of its own.
+`optimize/newton_descent.py` solves its steps by it: `COUPLED` is that of cubic splines, of four control points.
 """
 
 from __future__ import annotations
@@ -21,14 +22,13 @@ from guidefield.kernels.jit.arrays import (
     RowOut,
     Rows,
     RowsOut,
-    numba_type,
 )
 from guidefield.kernels.jit.decorators import counted, kernel, uncounted
 from guidefield.kernels.simd.vector import LANES_64, load, magnitude, store, total
 
 COUPLED = 3  # a block is coupled with as many before it
 TILE = LANES_64  # rows and columns of a tile
-FIRST, PAST = 0, 1  # columns of a strip's rows that aren't zero
+FIRST, PAST = 0, 1  # columns of spans: the first row of a strip that isn't zero, and the one past the last
 
 
 @uncounted
@@ -92,7 +92,7 @@ def _take_product(a: Floats, b: Floats, rows: int, c: Floats) -> None:
 
 @uncounted
 def _take_products(a: Floats, b: Floats, b_: Floats, rows: int, c: Floats, c_: Floats) -> None:
-    """The same for two tiles at once, c of the strips a and b, c_ of a and b_: each number of a is read once."""
+    """Subtract a^T b from a tile c and a^T b_ from c_ at once: each number of a is read once."""
     c0, c1, c2, c3 = load(c, 0), load(c, TILE), load(c, 2 * TILE), load(c, 3 * TILE)
     c4, c5, c6, c7 = load(c, 4 * TILE), load(c, 5 * TILE), load(c, 6 * TILE), load(c, 7 * TILE)
     d0, d1, d2, d3 = load(c_, 0), load(c_, TILE), load(c_, 2 * TILE), load(c_, 3 * TILE)
@@ -125,7 +125,7 @@ def _take_products(a: Floats, b: Floats, b_: Floats, rows: int, c: Floats, c_: F
 
 @uncounted
 def _take_strip(a: Floats, of_a: Integers, b: Floats, of_b: Integers, most: int, c: Floats) -> None:
-    """The same for one tile, of the rows before `most` in which neither strip is zero; where they aren't is given."""
+    """`_take_product` of the rows before `most` in which neither strip is zero; their spans are given."""
     first, past = max(of_a[FIRST], of_b[FIRST]), min(of_a[PAST], of_b[PAST], most)
     if first < past:
         _take_product(a[first * TILE :], b[first * TILE :], past - first, c)
@@ -135,7 +135,7 @@ def _take_strip(a: Floats, of_a: Integers, b: Floats, of_b: Integers, most: int,
 def _take_strips(
     a: Floats, of_a: Integers, b: Floats, of_b: Integers, s: int, most: int, into: Floats, into_s: int, at: int
 ) -> None:
-    """The same for two tiles side by side: of strips s and s + 1 of b, into strips `into_s` and the next from `at`."""
+    """`_take_products` of such rows: of strips s and s + 1 of b, into strips `into_s` and the next from `at`."""
     first = max(of_a[FIRST], min(of_b[s, FIRST], of_b[s + 1, FIRST]))
     past = min(of_a[PAST], max(of_b[s, PAST], of_b[s + 1, PAST]), most)
     if first < past:
@@ -318,13 +318,10 @@ class BorderedFactor(NamedTuple):
     inverses: RowOut  # of its tiles on the diagonal, transposed
     padded: RowOut  # memory for a group's right side with the rows of the identity, and three more blocks
     border: RowsOut  # B by its columns, shape (k, n m)
-    across: RowsOut  # a^-1 B by its columns, shape (k, n m)
+    across: RowsOut  # A^-1 B by its columns, shape (k, n m)
     # of S = C - B^T A^-1 B: the first, the one that the first leaves of the second, and the share of the first row that
     # is in the second; shape (3,)
     pivots: RowOut
-
-
-FACTOR = numba_type(BorderedFactor)
 
 
 def room_for_factor(n: int, size: int, more: int) -> BorderedFactor:

@@ -1,1 +1,1 @@
-"""Vector types for kernels, arithmetic on them, and how arguments are packed."""
+"""Vector types for kernels, arithmetic and rotations on them, and how arguments are packed."""

@@ -24,14 +24,13 @@ _TURN_HIGH = 6.28125
 _TURN_LOW = 2.0 * math.pi - _TURN_HIGH
 _PER_TURN = 1.0 / (2.0 * math.pi)
 
-_EIGHTH = math.tan(math.pi / 8.0)
-_SMALL = 1e-9
-_SMALL_ANGLE = 0.1
+_EIGHTH = math.tan(math.pi / 8.0)  # above this ratio an arctangent is reduced by an eighth of a turn
+_SMALL = 1e-9  # below this sine or angle a quotient is its limit
+_SMALL_ANGLE = 0.1  # below this angle a rate is its series [rad]
 
 
 @lane_part
 def _rounded(x: Any) -> Any:
-    """The nearest whole number."""
     return (x + _ROUNDING) - _ROUNDING
 
 

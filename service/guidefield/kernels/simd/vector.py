@@ -8,7 +8,7 @@ kernels only: a vector can't be an argument of a Python call.
 
 Run undecorated, the same kernel works on NumPy arrays (`vector_model`): `load` gives a slice, `select` is
 `numpy.where`, and `+=` would change what other names hold. This file tells numba the types of the operations, and LLVM
-its instructions for them; `vector_lanes` those between the lanes of one vector.
+its instructions for them; `vector_rules` those between the lanes of one vector.
 """
 
 # ruff: noqa: ARG001, ARG005 - numba hands the same arguments to every rule

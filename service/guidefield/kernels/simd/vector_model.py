@@ -1,4 +1,7 @@
-"""The vector types of kernels, and the functions of their values as they run undecorated, on NumPy arrays."""
+"""The vector types of kernels, and the functions of their values as they run undecorated, on NumPy arrays.
+
+The numbers of lanes are part of tables' layouts, and sixteen stands in `point_tree`, too: they are no settings.
+"""
 
 from __future__ import annotations
 

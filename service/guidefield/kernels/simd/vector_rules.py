@@ -1,5 +1,8 @@
 # ruff: noqa: ARG001, ARG005  numba hands the same arguments to every rule
-"""Typing rules of operations on vectors for numba, and of a number beside a vector."""
+"""Typing and code of vector operations for numba: registration, a number beside a vector, and sums over lanes.
+
+`FLAGS` are the only liberties that LLVM has: others would change the last bits of all results.
+"""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Streams: the judge of a commit (`judge`, `separation`, `curves`), which calls nothing else, and what plans for it."""
+"""Kernels of streams: limits of a commit (`judge`), its piece and stop (`way`), schedules among obstacles (`dodge`)."""

@@ -1,7 +1,9 @@
-"""The cost of a path among drifting obstacles, and its timing: going on, waiting, turning back or sidestepping.
+"""The cheapest schedule of a path among drifting obstacles: going on, waiting, turning back or stepping aside.
 
-Dynamic programming over time, step by step, in a tube about the way: its places, and some steps beside them to some
-sides. On the way alone everything is examined; beside it what is the most promising at each step.
+Dynamic programming over time, step by step, in a tube about the path: its places, and some steps beside them to some
+sides. On the path alone all states are examined; beside it the most promising ones at each step. `stream/dodging.py`
+ranks paths by the cost and leads pieces along the schedule: each is proven by itself, so that constants decide how well
+a stream dodges, not whether it is safe.
 """
 
 from __future__ import annotations
@@ -21,7 +23,6 @@ from guidefield.kernels.jit.arrays import (
     Row,
     Rows,
     RowsOut,
-    numba_type,
 )
 from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.linalg.small_systems import write_stable_order
@@ -50,21 +51,14 @@ class Tube(NamedTuple):
     stays: int  # this many places at the end are the end once more: the robot is to stay there
 
 
-TUBE = numba_type(Tube)
-
-
 class KeptClearances(NamedTuple):
     """Requirements on a path among moving obstacles."""
 
     # what to keep from each on the move, where the robot waits, and at the way's end at least; shape (3, k) [m]
     kept: Rows
-    # who comes to an end that is closer to something than the first two is to keep so much more for each second from
-    # there [m/s]
+    # if the end is closer to something than the first two, this is kept in addition for each second before it [m/s]
     widening: float
     dear: float  # what a lack of 1 m for 1 s costs [s]
-
-
-KEPT_CLEARANCES = numba_type(KeptClearances)
 
 
 @inlined
@@ -138,7 +132,7 @@ def _all_kept(wanted: KeptClearances) -> float:
 
 @inlined
 def _place_boxes(boxes: Floats, drifts: Floats, time: float, moved: Floats32) -> None:
-    """Write where what moves is after a time [s] to boxes that are otherwise the same, shape (k, 16)."""
+    """Write the places of drifting boxes after a time [s] to boxes that are otherwise the same, shape (k, 16)."""
     for k in range(boxes.shape[0]):
         for r in range(3):
             moved[k, 4 * r + 3] = boxes[k, 4 * r + 3] + time * drifts[k, r]
@@ -148,9 +142,9 @@ def _place_boxes(boxes: Floats, drifts: Floats, time: float, moved: Floats32) ->
 def _write_kept_at_end(
     words: Integers, boxes: Floats, drifts: Floats, wanted: KeptClearances, tube: Tube, moved: Floats32, ends: Floats32
 ) -> None:
-    """Write each one's distance at the way's end after each step, shape (n, k) [m]: how far it will be from there.
+    """Write the distance of each obstacle from the robot at the way's end after each step, shape (n, k) [m].
 
-    All is kept where that is less than what has to be: nobody goes there then.
+    If it is less than has to be kept, the most that is kept from anything: no schedule ends there then.
     """
     most, end = _all_kept(wanted), np.empty((1, tube.places.shape[1]), np.float32)
     end[0] = tube.places[tube.places.shape[0] - 1]
@@ -164,7 +158,7 @@ def _write_kept_at_end(
 
 @inlined
 def _lacks(gaps: Floats32, wanted: KeptClearances, enough: Floats32, more: float) -> tuple[float, float]:
-    """What lacks where obstacles are some gaps (k,) away, on the move and where the robot waits [m].
+    """Return the distance that lacks at gaps (k,) from obstacles, on the move and where the robot waits [m].
 
     `enough` (k,) is kept of each at the way's end when the robot can be there, `more` more is enough here [m].
     """

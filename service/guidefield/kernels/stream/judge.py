@@ -1,4 +1,8 @@
-"""Limits that a commit keeps, and how far the robot comes by it; what it meets is proven by `prove`."""
+"""Limits that a commit keeps, and a bound on the robot's travel; `kernels/prove` proves what it keeps from obstacles.
+
+A commit is sent if `broken_limit` finds none: nothing else in a stream checks limits. Its phases are those of `way`, of
+constant jerk; columns are the same there and in `stream/commit.py`.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +18,8 @@ from guidefield.kernels.prove.placement import find_twists, place_at
 from guidefield.kernels.prove.samples import new_search
 from guidefield.kernels.prove.tables import BezierCurve, MovingRobot
 
-BEGIN, VALUE, VELOCITY, ACCELERATION, JERK = range(5)
-PHASE = 5  # numbers of a phase: its columns
+BEGIN, VALUE, VELOCITY, ACCELERATION, JERK = range(5)  # columns of a phase: its begin [s], and the state there
+PHASE = 5  # their number
 EXACT = 1e-9  # tolerance for rounding, of a limit or of continuity, as a share of the limit or in [rad or m, s]
 
 

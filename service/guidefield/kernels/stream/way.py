@@ -1,4 +1,7 @@
-"""Pieces of a stream: the quickest change of velocity of each coordinate within its jerk, and the hardest braking."""
+"""Pieces of a stream: the quickest change of velocity of each coordinate within its jerk, and the hardest braking.
+
+`stream/commit.py` calls it, and has `judge` check what it wrote: phases of constant jerk, in that file's columns.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,9 @@ from guidefield.kernels.jit.arrays import BlocksOut, Floats, IndicesOut, Row, Ro
 from guidefield.kernels.jit.decorators import kernel, lane_part
 
 MOST_PHASES = 9  # of a coordinate: those of a piece, of braking, and standing
-HALVINGS = 40  # so often the velocity is halved whose piece and braking end at a given value
-SOFTENINGS = 12  # so often the share of the limits is halved with which a coordinate takes as long as the slowest one
-_REACHED = 1e-10  # an end that is as close to where it is wanted is there [rad or m]
+HALVINGS = 40  # bisections for the velocity whose piece and braking end at a given value
+SOFTENINGS = 12  # bisections for the share of the limits with which a coordinate takes as long as the slowest one
+_REACHED = 1e-10  # an end this close to the given value has reached it [rad or m]
 
 
 @lane_part

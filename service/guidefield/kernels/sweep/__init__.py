@@ -1,1 +1,1 @@
-"""Capsules about links along a motion: a test that they stay apart from everything."""
+"""A test that a robot's capsules stay apart from everything along a motion."""

@@ -1,7 +1,8 @@
-"""Bounds on the motion of capsules that a robot's joints carry, along a straight motion in local coordinates.
+"""A test that capsules which a robot's joints carry stay apart along a straight motion in local coordinates.
 
-Two bounds, both rigorous: the sum of what the joints do (collision/motion_bound.py has its proof), and a capsule's
-speed at the middle of the motion with its largest acceleration, which counts what joints undo of each other.
+Two bounds on their motion, both rigorous: the sum of what the joints do (collision/motion_bound.py has its proof), and
+a capsule's speed at the middle of the motion with its largest acceleration, which counts what joints undo of each
+other. Minimizers and `collision/swept.py` rely on a yes, which is certain; a no may be a doubt.
 """
 
 from __future__ import annotations
@@ -224,8 +225,7 @@ def changing(robot: SweptRobot, turns: Floats, slides: Floats, moving: Integers,
 
 
 _DEEPEST = 14  # a motion is halved no more often than this
-
-_STACK = 64
+_STACK = 64  # parts of a motion, or of an axis, that wait at most
 
 
 @uncounted
@@ -252,7 +252,7 @@ def _segment_distance(ends: Floats, a: int, b: int) -> float:
 
 @uncounted
 def _keeps(ends: Floats, c: int, keep: float, tables: DistanceTables, candidates: Integers, stack: Floats) -> bool:
-    """Tell if the axis of capsule c is farther than `keep` from all obstacles: halved until every part tells."""
+    """Tell if the axis of capsule c is farther than `keep` from all obstacles: halved until each part is decided."""
     dx, dy, dz = ends[c, 3] - ends[c, 0], ends[c, 4] - ends[c, 1], ends[c, 5] - ends[c, 2]
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     mx, my, mz = ends[c, 0] + 0.5 * dx, ends[c, 1] + 0.5 * dy, ends[c, 2] + 0.5 * dz

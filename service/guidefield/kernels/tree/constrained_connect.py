@@ -2,7 +2,7 @@
 
 After CBiRRT (Berenson et al., ICRA 2009): a stride towards a sample is corrected by Newton's method until the
 constraints hold with some room to spare, so that a thin set of configurations is walked along and not waited for.
-Samples, the nearest nodes, motions and paths are those of any search; a node is left for samples however far.
+Samples, the nearest nodes, motions and paths are those of rrt_connect.py, without its domains and batches.
 """
 
 from __future__ import annotations
@@ -52,9 +52,8 @@ class Strides(NamedTuple):
     """Settings of trees within path constraints."""
 
     length: float  # of a stride, by the metric [rad]
-    # a stride that comes nearer to where it was to go by less than this share of its length ends a walk
-    least_gain: float
-    farthest: float  # so does one that ends this many lengths from where it began
+    least_gain: float  # a walk ends with a stride that comes nearer to its target by less than this share of its length
+    farthest: float  # and with one that ends this many lengths from where it began
     room: float  # strides are brought to within this share of each limit
     corrections: int  # Newton's steps for that, at most
     resolution: float  # samples of a motion per length in the chart [1/rad or 1/m]
@@ -184,7 +183,7 @@ def grow_within(
     iterations: int,
     begins: bool,
 ) -> int:
-    """Grow two trees towards each other within path constraints; roots (k, nv) and (m, nv), the rest as for `grow`."""
+    """Grow two trees towards each other within path constraints; roots (k, nv), (m, nv), else as `rrt_connect.grow`."""
     among, sources, trees = world_of(pointers(world)), sampling_of(pointers(sampling)), search_of(pointers(search))
     nv = trees.nv
     if not starts.shape[1] == goals.shape[1] == among.nv == frames.chain.lower.shape[0] == nv:

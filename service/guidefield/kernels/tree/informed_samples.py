@@ -1,7 +1,9 @@
-"""An even sequence of samples for searches on lanes: most near the way between two roots, the others in all of a box.
+"""An even sequence of samples for searches in SIMD batches: most near the way between two roots, others anywhere.
 
 A joint turns by more than most ways need. Samples from all of its limits mostly pull a tree away from where it has to
-go; those near the straight way from a start to a goal find most paths sooner, and the others find the rest.
+go; those near the straight way from a start to a goal find most paths sooner, and the others find the rest. The
+sequence is fixed by `Sampling.steps` and the places where it begins, which `planner/connect/tree_search.py` draws by
+the seed: a change here changes every path.
 """
 
 from __future__ import annotations
@@ -31,9 +33,9 @@ from guidefield.kernels.simd.vector import (
     store,
 )
 
-_AHEAD = np.arange(1, LANES + 1, dtype=np.float32)  # of sixteen samples, the how manieth each is
+_AHEAD = np.arange(1, LANES + 1, dtype=np.float32)  # which of the next sixteen samples each lane has
 NEAR = 0.75  # the share of samples that are drawn near a way; the others fill the box
-WHOLE = 0.9999  # from so much of a turn on a coordinate's limits are a whole turn
+WHOLE = 0.9999  # a range of at least this share of a turn counts as the whole turn
 
 
 class Way(NamedTuple):

@@ -65,7 +65,7 @@ BUCKETS = pointed(BUCKETS_TYPE)
 
 
 def buckets_for(nv: int, capacity: int) -> Buckets:
-    """Room for a given number of nodes of nv coordinates in each of two trees."""
+    """Return empty buckets for `capacity` nodes of nv coordinates in each of two trees."""
     n = -(-capacity // (BUCKET // 2 * LANES)) * LANES  # a split leaves 16 nodes in a bucket
     return Buckets(
         n=n,
@@ -91,7 +91,7 @@ def short_way(apart: Vector, period: float, frequency: float) -> Vector:
 
 @lane_step(void(BUCKETS, int64, int64, int64, int64))
 def _set_box(buckets: Buckets, nv: int, tree: int, bucket: int, filled: int) -> None:
-    """Say how many nodes a bucket has; repeat the first in the rest of it, and find the box about them."""
+    """Set the number of a bucket's nodes; repeat the first in the rest of it, and find the box about them."""
     inside, members, n, start = buckets.inside, buckets.members, buckets.n, tree * buckets.n + bucket
     buckets.filled[start] = filled
     for i in range(filled, BUCKET):

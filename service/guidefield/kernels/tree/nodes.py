@@ -1,4 +1,8 @@
-"""The nodes of two trees that a search in SIMD batches grows: steps from them, one more of them, the path between."""
+"""The nodes of two trees that a search in SIMD batches grows: steps from them, one more of them, the path between.
+
+`planner/connect/tree_search.py` and `stream/path_planner.py` make the arrays of `TreeSearch`, and read path and
+counters.
+"""
 
 from __future__ import annotations
 
@@ -29,13 +33,13 @@ from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
 from guidefield.kernels.tree.kd_buckets import KNOWN, STATE, Buckets, nearest_in_buckets, put_in_bucket, short_way
 
 RANGE = 1.0  # longest extension of a tree, by the metric [rad]
-LATE = 1024  # this many nodes of a tree are examined one by one before they go into buckets, which pay for more
+LATE = 1024  # newest nodes of a tree that are examined one by one, at most; buckets pay for more
 
 SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROWS, REFUSED, TRIED, PLANTED = 0, 2, 3, 4, 6, 7, 8, 9, 11
 """Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions,
 rows of the path, how many samples in a row were outside of their nodes' domains, the extensions of both trees that were
 judged, and the roots of both trees."""
-COUNTERS = 13
+COUNTERS = 13  # their number
 
 
 class TreeSearch(NamedTuple):
@@ -85,7 +89,7 @@ ROOTS = types.Array(types.float64, 2, "A", readonly=True)  # roots of a tree, sh
 
 @lane_part
 def step_each(search: TreeSearch, sampling: Sampling, batch: int) -> None:
-    """Let the first extensions of a batch, whose ends are what they go towards, end where they get to at most."""
+    """Shorten the first extensions of a batch, whose ends are their samples, to their longest lengths."""
     nodes, origins, ends, longest = search.nodes, search.origins, search.ends, search.longest
     nv, capacity = search.nv, search.capacity
     for slot in range(batch):
@@ -110,7 +114,7 @@ def step_each(search: TreeSearch, sampling: Sampling, batch: int) -> None:
 def step_towards(
     search: TreeSearch, tree: int, node: int, target: Floats32, sampling: Sampling, longest: float
 ) -> float:
-    """Write a node's point and the one so far towards a target, shape (nv,), at most; the distance to the target."""
+    """Write a node's point, and one at most `longest` from it towards a target (nv,); return the target's distance."""
     origin, reached, nodes, square = search.origin, search.reached, search.nodes, 0.0
     nv, capacity = search.nv, search.capacity
     for j in range(nv):

@@ -1,7 +1,8 @@
 """Path constraints of chart points: their numbers and derivatives, and the way back onto them by Newton's method.
 
 A constraint is one number about a frame that must not exceed a limit; a chain of joints, of one coordinate each, moves
-the frame. The number and its derivative are those of robot/group/path_constraints.py.
+the frame. The number and its derivative are those of robot/group/path_constraints.py, which makes the tables: kinds and
+columns have to be the same there. Trees, the optimizer and certificates rely on the same numbers.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ there are."""
 _RIDGE = 1e-12
 """Added to the diagonal of the system of a step [1, for numbers in rad and m]: constraints may depend on each other."""
 
-_REACHED = 1e-6  # a number that is beyond what is aimed at by less than this share of it has got there
+_REACHED = 1e-6  # share of an aimed number by which it may be exceeded at the end
 
 
 class KeptFrames(NamedTuple):
@@ -58,7 +59,7 @@ class Measured(NamedTuple):
 
 @inlined
 def room_to_measure(frames: KeptFrames) -> Measured:
-    """Memory for these constraints."""
+    """Return memory for these constraints."""
     nv, k = frames.chain.lower.shape[0], frames.kinds.shape[0]
     columns = np.empty(COLUMN * max(frames.chain.kinds.shape[0], 1))
     return Measured(np.empty(nv * LANES), columns, np.empty((k, 12 * LANES)))
@@ -86,7 +87,7 @@ def _origin(pose: Floats, lane: int) -> Vector3:
 
 @inlined
 def _even_turn(vectors: Floats, pose: Floats, lane: int) -> tuple[float, Vector3, Vector3]:
-    """By how much a frame is turned away from an even turn, and its derivatives, as in `_number`.
+    """The angle of a frame away from an even turn, and its derivatives, as in `_number`.
 
     The rotation away is E = R B^T W^T, with B the rotation at first and W that of the turn so far; W^T is its cosine's,
     sine's and axis' (Rodrigues).

@@ -3,7 +3,8 @@
 Dynamic domains are those of Yershova (2005). Of many extensions nearly all fail where a tree has to find out of
 somewhere narrow: after a while sixteen are chosen at a time, and their ends are judged at once by what is quick to see.
 The kernel runs a bounded number of iterations and can be called again to go on, so a deadline or a cancellation is kept
-without a clock in the kernel, and the same seed gives the same path whatever the load.
+without a clock in the kernel, and the same seed gives the same path whatever the load. Constants are for speed: another
+value changes which path a seed gives, not whether a path is free.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ from guidefield.kernels.tree.nodes import (
 )
 
 SIEVE = 32  # number of inner balls that met an obstacle and are tried before any other
-FEW = 4  # if they leave at most this many configurations open, all else costs more than it tells
+FEW = 4  # if these balls leave at most this many configurations undecided, the others aren't tried
 
 
 @lane_step(int64(WORLD, types.float64, INTEGER_POINTER))
@@ -137,8 +138,8 @@ def certain_hits(world: LaneWorld, clearance: float, coordinates: Floats32, hits
 
 
 DOMAIN = 1.1
-"""A node whose extension failed is only extended towards samples within so much of it [rad or m], times sqrt(nv): so
-far apart are points that differ by as much in each coordinate."""
+"""Radius, over sqrt(nv), of the domain of a node whose extension failed [rad or m]: it is only extended towards samples
+in it. Points that differ by so much in each coordinate are sqrt(nv) times as far apart."""
 
 NARROW, WIDER, HALFWAY = 1.5, 1.5, 64
 """Distance of most samples from the ways between roots at first [rad or m], by how much more in the end, and after how
@@ -149,7 +150,7 @@ LEAST_DOMAIN, DOMAIN_STEP = 1.0, 1e-4
 fails."""
 
 PATIENCE = 16
-"""After that many samples in a row outside of the domains one is extended to all the same: else a search may dry up."""
+"""After this many samples in a row outside of all domains one is taken all the same: else a search may dry up."""
 
 BALANCE = 1.0  # a tree that is this many times smaller than the other grows again; else they take turns
 
@@ -158,7 +159,7 @@ STUBBORN, SHORTEST = 2000, 4
 nearly everything of a length back lets something shorter pass. Sooner, or more gently, costs more than it gains."""
 
 ALONE = 64
-"""So many motions are judged one by one before sixteen extensions are chosen at a time: easy searches end before."""
+"""Motions that are judged one by one before sixteen extensions are chosen at a time: easy searches end before."""
 
 MET, FULL, GOING_ON = range(3)  # ends of a call: the trees met; a tree is full; its iterations were done
 
@@ -288,7 +289,7 @@ def _go_on(
     slot: int,
     node: int,
 ) -> int:
-    """Let an extension of the batch that was free go on to its sample, by `RANGE` at most; the node it comes to.
+    """Continue a free extension of the batch to its sample, by `RANGE` at most; return the node that it comes to.
 
     Where one step was free the next often is. To go on until something is in the way costs more than it gains.
     """

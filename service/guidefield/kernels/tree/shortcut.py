@@ -1,6 +1,6 @@
-"""Paths shortened in lanes: detours left out where the straight way is free, then straight ways between places.
+"""Shortcuts of a path in SIMD batches: detours left out, then free straight motions between places on it.
 
-The places come from a fixed sequence that fills the square of pairs evenly, so the same path becomes the same one.
+Places come from a fixed sequence that fills the square of pairs evenly: the same path is shortened to the same one.
 """
 
 from __future__ import annotations
