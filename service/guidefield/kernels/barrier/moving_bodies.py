@@ -47,14 +47,14 @@ class MovedBodies(NamedTuple):
     placed: Floats  # what the bodies are placed by, shape (n, 3, 4) [m]
     candidates: np.ndarray  # bodies near a group of points
     forces: Floats  # derivatives by time of what has gathered at each joint, shape (joints, 6) [1/s]
-    row: Floats  # the same by the chart coordinates of the model, shape (nv,)
+    row: Floats  # the same by the local coordinates of the model, shape (nv,)
     by_time: Floats  # first and second derivative of the barrier by time [1/s and 1/s²]
     sums: Floats  # of a group, in lanes: derivatives by time of its barrier (2) and its force, shape (8 times lanes,)
 
 
 @counted
 def moved_bodies(moving: MovingBodies, joints: int, nv: int) -> MovedBodies:
-    """Scratch for a robot of a given number of joints and chart coordinates."""
+    """Scratch for a robot of a given number of joints and local coordinates."""
     t = moving.bodies
     placed = np.empty((t.kinds.shape[0], 3, 4))
     bodies = DistanceTables(

@@ -18,13 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.barrier.moving_bodies import (
-    MOVING,
-    MovedBodies,
-    MovingBodies,
-    moved_bodies,
-    place_moved,
-)
+from guidefield.kernels.barrier.moving_bodies import MOVING, MovedBodies, MovingBodies, moved_bodies, place_moved
 from guidefield.kernels.barrier.sampled_robot import (
     FIRST,
     JOINT,
@@ -369,7 +363,7 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
     """Smallest distance from the robot's points to obstacles that rest, at one configuration [m].
 
     Args:
-        z: Chart coordinates, shape (nv,).
+        z: Local coordinates, shape (nv,).
         cutoff: What is returned where nothing is nearer [m], positive.
     """
     work = workspace(robot, tables)
@@ -383,7 +377,7 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
 
 @compiled(SCALAR(ROBOT, MOVING, VECTOR, SCALAR, SCALAR))
 def moving_distance(robot: SampledRobot, moving: MovingBodies, z: Floats, time: float, cutoff: float) -> float:
-    """Smallest distance to obstacles that move, at chart coordinates (nv,) and a time [s]; else `obstacle_distance`."""
+    """Smallest distance to obstacles that move, at local coordinates (nv,) and a time [s]; else `obstacle_distance`."""
     work = workspace(robot, moving.bodies)
     moved = moved_bodies(moving, robot.joints.table.parents.shape[0], robot.joints.offsets.shape[0])
     place(robot, z, work)

@@ -33,7 +33,7 @@ def robot_barrier(
 
     Args:
         s: Under which number bodies near the configuration are remembered.
-        z: Chart coordinates, shape (nv,) [rad or m].
+        z: Local coordinates, shape (nv,) [rad or m].
         time: When those that move are met [s].
         walls: Range, wall and floor of the barrier against obstacles, see `obstacle_barrier` [m].
         share: Factor of the barrier between links; where it is 0 that isn't evaluated.
@@ -69,7 +69,7 @@ def robot_barrier(
 
 @uncounted
 def _reduce(robot: SampledRobot, work: Workspace, gradient_out: Floats, hessian_out: Floats) -> None:
-    """Gradient and Hessian by the group's chart coordinates, of those by the model's; mostly these are the same."""
+    """Gradient and Hessian by the group's local coordinates, of those by the model's; mostly these are the same."""
     joints = robot.joints
     same = joints.sources.shape[0] == gradient_out.shape[0]
     for i in range(joints.sources.shape[0]):
@@ -91,7 +91,7 @@ def _reduce(robot: SampledRobot, work: Workspace, gradient_out: Floats, hessian_
 
 @uncounted
 def _carry(joints: JointTable, work: Workspace) -> None:
-    """Carry forces and inertias to the root; gradient and Hessian by the model's chart coordinates."""
+    """Carry forces and inertias to the root; gradient and Hessian by the model's local coordinates."""
     S = work.joints.twists
     work.hessian[:, :] = 0.0
     for row in range(S.shape[0]):
@@ -143,7 +143,7 @@ def _multiply(
 
 @uncounted
 def _carry_by_time(joints: JointTable, work: Workspace, moved: MovedBodies) -> None:
-    """Carry the forces' derivatives by time to the root; their row by the model's chart coordinates."""
+    """Carry the forces' derivatives by time to the root; their row by the model's local coordinates."""
     for i in range(joints.parents.shape[0] - 1, 0, -1):
         for row in range(joints.idx_v[i], joints.idx_v[i] + joints.nv[i]):
             value = 0.0

@@ -139,7 +139,7 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     """Write placements of joints, motion subspaces by local coordinates of the model, and centres of balls.
 
     Args:
-        z: Chart coordinates of the group, shape (nv,) [rad or m].
+        z: Local coordinates of the group, shape (nv,) [rad or m].
     """
     place_group(robot.joints, z, work.joints)
     write_twists(robot.joints, work.joints)

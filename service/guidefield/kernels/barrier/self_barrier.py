@@ -132,7 +132,7 @@ def pair_distances(robot: SampledRobot, tables: DistanceTables, z: Floats, dista
     """Smallest distance from the points to the other link of every pair, as far as it is below the pair's range.
 
     Args:
-        z: Chart coordinates, shape (nv,).
+        z: Local coordinates, shape (nv,).
         distances_out: Shape (k,) [m]; infinite where nothing is within range.
     """
     work = workspace(robot, tables)

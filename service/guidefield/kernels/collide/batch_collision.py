@@ -252,11 +252,11 @@ EXACT = 1e-3  # a share of a block: motions that are as long as whole blocks get
 
 @lane_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, types.float64))
 def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, resolution: float) -> bool:
-    """Tell if no sample of the straight motion between chart points (nv,) touches.
+    """Tell if no sample of the straight motion between local coordinates (nv,) touches.
 
     The first isn't looked at, the last is. With b blocks of sixteen, block k looks at the places (b i - k) / (16 b), i
-    = 1 .. 16: the first spreads over the whole motion and holds its end. `resolution` is samples per length in the
-    chart [1/rad or 1/m, at size 1]. Boxes that drift are kept from as well.
+    = 1 .. 16: the first spreads over the whole motion and holds its end. `resolution` is samples per length in
+    local coordinates [1/rad or 1/m, at size 1]. Boxes that drift are kept from as well.
     """
     nv, square, block = world.nv, 0.0, world.block
     for j in range(nv):
@@ -286,7 +286,7 @@ def forget(world: LaneWorld) -> None:
 def touching_configurations(
     words: Indices, clearance: float, configurations: SingleRows, touching_out: TruthsOut
 ) -> None:
-    """Write which of chart points (n, nv) [rad or m] touch, (n,): sixteen at once, and one by one where any does.
+    """Write which local coordinates (n, nv) [rad or m] touch, (n,): sixteen at once, and one by one where any does.
 
     `words` are a packed `LaneWorld`; `clearance` is kept from obstacles [m].
     """
@@ -310,7 +310,7 @@ def touching_configurations(
 def path_free_until(words: Indices, clearance: float, path: SingleRows, resolution: float) -> int:
     """Return how many of the straight motions along a path (n, nv) are free before the first that is not.
 
-    Arguments are those of `touching_configurations`, `resolution` is samples per length in the chart [1/rad or 1/m].
+    Arguments are those of `touching_configurations`, `resolution` is samples per length [1/rad or 1/m].
     """
     world = world_of(pointers(words))
     for i in range(path.shape[0] - 1):

@@ -124,7 +124,7 @@ def meets_drifting(world: LaneWorld) -> bool:
 def write_gaps(
     words: Indices, boxes: SingleRows, most: float, configurations: SingleRows, gaps_out: SingleRows
 ) -> None:
-    """Write how far the robot is from boxes (k, `ROUNDED_BOX`) at chart points (n, nv), at most `most`, (n, k) [m].
+    """Write how far the robot is from boxes (k, `ROUNDED_BOX`) at coordinates (n, nv), at most `most`, (n, k) [m].
 
     It may be nearer by what its bounding spheres reach beyond its links. `words` are a packed `LaneWorld`.
     """

@@ -143,7 +143,6 @@ many there are."""
 def _farthest_vertex(
     vertices: Floats32, first: int, blocks: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """The vertex farthest along a direction."""
     best, at = splat(-1e30), splat(0.0)
     for block in range(blocks):
         base = (first + block) * BLOCK

@@ -144,7 +144,7 @@ class DriftingBoxes(NamedTuple):
 
     size: int  # n; 0: nothing drifts
     boxes: Singles  # (DRIFTING_BOX * n,) [m, world]
-    ends: Singles  # (2 * nv,) start and goal, chart points
+    ends: Singles  # (2 * nv,) start and goal, local coordinates
     rates: Singles  # (nv,) the shortest time that each coordinate takes for a unit [s/rad or s/m]
     periods: Singles  # (nv,) of each coordinate that wraps; 0 of others
     # (2,) how far ahead the boxes' motion is foreseen [s], and how much more than at an end is kept for each second

@@ -13,16 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.distance.bvh import boxes_met
-from guidefield.kernels.jit.arrays import (
-    Blocks,
-    Floats,
-    IndexRows,
-    IndexRowsOut,
-    Indices,
-    Integers,
-    Row,
-    Rows,
-)
+from guidefield.kernels.jit.arrays import Blocks, Floats, IndexRows, IndexRowsOut, Indices, Integers, Row, Rows
 from guidefield.kernels.jit.decorators import lane_kernel, lane_uncounted, uncounted
 
 WIDER = 1e-9

@@ -206,7 +206,6 @@ def _write_axes(x: float, y: float, z: float, w: float, row: Floats) -> None:
 
 @inlined
 def _write_row(kind: int, placed: Floats, at: int, row: Floats) -> None:
-    """Write a primitive's row of `PRIMITIVE` numbers."""
     _write_axes(placed[at + 1], placed[at + 2], placed[at + 3], placed[at + 4], row)
     for k in range(7):
         row[CENTRE + k] = placed[at + 5 + k]

@@ -194,13 +194,7 @@ def _reach(balls: Floats, i: int, corners: Floats, first: np.ndarray, j: int) ->
 
 @kernel
 def reaches(
-    balls: Rows,
-    corners: Rows,
-    first: Indices,
-    bounds: Rows,
-    blocks: Rows,
-    radii_out: RowOut,
-    owners_out: IndicesOut,
+    balls: Rows, corners: Rows, first: Indices, bounds: Rows, blocks: Rows, radii_out: RowOut, owners_out: IndicesOut
 ) -> None:
     """Share elements out among balls that together contain them, so that the balls can shrink.
 

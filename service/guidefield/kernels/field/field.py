@@ -161,7 +161,6 @@ def _soft_point(p: Any, row: Any) -> Any:
 
 @inlined
 def _triple(row: Any, at: int) -> Any:
-    """Three numbers of a row, from a column on."""
     return row[at], row[at + 1], row[at + 2]
 
 

@@ -328,7 +328,7 @@ def _take(
 
 @inlined
 def _is_close(swept: Any, bodies: Any, settings: Any, z: Floats) -> bool:
-    """Tell if the capsules at chart coordinates are nearer to obstacles than `settings.close`, or can't tell."""
+    """Tell if the capsules at local coordinates are nearer to obstacles than `settings.close`, or can't tell."""
     return not motion_apart(swept, bodies, z, z, settings.close, settings.self_margin, settings.floor)
 
 

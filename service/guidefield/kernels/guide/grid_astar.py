@@ -38,7 +38,6 @@ def _distance(x: float, y: float, z: float, centre: Floats) -> float:
 
 @inlined
 def _push(heap: Floats, cells: Integers, size: int, cost: float, cell: int) -> None:
-    """Put an entry into a binary heap of `size` entries."""
     i = size
     while i > 0:
         up = (i - 1) // 2
@@ -51,7 +50,6 @@ def _push(heap: Floats, cells: Integers, size: int, cost: float, cell: int) -> N
 
 @inlined
 def _pop(heap: Floats, cells: Integers, size: int) -> None:
-    """Take the first entry out of a binary heap of `size` entries."""
     cost, cell = heap[size - 1], cells[size - 1]
     i, last = 0, size - 1
     while True:

@@ -19,7 +19,7 @@ from guidefield.kernels.simd.vector import LANES, Vector, load, splat, store
 
 TURNING, SLIDING, PLANAR, BALL, FLOATING = range(5)
 """Kinds of joints: about z; along z; along x and y and about z; about a point; all of these. The frame of a joint with
-one degree of freedom is turned so that its axis is z; the others take as many coordinates as the chart has."""
+one degree of freedom is turned so that its axis is z; the others take as many local coordinates as they have."""
 
 PLAIN, SQUARE, PARALLEL, GROUNDED = range(4)
 """Forms of the placement of a joint in its parent's frame: any; turned about x by a right angle, or not at all, of a
@@ -49,7 +49,6 @@ JOINTS = pointed(LANE_JOINTS)
 
 @lane_step(void(FLOAT_POINTER))
 def _place_world(poses_out: Floats32) -> None:
-    """Write the world's own placement, the identity, into the first place."""
     for entry in range(12):
         store(poses_out, entry * LANES, splat(1.0 if entry in (0, 5, 10) else 0.0))
 

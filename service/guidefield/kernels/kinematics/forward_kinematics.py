@@ -203,7 +203,7 @@ _SMALL = 1e-4  # below this angle series stand for sine and cosine [rad]: off by
 
 @inlined
 def configuration(joints: JointTable, values: Floats, origin: Floats, q_out: Floats) -> None:
-    """Write the configuration (nq,) of chart coordinates (nv,); rotation vectors start from `origin` (nq,)."""
+    """Write the configuration (nq,) of local coordinates (nv,); rotation vectors start from `origin` (nq,)."""
     for i in range(1, joints.parents.shape[0]):
         v, q, kind = joints.idx_v[i], joints.idx_q[i], joints.kinds[i]
         if kind in (REVOLUTE, PRISMATIC):
@@ -230,16 +230,16 @@ def place_by_chart(
     translation: Floats,
     poses_out: Floats,
 ) -> None:
-    """Place joints (n, 3, 4) [m] at chart coordinates, as `configuration` takes them; scratch (3, 3) and (3,)."""
+    """Place joints (n, 3, 4) [m] at local coordinates, as `configuration` takes them; scratch (3, 3) and (3,)."""
     configuration(joints, values, origin, q_out)
     place_joints(joints, q_out, rotation, translation, poses_out)
 
 
 @inlined
 def subspaces_by_chart(joints: JointTable, values: Floats, q: Floats, subspaces_out: Floats) -> None:
-    """Replace rows of `motion_subspaces` (nv, 6) by those that chart velocities cause: M^T S.
+    """Replace rows of `motion_subspaces` (nv, 6) by those that local velocities cause: M^T S.
 
-    At chart coordinates `values` (nv,) of the configuration q (nq,).
+    At local coordinates `values` (nv,) of the configuration q (nq,).
     """
     for i in range(1, joints.parents.shape[0]):
         v, kind = joints.idx_v[i], joints.kinds[i]
@@ -342,7 +342,7 @@ def _rotation_vector(q: Floats, origin: Floats, at: int, near: Floats, v: int, v
 
 @kernel
 def chart_values(joints: JointTable, q: Row, origin: Row, near: Row, values_out: RowOut) -> None:
-    """Write the chart coordinates (nv,) of a configuration (nq,) that are nearest to others, `near` (nv,).
+    """Write the local coordinates (nv,) of a configuration (nq,) that are nearest to others, `near` (nv,).
 
     Rotation vectors start from the configuration `origin` (nq,).
     """

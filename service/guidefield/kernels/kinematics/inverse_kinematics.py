@@ -37,7 +37,7 @@ class Tolerances(NamedTuple):
     allowed: Row  # shape (6,) [m, rad], maybe infinite
     aimed: Row  # the part of it that a search aims at, shape (6,) [m, rad]
     size: float  # the robot's
-    sizes: Row  # how far each chart coordinate goes for one step: 1 for angles, the size for what slides, (nv,)
+    sizes: Row  # how far each local coordinate goes for one step: 1 for angles, the size for what slides, (nv,)
 
 
 @inlined
@@ -58,13 +58,7 @@ def _store_excess(offset: Any, tolerances: Tolerances, excess_out: Floats, there
 
 @inlined
 def _store_step(
-    chain: TipChain,
-    tolerances: Tolerances,
-    zs: Floats,
-    excess: Floats,
-    squared: Any,
-    rates: Floats,
-    step_out: Floats,
+    chain: TipChain, tolerances: Tolerances, zs: Floats, excess: Floats, squared: Any, rates: Floats, step_out: Floats
 ) -> None:
     """Write a damped step of every coordinate: -J^T (J J^T + damping)^-1 r; J becomes its weighted, free part."""
     nv, floor = chain.lower.shape[0], DAMPING_FLOOR * tolerances.size * tolerances.size
@@ -72,11 +66,7 @@ def _store_step(
     factor = np.empty(36 * LANES)
     for row in range(6):
         for column in range(row + 1):
-            store(
-                factor,
-                (6 * row + column) * LANES,
-                floor + DAMPING * squared if row == column else 0.0 * squared,
-            )
+            store(factor, (6 * row + column) * LANES, floor + DAMPING * squared if row == column else 0.0 * squared)
     for d in range(nv):
         z, slope, size = load(zs, d * LANES), 0.0 * squared, tolerances.sizes[d]
         for row in range(6):
@@ -220,7 +210,7 @@ def descend(
 
 @kernel
 def squared_errors(chain: TipChain, tolerances: Tolerances, points: Rows, squared_out: RowOut) -> None:
-    """Write weighted squared errors (n,) of chart points (n, nv), as descents count them [m^2]."""
+    """Write weighted squared errors (n,) of local coordinates (n, nv), as descents count them [m^2]."""
     nv = points.shape[1]
     zs, columns = np.zeros(nv * LANES), np.empty((3 * chain.kinds.shape[0] + 1) * COLUMN)
     excess, there, row = np.empty(6 * LANES), np.empty(LANES), np.empty(LANES)
@@ -235,7 +225,7 @@ def squared_errors(chain: TipChain, tolerances: Tolerances, points: Rows, square
 
 
 class Measure(NamedTuple):
-    """A measure of the distance of two chart points."""
+    """A measure of the distance of two points in local coordinates."""
 
     periods: Row  # by how much a coordinate may differ without any difference, 0 for none, shape (nv,) [rad or m]
     units: Row  # the difference that counts as one, shape (nv,) [rad or m]

@@ -31,11 +31,11 @@ class TipChain(NamedTuple):
     """The parts of a chain, from the world to the tip."""
 
     kinds: Indices  # of each part, shape (n,)
-    drivers: Indices  # which chart coordinate moves it, of a ball the first of three, shape (n,)
+    drivers: Indices  # which local coordinate moves it, of a ball the first of three, shape (n,)
     scales: Rows  # what the value is by that coordinate: multiplier and offset, shape (n, 2)
     placements: Rows  # what is fixed after each part, as rows of rotation and translation, shape (n, 12) [m]
     first: Row  # what is fixed before the first, shape (12,) [m]
-    lower: Row  # of the chart coordinates, shape (nv,)
+    lower: Row  # of the local coordinates, shape (nv,)
     upper: Row  # shape (nv,)
 
 
@@ -62,7 +62,7 @@ def _store_turn(columns: Floats, at: int, ax: Any, ay: Any, az: Any, x: Any, y: 
 
 @inlined
 def tip_pose(chain: TipChain, zs: Floats, columns_out: Floats) -> Any:
-    """Return the tip's rotation and translation, row by row in lanes [m], at chart coordinates (nv * LANES,).
+    """Return the tip's rotation and translation, row by row in lanes [m], at local coordinates (nv * LANES,).
 
     `columns_out` (columns * COLUMN,) gets how each part moves the tip, three columns of a ball.
     """
@@ -120,7 +120,7 @@ def tip_offset(pose: Any) -> Any:
 
 @inlined
 def offset_rates(chain: TipChain, offset: Any, columns: Floats, rates_out: Floats) -> None:
-    """Write how an offset of `tip_offset` changes by each chart coordinate, by columns of `tip_pose`; (nv * COLUMN,).
+    """Write how an offset of `tip_offset` changes by each local coordinate, by columns of `tip_pose`; (nv * COLUMN,).
 
     Rows of the translation, then of the rotation vector v, which changes by J_l(v)^-1 w, J_l^-1 = 1 - [v]/2 + rate
     [v]^2; rotation vectors of balls change by turns in the moved frame.

@@ -12,17 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.jit.arrays import (
-    Blocks,
-    Floats,
-    Indices,
-    IndicesOut,
-    Integers,
-    Row,
-    RowOut,
-    Rows,
-    RowsOut,
-)
+from guidefield.kernels.jit.arrays import Blocks, Floats, Indices, IndicesOut, Integers, Row, RowOut, Rows, RowsOut
 from guidefield.kernels.jit.decorators import counted, kernel, uncounted
 from guidefield.kernels.simd.vector import LANES_64, load, magnitude, store, total
 
@@ -60,7 +50,6 @@ def fill(blocks: Floats, first: int, size: int, damping: float, strips_out: Floa
 def _store_tile(  # type: ignore[no-untyped-def]  # vectors have no type in Python
     c: Floats, r0, r1, r2, r3, r4, r5, r6, r7
 ) -> None:
-    """Write the rows of a tile c."""
     store(c, 0, r0)
     store(c, TILE, r1)
     store(c, 2 * TILE, r2)

@@ -83,7 +83,6 @@ def _rotation(points: Floats, p: int, q: int) -> tuple[float, float]:
 
 @inlined
 def _sort(spread_out: Floats, axes_out: Floats) -> None:
-    """Put the largest first."""
     for p in (0, 1, 0):
         if spread_out[p] < spread_out[p + 1]:
             spread_out[p], spread_out[p + 1] = spread_out[p + 1], spread_out[p]

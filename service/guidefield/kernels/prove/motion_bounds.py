@@ -90,12 +90,7 @@ def _write_sizes(robot: RobotBodies, sizes: Floats, bounds: MotionBounds, out: F
 
 @uncounted
 def find_moves(
-    moving: MovingRobot,
-    since: float,
-    until: float,
-    place: BodyPoses,
-    scratch: PoseScratch,
-    bounds: MotionBounds,
+    moving: MovingRobot, since: float, until: float, place: BodyPoses, scratch: PoseScratch, bounds: MotionBounds
 ) -> float:
     """Bound the motion between two parameters about the last placement; return L.
 

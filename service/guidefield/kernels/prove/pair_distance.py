@@ -182,7 +182,6 @@ def _bring_back(mover: Floats, pose: Floats) -> None:
 
 @uncounted
 def _remember(pair: int, query: DistanceQuery) -> None:
-    """Remember where a pair's next search begins."""
     last, scratch = query.last[pair], pointers(query.work)
     last[LAST_AXIS], last[LAST_AXIS + 1], last[LAST_AXIS + 2] = axis_in(scratch)
     last[LAST_A], last[LAST_B] = scratch[LEAF_A], scratch[LEAF_B]

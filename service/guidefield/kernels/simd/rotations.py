@@ -61,10 +61,7 @@ def _cosine_and_sine_64(angle: Any) -> tuple[Any, Any]:
     turned = quarters - 4.0 * _rounded(0.25 * quarters)
     odd, half = magnitude(turned) == 1.0, magnitude(turned) == 2.0
     sine, cosine = select(odd, c, s), select(odd, s, c)
-    return (
-        select(half | (turned == 1.0), -1.0 * cosine, cosine),
-        select(half | (turned == -1.0), -1.0 * sine, sine),
-    )
+    return (select(half | (turned == 1.0), -1.0 * cosine, cosine), select(half | (turned == -1.0), -1.0 * sine, sine))
 
 
 @lane_part

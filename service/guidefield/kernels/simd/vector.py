@@ -138,7 +138,6 @@ def _is_memory(kind: Any) -> bool:
 
 
 def _address(context: Any, builder: Any, kind: Any, memory: Any, at: Any) -> Any:
-    """Return where a vector begins."""
     data = memory if isinstance(kind, types.CPointer) else context.make_array(kind)(context, builder, memory).data
     vector = context.get_value_type(VectorType(kind.dtype))
     return builder.bitcast(builder.gep(data, [at]), vector.as_pointer())

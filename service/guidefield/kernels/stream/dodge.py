@@ -13,17 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.collide.drift import write_gaps
-from guidefield.kernels.jit.arrays import (
-    Floats,
-    Floats32,
-    IndexRows,
-    Indices,
-    IndicesOut,
-    Integers,
-    Row,
-    Rows,
-    RowsOut,
-)
+from guidefield.kernels.jit.arrays import Floats, Floats32, IndexRows, Indices, IndicesOut, Integers, Row, Rows, RowsOut
 from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.linalg.small_systems import write_stable_order
 
@@ -76,7 +66,6 @@ def _time_left(tube: Tube, state: int, columns: int, levels: int) -> float:
 
 @inlined
 def _write_state(tube: Tube, state: int, columns: int, levels: int, z: Floats) -> None:
-    """Write the coordinates of a state to z (nv,)."""
     place, column = state // columns, state % columns
     for j in range(z.shape[0]):
         z[j] = tube.places[place, j]

@@ -91,13 +91,7 @@ def range_of(phases: Floats, count: int, begin: float, end: float) -> tuple[floa
 
 @lane_part
 def keeps_limits(  # noqa: PLR0911 - one for each thing that may be wrong
-    phases: Floats,
-    count: int,
-    since: Floats,
-    until: float,
-    velocity: float,
-    acceleration: float,
-    jerk: float,
+    phases: Floats, count: int, since: Floats, until: float, velocity: float, acceleration: float, jerk: float
 ) -> bool:
     """Tell if a coordinate goes on from a state (3,) without a jump, keeps its limits, and stands still at `until` [s].
 

@@ -37,7 +37,7 @@ class SweptRobot(NamedTuple):
     """A robot as capsules that its joints carry."""
 
     joints: JointTable  # the joints of its model
-    origin: Row  # (nq,) configuration from which the chart's rotation vectors start
+    origin: Row  # (nq,) configuration from which rotation vectors start
     capsules: Rows  # (c, CAPSULE) ends and radius in the frame of their joint [m]
     carriers: Indices  # (c,) the joint of each; 0 stands still
     own: IndexRows  # (k, 2) capsules that must not touch each other
@@ -306,7 +306,7 @@ def _item_apart(
 
 @uncounted
 def _at(robot: SweptRobot, z: Floats, q: Floats, world: Floats, ends: Floats, balls: Floats) -> None:
-    """Place the capsules at chart coordinates, and the balls about them: their middles, and their radii."""
+    """Place the capsules at local coordinates, and the balls about them: their middles, and their radii."""
     joints = robot.joints
     configuration(joints, z, robot.origin, q)
     joint_placements(joints, q, world)
@@ -323,7 +323,7 @@ def _at(robot: SweptRobot, z: Floats, q: Floats, world: Floats, ends: Floats, ba
 def motion_apart(
     robot: SweptRobot, tables: DistanceTables, z0: Row, z1: Row, margin: float, self_margin: float, floor: float
 ) -> bool:
-    """Tell if the capsules stay apart all along the straight motion between chart coordinates (nv,) [rad or m].
+    """Tell if the capsules stay apart all along the straight motion between local coordinates (nv,) [rad or m].
 
     They keep `margin` from obstacles and `self_margin` from each other [m]; a part of the motion that moves a capsule
     by at most `floor` is not halved any more [m].

@@ -284,7 +284,6 @@ def _place_and_write(
     room: TorqueRoom,
     torques_out: Floats,
 ) -> None:
-    """Place the bodies at a time in a piece, and write the torques (nv,) there."""
     write_state(motion, piece, t, state)
     place_tree(tree, state, places)
     write_torques(tree, state, places, room, torques_out)

@@ -134,7 +134,6 @@ def _asked_length(looks: Floats, asked: Floats, way: int) -> float:
 
 @uncounted
 def _is_asked(asked: Floats, k: int) -> bool:
-    """Tell if some way of a part is asked, of (k, WAYS)."""
     return bool(asked[k, IN_CHART] > 0.0 or asked[k, OF_FRAME] > 0.0)
 
 

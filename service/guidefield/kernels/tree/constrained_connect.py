@@ -15,15 +15,7 @@ from numba import boolean, int64, types
 
 from guidefield.kernels.collide.batch_collision import forget
 from guidefield.kernels.collide.layout import WORLD, LaneWorld, world_of
-from guidefield.kernels.jit.arrays import (
-    FLOAT_POINTER,
-    VECTOR_OUT,
-    AnyRows,
-    Floats,
-    Floats32,
-    Indices,
-    numba_type,
-)
+from guidefield.kernels.jit.arrays import FLOAT_POINTER, VECTOR_OUT, AnyRows, Floats, Floats32, Indices, numba_type
 from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import LANES
@@ -56,7 +48,7 @@ class Strides(NamedTuple):
     farthest: float  # and with one that ends this many lengths from where it began
     room: float  # strides are brought to within this share of each limit
     corrections: int  # Newton's steps for that, at most
-    resolution: float  # samples of a motion per length in the chart [1/rad or 1/m]
+    resolution: float  # samples of a motion per length [1/rad or 1/m]
     clearance: float  # what to keep from obstacles [m]
 
 

@@ -39,9 +39,9 @@ WHOLE = 0.9999  # a range of at least this share of a turn counts as the whole t
 
 
 class Way(NamedTuple):
-    """The straight way between two chart points that most samples are near."""
+    """The straight way between two points that most samples are near."""
 
-    nodes: Floats32  # chart points, coordinate by coordinate
+    nodes: Floats32  # points, coordinate by coordinate
     # start, goal: Where the first coordinates of the two points are in these
     start: int
     goal: int
@@ -61,7 +61,7 @@ class Sampling(NamedTuple):
     period: Singles  # (nv,) 2 pi for coordinates that wrap, else 0; float32
     frequency: Singles  # (nv,) 1 / (2 pi) for those, else 0; float32
     # (nv,) what counts as one radian, a power of two, so that nothing is rounded; 1 for angles; float32. All else here,
-    # and nodes and samples of a search, are chart points divided by them.
+    # and nodes and samples of a search, are local coordinates over them.
     units: Singles
     n_rotations: int  # how many joints turn about a point
     rotations: Indices  # (n_rotations,) where their rotation vectors begin: these are of rotations drawn evenly

@@ -46,7 +46,7 @@ class Buckets(NamedTuple):
     """Of two trees the nodes that are in buckets; each array holds both trees, one after the other."""
 
     n: int  # buckets that each tree has room for, a multiple of 16
-    # (2 * n * nv * BUCKET,) chart points, bucket by bucket, coordinate by coordinate; one that isn't full repeats its
+    # (2 * n * nv * BUCKET,) points, bucket by bucket, coordinate by coordinate; one that isn't full repeats its
     # first
     inside: SinglesOut
     members: IndicesOut  # (2 * n * BUCKET,) their nodes
@@ -109,7 +109,6 @@ def _set_box(buckets: Buckets, nv: int, tree: int, bucket: int, filled: int) -> 
 
 @lane_part
 def _exchange(inside: Floats32, members: Integers, nv: int, start: int, i: int) -> None:
-    """Let two neighbours in a bucket change places."""
     at = start * BUCKET + i
     members[at - 1], members[at] = members[at], members[at - 1]
     for j in range(nv):
@@ -163,7 +162,7 @@ def _entry_of(buckets: Buckets, tree: int, point: Floats32) -> int:
 def put_in_bucket(
     buckets: Buckets, nv: int, tree: int, node: int, nodes: Floats32, stride: int, sampling: Sampling
 ) -> None:
-    """Put a node of a tree in its bucket; `nodes` (2 * nv * stride,) are the trees' chart points by coordinate."""
+    """Put a node of a tree in its bucket; `nodes` (2 * nv * stride,) are the trees' points by coordinate."""
     point, splits, state = buckets.point, buckets.splits, tree * STATE
     for j in range(nv):
         value = nodes[(tree * nv + j) * stride + node]

@@ -45,10 +45,10 @@ COUNTERS = 13  # their number
 class TreeSearch(NamedTuple):
     """Two trees and what belongs to their search; each array holds both trees, one after the other."""
 
-    nv: int  # coordinates of a chart point
+    nv: int  # local coordinates of the group
     capacity: int  # nodes that each tree has room for
-    # (2 * nv * capacity,) chart points in units of `Sampling`, coordinate by coordinate: samples too, and all else but
-    # what is called a chart point. Distances between these are distances by the group's metric.
+    # (2 * nv * capacity,) points in units of `Sampling`, coordinate by coordinate, as all else is but what is called
+    # local coordinates. Distances between these are distances by the group's metric.
     nodes: SinglesOut
     parents: IndicesOut  # (2 * capacity,) -1 for roots
     domains: SinglesOut  # (2 * capacity,) radius of each node's domain; infinite until an extension fails
@@ -60,7 +60,7 @@ class TreeSearch(NamedTuple):
     target: SinglesOut
     origin: SinglesOut
     reached: SinglesOut
-    # first, last: (nv,) chart points: the ends of the motion that is judged
+    # first, last: (nv,) local coordinates: the ends of the motion that is judged
     first: SinglesOut
     last: SinglesOut
     samples: SinglesOut  # (nv * 16,) samples, coordinate by coordinate
@@ -73,9 +73,9 @@ class TreeSearch(NamedTuple):
     # origins, ends: (nv * 16,) where they begin and end, coordinate by coordinate
     origins: SinglesOut
     ends: SinglesOut
-    judged: SinglesOut  # (nv * 16,) chart points: where they end
+    judged: SinglesOut  # (nv * 16,) local coordinates: where they end
     hits: IndicesOut  # (3 * SIEVE,) what the sieve of a batch tries first
-    path: RowOut  # (2 * nv * capacity,) the path once the trees have met, chart point by chart point
+    path: RowOut  # (2 * nv * capacity,) the path once the trees have met, point by point
     buckets: Buckets  # where the older nodes of large trees are
 
 
@@ -153,7 +153,7 @@ def add_reached(search: TreeSearch, tree: int, parent: int) -> int:
 
 @lane_step(void(SEARCH, int64, ROOTS))
 def plant(search: TreeSearch, tree: int, roots: np.ndarray) -> None:
-    """Leave nothing of a tree but its roots, chart points, shape (n, nv); there is room for them."""
+    """Leave nothing of a tree but its roots, shape (n, nv); there is room for them."""
     nv, capacity, first = search.nv, search.capacity, tree * search.capacity
     for i in range(len(roots)):
         for j in range(nv):

@@ -1,4 +1,4 @@
-"""Path constraints of chart points: their numbers and derivatives, and the way back onto them by Newton's method.
+"""Path constraints in local coordinates: their numbers and derivatives, and the way back onto them by Newton's method.
 
 A constraint is one number about a frame that must not exceed a limit; a chain of joints, of one coordinate each, moves
 the frame. The number and its derivative are those of robot/group/path_constraints.py, which makes the tables: kinds and
@@ -52,7 +52,7 @@ FRAMES = numba_type(KeptFrames)
 class Measured(NamedTuple):
     """Memory in which constraints are measured."""
 
-    zs: Floats  # (nv * LANES,) chart points in lanes
+    zs: Floats  # (nv * LANES,) local coordinates in lanes
     columns: Floats  # what `tip_pose` writes, for the parts of all chains
     poses: Floats  # (k, 12 * LANES) the frames' placements in lanes, in the row of the first constraint about each
 
@@ -67,7 +67,6 @@ def room_to_measure(frames: KeptFrames) -> Measured:
 
 @inlined
 def _chain_of(frames: KeptFrames, c: int) -> TipChain:
-    """The chain of joints that moves the frame of a constraint."""
     first, past, chain = frames.begins[c], frames.begins[c + 1], frames.chain
     return TipChain(
         chain.kinds[first:past], chain.drivers[first:past], chain.scales[first:past], chain.placements[first:past],
@@ -169,7 +168,7 @@ def _number(kind: int, vectors: Floats, pose: Floats, lane: int) -> tuple[float,
 
 @inlined
 def place(frames: KeptFrames, measured: Measured) -> None:
-    """Place all frames at the chart points in lanes."""
+    """Place all frames at the local coordinates in lanes."""
     for c in range(frames.kinds.shape[0]):
         if frames.sames[c] == c:
             columns = measured.columns[frames.begins[c] * COLUMN :]
@@ -179,7 +178,7 @@ def place(frames: KeptFrames, measured: Measured) -> None:
 
 @inlined
 def place_one(frames: KeptFrames, z: Floats, measured: Measured) -> None:
-    """Place all frames at one chart point, shape (nv,)."""
+    """Place all frames at local coordinates (nv,), in every lane."""
     for j in range(z.shape[0]):
         measured.zs[j * LANES : (j + 1) * LANES] = z[j]
     place(frames, measured)
@@ -187,13 +186,13 @@ def place_one(frames: KeptFrames, z: Floats, measured: Measured) -> None:
 
 @inlined
 def number(frames: KeptFrames, c: int, measured: Measured, lane: int) -> float:
-    """A constraint's number at the chart point in a lane [rad or m]."""
+    """A constraint's number at the local coordinates in a lane [rad or m]."""
     return _number(frames.kinds[c], frames.vectors[c], measured.poses[frames.sames[c]], lane)[0]
 
 
 @inlined
 def write_row(frames: KeptFrames, c: int, measured: Measured, lane: int, row_out: Floats) -> None:
-    """The derivative of a constraint's number by the chart (nv,), from those by how its frame moves and turns."""
+    """The derivative of a constraint's number by coordinates (nv,), from those by how its frame moves and turns."""
     same = frames.sames[c]
     chain, columns, pose = _chain_of(frames, same), measured.columns, measured.poses[same]
     _, moves, turns = _number(frames.kinds[c], frames.vectors[c], pose, lane)
@@ -213,7 +212,7 @@ def write_row(frames: KeptFrames, c: int, measured: Measured, lane: int, row_out
 
 @kernel
 def largest_share(frames: KeptFrames, z: Row) -> float:
-    """The largest share of its limit that a constraint's number is, at a chart point, shape (nv,)."""
+    """The largest share of its limit that a constraint's number is, at local coordinates (nv,)."""
     measured, largest = room_to_measure(frames), 0.0
     place_one(frames, z, measured)
     for c in range(frames.kinds.shape[0]):
@@ -223,7 +222,7 @@ def largest_share(frames: KeptFrames, z: Row) -> float:
 
 @kernel
 def bring_back(frames: KeptFrames, room: float, most: int, z: RowOut) -> bool:
-    """Move a chart point (nv,) onto path constraints by Newton's steps of least length on numbers that are too large.
+    """Move coordinates (nv,) onto path constraints by Newton's steps of least length on numbers that are too large.
 
     `room` is the share of each limit that is aimed at; at most `most` steps, each within limits. Tells whether it got
     there.

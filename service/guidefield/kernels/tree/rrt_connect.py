@@ -104,7 +104,7 @@ def _few(lanes: int) -> bool:
 def certain_hits(world: LaneWorld, clearance: float, coordinates: Floats32, hits: Integers) -> int:
     """Return the lanes where a ball inside a body meets an obstacle; some where one does may be missing.
 
-    `coordinates` (nv * 16) are sixteen values of each chart coordinate, `clearance` is kept from obstacles [m], >= 0;
+    `coordinates` (nv * 16) are sixteen values of each local coordinate, `clearance` is kept from obstacles [m], >= 0;
     `hits` (HIT * SIEVE,) are balls that met an obstacle lately: body, obstacle, ball; -1 where there is none; changed.
     """
     joints, bodies, obstacles, scratch = world.joints, world.bodies, world.obstacles, world.scratch
@@ -175,12 +175,7 @@ def is_free(world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance:
 
 @lane_step(boolean(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64))
 def _connected(
-    world: LaneWorld,
-    sampling: Sampling,
-    search: TreeSearch,
-    clearance: float,
-    resolution: float,
-    tree: int,
+    world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, tree: int
 ) -> bool:
     """Grow a tree towards the target as far as the way is free; whether it got there, from the node in the counters."""
     counters = search.counters
@@ -281,13 +276,7 @@ def begin(search: TreeSearch, starts: np.ndarray, goals: np.ndarray) -> None:
 
 @lane_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64, int64))
 def _go_on(
-    world: LaneWorld,
-    sampling: Sampling,
-    search: TreeSearch,
-    clearance: float,
-    resolution: float,
-    slot: int,
-    node: int,
+    world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, slot: int, node: int
 ) -> int:
     """Continue a free extension of the batch to its sample, by `RANGE` at most; return the node that it comes to.
 
@@ -307,12 +296,7 @@ def _go_on(
 
 @lane_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64))
 def _grow(
-    world: LaneWorld,
-    sampling: Sampling,
-    search: TreeSearch,
-    clearance: float,
-    resolution: float,
-    iterations: int,
+    world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, iterations: int
 ) -> int:
     """`grow` on pointers."""
     counters, capacity, domains = search.counters, search.capacity, search.domains
@@ -364,8 +348,8 @@ def grow(
     """Grow two trees towards each other: MET (the path is written), FULL (give it more room) or GOING_ON.
 
     `world`, `sampling` and `search` are packed; the places of the search say where the sequence of samples begins.
-    `starts` (k, nv) and `goals` (m, nv) are roots, chart points in units of the sampling; `clearance` is kept from
-    obstacles [m], `resolution` is samples per length in the chart [1/rad or 1/m]. A batch that is begun is ended after
+    `starts` (k, nv) and `goals` (m, nv) are roots, coordinates in units of the sampling; `clearance` is kept from
+    obstacles [m], `resolution` is samples per length [1/rad or 1/m]. A batch that is begun is ended after
     `iterations`; `begins` leaves only the roots of the trees before, and forgets what the world was asked.
 
     Raises ValueError if roots, trees and robot aren't of as many coordinates.

@@ -31,7 +31,6 @@ def _length(world: LaneWorld, path: np.ndarray, segment: int) -> float:
 
 @lane_part
 def _total(world: LaneWorld, path: np.ndarray, count: int) -> float:
-    """Length of a path of a given number of points."""
     total = 0.0
     for segment in range(count - 1):
         total += _length(world, path, segment)
@@ -101,19 +100,13 @@ def _with_shortcuts(
 
 @lane_kernel
 def shorten(
-    words: Indices,
-    path: Rows,
-    clearance: float,
-    resolution: float,
-    tries: int,
-    rows: SingleRows,
-    short_out: RowsOut,
+    words: Indices, path: Rows, clearance: float, resolution: float, tries: int, rows: SingleRows, short_out: RowsOut
 ) -> int:
     """Leave out detours of a path (n, nv), take straight ways between places on it, and leave out detours again.
 
-    `words` are a packed `LaneWorld`, `clearance` is kept from obstacles [m], `resolution` is samples per length in the
-    chart [1/rad or 1/m], `tries` the number of pairs of places; scratch of shape (n + tries + 2, nv), float32, and so
-    is `short_out`, whose ends are as they were given. Returns the count of points.
+    `words` are a packed `LaneWorld`, `clearance` is kept from obstacles [m], `resolution` is samples per length
+    [1/rad or 1/m], `tries` the number of pairs of places; scratch of shape (n + tries + 2, nv), float32, and so is
+    `short_out`, whose ends are as they were given. Returns the count of points.
     """
     world, count, nv = world_of(pointers(words)), len(path), path.shape[1]
     for i in range(count):
