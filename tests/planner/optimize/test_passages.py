@@ -51,15 +51,6 @@ def least(spline: BSpline, place: Waypoint, about: float, window: float = 1.0) -
     return 0.5 * float((place.missed(spline.at(dense)) ** 2).sum(axis=1).min())
 
 
-@given(st.integers(0, 10_000), st.floats(2.0, 8.0))
-def test_nothing_next_to_the_nearest_place_is_nearer(seed: int, about: float) -> None:
-    spline = curve(seed)
-    place = Waypoint(spline.at(np.array([about]))[0] + 0.2 * np.random.default_rng(seed).normal(size=3), 0.0)
-    at = nearest(place, spline, about)
-    found = 0.5 * float((place.missed(spline.at(np.array([at]))) ** 2).sum())
-    assert found <= least(spline, place, at, 0.1) + 1e-5
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_gradient_is_that_of_finite_differences_of_the_least_miss(seed: int) -> None:
     spline = curve(seed)
