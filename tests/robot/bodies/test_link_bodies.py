@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pytest
 
-from guidefield.kernels.distance.distance import SHEET, DistanceTables, distance_at_points
+from guidefield.kernels.distance.distance import DistanceTables, distance_at_points
 from guidefield.robot.bodies.charges import link_bodies
 from tests.robots import ARMS, robot
 
@@ -36,10 +36,3 @@ def test_distances_to_links_are_those_of_coal(name: str) -> None:
             # of a mesh Coal knows no inside, and within a hull not always the least depth
             ours = abs(distance) if isinstance(shape.geometry, coal.BVHModelBase) else distance
             assert ours == pytest.approx(expected, abs=1e-6) or (expected < 0.0 and ours < 0.0)
-
-
-def test_hulls_are_solid_and_what_does_not_close_is_a_sheet() -> None:
-    model, tables = robot("panda"), link_bodies(robot("panda"))
-    for choice, kind in zip(model.geometry_choices, tables.kinds, strict=True):
-        if choice.judged_as == "convex hull":
-            assert kind != SHEET
