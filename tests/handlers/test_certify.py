@@ -218,7 +218,7 @@ def test_a_motion_that_flies_and_turns_is_certified_in_its_chart() -> None:
 # ---- mutated motions
 
 
-def sampled_contact(request: requests.CertifyRequest, samples: int = 500) -> bool:
+def sampled_contact(request: requests.CertifyRequest, samples: int = 300) -> bool:
     """Whether Coal finds any contact, or less than the clearance, at samples evenly along the motion."""
     problem, _ = certify_problem(request, robot(request.robot), scene_of(request), Deadline())
     world, curve, margin = problem.world, problem.motion.measured, problem.min_clearance
@@ -234,7 +234,7 @@ def sampled_contact(request: requests.CertifyRequest, samples: int = 500) -> boo
     return False
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), timed=st.booleans(), margin=st.sampled_from([0.0, 0.03]))
 def test_what_is_certified_dense_samples_find_free_and_the_place_of_a_refusal_is_refused(
     seed: int, timed: bool, margin: float

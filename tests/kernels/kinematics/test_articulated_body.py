@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numba import types
 
 from guidefield.kernels.field.energy import forces
-from guidefield.kernels.jit.arrays import MATRIX, SCALAR, VECTOR, VECTOR_OUT
-from guidefield.kernels.jit.decorators import compiled
 from guidefield.kernels.kinematics.articulated_body import empty_factors, factorize, solve, trace
-from guidefield.kernels.kinematics.forward_kinematics import JOINTS, motion_subspaces
+from guidefield.kernels.kinematics.forward_kinematics import motion_subspaces
 from guidefield.potential import RobotField
 from tests.planner.problems import library_scene
 from tests.robots import box_arm, group, grouped
 
 
-@compiled(types.Tuple((VECTOR_OUT, SCALAR))(JOINTS, MATRIX, MATRIX, SCALAR, VECTOR))
 def solved(joints, subspaces, inertias, ridge, right):
+    """The parts of kernels, run as Python."""
     n = joints.parents.shape[0]
     factors = empty_factors(n, subspaces.shape[0])
     factors.subspaces[:, :] = subspaces
@@ -27,12 +24,8 @@ def solved(joints, subspaces, inertias, ridge, right):
     return solution, trace(joints, subspaces, inertias, np.empty((n, 10)))
 
 
-def test_solutions_are_those_of_the_dense_metric() -> None:
-    for kind in ("chain_fixed_6x300_r25", "chain_moving_6x200_r20", "panda", "x slide oblique y"):
-        check(kind)  # in one test: its kernel is compiled anew in each process
-
-
-def check(kind: str) -> None:
+@pytest.mark.parametrize("kind", ["chain_fixed_6x300_r25", "chain_moving_6x200_r20", "panda", "x slide oblique y"])
+def test_solutions_are_those_of_the_dense_metric(kind: str) -> None:
     planned = group(kind) if " " not in kind else grouped(box_arm(kind, 0))
     field = RobotField(planned, library_scene("seed_a_gates"))
     rng = np.random.default_rng(0)

@@ -22,6 +22,16 @@ def lines_of(catalog: Catalog, *sent: SentRobot) -> list[Any]:
     return [*catalog.summaries(), *map(catalog.line, sent)]
 
 
+def _say_what_can_be_planned_or_what_is_wrong(summaries: dict[str, RobotSummary]) -> None:
+    assert summaries["panda"].dof == 8
+    assert summaries["panda"].tip == "panda_hand_tcp"
+    assert summaries["kinova"].joint_kinds == {"continuous": 3, "revolute": 3}
+    problems = [summary for summary in summaries.values() if summary.problem]
+    assert len(summaries) >= 69
+    assert 0 < len(problems) <= 8
+    assert all(summary.dof is not None for summary in summaries.values() if not summary.problem)
+
+
 def test_robots_are_summarized_once_and_those_that_were_sent_when_they_change(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -40,6 +50,7 @@ def test_robots_are_summarized_once_and_those_that_were_sent_when_they_change(
     catalog = Catalog()
     mine = SentRobot("mine", "a" * 64, box_arm("y", 2).text, None, {}, "fixed")
     first = lines_of(catalog, mine)
+    _say_what_can_be_planned_or_what_is_wrong({summary.name: summary for summary in first[:-1]})
     assert len(asked) == len(first)
     assert lines_of(catalog, mine) == first
     assert len(asked) == len(first)

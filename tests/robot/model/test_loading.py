@@ -128,17 +128,6 @@ def test_what_is_taken_for_a_robots_text_or_name_is_told() -> None:
         Catalog().load("Panda")
 
 
-def test_every_summary_says_what_can_be_planned_or_what_is_wrong() -> None:
-    summaries = {summary.name: summary for summary in Catalog().summaries()}
-    assert summaries["panda"].dof == 8
-    assert summaries["panda"].tip == "panda_hand_tcp"
-    assert summaries["kinova"].joint_kinds == {"continuous": 3, "revolute": 3}
-    problems = [summary for summary in summaries.values() if summary.problem]
-    assert len(summaries) >= 69
-    assert 0 < len(problems) <= 8
-    assert all(summary.dof is not None for summary in summaries.values() if not summary.problem)
-
-
 def test_an_srdf_that_hides_contacts_is_told_on() -> None:
     """Panda's SRDF disables its hand against its fifth link; they do touch."""
     warned = [warning for warning in robot("panda").remarks if "SRDF disables" in warning]
