@@ -1,1 +1,1 @@
-"""Collision: the robot among obstacles, exact distances, and the certificate of whole motions."""
+"""Collision: a robot among obstacles, exact distances, tables for SIMD batches, and bounds on motions for proofs."""

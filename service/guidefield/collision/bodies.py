@@ -1,4 +1,7 @@
-"""Balls about the robot's bodies, and which joints move what."""
+"""Bounding spheres of the robot's bodies, in the frames of their joints, and which joints move which body.
+
+The motion bound and every filter of pairs rely on them: balls may be larger than needed, never smaller.
+"""
 
 from __future__ import annotations
 
@@ -17,21 +20,21 @@ from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import TRANSLATION
 
 PARTS = 8
-"""The box about a robot body is cut into this many boxes: balls about them follow a long body closer than one ball."""
+"""The box about a robot body is halved into so many boxes: balls about them follow a long body closer than one ball."""
 
 
 def joint_placements(data: Any, *, writeable: bool = False) -> np.ndarray:
-    """Placements of all joints in the world, in Pinocchio's data, read where they stand now; (njoints, 3, 4).
+    """Return a view of the placements of all joints in the world in Pinocchio's data, shape (njoints, 3, 4).
 
-    Copying them one by one takes longer than to compute them. They are valid as long as the data live; who writes in
-    them, if that is asked for, puts joints elsewhere until Pinocchio does. Raises RuntimeError if they don't lie one
-    behind the other, as they do in Pinocchio 3 and 4.
+    A view, because copying them one by one takes longer than to compute them: it changes as Pinocchio places joints,
+    and is valid as long as the data live. Raises RuntimeError if placements don't lie one behind the other in memory,
+    as they do in Pinocchio 3 and 4.
     """
     return _one_behind_the_other(data.oMi, writeable=writeable)
 
 
 def body_placements(data: Any) -> np.ndarray:
-    """The same of all bodies in Pinocchio's geometry data, shape (r, 3, 4) [m], which may be written."""
+    """Return a writeable view of the placements of all bodies in Pinocchio's geometry data, shape (r, 3, 4) [m]."""
     return _one_behind_the_other(data.oMg, writeable=True)
 
 
@@ -54,9 +57,9 @@ def _address(array: np.ndarray) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What is known about the robot's bodies before any configuration is, in the order of the group's geometry.
+    """Facts about the robot's bodies that no configuration changes, in the order of the group's geometry.
 
-    Columns j are those of the velocity of the group's `model`, followers included.
+    Columns j are those of the velocity of the group's `model`, mimic joints included.
     """
 
     joints: np.ndarray  # joint that carries each robot body, shape (r,); 0 is the world
@@ -73,7 +76,7 @@ class Bodies:
         return BodyBalls(self.joints, self.centres, self.radii, self.part_centres, self.part_radii)
 
     def centres_in_world(self, joint_placements: np.ndarray) -> np.ndarray:
-        """Centres of the balls (..., r, 3) [m, world], by ``T_world_joint`` of all joints (..., njoints, 3, 4)."""
+        """Return the balls' centres (..., r, 3) [m, world], where all joints are placed by (..., njoints, 3, 4)."""
         carriers = joint_placements[..., self.joints, :, :]
         centres: np.ndarray = (carriers[..., :3] @ self.centres[:, :, None])[..., 0] + carriers[..., 3]
         return centres
@@ -127,7 +130,7 @@ BALLS: dict[type, Callable[[Any], float]] = {
 
 
 def bounding_ball(shape: Any) -> tuple[np.ndarray, float]:
-    """A ball that contains a bounded Coal shape: centre (3,) in the shape's frame, and radius [m]."""
+    """Return a ball that contains a bounded Coal shape: centre (3,) in the shape's frame, and radius [m]."""
     inflation = shape.getSweptSphereRadius() if hasattr(shape, "getSweptSphereRadius") else 0.0
     if type(shape) in BALLS:
         return np.zeros(3), BALLS[type(shape)](shape) + inflation
@@ -141,7 +144,7 @@ def bounding_ball(shape: Any) -> tuple[np.ndarray, float]:
 
 
 def parts_of(shape: Any) -> tuple[np.ndarray, float]:
-    """Balls that together hold a Coal shape: their centres (`PARTS`, 3) in its frame, and the radius of all [m]."""
+    """Return balls that together contain a Coal shape: their centres (`PARTS`, 3) in its frame, and one radius [m]."""
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
     counts = np.ones(3, int)

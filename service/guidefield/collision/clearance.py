@@ -1,4 +1,8 @@
-"""Contacts and clearance at configurations: which pairs of bodies touch and how deep, else the smallest distances."""
+"""Contacts and clearance at configurations: which pairs of bodies touch and how deep, else the smallest distances.
+
+Coal decides on exact shapes; balls, boxes and hulls only leave out pairs that can't be the closest, so they may be
+coarser, never wrong. Names, order and depths of pairs are what users read in replies.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,10 @@ from guidefield.robot.model.spaces import ModelConfiguration
 
 @dataclass(frozen=True)
 class Contact:
-    """Names of a link and a link or obstacle that touch; how far they must part to be free [m], None of a surface."""
+    """Names of a link and a link or obstacle that touch, and their depth.
+
+    The depth is how far they must part to be free [m]; None if one is judged as a surface.
+    """
 
     pair: tuple[str, str]
     depth: float | None
@@ -36,18 +43,18 @@ def contacts_at(world: World, q: ModelConfiguration) -> list[Contact]:
 
 
 def contacts_among(world: World, pairs: list[int]) -> list[Contact]:
-    """Those of some pairs that touch where the robot is placed."""
+    """Return the contacts among some pairs where the robot is placed."""
     return [Contact(world.pair_names(pair), depth_of(world, pair)) for pair in pairs if world.touches(pair)]
 
 
 def depth_of(world: World, pair: int) -> float | None:
-    """How deep the bodies of a pair that touches are in each other where the robot is placed; see `Contact.depth`."""
+    """Return the `Contact.depth` of a pair that touches where the robot is placed."""
     if not world.is_signed(pair):
         return None
     return max(0.0, -world.distance(pair)[0])
 
 
-MOST_LOOKED_AT = 16  # configurations that are examined: what is met most is known by then
+MOST_EXAMINED = 16  # configurations of which pairs are counted: the most frequent pair is known by then
 
 
 @dataclass(frozen=True)
@@ -56,12 +63,12 @@ class BlockingPairs:
 
     looked_at: int
     counts: dict[PairNames, int]
-    deepest: float | None  # of the first pair the greatest depth [m]; None where it has none
-    # the most that one of them keeps from the obstacles, if they were to keep something [m]
+    deepest: float | None  # the greatest depth of the first pair [m]; None where it has none
+    # the greatest distance of a configuration from the obstacles [m], if one was to be kept
     clearest: float | None = None
 
     def describe(self) -> str:
-        """The pair that is met most, in words; empty if there is none."""
+        """Say in words which pair touches most often; empty if none does."""
         if not self.counts:
             return ""
         (first, second), count = next(iter(self.counts.items()))
@@ -73,7 +80,7 @@ class BlockingPairs:
         return f"{often}{first} and {second}{times}{others}{kept}"
 
     def details(self) -> dict[str, object]:
-        """The same as values."""
+        """Return the same as values for an error's details."""
         if not self.counts:
             return {}
         details: dict[str, object] = {
@@ -94,8 +101,8 @@ class Touching(NamedTuple):
 
 
 def find_touching_each(world: World, qs: Sequence[ModelConfiguration]) -> tuple[list[Touching], list[bool]]:
-    """What touches at the configurations that `blocking_pairs` looks at, and at which of all something does."""
-    near, looked_at = world.near_each(qs), len(qs[:MOST_LOOKED_AT])
+    """Find what touches at the configurations that `blocking_pairs` examines, and at which of all something does."""
+    near, looked_at = world.near_each(qs), len(qs[:MOST_EXAMINED])
     met = _find_touching(world, qs[:looked_at], near)
     touches = [bool(one.pairs or world.held_contacts) for one in met]
     return met, touches + world.in_collision_each(qs[looked_at:], near[looked_at:])
@@ -112,16 +119,16 @@ def _find_touching(world: World, qs: Sequence[ModelConfiguration], near: Sequenc
 def blocking_pairs(
     world: World, qs: Sequence[ModelConfiguration], clearance: float = 0.0, met: Sequence[Touching] | None = None
 ) -> BlockingPairs:
-    """The pairs that touch, or of which one is wholly inside the other, at configurations of the group's model.
+    """Count the pairs that touch, or of which one is wholly inside the other, at configurations of the group's model.
 
-    Where nothing touches, the nearest pair counts that doesn't keep a clearance from obstacles [m]. What touches at the
-    first of them may be known from `find_touching_each`.
+    Where nothing touches, the nearest pair counts that doesn't keep a clearance from obstacles [m]. `met` is what
+    touches at the first `MOST_EXAMINED`, if `find_touching_each` has found it.
     """
     clearest: float | None = None
     counts: Counter[PairNames] = Counter()
     names: dict[int, PairNames] = {}
     touching: defaultdict[PairNames, list[tuple[np.ndarray, int]]] = defaultdict(list)
-    looked_at = qs[:MOST_LOOKED_AT]
+    looked_at = qs[:MOST_EXAMINED]
     for q, (there, pairs) in zip(
         looked_at, met or _find_touching(world, looked_at, world.near_each(looked_at)), strict=True
     ):
@@ -143,7 +150,7 @@ def blocking_pairs(
 
 
 def _deepest(world: World, touching: Sequence[tuple[np.ndarray, int]]) -> float | None:
-    """The greatest depth of pairs that touch where the robot's bodies stand so, (r, 3, 4) [m]; None if none has one."""
+    """Return the greatest depth of touching pairs, each with the bodies' placements (r, 3, 4) [m]; None if none has."""
     depths = []
     for placements, pair in touching:
         world.put_bodies(placements)
@@ -157,7 +164,7 @@ HULL_ACCURACY = 1e-6  # how far off Coal's distance of two hulls may be [m]
 
 
 BOX_MARGIN = 1e-9
-"""What boxes about balls are wider by, of a metre and of each metre that they are from the origin, for rounding [m]."""
+"""Boxes about balls are wider by this times 1 m plus their distance from the origin, so that rounding loses none."""
 
 _Closest = tuple[float, int, ClosestPoints]  # distance [m], index and closest points of a pair
 
@@ -166,9 +173,9 @@ _Closest = tuple[float, int, ClosestPoints]  # distance [m], index and closest p
 class ClearanceAt(ReadOnly):
     """Smallest distances at one configuration: signed where both bodies are convex, else 0 in contact.
 
-    A body wholly inside another's closed mesh is in contact with it. Without such a pair distances are infinite, the
-    closest pair of names, link first, and its closest points (2, 3) [m, world] None, and indices in `pairs`, of the own
-    pair and of that with an obstacle, -1.
+    A body wholly inside another's closed mesh is in contact with it. Each distance comes with the closest pair of
+    names, link first, and its closest points (2, 3) [m, world]; `pairs` are the indices of the own pair and of that
+    with an obstacle. Where there is no pair of a kind, its distance is infinite, names and points None, the index -1.
     """
 
     obstacle_distance: float
@@ -181,7 +188,7 @@ class ClearanceAt(ReadOnly):
 
     @classmethod
     def of(cls, world: World, own: _Closest | None, obstacle: _Closest | None) -> ClearanceAt:
-        """From the closest pairs of both kinds, measured where the robot stands."""
+        """Build it from the closest pairs of both kinds, measured where the robot stands."""
         return cls(
             obstacle_distance=np.inf if obstacle is None else obstacle[0],
             obstacle_pair=None if obstacle is None else world.pair_names(obstacle[1]),
@@ -194,10 +201,10 @@ class ClearanceAt(ReadOnly):
 
 
 def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
-    """Smallest distances at a configuration of the group's model, shape (model.nq,).
+    """Measure the smallest distances at a configuration of the group's model, shape (model.nq,).
 
     Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer. The bound is
-    that of balls and boxes about them first; where a mesh is in a pair, then the distance of hulls, sooner had.
+    that of balls and boxes first; if a mesh is in the pair, then the distance of hulls, which takes less time.
     """
     inside = next(find_enclosed_pairs(world, [q]))
     world.place(q)
@@ -212,7 +219,7 @@ def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
 
 
 def clearance_gradient(world: World, q: ModelConfiguration, one: ClearanceAt, *, own: bool) -> np.ndarray | None:
-    """Gradient of a smallest distance at a configuration by the group's velocities, shape (group.nv,) [m per rad or m].
+    """Return the gradient of a smallest distance by the group's velocities, shape (group.nv,) [m per rad or m].
 
     The closest points move with their bodies, and the distance grows as they part along the line between them (the
     envelope theorem); so of distances without contact it is exact wherever the closest pair is a single one. `own` asks
@@ -236,7 +243,7 @@ def clearance_gradient(world: World, q: ModelConfiguration, one: ClearanceAt, *,
 
 
 def _witness(world: World, pair: int, closest: ClosestPoints) -> np.ndarray:
-    """Closest points of a pair's bodies with what rounds them, the first body's first, shape (2, 3) [m, world]."""
+    """Return the closest points of a pair's rounded bodies, the first body's first, shape (2, 3) [m, world]."""
     witness = np.array([closest.first, closest.second])
     if rounding := sum(map(world.rounding, world.pairs.of(pair))):
         between = witness[0] - witness[1]
@@ -245,12 +252,12 @@ def _witness(world: World, pair: int, closest: ClosestPoints) -> np.ndarray:
 
 
 def _closer(world: World, known: _Closest | None, pair: int) -> _Closest:
-    """The closest pair, given one of which a body is wholly inside the other; its closest points are on the surface."""
+    """Return the closer of the known pair and one with a body wholly inside the other, whose distance is 0."""
     return known if known is not None and known[0] <= 0.0 else (0.0, pair, world.distance(pair)[1])
 
 
 def _closest_obstacle(world: World, centres: np.ndarray) -> _Closest | None:
-    """The closest pair of a placed robot with an obstacle, searched within ever more around its balls (r, 3)."""
+    """Find the closest pair of a placed robot with an obstacle, within an ever larger reach of its balls (r, 3)."""
     reach, count = FIRST_REACH * world.group.size, len(world.pairs) - world.pairs.n_self
     while True:
         pairs = _pairs_within(world, centres, reach)
@@ -261,10 +268,10 @@ def _closest_obstacle(world: World, centres: np.ndarray) -> _Closest | None:
 
 
 def separations(world: World, centres: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Lower bounds of the signed distances of pairs (m,), by one ball about each of the robot's bodies, shape (m,) [m].
+    """Return lower bounds of the signed distances of pairs (m,), by one ball about each robot body, shape (m,) [m].
 
-    Given the centres of the balls, shape (r, 3) [m, world]. A ball that overlaps another, or a box from outside, bounds
-    the depth too; a centre inside a box bounds nothing: minus infinity.
+    `centres` are those of the balls, shape (r, 3) [m, world]. A ball that overlaps another, or a box from outside,
+    bounds the depth too; a centre inside a box bounds nothing: minus infinity.
     """
     first, second = world.pairs.bodies(pairs).T
     own, radii, found = pairs < world.pairs.n_self, world.bodies.radii, np.empty(len(pairs))
@@ -286,7 +293,7 @@ def _pairs_within(world: World, centres: np.ndarray, margin: float) -> np.ndarra
 
 
 def _closest(world: World, centres: np.ndarray, pairs: np.ndarray) -> _Closest | None:
-    """Distance, index and closest points of the closest of some pairs (k,)."""
+    """Find distance, index and closest points of the closest of some pairs (k,)."""
     closest = None
     bounds = separations(world, centres, pairs)
     waiting = [(bound, pair, False) for bound, pair in zip(bounds.tolist(), pairs.tolist(), strict=True)]

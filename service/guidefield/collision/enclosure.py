@@ -1,4 +1,8 @@
-"""Enclosure: a body wholly inside a closed mesh touches nothing, because Coal judges such a mesh as a surface."""
+"""Find bodies wholly inside a closed mesh: they touch nothing, because Coal judges such a mesh as a surface.
+
+Planner, certificate and distances count them as contacts. It is enough to look at a motion's start, because a motion
+without contact leads neither in nor out.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from guidefield.robot.model.spaces import ModelConfiguration
 
 
 def enclosed(world: World, q: ModelConfiguration) -> PairNames | None:
-    """Names of the first pair, one body wholly inside the other's closed mesh, at a configuration; None if none is.
+    """Return the names of the first pair with one body wholly inside the other's closed mesh; None if there is none.
 
     Without contact a connected body is inside with all of its points or with none, so one point of each connected piece
     tells. A body that touches may be reported too: it is partly inside. A motion without contact can't change the
@@ -29,14 +33,14 @@ _ENCLOSURES = Answers[PairNames | None]()
 
 
 def find_enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
-    """`enclosed` at each of some configurations, sooner than one after the other; the robot is left anywhere."""
+    """Return `enclosed` at each of some configurations, together in less time; the robot is left anywhere."""
     return [enclosed(world, q) for q in qs] if len(qs) == 1 else _find_enclosed_each(world, qs)
 
 
 def find_enclosed_pairs(world: World, qs: Sequence[ModelConfiguration], since: int = 0) -> Iterator[list[int]]:
-    """Of each of some configurations all pairs of bodies one wholly inside the other's closed mesh, as `enclosed`.
+    """Yield for each configuration all pairs with one body wholly inside the other's closed mesh, as `enclosed`.
 
-    Yields indices in ascending order, of pairs from an index on, found when they are asked for.
+    Pairs are given by ascending indices, from `since` on, and searched for when they are asked for.
     """
     return map(list, _enclosures(world, qs, since))
 
@@ -47,10 +51,7 @@ def _find_enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[
 
 
 def _enclosures(world: World, qs: Sequence[ModelConfiguration], since: int = 0) -> Iterator[Iterator[int]]:
-    """Of each of some configurations the pairs one of whose bodies is inside the other; to be asked in order.
-
-    Pairs before the index `since` are left out.
-    """
+    """Yield an iterator over the enclosed pairs from `since` on for each configuration; to be used up in order."""
     closed = find_closed_bodies(world.group)
     if not len(qs) or (world.scene.convex and not closed.any()):
         yield from (iter(()) for _ in qs)
@@ -65,7 +66,7 @@ def _is_one_around_the_other(world: World, first: int, second: int) -> bool:
 
 
 def _is_around(world: World, outer: int, inner: int) -> bool:
-    """Whether a body where the robot stands is a closed mesh around another, or around one of a cloud's points."""
+    """Check whether a body, where it stands now, is a closed mesh around another, or around a point of a cloud."""
     if not world.is_surface(outer) or not (solid := _solid_of(world, outer)).surfaces:
         return False
     cloud = None if inner < world.pairs.links else world.scene.obstacles[inner - world.pairs.links].cloud
@@ -91,5 +92,5 @@ def _solid_of(world: World, body: int) -> Solid:
 
 @memoized_for_alike
 def find_closed_bodies(group: PlanningGroup) -> np.ndarray:
-    """Which of a group's bodies are closed meshes that Coal judges as surfaces, shape (r,): no other is around any."""
+    """Return which of a group's bodies are closed meshes that Coal judges as surfaces, (r,): no other is around any."""
     return np.array([bool(solid.surfaces) for solid in solids_of_group(group)], bool)

@@ -1,4 +1,8 @@
-"""Rigorous bounds on how much closer two bodies come when joints move within a box about one configuration."""
+"""Rigorous bounds on how much closer two bodies come when joints move within a box about one configuration.
+
+Every certificate of a motion rests on them (prove/, the planner, streams); the referee bounds motions by code of its
+own. Bounds may be larger, never smaller: a change needs a proof like the one below.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from guidefield.robot.model.chart import ROTATION, TRANSLATION
 
 @dataclass(frozen=True, eq=False)
 class MotionBound(ReadOnly):
-    """The bound of the certificate, with everything in it that no configuration changes.
+    """The certificate's motion bound, with everything in it that no configuration changes.
 
     For every configuration q with |q_j - m_j| <= e_j, a point of body b is at most
 
@@ -25,7 +29,7 @@ class MotionBound(ReadOnly):
     m. A ball joint turns by at most the Euclidean norm e of its coordinates' half widths (`chart`), about an axis
     through its centre that may be any: rho is the largest distance from the centre. Lengths that belong together count
     by their norm. Of two moving bodies only joints that move one and not the other count: the others move both as one.
-    A follower's e is its driver's times the size of its multiplier.
+    A mimic joint's e is its source joint's times the size of its multiplier.
     """
 
     # matrix (nv of the model, group.nv) from half widths of planned joints to those of all that move
@@ -56,7 +60,7 @@ class MotionBound(ReadOnly):
         return self.bound_moves(self.reach(jacobians, centres), half_widths)
 
     def bound_moves(self, reach: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same, where `reach` is known."""
+        """Bound as `at` does, by the result of `reach`."""
         moved = reach * self.sweep(half_widths)[:, None]
         beyond = np.zeros((*moved.shape[:2], moved.shape[2] + 1))  # what the joints from one on move a body
         beyond[..., :-1] = np.cumsum(moved[..., ::-1], axis=2)[..., ::-1]
@@ -64,17 +68,17 @@ class MotionBound(ReadOnly):
         return own, beyond[..., 0]
 
     def find_spread(self, half_widths: np.ndarray) -> np.ndarray:
-        """Half widths, or rates, of the joints' moves, shape (s, nv of the model), of those in the chart, (s, nv)."""
+        """Return half widths, or rates, of the joints' moves, (s, nv of the model), of those in the chart, (s, nv)."""
         spread: np.ndarray = np.sqrt((half_widths @ self.half_widths.T) ** 2 @ self.together)
         return spread
 
     def sweep(self, half_widths: np.ndarray) -> np.ndarray:
-        """How far each joint moves a point at a distance of 1 at most, shape (s, nv of the model), as `find_spread`."""
+        """Bound how far each joint moves a point at a distance of 1, (s, nv of the model); given as `find_spread`."""
         spread = self.find_spread(half_widths)
         return np.where(self.turns, 2.0 * np.sin(0.5 * np.minimum(spread, np.pi)), spread)
 
     def reach(self, jacobians: np.ndarray, centres: np.ndarray) -> np.ndarray:
-        """Largest distance of each body from each axis that moves it, shape (s, r, nv of the model) [m].
+        """Bound the distance of each body from each axis that moves it, shape (s, r, nv of the model) [m].
 
         It is 1 for a joint that slides, and 0 for one that does not move the body; arguments as in `at`.
         """
@@ -82,7 +86,7 @@ class MotionBound(ReadOnly):
         return reach
 
     def axis_distances(self, jacobians: np.ndarray, centres: np.ndarray) -> np.ndarray:
-        """The same of each body from every axis, whether that moves it or not, shape (s, r, nv of the model) [m]."""
+        """Bound the distance of each body from every axis, whether that moves it or not; shape and units as `reach`."""
         # |v + w x c|^2 about the middle of the robot, where rounding is least
         middle = centres.mean(axis=1, keepdims=True)
         w = jacobians[:, None, 3:]
@@ -98,14 +102,14 @@ class MotionBound(ReadOnly):
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products of columns, shapes (s, 3, n); NumPy's own takes five times as long."""
+    """Return cross products of columns, shapes (s, 3, n); NumPy's own takes five times as long."""
     columns = [a[:, i] * b[:, j] - a[:, j] * b[:, i] for i, j in ((1, 2), (2, 0), (0, 1))]
     return np.stack(columns, axis=1)
 
 
 @memoized_for_alike
 def motion_bound(group: PlanningGroup, own_pairs: bytes) -> MotionBound:
-    """The bound for a robot whose own pairs of bodies are given, an array (n_self, 2) of int64; made once for them."""
+    """Build the bound of a robot for its own pairs of bodies, the bytes of an array (n_self, 2) of int64."""
     bodies, own = bodies_of(group), np.frombuffer(own_pairs, np.int64).reshape(-1, 2)
     first, second = bodies.moved_by[own[:, 0]], bodies.moved_by[own[:, 1]]
     together, centred = _moves(group)
@@ -127,7 +131,7 @@ def motion_bound(group: PlanningGroup, own_pairs: bytes) -> MotionBound:
 
 
 def _moves(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray]:
-    """Which columns of the model's tangent make one move, and which of those are turns about a centre."""
+    """Return the matrices `together` and `centred` of `MotionBound`."""
     model = group.model
     together, centred = np.eye(model.nv), np.eye(model.nv)
     for index in range(1, model.njoints):

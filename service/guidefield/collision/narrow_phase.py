@@ -1,7 +1,8 @@
-"""The narrow phase: what Coal says of two bodies where they stand, pair by pair, and how deep they are in contact.
+"""The narrow phase: Coal's distance of two bodies where they stand, with its known faults mended, and their depth.
 
 Nothing is made of a pair before it is asked for. Answers don't depend on the questions before. A surface of very many
-triangles is judged patch by patch, by those whose boxes are near enough.
+triangles is judged patch by patch, by those whose boxes are near enough. The faults, found in Coal 3.0.3, stand where
+they are worked around; with another version each has to be looked for again.
 
 Along a unit direction n two convex bodies overlap by h(n) = max n.a - min n.b over their points a and b: moved so far
 along n, the second one just touches the first. The penetration depth is the least h (Cameron and Culley 1986), so that
@@ -35,20 +36,20 @@ from guidefield.kernels.collide.overlap import (
 from guidefield.read_only import read_only
 from guidefield.scene.recipe import Patches
 
-ACCURACY = 2e-6  # what Coal's depth may be off, and a share of it [m]
+ACCURACY = 2e-6  # what Coal's depth may be off [m], and as a share of it
 MARGIN = 1e-3  # by how much the second body is moved beyond the first, so that GJK tells a direction [m]
 
-SLANTED = 1e-3  # what Coal's deepest points may be off the line along which shapes part, as a share of the depth
+OFF_LINE = 1e-3  # what Coal's deepest points may be off the line along which shapes part, as a share of the depth
 STARTS, STEPS = 4, 40  # from how many directions h is descended, and in how many steps
 
-SAME = 1e-9  # points of two axes nearer to each other, as a share of their size, tell no direction; nor do such angles
+PARALLEL = 1e-9  # axes with nearest points this close (as a share of their size), or at this angle, tell no direction
 
 FACES = 64  # the normals of a hull's faces are tried where there are no more than this
 MOST_OTHERS = 17  # directions that are tried beside them: axes, their cross products, and two lines
 
 
 class ClosestPoints(NamedTuple):
-    """How far two shapes are apart [m], negative where they overlap, and their closest or deepest points [m, world]."""
+    """The distance of two shapes [m], negative where they overlap, and their closest or deepest points [m, world]."""
 
     distance: float
     first: np.ndarray
@@ -80,7 +81,7 @@ class Outline:
 
 
 def closest_points(first: Outline, here: Any, second: Outline, there: Any, measured: Any) -> ClosestPoints:
-    """Return what Coal measured of two placed shapes, a coal.DistanceResult, its depth replaced where that can't be."""
+    """Return what Coal measured of two placed shapes, a coal.DistanceResult; a wrong depth is replaced."""
     told = ClosestPoints(measured.min_distance, measured.getNearestPoint1(), measured.getNearestPoint2())
     if told.distance > 0.0 or not first.is_convex or not second.is_convex:
         return told
@@ -107,7 +108,7 @@ def closest_points(first: Outline, here: Any, second: Outline, there: Any, measu
 
 
 def measure_capsules(first: Any, here: Any, second: Any, there: Any) -> ClosestPoints:
-    """Return how far two capsules are apart, by the least distance of their axes (Ericson 2004).
+    """Measure how far two capsules are apart, by the least distance of their axes (Ericson 2004).
 
     Coal (3.0.3) takes short ones for parallel that aren't: of 1 cm they may overlap by 7 um where it has them apart.
     """
@@ -122,12 +123,12 @@ def measure_capsules(first: Any, here: Any, second: Any, there: Any) -> ClosestP
         one, other = middles[0] + min(max(t * ab - aw, -p), p) * a, middles[1] + t * b
         nearest = min(nearest, (float(np.linalg.norm(other - one)), one, other), key=lambda found: found[0])
     apart, one, other = nearest
-    if apart > SAME * (p + q + first.radius + second.radius):
+    if apart > PARALLEL * (p + q + first.radius + second.radius):
         normal = (other - one) / apart
     else:  # axes that meet part across both
         normal = np.cross(a, b)
         length = float(np.linalg.norm(normal))
-        normal = normal / length if length > SAME else here.getRotation()[:, 0]
+        normal = normal / length if length > PARALLEL else here.getRotation()[:, 0]
     return ClosestPoints(
         apart - first.radius - second.radius, one + first.radius * normal, other - second.radius * normal
     )
@@ -142,7 +143,7 @@ def _part(placed: Placed, told: ClosestPoints, depth: float, accuracy: float) ->
     length = float(np.linalg.norm(between))
     if depth <= accuracy:
         return True
-    far = accuracy + SLANTED * depth
+    far = accuracy + OFF_LINE * depth
     return abs(length - depth) <= far and overlap_along(placed, between / length) <= depth + far
 
 
@@ -205,7 +206,7 @@ class CoalTransforms:
         self._moved[body] = transform(placement)
 
     def of(self, body: int) -> Any:
-        """Where a body stands, a coal.Transform3s: of the robot's until `forget`, no longer."""
+        """Return where a body stands, a coal.Transform3s; of the robot's bodies it is valid until `forget`."""
         if body < len(self._made):
             made = self._made[body]
             if self._written[body] != self._now:
@@ -220,21 +221,21 @@ class CoalTransforms:
 
 
 def transform(placement: Any) -> Any:
-    """A placement (pinocchio.SE3) as Coal takes it."""
+    """Convert a placement (pinocchio.SE3) to a coal.Transform3s."""
     return coal.Transform3s(np.array(placement.rotation), np.array(placement.translation))
 
 
 _Meeting = tuple[int, int, int]  # indices of two bodies, and which patch of the second is meant
 
-_ROUNDING = 1e-9  # what boxes about bodies are wider by, for rounding [m]
+_ROUNDING = 1e-9  # by how much boxes about bodies are wider, for rounding [m]
 
 
 class NarrowPhase:
-    """Coal's judgement of pairs of bodies; like the world that it belongs to it answers one question at a time.
+    """Coal's distances of pairs of bodies; like the world that it belongs to it answers one question at a time.
 
-    Unless points of contact are asked for, Coal (3.0.3, without a margin) overlooks boxes that overlap by centimetres
-    where an axis of one lies along an axis of the other. So they are. A body's Coal shape, of one that doesn't move
-    maybe patches, and its coal.Transform3s now are asked for by its index.
+    Coal (3.0.3, without a margin) is asked for points of contact, because otherwise it overlooks boxes that overlap by
+    centimetres where an axis of one lies along an axis of the other. `shape` and `there` return a body's Coal shape (of
+    an obstacle maybe `Patches`) and its coal.Transform3s now, by its index.
     """
 
     def __init__(self, shape: Callable[[int], Any], there: Callable[[int], Any]) -> None:
@@ -255,12 +256,12 @@ class NarrowPhase:
         return self._shapes[body]
 
     def penetration(self, first: int, second: int, margin: float = 0.0) -> float | None:
-        """How far two bodies are apart [m] if they don't keep a margin [m], negative in contact; None if they keep it.
+        """Return how far two bodies are apart [m] if they lack a margin [m], negative in contact; None if they keep it.
 
-        For a margin below 0 Coal answers none where a body is a mesh.
+        For a margin below 0 the answer is None where a body is a mesh.
         """
         if isinstance(patches := self.shape(second), Patches):
-            for apart, patch in patches.nearest_first(*self._box_of(first, second)):
+            for apart, patch in patches.nearest_first(*self._box_in_frame(first, second)):
                 if apart > margin:
                     break
                 found = self._penetration((first, second, patch), margin)
@@ -275,18 +276,18 @@ class NarrowPhase:
             apart = self._distance(meeting).distance
             return apart if apart <= margin else None
         if meeting not in self._collide:
-            self._collide[meeting] = coal.ComputeCollision(*(one.shape for one in self._as_met(meeting)))
+            self._collide[meeting] = coal.ComputeCollision(*(one.shape for one in self._outlines_of(meeting)))
         self._request.security_margin = self._request.distance_upper_bound = margin
         self._result.clear()
         self._collide[meeting](self._there(first), self._there(second), self._request, self._result)
         return float(self._result.getContact(0).penetration_depth) if self._result.isCollision() else None
 
     def distance(self, first: int, second: int) -> ClosestPoints:
-        """The distance of two bodies, negative where convex ones overlap, with their closest points."""
+        """Measure the distance of two bodies, negative where convex ones overlap, with their closest points."""
         if not isinstance(patches := self.shape(second), Patches):
             return self._distance((first, second, 0))
         nearest: ClosestPoints | None = None
-        for apart, patch in patches.nearest_first(*self._box_of(first, second)):
+        for apart, patch in patches.nearest_first(*self._box_in_frame(first, second)):
             if nearest is not None and apart > nearest.distance:
                 break
             found = self._distance((first, second, patch))
@@ -300,18 +301,18 @@ class NarrowPhase:
         if self._are_capsules(first, second):
             return measure_capsules(self.shape(first), self._there(first), self.shape(second), self._there(second))
         if meeting not in self._measure:
-            self._measure[meeting] = coal.ComputeDistance(*(one.shape for one in self._as_met(meeting)))
+            self._measure[meeting] = coal.ComputeDistance(*(one.shape for one in self._outlines_of(meeting)))
         result = coal.DistanceResult()
         here, there = self._there(first), self._there(second)
         self._measure[meeting](here, there, self._distance_request, result)
-        one, other = self._as_met(meeting)
+        one, other = self._outlines_of(meeting)
         return closest_points(one, here, other, there, result)
 
     def _are_capsules(self, first: int, second: int) -> bool:
         return isinstance(self.shape(first), coal.Capsule) and isinstance(self.shape(second), coal.Capsule)
 
-    def _as_met(self, meeting: _Meeting) -> tuple[Outline, Outline]:
-        """The shapes as they meet; Coal's functors don't keep them alive."""
+    def _outlines_of(self, meeting: _Meeting) -> tuple[Outline, Outline]:
+        """Return the outlines of a pair's shapes, kept because Coal's functors don't keep shapes alive."""
         if meeting not in self._met:
             first, second, patch = meeting
             other = self.shape(second)
@@ -320,8 +321,8 @@ class NarrowPhase:
             self._met[meeting] = one, another
         return self._met[meeting]
 
-    def _box_of(self, first: int, second: int) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of a box about a body's shape in the frame of another body, shapes (3,) [m]."""
+    def _box_in_frame(self, first: int, second: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the corners of a box about a body's shape in the frame of another body, shapes (3,) [m]."""
         if first not in self._boxes:
             shape = self.shape(first)
             shape.computeLocalAABB()

@@ -1,4 +1,8 @@
-"""Boxes about obstacles: along the world's axes, by which they are found, and along their own, which are closer."""
+"""Boxes about obstacles, the broad phase: a tree of those along the world's axes, and those along their own axes.
+
+Trees are read by kernels/collide/broadphase.py and near_pairs.py. Boxes may be larger than obstacles, never smaller;
+`CHILDREN` and `_BITS` are time alone. A tree that was updated is the very one that would be built anew.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,7 @@ from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, rows_of
 
 CHILDREN = 16  # boxes behind one box of the next level
-FEW = 16  # for this many overlaps of each box there is room before it is known how many there are
+FIRST_OVERLAPS = 16  # overlaps of each box that memory is first made for; if there are more, they are found again
 _BITS = 16  # bits of one coordinate of a place on the curve along which boxes are sorted
 
 
@@ -39,20 +43,20 @@ class BoxTree(ReadOnly):
     def of(cls, boxes: np.ndarray) -> BoxTree:
         """Sort boxes, lower, then upper corners, shape (n, 6), finite [m]."""
         along = along_curve(0.5 * (boxes[:, :3] + boxes[:, 3:]), _BITS)
-        nodes, firsts = _room(len(boxes))
+        nodes, firsts = _allocate_nodes(len(boxes))
         if len(boxes):
             np.take(boxes, along.order, axis=0, out=nodes[: len(boxes)], mode="clip")
         boxes_above(nodes, firsts, CHILDREN)
         return cls(along, nodes, firsts)
 
     def changed(self, rows: Rows, fresh: np.ndarray) -> BoxTree | None:
-        """The tree of boxes of which some are others (k, 6) [m]: the very one, or None if it is sooner made anew."""
+        """Return the tree after some boxes were replaced by (k, 6) [m]; None if building it anew takes less time."""
         if not rows.count or not rows.before:
             return None
         along, runs, turn = change_along(
             self.along, rows.now, rows.fresh, 0.5 * (fresh[:, :3] + fresh[:, 3:]), rows.count
         )
-        nodes, firsts = _room(rows.count)
+        nodes, firsts = _allocate_nodes(rows.count)
         boxes = nodes[: rows.count]
         Rows(runs, rows.before).carry(self.boxes, fresh[turn], boxes)
         if not along.is_of(boxes):
@@ -71,12 +75,12 @@ class BoxTree(ReadOnly):
         return self.nodes[: len(self.along.order)]
 
     def overlapping(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which of the boxes overlap which of others, corners (q, 3) [m]; boxes that touch do.
+        """Find the boxes that overlap or touch query boxes with corners (q, 3) [m].
 
-        Index of one of the others and of a box as it was given, both of shape (k,), in this order.
+        Returns indices of the query box and of the box as it was given, both of shape (k,), sorted in this order.
         """
         low, high = np.ascontiguousarray(low, float), np.ascontiguousarray(high, float)
-        pairs = np.empty((FEW * len(low), 2), np.int64)
+        pairs = np.empty((FIRST_OVERLAPS * len(low), 2), np.int64)
         count = overlaps_in_tree(self.nodes, self.firsts, CHILDREN, low, high, pairs)
         if count > len(pairs):
             pairs = np.empty((count, 2), np.int64)
@@ -86,8 +90,8 @@ class BoxTree(ReadOnly):
         return asked[sorted_], found[sorted_]
 
 
-def _room(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Room for the nodes of a tree of a given number of boxes, shape (m, 6), and where its levels begin."""
+def _allocate_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Allocate the nodes of a tree over a given number of boxes, shape (m, 6), and say where its levels begin."""
     sizes = [count]
     while sizes[-1] > CHILDREN:
         sizes.append(-(-sizes[-1] // CHILDREN))
@@ -96,15 +100,15 @@ def _room(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 ROUNDING = 1e-9
-"""What boxes along the world's axes are wider by, of a metre and of each metre that they are from the origin."""
+"""Boxes along the world's axes are wider by this times 1 m plus their distance from the origin, for rounding."""
 
 
 class OwnBoxes(NamedTuple):
-    """Boxes about obstacles along their own axes, and what is about these along the world's."""
+    """Boxes about obstacles along their own axes, and boxes along the world's axes about these."""
 
     axes: np.ndarray  # their axes as columns, row by row, shape (n, 9)
-    centres: np.ndarray  # middles along the axes, half extents, shape (n, 3) [m]; those of a half-space are infinite
-    halves: np.ndarray
+    centres: np.ndarray  # coordinates of the middles along those axes, shape (n, 3) [m]
+    halves: np.ndarray  # half extents along them, shape (n, 3) [m]; those of a half-space are infinite
     # lower, then upper corners of boxes along the world's axes about them, a hair wider, shape (n, 6) [m]
     boxes: np.ndarray
 
@@ -125,12 +129,12 @@ class ObstacleBoxes(ReadOnly):
 
     @classmethod
     def of(cls, own: OwnBoxes) -> ObstacleBoxes:
-        """Of some boxes."""
+        """Build them from boxes along the obstacles' own axes."""
         endless, bounded = _split(own.halves)
         return cls(*own[:-1], endless, bounded, BoxTree.of(own.boxes[bounded] if len(endless) else own.boxes))
 
     def changed(self, rows: Rows, own: OwnBoxes) -> ObstacleBoxes | None:
-        """Of obstacles of which some are others, with boxes of these; None where they have to be made anew."""
+        """Return the boxes after some obstacles were replaced by others with `own` boxes; None to build them anew."""
         halves, (others, finite) = rows.carry(self.halves, own.halves), _split(own.halves)
         if len(self.endless) or len(others):
             endless, bounded = _split(halves)
@@ -149,7 +153,7 @@ class ObstacleBoxes(ReadOnly):
         )
 
     def overlapping(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which boxes along the world's axes may hold which obstacles: indices of both (k,), in this order."""
+        """Find the obstacles that may be in query boxes along the world's axes: indices of both (k,), in this order."""
         asked, found = self.tree.overlapping(low, high)
         if not len(self.endless):
             return asked, self.bounded[found]
@@ -159,7 +163,7 @@ class ObstacleBoxes(ReadOnly):
         return asked[order], found[order]
 
     def gaps(self, points: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
-        """Distances of points (m, k, 3) from the box about one obstacle for each row; (m, k) [m], 0 inside."""
+        """Return distances of points (m, k, 3) from the box about one obstacle for each row; (m, k) [m], 0 inside."""
         along = np.matmul(points, self.axes.reshape(-1, 3, 3)[obstacles]) - self.centres[obstacles, None]
         outside = np.maximum(np.abs(along) - self.halves[obstacles, None], 0.0)
         found: np.ndarray = np.sqrt(np.einsum("mki,mki->mk", outside, outside))
@@ -184,7 +188,7 @@ class ObstacleBoxes(ReadOnly):
 
 
 def _split(halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which of some boxes are endless, by their half extents (n, 3), and which aren't; ascending indices."""
+    """Return the indices of endless boxes, by half extents (n, 3), and those of the others; ascending."""
     endless = np.isinf(halves).any(axis=1)
     return np.flatnonzero(endless), np.flatnonzero(~endless)
 
@@ -195,12 +199,12 @@ def _over(known: ObstacleBoxes, rows: Rows, scene: Scene) -> ObstacleBoxes | Non
 
 @incremental(_over)
 def obstacle_boxes(scene: Scene) -> ObstacleBoxes:
-    """The boxes about a scene's obstacles; made once for each scene."""
+    """Build the boxes about a scene's obstacles; once for each scene."""
     return ObstacleBoxes.of(own_boxes(scene.obstacles))
 
 
 def own_boxes(obstacles: Sequence[Obstacle]) -> OwnBoxes:
-    """Boxes about obstacles; of primitives they are made of what is declared, many at once."""
+    """Build boxes about obstacles; those of primitives from what is declared, many at once."""
     placed, count = rows_of(obstacles), len(obstacles)
     axes, middles, halves = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
     primitive_boxes(placed, axes, middles, halves)
@@ -214,7 +218,7 @@ def own_boxes(obstacles: Sequence[Obstacle]) -> OwnBoxes:
 
 
 def _own_box(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The box about one that is no primitive: axes as columns, its middle in the world, half extents [m]."""
+    """Return the box about an obstacle that is no primitive: axes as columns, middle in the world, half extents [m]."""
     low, high = obstacle.box
     middle, half = 0.5 * (low + high), 0.5 * (high - low) + obstacle.rounding
     return np.array(obstacle.placement.rotation), obstacle.placement.act(middle), half

@@ -1,4 +1,8 @@
-"""The pairs of bodies that must stay apart, counted and never listed, and those that may touch."""
+"""The pairs of bodies that must stay apart, numbered but never listed, and the allowed pairs that may touch.
+
+The order (the robot's own pairs, then every moving body with every obstacle, but allowed pairs) numbers pairs for
+planner, kernels (`PairTable`) and proofs alike.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +26,14 @@ from guidefield.scene.scene import Scene
 
 
 class Allowed(NamedTuple):
-    """What may touch: pairs of links, each in both orders, and by link the obstacles, by their indices."""
+    """Allowed pairs, which may touch: pairs of links, each in both orders; of each link the obstacles' indices."""
 
     links: set[PairNames]
     obstacles: dict[str, list[int]]
 
 
 def find_allowed(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[PairNames]) -> Allowed | None:
-    """What may touch, by pairs of names of links or obstacles; None where nothing may.
+    """Resolve pairs of names of links or obstacles that may touch; None if there are none.
 
     Raises UnknownObject if a name is neither a link nor an obstacle; lists those there are.
     """
@@ -79,7 +83,7 @@ class HeldContact(NamedTuple):
 
 @memoized_for_alike
 def held_contacts(group: PlanningGroup) -> tuple[HeldContact, ...]:
-    """The contacts of what a group's robot holds among the pairs that count and that the group can't move apart."""
+    """Find the contacts of held objects in pairs that count and that the group's joints can't move apart."""
     held = set(group.robot.held)
     if not held:
         return ()
@@ -115,18 +119,16 @@ PairNames = tuple[str, str]  # names of the bodies of a pair: a link, and a link
 
 @dataclass(frozen=True, eq=False)
 class Pairs(ReadOnly):
-    """First the robot's own pairs, then every body on a moving link with every obstacle, but those left out."""
+    """The robot's own pairs, then every body on a moving link with every obstacle, but those left out; by index."""
 
     own: np.ndarray  # bodies of the robot's own pairs, shape (n_self, 2), the lower index first
     links: int  # how many bodies are the robot's, which come before the obstacles
     moving: np.ndarray  # those of them that are tested against obstacles, ascending, shape (m,)
     obstacles: int  # how many obstacles there are
-    # of all m * obstacles pairs with obstacles those that may touch, counted without own ones if none is
-    # left out; ascending, shape (k,)
-    left_out: np.ndarray
+    left_out: np.ndarray  # allowed pairs, as row of `moving` * obstacles + obstacle; ascending, shape (k,)
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Return the number of pairs."""
         return len(self.own) + len(self.moving) * self.obstacles - len(self.left_out)
 
     @cached_property
@@ -159,7 +161,7 @@ class Pairs(ReadOnly):
         return self.moving[rows], obstacles
 
     def of(self, pair: int) -> tuple[int, int]:
-        """Bodies of one pair; sooner had than by `bodies`."""
+        """Return the bodies of one pair; it takes less time than `bodies`."""
         if pair < self.n_self:
             return self._own[pair]
         mixed = pair - self.n_self

@@ -1,6 +1,7 @@
 """Coal shapes as the kernels' convex parts: a primitive or hull is one part, a triangle mesh a tree of triangles.
 
-Those of a robot's bodies are one table for SIMD batches and proofs.
+SIMD batches, proofs and streams measure exact distances by these tables; columns are those of kernels/collide/parts.py,
+and parts have to be the shapes themselves. A further kind of shape needs a branch in `PartsTable.add_shape`.
 """
 
 from __future__ import annotations
@@ -50,11 +51,11 @@ _NO_VERTICES, _ZEROS = np.empty(0, np.float32), np.zeros(3, np.int64)
 
 
 MANY_NUMBERS = 200_000
-"""Tables with more numbers than that of balls are written on all processors: some 10,000 triangles."""
+"""Tables with more numbers of balls than this (some 10,000 triangles) are written on all processors."""
 
 
 class UnsupportedShape(Exception):
-    """What the lane kernels don't know: a kind of shape that neither robots nor scenes are made of."""
+    """A kind of shape that the kernels don't know, and that neither robots nor scenes are made of."""
 
 
 class PartsTable:
@@ -66,7 +67,7 @@ class PartsTable:
         self._n_nodes = self._n_parts = self._n_blocks = 0
 
     def add_shape(self, shape: Any, placement: Any) -> int:  # noqa: PLR0911  one for each kind
-        """Add a Coal shape that stands at a pinocchio.SE3 in its body; the root of its tree.
+        """Add a Coal shape that stands at a pinocchio.SE3 in its body; return the root of its tree.
 
         Raises:
             UnsupportedShape: if it is of a kind that the kernels don't know.
@@ -97,10 +98,10 @@ class PartsTable:
         raise UnsupportedShape(type(shape).__name__)
 
     def add_above(self, balls: np.ndarray, links: np.ndarray, hull: np.ndarray | None = None) -> int:
-        """Add nodes without parts above bodies; the first one.
+        """Add nodes without parts above bodies that may be added later; return the first one.
 
-        Balls about them are of shape (n, 4) [m]; their children, nodes counted from the first one that may be added
-        later, of (n, 2). The first one may have the hull of points (k, 3) about all.
+        Balls about them are of shape (n, 4) [m]; `links` (n, 2) are their children, nodes counted from the first one.
+        That one may have the hull of points (k, 3) about all.
         """
         vertices = _NO_VERTICES if hull is None else _in_blocks(hull)
 
@@ -113,7 +114,7 @@ class PartsTable:
         return self._add(tree_layout(0, len(balls), [0] * len(CLUSTERS), len(vertices) // BLOCK), write)
 
     def add_pieces(self, hull: np.ndarray, pieces: Sequence[np.ndarray]) -> int:
-        """Add the hulls of a body's pieces, points (k, 3) of each, below the hull of points about all; the root."""
+        """Add hulls of a body's pieces, points (k, 3) of each, below the hull of points about all; return the root."""
         if len(pieces) < 2:
             return self.add_hull(hull)
         roots = len(pieces) - 1 + np.arange(len(pieces))
@@ -123,22 +124,22 @@ class PartsTable:
         return root
 
     def add_tree(self, mesh: MeshTree) -> int:
-        """Add a mesh in the body's frame; the root of its tree."""
+        """Add a mesh in the body's frame; return the root of its tree."""
         return self._mesh(mesh, None)
 
     def add_parts(self, alone: Parts) -> int:
-        """Add the parts of bodies that were made alone; where their first node is: of one body, its root."""
+        """Add parts that were made as a table of their own; return their first node, which is a single body's root."""
         self._alone = alone
         return self._add_copy(alone._asdict(), _ZEROS)
 
     def add_hull(self, points: np.ndarray, kind: int = POLYTOPE) -> int:
-        """Add the hull of points (n, 3) of the body's frame as one part, or with another kind the points; its node."""
+        """Add points (n, 3) of the body's frame as one part, their hull unless of another kind; return its node."""
         centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
         radius = float(np.linalg.norm(points - centre, axis=1).max())
         return self._single(kind, np.zeros(PART), centre, radius, _in_blocks(points))
 
     def tables(self) -> Parts:
-        """The parts that were added, frozen."""
+        """Return the parts that were added, frozen."""
         alone = self._alone if len(self._added) == 1 else None  # of one mesh of a million triangles no copy is made
         parts = alone or Parts(**self._write_tables())
         read_only(*parts)
@@ -159,7 +160,7 @@ class PartsTable:
         return made
 
     def _mesh(self, mesh: MeshTree, placement: Any | None) -> int:
-        """Add a mesh that stands at a pinocchio.SE3, or where it is; the root of its tree."""
+        """Add a mesh that stands at a pinocchio.SE3, or where it is; return the root of its tree."""
         key = (id(mesh), None if placement is None else placement.homogeneous.tobytes())
         known = _PLACED.get(key)
         if known is not None:
@@ -203,9 +204,9 @@ class PartsTable:
         counted_from: np.ndarray = _ZEROS,
         keep: Callable[[Arrays, np.ndarray], None] = lambda _made, _begins: None,
     ) -> int:
-        """Add the parts of one mesh, whose arrays `write` fills where they stay once all are known; its root.
+        """Add the parts of one mesh, whose arrays `write` fills in place once all lengths are known; return its root.
 
-        They count from some node, part and block, (3,). `keep` is given the arrays in the end, and their first ones.
+        Its indices count from a node, part and block, (3,). `keep` receives the arrays in the end, and these numbers.
         """
         begins = np.array([self._n_nodes, self._n_parts, self._n_blocks])
 
@@ -257,9 +258,9 @@ def tree_above(bodies: Sequence[np.ndarray], roots: np.ndarray) -> tuple[np.ndar
 
 
 def tree_layout(triangles: int, nodes: int, clusters: Sequence[int], hull_blocks: int = 0, boxes: int = 0) -> Layout:
-    """The arrays of `Parts` for a mesh's tree, by its numbers of triangles, nodes, and nodes of each of `CLUSTERS`.
+    """Lay out `Parts` of a mesh's tree, by its numbers of triangles, nodes, and nodes of each of `CLUSTERS`.
 
-    Blocks of the vertices of a hull about all of it may be behind, and boxes about larger nodes.
+    Behind them there is room for blocks of vertices of a hull about all of it, and for boxes about larger nodes.
     """
     parts = triangles + sum(clusters) + (hull_blocks > 0) + boxes
     blocks = sum(many * _blocks(most) for most, many in zip(CLUSTERS, clusters, strict=True)) + hull_blocks + boxes
@@ -268,7 +269,7 @@ def tree_layout(triangles: int, nodes: int, clusters: Sequence[int], hull_blocks
 
 
 def _in_blocks(vertices: np.ndarray) -> np.ndarray:
-    """Points (n, 3) in blocks of `LANES`, the last of them filled up, shape (k `BLOCK`,)."""
+    """Arrange points (n, 3) in blocks of `LANES`, the last of them filled up, shape (k `BLOCK`,)."""
     blocks = -(-len(vertices) // LANES)
     padded = np.concatenate([vertices, np.repeat(vertices[:1], blocks * LANES - len(vertices), axis=0)])
     return padded.reshape(blocks, LANES, 3).transpose(0, 2, 1).ravel().astype(np.float32)
@@ -321,13 +322,13 @@ def write_boxes(nodes: np.ndarray, boxes: np.ndarray, made: Arrays) -> None:
 
 
 _PLACED: BoundedMap[tuple[int, bytes | None], tuple[MeshTree, Arrays, np.ndarray]] = BoundedMap(PLACED_MESHES)
-"""By mesh, held so that no other gets its number, and placement: rows of a table, and what they count from."""
+"""By a mesh's `id` and placement: the mesh, held so that no other gets its `id`, its rows, and what they count from."""
 
 _KNOWN: BoundedMap[tuple[bytes, int], MeshTree] = BoundedMap(MESH_TREES)
 
 
 def recall_mesh_tree(shape: Any) -> MeshTree:
-    """The tree of a Coal mesh, made once for the same vertices."""
+    """Return the tree of a Coal mesh, built once for the same vertices."""
     key = (content_key(shape.vertices()), int(shape.num_tris))
     tree = _KNOWN.get(key)
     if tree is None:
@@ -350,9 +351,9 @@ class BodyParts(NamedTuple):
 
 @memoized_for_alike
 def robot_parts(group: PlanningGroup) -> BodyParts:
-    """The convex parts of the robot's bodies in the frames of their joints; those in the world as seen from an anchor.
+    """Build the convex parts of the robot's bodies in the frames of their joints; of fixed ones relative to an anchor.
 
-    The anchor is the world's origin, or one of the bodies if that is far away: single precision tells little there.
+    The anchor is the world's origin, or one of the bodies if that is far away, where single precision would be coarse.
     Raises UnsupportedShape if a shape is of a kind that the kernels don't know.
     """
     table, shapes = PartsTable(), group.geometry.geometryObjects

@@ -1,7 +1,8 @@
 """Prepare a robot for its first connection: bounding spheres, convex parts, trees of meshes, points on links.
 
-It takes about a second for an arm whose links are meshes, some seconds for a humanoid. What one call found, another
-needn't find again, in whatever process: a preparation that was stopped goes on where it was.
+It takes about a second for an arm whose links are meshes, some seconds for a humanoid. Results are kept on disk
+(`geometry/cache.py`), so that a preparation that was stopped goes on where it was, in whatever process. A further thing
+that planning needs of a robot belongs here, else the first plan waits for it.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from guidefield.robot.model.model import RobotModel
 
 _log = logging.getLogger(__name__)
 
-Told = Callable[[str], None]  # told before each task what is prepared: such as ``covering link2, shape 3 of 8``
+Announce = Callable[[str], None]  # receives before each task what is prepared: ``covering link2, shape 3 of 8``
 
 LONG = 1.0  # a preparation that takes longer is worth a line in the log [s]
 
@@ -36,8 +37,8 @@ def is_prepared(robot: RobotModel) -> bool:
     return robot in _prepared
 
 
-def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lambda _: None) -> None:
-    """Find all that is missing, each task told by one thread at a time.
+def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Announce = lambda _: None) -> None:
+    """Compute all that is missing; `told` hears of each task, from one thread at a time.
 
     Raises DeadlineExpired if time was up; what is found by then is kept.
     """

@@ -1,4 +1,7 @@
-"""Balls in the world that a robot stays in: whatever its joints do, or while they are within a box."""
+"""Bound where a robot may be by a ball in the world: whatever its joints do, or while they are within a box.
+
+Scenes are cropped to these balls (`scene/crop.py`), so they must not be too small.
+"""
 
 from __future__ import annotations
 
@@ -60,11 +63,9 @@ def _slides(group: PlanningGroup, limited: bool) -> np.ndarray:
 
 
 def robot_ball(world: World, low: ChartPoint, high: ChartPoint) -> tuple[np.ndarray, float]:
-    """Return a ball about the bodies that meet obstacles, anywhere between corners of the chart, shape (nv,).
+    """Return a ball about the bodies that are tested against obstacles, anywhere between chart corners (nv,).
 
-    Centre (3,) and radius [m, world].
-
-    The robot is placed anew.
+    Centre (3,) and radius [m, world]. The robot is placed anew.
     """
     group, about, moving = world.group, world.bodies, world.pairs.moving
     q = group.expand_from_chart(0.5 * (low + high))

@@ -1,4 +1,8 @@
-"""The inside of closed meshes, with points by which bodies are known to be there; hulls, sooner tested than meshes."""
+"""The inside of closed meshes, points by which bodies are found to be in there, and hulls in place of meshes.
+
+`enclosure.py` and `pairs.py` test the inside by exact winding numbers; `world.py` tests hulls first because that takes
+less time. A hull must contain its mesh, and points must be of every connected piece.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +24,12 @@ from guidefield.robot.model.collision_shapes import hull, triangulation
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.obstacle import Obstacle
 
-MOST_TRIANGLES = 20_000  # an obstacle of more has no hull
+MOST_TRIANGLES = 20_000  # an obstacle of more gets no hull: Qhull would take seconds
 
 
 @memoized_for_alike
 def link_hulls(group: PlanningGroup) -> tuple[Any | None, ...]:
-    """The hull of each of a group's bodies that is judged as a mesh; None for all others."""
+    """Return the hull of each of a group's bodies that is judged as a mesh; None for all others."""
     of_robot = hulls_of(group.robot)
     index_of = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
     return tuple(of_robot[index_of[shape.name]] for shape in group.geometry.geometryObjects)
@@ -33,14 +37,14 @@ def link_hulls(group: PlanningGroup) -> tuple[Any | None, ...]:
 
 @memoized
 def hulls_of(robot: RobotModel) -> tuple[Any | None, ...]:
-    """The hull of each collision shape that is judged as a mesh; None for all others."""
+    """Return the hull of each collision shape that is judged as a mesh; None for all others."""
     shapes = [shape.geometry for shape in robot.geometry.geometryObjects]
     return tuple(hull(shape) if isinstance(shape, coal.BVHModelBase) else None for shape in shapes)
 
 
 @memoized
 def obstacle_hull(obstacle: Obstacle) -> Any | None:
-    """The hull of an obstacle that is judged as a mesh; None for a flat one, and for all others.
+    """Return the hull of an obstacle that is judged as a mesh; None for a flat one, and for all others.
 
     A cloud of points has none: what is among its points is mostly free. So is what is within the hull of a mesh of very
     many triangles, which takes long to find.
@@ -56,7 +60,7 @@ def obstacle_hull(obstacle: Obstacle) -> Any | None:
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """What tells whether a body is inside another, in the body's own frame [m]."""
+    """A body's inside, if it is a closed mesh, and a point of each of its pieces, in its own frame [m]."""
 
     vertices: np.ndarray  # those of a closed mesh that is judged as a surface, shape (v, 3)
     # triangles of each of its solids, shape (t, 3), and boxes about runs of them (k, 4); else none
@@ -69,13 +73,13 @@ class Solid:
         """Return whether one of some points (n, 3) is inside."""
         low, high = self.boxes.swapaxes(0, 1)
         within = np.ones((len(low), len(points)), bool)
-        for axis in range(3):  # sooner than all together
+        for axis in range(3):  # one by one, which takes less time than all together
             within &= (points[:, axis] > low[:, axis, None]) & (points[:, axis] < high[:, axis, None])
         found = zip(*(at.tolist() for at in within.nonzero()), strict=True)
         return any(self._winds_around(points[i], *self.surfaces[k]) for k, i in found)
 
     def _winds_around(self, point: np.ndarray, triangles: np.ndarray, runs: np.ndarray) -> bool:
-        """Tell if a solid winds around a point (3,): crossings tell, where they don't solid angles."""
+        """Check whether a solid winds around a point (3,), by crossings or, where they are unsure, by solid angles."""
         x, y, z = point.tolist()
         turns = winding_by_crossings(x, y, z, self.vertices, triangles, runs)
         if turns == UNSURE:
@@ -92,7 +96,7 @@ def is_around(outer: Solid, inner: Solid, there: pin.SE3, at: pin.SE3) -> bool:
 
 @memoized_for_alike
 def solids_of_group(group: PlanningGroup) -> tuple[Solid, ...]:
-    """Of each of a group's bodies."""
+    """Return the `Solid` of each of a group's bodies."""
     solids, robot = _of_links(group.robot), group.robot.geometry
     index_of = {shape.name: index for index, shape in enumerate(robot.geometryObjects)}
     return tuple(solids[index_of[shape.name]] for shape in group.geometry.geometryObjects)
@@ -105,7 +109,7 @@ def _of_links(robot: RobotModel) -> tuple[Solid, ...]:
 
 @memoized
 def solid_of_obstacle(obstacle: Obstacle) -> Solid:
-    """Of an obstacle."""
+    """Return the `Solid` of an obstacle; of a cloud one without inside or points."""
     if obstacle.cloud is not None:
         return _NOTHING
     if obstacle.facets is None:
@@ -132,7 +136,7 @@ def _solid(shape: Any) -> Solid:
 
 
 def _of_surface(vertices: np.ndarray, triangles: np.ndarray, solids: Sequence[np.ndarray]) -> Solid:
-    """Of a mesh, vertices (v, 3) [m] and triangles (t, 3), and those of its solids."""
+    """Build it for a mesh, vertices (v, 3) [m] and triangles (t, 3), and the triangles of its solids."""
     first_of_each = vertices[np.unique(find_connected(len(vertices), triangles))]
     vertices, surfaces = np.ascontiguousarray(vertices, float), list[tuple[np.ndarray, np.ndarray]]()
     for some in solids:

@@ -1,4 +1,8 @@
-"""A fast yes about motions: capsules about the links keep apart; what they can't tell is Coal's to judge."""
+"""Certify motions fast by capsules about the links; a motion that they can't decide is left to the exact certificate.
+
+Guide planes are followed by it. The capsules contain the links, so a yes is rigorous whatever the resolution; a smaller
+one says yes more often, and takes longer to say no.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +26,12 @@ from guidefield.robot.model.spaces import ChartPoint, Configuration
 from guidefield.scene.distance_tables import distance_tables
 
 SELF_MARGIN = 1e-4  # what capsules of the robot keep from each other [m], at size 1
-FLOOR = 5e-4  # motions that the capsules can't tell apart are halved down to this [m], at size 1
+SWEPT_RESOLUTION = 5e-4  # motions that the capsules can't tell apart are halved down to this [m], at size 1
 
 
 @dataclass(frozen=True, eq=False)
 class SweptWorld:
-    """A robot as capsules among obstacles; if they are its very shapes, and every pair counts, it is `exact`."""
+    """A robot as capsules among obstacles; `exact` if they are its very shapes and no pair is allowed to touch."""
 
     group: PlanningGroup
     robot: SweptRobot
@@ -35,7 +39,7 @@ class SweptWorld:
     exact: bool
 
     def ends(self, q0: Configuration, q1: Configuration) -> tuple[ChartPoint, ChartPoint]:
-        """Chart points (nv,) of two configurations of the group, shape (nq,), the second next to the first."""
+        """Return chart points (nv,) of two configurations (nq,) of the group, the second one nearest to the first."""
         group = self.group
         if group.space is not group.model:
             z0 = group.chart(q0)
@@ -51,11 +55,11 @@ class SweptWorld:
         True is rigorous. False means that the capsules touch, or (unless `exact`) that they cannot tell.
         """
         start, end = self.group.expand_chart(z0), self.group.expand_chart(z1)
-        own, floor = SELF_MARGIN * self.group.size, FLOOR * self.group.size
+        own, floor = SELF_MARGIN * self.group.size, SWEPT_RESOLUTION * self.group.size
         return bool(motion_apart(self.robot, self.tables, start, end, margin, own, floor))
 
     def keeps(self, q: Configuration, margin: float) -> bool:
-        """`apart` at a single configuration (nq,): True is rigorous."""
+        """Return `apart` at a single configuration (nq,): True is rigorous."""
         return self.apart(*self.ends(q, q), margin)
 
     @cached_property
@@ -65,7 +69,7 @@ class SweptWorld:
 
 @memoized
 def swept_world(world: World) -> SweptWorld:
-    """The capsules of a world; computed once for each."""
+    """Build the capsules of a world; once for each."""
     group = world.group
     charges = robot_charges(group.robot)
     shapes = list(group.geometry.geometryObjects)

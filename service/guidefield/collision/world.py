@@ -1,4 +1,8 @@
-"""The world: a robot among obstacles, and which pairs of bodies must stay apart. No list of these is ever made."""
+"""The world: a robot among obstacles, the pairs of bodies that must stay apart, and exact tests of these pairs.
+
+Everything that decides on contact asks a `World`. Bodies and pairs go by their indices (`pairs.py`), in proofs and in
+kernels too. The numbers of pairs are large: no list of them is made.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +29,8 @@ from guidefield.robot.group.kinematics import lent_data
 from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.scene import Scene
 
-TOUCHING = 1e-6  # pairs that balls and boxes tell to be farther apart than this don't touch [m]
-ROOM = 256  # room for this many pairs that may touch; where there are more, they are found again
+TOUCHING = 1e-6  # pairs whose balls and boxes are farther apart than this aren't tested further [m]
+FIRST_PAIRS = 256  # near pairs that memory is first made for; where there are more, they are found again
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +53,7 @@ class World:
 
     @classmethod
     def build(cls, group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[tuple[str, str]] = ()) -> World:
-        """Put a robot among obstacles, of which pairs of names, of links or obstacles, may touch.
+        """Put a robot among obstacles; `allowed_collisions` are pairs of names of links or obstacles that may touch.
 
         Raises:
             RobotInvalid: if the robot has no collision geometry.
@@ -64,7 +68,7 @@ class World:
         return cls(group, scene, _pairs(group, scene, allowed), held)
 
     def among(self, obstacles: np.ndarray) -> World:
-        """The robot among some of the obstacles, ascending indices of shape (k,), with the pairs that there are."""
+        """Return the robot among some of the obstacles, ascending indices of shape (k,), with the pairs left."""
         return World(self.group, self.scene.of(obstacles.tolist()), self.pairs.among(obstacles), self.held_contacts)
 
     @property
@@ -88,7 +92,7 @@ class World:
         return _link_names(self.group)
 
     def rounding(self, body: int) -> float:
-        """What a body is rounded by, beyond its Coal shape [m]."""
+        """Return the radius by which a body is larger than its Coal shape all around [m]."""
         return 0.0 if body < self.pairs.links else self._obstacle(body).rounding
 
     def is_surface(self, body: int) -> bool:
@@ -104,7 +108,7 @@ class World:
         return not any(map(self.is_surface, self.pairs.of(pair)))
 
     def is_hulled(self, pair: int) -> bool:
-        """Return whether in `hulls` a hull represents a body of a pair."""
+        """Return whether a body of a pair is a mesh that `hulls` replaces by its hull."""
         return any(map(self._has_hull, self.pairs.of(pair)))
 
     def _has_hull(self, body: int) -> bool:
@@ -128,7 +132,7 @@ class World:
 
     @cached_property
     def motion_bound(self) -> MotionBound:
-        """How much closer bodies can come when the robot moves."""
+        """The bounds on how much closer bodies can come when the robot moves."""
         return motion_bound(self.group, self.pairs.own.tobytes())
 
     @cached_property
@@ -153,13 +157,13 @@ class World:
 
     @cached_property
     def exact(self) -> NarrowPhase:
-        """Coal's judgement of the bodies; where they stand is what `place` was told last."""
+        """Coal's distances of the bodies' exact shapes, where the last `place` put them."""
         world: World = weakref.proxy(self)
         return NarrowPhase(partial(World._shape, world), self._transforms.of)
 
     @cached_property
     def hulls(self) -> NarrowPhase:
-        """The same with its hull in place of each mesh that has a volume."""
+        """The same with the hull in place of each mesh that has one."""
         world: World = weakref.proxy(self)
 
         def shape(body: int) -> Any:
@@ -178,7 +182,7 @@ class World:
         self._transforms.forget()
 
     def put_bodies(self, placements: np.ndarray) -> None:
-        """Put the robot's bodies where they stood before, `body_placements` then, shape (r, 3, 4) [m]."""
+        """Put the robot's bodies where an earlier copy of `body_placements`, shape (r, 3, 4) [m], has them."""
         self.body_placements[:] = placements
         self._transforms.forget()
 
@@ -191,10 +195,10 @@ class World:
         return self._robot.oMg[body] if body < self.pairs.links else self._obstacle(body).placement
 
     def distance(self, pair: int) -> tuple[float, ClosestPoints]:
-        """Distance of a pair [m] where the robot stands, signed or 0 in contact, and what Coal says of it.
+        """Return the distance of a pair [m] where the robot stands, signed or 0 in contact, and Coal's closest points.
 
-        Of a rounded body Coal sees the inside only. A body wholly inside a mesh is as far from it as from its surface:
-        see `collision.enclosure`.
+        Coal measures a rounded body without its rounding, and so are the points. A body wholly inside a mesh has the
+        distance from its surface: see `collision.enclosure`.
         """
         first, second = self.pairs.of(pair)
         result = self.exact.distance(first, second)
@@ -202,26 +206,26 @@ class World:
         return (distance if self.is_signed(pair) else max(0.0, distance)), result
 
     def hull_distance(self, pair: int) -> float:
-        """The distance of what stands in `hulls` for a pair [m], where the robot stands: at most that of the pair."""
+        """Return the distance of a pair by `hulls` [m], where the robot stands: at most that of the pair itself."""
         first, second = self.pairs.of(pair)
         apart = self.hulls.distance(first, second).distance
         return apart - (self.rounding(first) + self.rounding(second))
 
     def penetration(self, pair: int, margin: float = 0.0, *, by_hulls: bool = False) -> float | None:
-        """How far the bodies of a pair are apart where the robot stands [m]; None if they keep a margin [m].
+        """Return how far the bodies of a pair are apart where the robot stands [m]; None if they keep a margin [m].
 
-        See `NarrowPhase.penetration`. Of a rounded body Coal sees the inside only, and is asked within so much more.
+        See `NarrowPhase.penetration`.
         """
         return self.penetration_of(*self.pairs.of(pair), margin, by_hulls=by_hulls)
 
     def penetration_of(self, first: int, second: int, margin: float, *, by_hulls: bool = False) -> float | None:
-        """`penetration` of a pair whose bodies are known, one of the robot's first."""
+        """Return `penetration` of a pair given by its bodies, one of the robot's first."""
         rounding = self.rounding(second)
         apart = (self.hulls if by_hulls else self.exact).penetration(first, second, margin + rounding)
         return None if apart is None else apart - rounding
 
     def touches(self, pair: int) -> bool:
-        """Whether the bodies of a pair touch where the robot stands; hulls are asked first, they are sooner tested."""
+        """Return whether the bodies of a pair touch where the robot stands; hulls are tested first."""
         first, second = self.pairs.of(pair)
         hulled = self._has_hull(first) or self._has_hull(second)
         if hulled and self.penetration_of(first, second, 0.0, by_hulls=True) is None:
@@ -229,15 +233,15 @@ class World:
         return self.penetration_of(first, second, 0.0) is not None
 
     def near(self, q: ModelConfiguration) -> list[int]:
-        """The pairs that may touch at a configuration of the model, shape (model.nq,), where the robot is placed."""
+        """Place the robot at a configuration of the model, shape (model.nq,); return the pairs that may touch there."""
         self.place(q)
         return self._near_where(self.joint_placements.copy(order="C")[None], None)[0]
 
     def near_each(self, qs: Sequence[ModelConfiguration], of: np.ndarray | None = None) -> list[list[int]]:
         """Return the pairs that may touch at each of some configurations of the model; the robot is left anywhere.
 
-        Asked of some of the robot's bodies alone, `of` (r,), pairs without any of them are left out, but for those with
-        obstacles where these are surfaces.
+        With a mask `of` (r,) of the robot's bodies pairs without any of them are left out, but for those with obstacles
+        if one of these is a surface.
         """
         placements = np.empty((len(qs), self.model.njoints, 3, 4))
         for row, q in enumerate(qs):
@@ -246,14 +250,14 @@ class World:
         return self._near_where(placements, of)
 
     def _near_where(self, placements: np.ndarray, of: np.ndarray | None) -> list[list[int]]:
-        """The same where the joints stand so, shape (s, njoints, 3, 4) [m]."""
+        """Return the pairs that may touch with joints placed by (s, njoints, 3, 4) [m]; `of` is as in `near_each`."""
         own, moving = np.arange(self.pairs.n_self), np.arange(len(self.pairs.moving))
         if of is not None:
             own = own[of[self.pairs.own].any(axis=1)]
             moving = moving[of[self.pairs.moving]] if self.scene.convex else moving
         tables = self.bodies.balls, self.boxes.tables, self.pairs.table
         given = *tables, placements.reshape(*placements.shape[:2], 12), TOUCHING, own, moving
-        count, found = ROOM, np.empty((0, 2), np.int64)
+        count, found = FIRST_PAIRS, np.empty((0, 2), np.int64)
         while count > len(found):
             found = np.empty((count, 2), np.int64)
             count = find_near_pairs(*given, found)
@@ -267,7 +271,7 @@ class World:
     ) -> list[bool]:
         """Return whether any pair touches, at each of some configurations of the model.
 
-        `near` is what `near_each` told. The pair that touched at the one before is asked first.
+        `near` is what `near_each` returned. The pair that touched at the one before is tested first.
         """
         if self.held_contacts:
             return [True] * len(qs)
@@ -305,7 +309,7 @@ class World:
 
 
 def _require_other_names(group: PlanningGroup, scene: Scene) -> None:
-    """Refuse an obstacle that is named as a link: in pairs, given or told, nobody could say which is meant."""
+    """Refuse an obstacle with the name of a link: pairs of names would be ambiguous."""
     links = set(group.robot.links)
     if links.isdisjoint(scene.names):
         return
@@ -326,7 +330,7 @@ def _link_names(group: PlanningGroup) -> tuple[str, ...]:
 
 @memoized_for_alike
 def _remove_pairs(group: PlanningGroup) -> Any:
-    """The robot's bodies without pairs, for each of which Pinocchio would keep scratch: milliseconds with hundreds."""
+    """Return the robot's bodies without pairs: Pinocchio keeps scratch for each pair, milliseconds for hundreds."""
     bodies = group.geometry.copy()
     bodies.removeAllCollisionPairs()
     return bodies
@@ -338,7 +342,7 @@ def _surfaces(group: PlanningGroup) -> tuple[bool, ...]:
 
 
 def _pairs(group: PlanningGroup, scene: Scene, allowed: Allowed | None) -> Pairs:
-    """The pairs of a group's bodies, and of those that move and obstacles, without names that are allowed to touch."""
+    """Return the pairs of a group's bodies, and of moving bodies with obstacles, without those allowed to touch."""
     (own, moving), count = _own_pairs(group), len(scene.obstacles)
     if allowed is None:
         return Pairs(own, group.geometry.ngeoms, moving, count, np.empty(0, np.int64))

@@ -10,7 +10,7 @@ from typing import Any
 
 from guidefield.case_file import Motion
 from guidefield.collision.clearance import contacts_at
-from guidefield.collision.preparation import Told, is_prepared, prepare
+from guidefield.collision.preparation import Announce, is_prepared, prepare
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError, Status
@@ -48,7 +48,7 @@ def answer_plan(
     received: float,
     began: float | None = None,
     record: Record[PlanReply] = lambda *_: None,
-    preparing: Told = lambda _: None,
+    preparing: Announce = lambda _: None,
     prove: Prove = lambda *_: None,
     deadline: Deadline | None = None,
 ) -> PlanReply:

@@ -15,7 +15,7 @@ from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.part_tables import robot_parts
-from guidefield.collision.preparation import Told, is_prepared, prepare
+from guidefield.collision.preparation import Announce, is_prepared, prepare
 from guidefield.collision.robot_ball import reach_ball
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
@@ -36,7 +36,7 @@ MANY_HELD = 10_000  # triangles and points; moving obstacles of fewer are laid o
 
 
 def prepare_plan(
-    robot: RobotModel | None, scene: Scene, deadline: Deadline, told: Told = lambda _: None, *, field: bool = False
+    robot: RobotModel | None, scene: Scene, deadline: Deadline, told: Announce = lambda _: None, *, field: bool = False
 ) -> None:
     """Prepare a robot and a scene for a plan.
 
@@ -54,7 +54,7 @@ def prepare_plan(
         prepare_field(scene, deadline)
 
 
-def prepare_problem(request: PlanRequest, problem: Problem, told: Told) -> None:
+def prepare_problem(request: PlanRequest, problem: Problem, told: Announce) -> None:
     """Prepare the scene of a problem, and its robot if a plan certainly connects.
 
     Raises DeadlineExpired if the deadline passed before all is prepared.
@@ -98,7 +98,7 @@ def _scenes_asked(scene: Scene) -> Iterator[Scene]:
             yield scene.at(time)
 
 
-def _prepare_obstacles(scene: Scene, deadline: Deadline, told: Told) -> None:
+def _prepare_obstacles(scene: Scene, deadline: Deadline, told: Announce) -> None:
     if scene.convex:
         prepare_scene(scene, deadline, told)
         return

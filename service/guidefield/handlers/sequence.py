@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from guidefield.case_file import Motion
-from guidefield.collision.preparation import Told
+from guidefield.collision.preparation import Announce
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import Status
@@ -237,7 +237,7 @@ def answer_steps(
     received: float,
     began: float | None = None,
     record: Record[PlanReply] = lambda *_: None,
-    preparing: Told = lambda _: None,
+    preparing: Announce = lambda _: None,
     prove: Prove = lambda *_: None,
     deadline: Deadline | None = None,
 ) -> PlanReply:

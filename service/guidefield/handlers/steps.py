@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import pinocchio as pin
 
-from guidefield.collision.preparation import Told
+from guidefield.collision.preparation import Announce
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, at_path
@@ -65,7 +65,7 @@ class Steps:
     """
 
     def __init__(
-        self, request: PlanRequest, robot: RobotModel, scene: Scene, deadline: Deadline, preparing: Told
+        self, request: PlanRequest, robot: RobotModel, scene: Scene, deadline: Deadline, preparing: Announce
     ) -> None:
         _require_served(request)
         self._request, self._deadline, self._preparing = request, deadline, preparing

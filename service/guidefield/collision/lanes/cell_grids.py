@@ -1,4 +1,9 @@
-"""Grids over the coordinates that pairs of joints' bodies depend on, for the lane kernels (`self_collision_cache`)."""
+"""Lay out a cache of self-collision results: for pairs of links, grids of cells over the coordinates they depend on.
+
+kernels/collide/self_narrowphase.py fills cells while it plans (apart, touching, or divided further) and shares what it
+finds between all users of a robot. Columns are those of kernels/collide/layout.py. How far bodies may move within a
+cell must not be too small, or contacts are missed; numbers of cells are memory and time alone.
+"""
 
 from __future__ import annotations
 
@@ -19,28 +24,26 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
     LaneJoints,
 )
 
-LARGEST = (1, 1 << 12, 1 << 18, 1 << 18)  # the largest cells of a grid over this many coordinates, at most
+MOST_LARGEST_CELLS = (1, 1 << 12, 1 << 18, 1 << 18)  # most undivided cells of a grid over 0, 1, 2, 3 coordinates
 
-MOST_LARGEST = 1 << 22
-"""The largest cells of all grids of a robot, at most; a grid of few cells has them all: many grids have fewer each."""
+MOST_IN_ALL = 1 << 22  # most undivided cells of all grids of a robot: each grid has an equal share of them
+ALWAYS_ALLOWED = 1 << 10  # as many each grid may have, however many grids there are
 
-FEW = 1 << 10  # as many a grid may always have
+SIDE_HALVINGS = (0, 6, 3, 2)
+"""How often each side of a cell is halved, over 0, 1, 2, 3 coordinates: 64 = `CHILDREN` children in all."""
 
-DIVIDED = (0, 6, 3, 2)
-"""By how many powers of 2 a cell's sides are divided, by how many coordinates there are: into `CHILDREN` children."""
+LEAST_MOTION, MOST_LEVELS = 5e-4, 4
+"""Cells in which bodies move less than this past each other [m] aren't divided, and none more often than this."""
 
-SMALLEST, MOST_LEVELS = 5e-4, 4
-"""Cells in which bodies move less than this past each other [m] aren't divided, nor any more often than this."""
-
-ROOM = 1 << 22  # room for that many cells that others are divided into; when it is used up, no more are
-SLACK = 1.001  # by how much the motion within a cell is taken to be larger: places on the grid are rounded to float32
+MOST_CHILDREN = 1 << 22  # room for so many children of cells; when it is used up, no more are divided
+MOTION_FACTOR = 1.001  # on the motion within a cell, because places on the grid are rounded to float32
 
 
 class Grids(NamedTuple):
-    """What `LaneBodies` holds under the same names.
+    """The arrays of kernels/collide/layout.py's `LaneBodies` of the same names, with nothing known of any cell.
 
-    Of cells (CHILDREN + n + ROOM,) nothing is judged yet; n are the largest cells, and what is known of many of these
-    together; `apart` has a bit for each of these but `ROOM`.
+    `cells` has a header of `CHILDREN`, the undivided cells and groups of these, and `MOST_CHILDREN`; `apart` has a bit
+    for each of them but the last.
     """
 
     grids: np.ndarray
@@ -50,7 +53,7 @@ class Grids(NamedTuple):
 
 
 class _Side(NamedTuple):
-    """One coordinate: which, its range, whether it wraps, and how far a unit of it moves the second bodies [m]."""
+    """One coordinate: which, its range, whether it wraps, and how far one unit of it moves the bodies at most [m]."""
 
     driver: int
     lower: float
@@ -69,10 +72,9 @@ def lane_grids(
 ) -> Grids:
     """Lay grids over the coordinates of meetings that depend on three at most.
 
-    Meetings are pairs of carriers, the first two columns of (m, 4); `carrying` has the joint of each carrier, `covers`
-    balls (n, 4) that contain its bodies, `ranges` least and largest values (nv, 2). The grid of each meeting has at
-    most that many coordinates, `most` (m,): where what decides else is quick, the many cells of three take longer than
-    they save.
+    Meetings are pairs of carriers (joints with bodies), the first two columns of (m, 4); `carrying` has the joint of
+    each carrier, `covers` balls (n, 4) that contain its bodies, `ranges` least and largest values (nv, 2). A meeting
+    that depends on more than its `most` (m,) coordinates gets no grid: where its test is quick, cells don't pay.
     """
     numbers = joints.numbers.reshape(-1, JOINT)
     every: list[list[_Side] | None] = []
@@ -80,18 +82,18 @@ def lane_grids(
         way = _way(joints, numbers, int(carrying[a]), int(carrying[b]))
         sides = None if way is None else _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
         every.append(None if sides is None or len(sides) > allowed else sides)
-    share = max(FEW, MOST_LARGEST // max(1, sum(sides is not None for sides in every)))
+    share = max(ALWAYS_ALLOWED, MOST_IN_ALL // max(1, sum(sides is not None for sides in every)))
     places, values, cells = [], [], CHILDREN  # above all that is said of a cell itself
     for sides in every:
         if sides is None:
             places.append([0] * GRID_PLACES)
             values.append([0.0] * GRID_NUMBERS)
             continue
-        place, row, moved, counts = [], [], 0.0, _counts(sides, min(share, LARGEST[len(sides)]))
+        place, row, moved, counts = [], [], 0.0, _counts(sides, min(share, MOST_LARGEST_CELLS[len(sides)]))
         for side, count in zip(sides, counts, strict=True):
-            moved += SLACK * side.lever * 0.5 * side.width / count
-        divided = DIVIDED[len(sides)]
-        levels = 0 if moved == 0.0 else math.ceil(math.log2(moved / SMALLEST) / divided)
+            moved += MOTION_FACTOR * side.lever * 0.5 * side.width / count
+        divided = SIDE_HALVINGS[len(sides)]
+        levels = 0 if moved == 0.0 else math.ceil(math.log2(moved / LEAST_MOTION) / divided)
         levels = min(max(levels, 0), MOST_LEVELS)
         for index, (side, count) in enumerate(zip(sides, counts, strict=True)):
             smallest = count << divided * levels
@@ -102,7 +104,8 @@ def lane_grids(
         places.append([*place, *[0, 1 << divided * levels, 0] * unused, cells, levels, divided, together])
         values.append([*row, *[0.0] * 3 * unused, moved])
         cells = together + math.prod(-(-count >> divided) for count in counts)
-    known = np.frombuffer(mmap.mmap(-1, 4 * (cells + ROOM)), np.int32)  # pages that nobody writes take no memory
+    # mapped, because pages that nobody writes take no memory
+    known = np.frombuffer(mmap.mmap(-1, 4 * (cells + MOST_CHILDREN)), np.int32)
     known[0] = cells
     return Grids(
         np.array(places, np.int64).reshape(-1, GRID_PLACES).ravel(),
@@ -113,7 +116,7 @@ def lane_grids(
 
 
 def _counts(sides: list[_Side], most: int) -> list[int]:
-    """How many of the largest cells lie along each coordinate: a step along any moves bodies about as far."""
+    """Count the undivided cells along each coordinate, so that a step along any moves bodies about as far."""
     ways, counts = np.array([max(side.lever * side.width, BAND) for side in sides]), [1] * len(sides)
     ascending = np.argsort(ways).tolist()
     for k, side in enumerate(ascending):
@@ -148,7 +151,7 @@ def _sides(
     covers: tuple[np.ndarray, np.ndarray],
     ranges: np.ndarray,
 ) -> list[_Side] | None:
-    """The coordinates that a meeting depends on; None if one has no end."""
+    """Return the coordinates that a meeting depends on; None if one has no limits."""
     levers: dict[int, float] = {}
     wraps: dict[int, bool] = {}
     for way, cover in zip(ways, covers, strict=True):

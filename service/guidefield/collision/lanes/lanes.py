@@ -1,7 +1,8 @@
-"""Many configurations at once: whether a robot touches anything, by the lane kernels.
+"""SIMD batch collision: test many configurations or samples of paths at once, shorten paths, measure gaps to boxes.
 
-What these say is free keeps apart on the exact geometry, within `BAND`; but only at samples. The certificate judges
-what is between them.
+A sample that is found free is free on the exact geometry, but for contacts shallower than `BAND` (1e-5 m, in
+kernels/collide/layout.py); between samples the certificate decides. The order of the packed words (robot, scene,
+memory, drift) is that of `LaneWorld`.
 """
 
 from __future__ import annotations
@@ -38,20 +39,20 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.spaces import ChartPoints
 
-MOST_JUDGED_CELLS = 2000  # cells of a grid that are judged to remove a pair of links: a millisecond or two
-NOTHING = DriftingBoxes(0, *(np.empty(0, np.float32) for _ in range(5)))  # nothing drifts
-read_only(*NOTHING[1:])
-_NOTHING = pack(NOTHING)
-TRIES = 60  # straight ways between places on a path that are examined, unless told otherwise
+MOST_JUDGED_CELLS = 2000  # cells of a grid that are tested to remove a pair of links: a millisecond or two
+NO_DRIFT = DriftingBoxes(0, *(np.empty(0, np.float32) for _ in range(5)))
+read_only(*NO_DRIFT[1:])
+_NO_DRIFT = pack(NO_DRIFT)
+TRIES = 60  # shortcuts between places on a path that `BatchCollision.shorten` tries unless told otherwise
 
 
 def prepare_robot(world: World) -> None:
-    """Make what lanes know of the robot of a world, whatever its obstacles are; once for alike groups."""
+    """Build and keep the tables of a world's robot, whatever its obstacles are; once for alike groups."""
     _robot(world.group, world.pairs.own.tobytes())
 
 
 def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
-    """The tables of a group and the pairs (int64) that must not touch, and the words that a world begins with."""
+    """Return the tables of a group and its pairs (int64) that must not touch, and the first words of its worlds."""
     made = _alike_robot(group, pairs)
     return _turn_robot(group, pairs) if turns_freely(made[0].joints) else made
 
@@ -98,8 +99,8 @@ def prune_pairs(robot: LaneRobot, nv: int) -> LaneRobot:
 class BatchCollision:
     """A world for the kernels of SIMD batches; like the world itself it answers one question at a time.
 
-    The words are a packed `LaneWorld`, true as long as the memory that it works in, the scene and the robot are held;
-    the first array begins at `begins` in the memory [bytes].
+    The words are a packed `LaneWorld`: addresses that are valid as long as `memory`, `scene` and `robot` are held. The
+    first array begins at `begins` in the memory [bytes].
     """
 
     world: World
@@ -108,7 +109,7 @@ class BatchCollision:
     begins: int
     scene: LaneScene
     robot: LaneRobot
-    drifting: DriftingBoxes = NOTHING
+    drifting: DriftingBoxes = NO_DRIFT
 
     @classmethod
     def build(cls, world: World) -> BatchCollision:
@@ -116,7 +117,7 @@ class BatchCollision:
         robot, words, scene, layout = _of(world)
         memory = np.zeros(layout.size, np.int64)
         all_words = np.empty(len(words) + SCENE_WORDS + MEMORY_WORDS + DRIFT_WORDS, np.int64)
-        all_words[-DRIFT_WORDS:] = _NOTHING
+        all_words[-DRIFT_WORDS:] = _NO_DRIFT
         bodies, moving, left_out = robot.bodies.size, world.pairs.moving, world.pairs.bodies_left_out()
         begins = lay_out(words, scene.words, layout.offsets, scene.owners, bodies, moving, left_out, memory, all_words)
         return cls(world, all_words, memory, begins, scene, robot)
@@ -141,15 +142,15 @@ class BatchCollision:
         )
 
     def among(self, drifting: DriftingBoxes) -> BatchCollision:
-        """The same world, motions in which keep from boxes that drift as well; in the same memory."""
+        """Return the same world, in the same memory, in which motions also keep away from boxes that drift."""
         words = self.words.copy()
         words[-DRIFT_WORDS:] = pack(drifting)
         return dataclasses.replace(self, words=words, drifting=drifting)
 
     def gaps(self, boxes: np.ndarray, zs: ChartPoints, most: float) -> np.ndarray:
-        """How far the robot is from rounded boxes (k, 16) at chart points (n, nv), `most` at most; (n, k) [m].
+        """Return distances of the robot at chart points (n, nv) from rounded boxes (k, ROUNDED_BOX); (n, k) [m].
 
-        It may be nearer by what its bounding spheres reach beyond its links.
+        They are cut off at `most`, and measured from the links' bounding spheres: the links are as far at least.
         """
         gaps = np.empty((len(zs), len(boxes)), np.float32)
         write_gaps(
@@ -158,7 +159,7 @@ class BatchCollision:
         return gaps.astype(float)
 
     def touching(self, zs: ChartPoints, clearance: float = 0.0) -> np.ndarray:
-        """Which chart points (n, nv) touch themselves, or an obstacle nearer than a clearance [m]; (n,), bool.
+        """Return at which chart points (n, nv) the robot touches itself or lacks a clearance [m] from obstacles; (n,).
 
         Raises ValueError if a coordinate is not a finite number.
         """
@@ -169,14 +170,14 @@ class BatchCollision:
         return touching
 
     def free_until(self, path: ChartPoints, resolution: float, clearance: float = 0.0) -> int:
-        """How many of the straight motions along a path (n, nv) are free before the first that is not, as in `shorten`.
+        """Count the straight motions along a path (n, nv) that are free before the first that is not.
 
-        The first chart point itself is not judged.
+        Resolution and clearance are as in `shorten`. The first chart point itself is not tested.
         """
         return int(path_free_until(self.words, clearance, np.ascontiguousarray(path, np.float32), resolution))
 
     def shorten(self, path: ChartPoints, resolution: float, clearance: float = 0.0, tries: int = TRIES) -> ChartPoints:
-        """A path with the same ends that is no longer, shape (k, nv), by some tries; free by samples where it was.
+        """Shorten a path (n, nv) by shortcuts that are free at samples; return one with the same ends, (k, nv).
 
         The resolution is in samples per length in the chart [1/rad or 1/m]; the clearance is kept from obstacles [m].
         """

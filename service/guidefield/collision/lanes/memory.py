@@ -1,4 +1,8 @@
-"""The memory of a scene or a world for lanes: one piece, in which each array begins where a line of the cache does."""
+"""Lay out the memory of a world's scratch and of a scene's primitives in one buffer, arrays on lines of the cache.
+
+Names, order and types of the arrays are those of the kernels' tuples (kernels/collide/layout.py), lengths are set here.
+The offsets are in the order in which `lay_out` and `primitive_tables` read them.
+"""
 
 from __future__ import annotations
 
@@ -30,15 +34,11 @@ from guidefield.memo import memoized
 
 
 class BufferLayout(NamedTuple):
-    """Offset, type and length of each array in one buffer.
+    """Offset, type and length of each array in one buffer."""
 
-    Its size in numbers of 64 bits, offsets as `lay_out` or `primitive_tables` take them, and of each array, by its name
-    in the tuple that it is of: offset [bytes], type, length.
-    """
-
-    size: int
-    offsets: Words
-    arrays: dict[str, tuple[int, Any, int]]
+    size: int  # of the buffer, in words of 64 bits
+    offsets: Words  # as kernels take them: `lay_out` those of a world, `primitive_tables` those of a scene
+    arrays: dict[str, tuple[int, Any, int]]  # by name: offset [bytes], type, length
 
     def views(self, memory: np.ndarray, begins: int) -> dict[str, np.ndarray]:
         """The arrays by their names, in a memory (size,) from where the first one begins [bytes]."""
@@ -110,7 +110,7 @@ def _types_in(*layouts: type) -> dict[str, Any]:
 
 
 def _one_after_another(lengths: dict[str, int], *layouts: type) -> tuple[Arrays, int]:
-    """Offsets [bytes], types and lengths of arrays that are fields of some layouts, and their numbers of 64 bits."""
+    """Lay arrays one behind the other: offset [bytes], type and length of each, and the words of 64 bits of all."""
     kinds, arrays, end = _types_in(*layouts), {}, 0
     for name, length in lengths.items():
         arrays[name] = (end, kinds[name], length)

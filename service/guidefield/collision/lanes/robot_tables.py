@@ -1,4 +1,9 @@
-"""A planning group as tables for the lane kernels."""
+"""A planning group as tables for SIMD batches: its joints, hulls, pieces and balls of its shapes, and pairs of links.
+
+Columns and order are those of kernels/collide and kernels/kinematics/batch_forward_kinematics.py. Joint frames are
+turned so that z is the axis: everything in a joint's frame has to be turned with it. Balls, hulls and pieces must
+contain the shapes (inscribed balls must be inside), else contacts pass for free.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +52,7 @@ from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.collision_shapes import hull_vertices, triangulation
 from guidefield.robot.model.model import joint_table
 
-KINDS = np.empty(6, np.int64)  # lanes' kind of each of `JointTable`'s
+KINDS = np.empty(6, np.int64)  # the SIMD kernels' kind of each kind of joint in `forward_kinematics`
 KINDS[[forward_kinematics.REVOLUTE, forward_kinematics.CONTINUOUS]] = TURNING
 KINDS[forward_kinematics.PRISMATIC] = SLIDING
 KINDS[forward_kinematics.PLANAR] = PLANAR
@@ -58,11 +63,11 @@ SURFACE_POINTS = 24  # points of its surface that stand for an open mesh's insid
 SPREAD_POINTS = 48  # most points that stand for the surface of a piece
 
 MOST_PLANES = 64
-"""A triangle comes into a piece if none of the planes of the largest faces has it beyond."""
+"""A triangle belongs to a piece if it isn't beyond any of the planes of the piece's largest faces, so many at most."""
 
 ROUNDING = 1e-6  # by how much a triangle has to be beyond a piece's plane to be left out [m]
-_QUARTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # the rotation about x by a right angle
-_SAME = 3e-8  # directions that differ less are the same in float32
+_QUARTER_TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # the rotation about x by a right angle
+_SAME_DIRECTION = 3e-8  # directions that differ less are the same in float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +77,9 @@ class LinkTables(SharedAnswer):
     joints: LaneJoints  # its joints; rotation vectors start from the identity, see `turn_from`
     parts: Parts  # hulls of the shapes and of their pieces, in the turned frames of joints
     roots: np.ndarray  # the node of each shape's hull, shape (n,)
-    pieces: list[np.ndarray]  # nodes of each shape that are nearly convex, and together about all of it
-    surfaces: BodyParts  # the shapes themselves in the frames of joints; these in the turned ones, (n, 12)
-    surface_frames: np.ndarray
+    pieces: list[np.ndarray]  # nodes of each shape's nearly convex pieces, which together contain it
+    surfaces: BodyParts  # the shapes themselves, in the frames of joints
+    surface_frames: np.ndarray  # where those frames are in the turned ones, shape (n, 12)
     # bounding spheres, inscribed ones, groups of the first, one about each shape; arrays (k, 4) [m]
     balls: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]
     sizes: list[np.ndarray]  # how many bounding spheres each group has
@@ -137,7 +142,7 @@ def _add_hulls(table: PartsTable, shape: Any, cut: Decomposition | None, placeme
 
 
 def _box_about(points: np.ndarray) -> np.ndarray:
-    """Corners of the box about points (n, 3) along the axes in which they spread, shape (8, 3) [m]."""
+    """Return the corners of the box about points (n, 3) along their principal axes, shape (8, 3) [m]."""
     centre = points.mean(axis=0)
     _, axes = spread_and_axes(points - centre)
     along = (points - centre) @ axes.T
@@ -147,7 +152,7 @@ def _box_about(points: np.ndarray) -> np.ndarray:
 
 
 def _surface_of(vertices: np.ndarray, faces: np.ndarray, part: ConvexPart) -> np.ndarray:
-    """Corners of a mesh's triangles in a part, those farthest along directions spread over all, shape (k, 3) [m]."""
+    """Return corners of a mesh's triangles in a part, those farthest along directions spread over all, (k, 3) [m]."""
     inside = np.empty(len(faces), np.bool_)
     not_beyond(vertices[faces].reshape(-1, 3), hull_planes(part.hull, MOST_PLANES), ROUNDING, inside)
     corners: np.ndarray = vertices[np.unique(faces[inside])]
@@ -161,17 +166,13 @@ def _surface_of(vertices: np.ndarray, faces: np.ndarray, part: ConvexPart) -> np
 
 @dataclass(frozen=True, eq=False)
 class LaneRobot:
-    """A robot for SIMD batches: joints with one axis turn about z or slide along it, bodies are in their frames.
+    """A robot for SIMD batches: joints with one axis turn about z or slide along it, bodies are in their frames."""
 
-    Its collision shapes, `links`, are shared by sets of pairs; `pieces_paired` counts pairs of pieces, `fractions` are
-    those of `LaneWorld`.
-    """
-
-    links: LinkTables
+    links: LinkTables  # its collision shapes, shared by robots with other pairs
     joints: LaneJoints
     bodies: LaneBodies
-    pieces_paired: int
-    fractions: np.ndarray
+    pieces_paired: int  # how many pairs of pieces there are
+    fractions: np.ndarray  # as `LaneWorld` has them
 
     @property
     def parts(self) -> Parts:
@@ -240,7 +241,7 @@ def lane_robot(group: PlanningGroup, pairs: np.ndarray) -> LaneRobot:
 
 
 def _surface_points(shape: Any) -> np.ndarray:
-    """Balls (n, 4) that stand for those inside of an open mesh: points of its surface, far from each other.
+    """Return balls (n, 4) in place of inscribed ones for an open mesh: points of its surface, far from each other.
 
     An obstacle that contains one touches the mesh; the radius takes back what the kernels take off for rounding.
     """
@@ -263,7 +264,7 @@ def _spread_points(vertices_bytes: bytes, faces_bytes: bytes) -> np.ndarray:
 
 
 def _meetings(pairs: np.ndarray, carriers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of carriers that meet, with the first and the last + 1 of their pairs (k, 4); the pairs in that order.
+    """Return pairs of carriers that meet, with the first and the last + 1 of their pairs (k, 4); the pairs in order.
 
     `carriers` (n,) is the carrier of each body.
     """
@@ -276,7 +277,7 @@ def _meetings(pairs: np.ndarray, carriers: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _turns(model: Any) -> list[np.ndarray]:
-    """For each joint the rotation from its frame in lanes: z is its axis, x at right angles to its first follower's."""
+    """Return each joint's rotation from its turned frame: z is its axis, x at right angles to the next joint's."""
     table = joint_table(model)
     turns, followed = [], set()
     for axis in table.axes:
@@ -287,7 +288,7 @@ def _turns(model: Any) -> list[np.ndarray]:
             continue
         followed.add(parent)
         x, y, _ = turns[parent].T @ table.placements[i][:, :3] @ turns[i][:, 2]
-        if np.hypot(x, y) > _SAME:
+        if np.hypot(x, y) > _SAME_DIRECTION:
             angle = np.arctan2(x, -y)  # the follower's axis is at (0, -sin, cos) then
             turns[parent] = turns[parent] @ pin.AngleAxis(angle, z).matrix()
     return turns
@@ -325,7 +326,7 @@ def turns_freely(joints: LaneJoints) -> bool:
 
 
 def turn_from(joints: LaneJoints, group: PlanningGroup) -> LaneJoints:
-    """The same joints, their rotation vectors from where those of the group start."""
+    """Return the same joints, with rotation vectors that start at the group's origin."""
     numbers, balls = joints.numbers.reshape(-1, JOINT).copy(), {joint.name: joint for joint in group.joints}
     for i in np.flatnonzero(joints.kinds >= BALL).tolist():
         planned = balls[group.model.names[i]]
@@ -336,11 +337,11 @@ def turn_from(joints: LaneJoints, group: PlanningGroup) -> LaneJoints:
 
 
 def _form(parent: int, turn: np.ndarray) -> tuple[int, np.ndarray, float]:
-    """Form of a turning joint's placement, its rotation without a last one about z, and that one's angle [rad]."""
+    """Return a turning joint's form of placement, its rotation up to a turn about z, and that turn's angle [rad]."""
     if parent == 0:
         return GROUNDED, turn, 0.0
-    for form, plain in ((SQUARE, _QUARTER), (PARALLEL, np.eye(3))):
-        if np.abs(turn[:, 2] - plain[:, 2]).max() < _SAME:
+    for form, plain in ((SQUARE, _QUARTER_TURN), (PARALLEL, np.eye(3))):
+        if np.abs(turn[:, 2] - plain[:, 2]).max() < _SAME_DIRECTION:
             rest = plain.T @ turn
             return form, plain, float(np.arctan2(rest[1, 0], rest[0, 0]))
     return PLAIN, turn, 0.0

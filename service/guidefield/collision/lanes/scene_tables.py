@@ -1,4 +1,9 @@
-"""Obstacles as tables for the lane kernels."""
+"""Obstacles as tables for SIMD batches, updated when a scene differs little from a known one.
+
+Primitives are written by a kernel; a mesh stands as convex solids or boxes about clusters of triangles, each the root
+of a tree of parts; a cloud as balls. Columns are those of kernels/collide (layout.py, primitives_layout.py, parts.py).
+What stands for an obstacle must contain it; the parts are the exact shapes that decide.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +26,7 @@ from guidefield.collision.lanes.surface_tables import (
     large_surface,
 )
 from guidefield.collision.part_tables import PartsTable, tree_above
-from guidefield.collision.preparation import Told
+from guidefield.collision.preparation import Announce
 from guidefield.collision.solids import MOST_TRIANGLES
 from guidefield.deadline import Deadline
 from guidefield.geometry.mesh_surface import own_hull
@@ -42,15 +47,17 @@ from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, placed_rows, rows_of, unplaced
 
 MOST_SOLIDS = 512
-"""A mesh of more solids is a tree of triangles: each solid takes a millisecond, once, before the first plan."""
+"""A mesh of more solids is one tree of triangles, because each solid costs a millisecond before the first plan."""
 
 
 class _Tables(NamedTuple):
-    # kind, whether the primitive is the obstacle itself, root of each stand-in, and the address of the words of a
-    # cloud, else 0, shape (k, 4)
+    """The tables of one obstacle: k primitives that stand for it, and its parts."""
+
+    # kind, whether the primitive is the obstacle itself, its root in the parts, and the address of a cloud's words or
+    # 0, shape (k, 4)
     places: np.ndarray
-    primitives: np.ndarray  # their numbers (k, PRIMITIVE), and boxes along the world's axes (k, 6), float32
-    boxes: np.ndarray
+    primitives: np.ndarray  # numbers of each, shape (k, PRIMITIVE), float32
+    boxes: np.ndarray  # boxes about them along the world's axes, shape (k, 6) [m], float32
     parts: Parts
 
 
@@ -58,17 +65,17 @@ class _Tables(NamedTuple):
 class LaneScene:
     """Obstacles for SIMD batches, primitives first."""
 
-    owners: np.ndarray  # which obstacle of the scene each of them represents, shape (n,)
+    owners: np.ndarray  # the obstacle of the scene that each primitive stands for, shape (n,)
     # root of each obstacle of the scene in the parts, shape (o,); a cloud's is one ball at the origin
     roots: np.ndarray
-    words: Words  # obstacles and parts, packed: true as long as this is held
+    words: Words  # obstacles and parts, packed: valid as long as this is held
     made: Callable[[], tuple[LaneObstacles, Parts]]  # makes the same as arrays; holds their memory
     # that memory, and where in it the first array is [bytes]; None where there are others than primitives
     memory: tuple[np.ndarray, int] | None = None
 
     @cached_property
     def tables(self) -> tuple[LaneObstacles, Parts]:
-        """Obstacles, of which one of many triangles stands as several; what may touch is left open. Their shapes."""
+        """The primitives, without allowed pairs, and the parts."""
         return self.made()
 
 
@@ -129,7 +136,7 @@ def lane_scene(scene: Scene) -> LaneScene:
 
 
 def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
-    """Tables of primitives, `PLACED` in rows, with boxes for as many obstacles as there are owners."""
+    """Build the tables of primitives, rows as `PLACED` (kernels/collide/primitives_layout.py) packs them; each is an obstacle."""
     layout = obstacle_tables_layout(len(placed), len(owners))
     memory, words = np.zeros(layout.size, np.int64), np.empty(SCENE_WORDS, np.int64)
     begins = primitive_tables(placed.ravel(), layout.offsets, memory, words)
@@ -149,7 +156,7 @@ def _in_memory(owners: np.ndarray, words: Words, layout: BufferLayout, memory: n
 
 
 def _behind(obstacles: LaneObstacles, tables: list[_Tables], roots: np.ndarray) -> LaneObstacles:
-    """Tables of primitives with those of other obstacles behind them, whose parts begin at some nodes, shape (k,)."""
+    """Join the tables of primitives and those of other obstacles, whose parts begin at given nodes, shape (k,)."""
     n = len(obstacles.kinds)
     places = np.concatenate([one.places for one in tables])
     places[:, 2] += np.repeat(roots, [len(one.places) for one in tables])
@@ -169,20 +176,20 @@ def _behind(obstacles: LaneObstacles, tables: list[_Tables], roots: np.ndarray) 
     )
 
 
-def prepare_scene(scene: Scene, deadline: Deadline, told: Told = lambda _: None) -> None:
-    """Make what SIMD batches need of those obstacles that aren't primitives: of large meshes it takes seconds.
+def prepare_scene(scene: Scene, deadline: Deadline, told: Announce = lambda _: None) -> None:
+    """Build and keep the tables of obstacles that aren't primitives, which takes seconds for large meshes.
 
-    Each is announced before; one that was begun is finished, and kept. Raises DeadlineExpired if time was up, and says
-    at what.
+    `told` hears of each before. One that was begun is finished. Raises DeadlineExpired, with the obstacle's name, if
+    time was up.
     """
     if scene in _prepared:
         return
     left = [one for one in map(scene.obstacles.__getitem__, unplaced(scene)) if _MADE.of(one, None) is MISSING]
     flat = [one for one in left if _is_flat(one)]
-    for begin in range(0, len(flat), TOGETHER):
+    for begin in range(0, len(flat), POLYGONS_AT_ONCE):
         told(f"obstacle {flat[begin].name}")
         deadline.check(f"obstacle {flat[begin].name}")
-        _make_flat(flat[begin : begin + TOGETHER])
+        _make_flat(flat[begin : begin + POLYGONS_AT_ONCE])
     for obstacle in left:
         if _MADE.of(obstacle, None) is MISSING:
             told(f"obstacle {obstacle.name}")
@@ -191,7 +198,7 @@ def prepare_scene(scene: Scene, deadline: Deadline, told: Told = lambda _: None)
     _prepared.add(scene)
 
 
-TOGETHER = 256  # most polygons whose tables are made at one time, which takes some milliseconds
+POLYGONS_AT_ONCE = 256  # polygons whose tables are made together, between two looks at the clock: some milliseconds
 
 _prepared = MemoSet()
 
@@ -204,7 +211,7 @@ def _tables(obstacle: Obstacle) -> _Tables:
 
 
 def parts_of(obstacle: Obstacle) -> Parts:
-    """The convex parts of an obstacle that is no cloud, where it stands; the first node is about all."""
+    """Return the convex parts of an obstacle that is no cloud, where it stands; the first node is about all."""
     if not obstacle.placed:
         return _tables(obstacle).parts
     table = PartsTable()
@@ -247,13 +254,13 @@ def _tables_of(obstacle: Obstacle) -> _Tables:
 
 @memoized
 def balls_of_cloud(obstacle: Obstacle) -> Parts:
-    """The balls of a cloud as parts, in the world: the first node is about all of them."""
+    """Return the balls of a cloud as parts, in the world: the first node is about all of them."""
     assert obstacle.cloud is not None, "only clouds are asked for"
     return cloud_parts(obstacle, obstacle.cloud)
 
 
 def _stand_ins(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
-    """What represents an obstacle: kind, whether it is the obstacle itself and root, (k, 3), and its numbers."""
+    """Return what stands for an obstacle: kind, whether it is the obstacle itself, root, (k, 3); and numbers."""
     if obstacle.cloud is not None:
         return _cloud(obstacle.cloud, table)
     if obstacle.facets is not None:
@@ -268,7 +275,7 @@ def _stand_ins(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.nd
 
 
 def _cloud(cloud: Cloud, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
-    """One ball at the origin represents all; the numbers are those of the box about them."""
+    """Represent a cloud by one ball at the origin, with the numbers of the box about all its balls."""
     low, high = cloud.box[0] - cloud.radius, cloud.box[1] + cloud.radius
     root = table.add_shape(coal.Sphere(cloud.radius), pin.SE3.Identity())
     row = _row(np.eye(3), 0.5 * (low + high), 0.5 * (high - low))
@@ -276,7 +283,7 @@ def _cloud(cloud: Cloud, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _solids(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
-    """Stand for each solid of a mesh: a convex one is a part with a box about it, another one a tree of triangles."""
+    """Represent each solid of a mesh: a convex one is a part with a box about it, another one a tree of triangles."""
     corners, boxes = [np.take(obstacle.vertices, part, axis=0) for _, part, _ in obstacle.surfaces], obstacle.boxes
     hulls = [
         vertices[np.unique(part)] if box is not None else _hull_of(*np.unique(part, return_inverse=True), vertices)
@@ -310,9 +317,9 @@ def _hull_of(used: np.ndarray, rows: np.ndarray, vertices: np.ndarray) -> np.nda
 
 
 def _clusters(corners: np.ndarray, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes about neighbours among triangles (t, 3, 3), along the axes in which their corners spread.
+    """Represent triangles (t, 3, 3) by boxes about neighbours, along the axes in which their corners spread.
 
-    The roots are nodes of one tree over all triangles, from which on nothing else is reached.
+    The roots are nodes of one tree over all triangles, each above its box's triangles alone.
     """
     tree = mesh_tree(corners)
     root = table.add_tree(tree)

@@ -1,4 +1,8 @@
-"""The triangles of a mesh, and the balls of a cloud, as tables for kernels; those of large ones are kept on disk."""
+"""The triangles of a mesh, and the balls of a cloud, as trees of parts for kernels; large ones are kept on disk.
+
+The arrays are kernels/collide/parts.py's `Parts`, laid out by `part_tables.tree_layout`; boxes and hulls contain the
+triangles below them, in single precision too (`SINGLE_ROUNDING`).
+"""
 
 from __future__ import annotations
 
@@ -40,15 +44,15 @@ from guidefield.read_only import read_only
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.obstacle import Obstacle
 
-CLUSTER = 1  # which of the mesh trees' `CLUSTERS` stand behind one box each
-SOME = 32  # of this many triangles of a large node the corners tell along which axes its box is. Unrecorded
-SINGLE = 2.0**-20  # by which share of the largest length in it a box of vertices in single precision is made larger
+CLUSTER = 1  # index in `mesh_tree.CLUSTERS` of the clusters that get a box each
+SAMPLED_TRIANGLES = 32  # triangles of a large node that choose the axes of its box: more fit closer, and take longer
+SINGLE_ROUNDING = 2.0**-20  # share of its largest coordinate by which a box in single precision is made larger
 
 
 def large_surface(obstacle: Obstacle) -> Arrays:
-    """The tables of the tree over an obstacle's triangles, and of the boxes that stand for it where it stands.
+    """Return the tables of the tree over an obstacle's triangles, and of the boxes that stand for it where it stands.
 
-    The arrays of `Parts` by name; `nodes` that stand for it (k,), numbers of the box about each as `collide.primitive`
+    The arrays of `Parts` by name; `nodes` that stand for it (k,), the `rows` of a box about each as `collide.primitive`
     has them (k, PRIMITIVE), and `boxes` along the world's axes about these, lower and upper corner (k, 6) [m].
     """
 
@@ -61,7 +65,7 @@ def large_surface(obstacle: Obstacle) -> Arrays:
 
 
 def cloud_parts(obstacle: Obstacle, cloud: Cloud) -> Parts:
-    """The balls of a cloud: triangles whose corners are one, rounded by their radius."""
+    """Return the balls of a cloud: triangles whose corners are one point, rounded by the balls' radius."""
 
     def write(allocate: Allocate) -> Arrays:
         corners = np.repeat(cloud.points[:, None], 3, axis=1)
@@ -76,7 +80,7 @@ def cloud_parts(obstacle: Obstacle, cloud: Cloud) -> Parts:
 
 
 def _write_or_recall(kind: str, obstacle: Obstacle, write: Callable[[Allocate], Arrays], more: Arrays) -> Arrays:
-    """What is written, read-only; of a large obstacle from disk if it was asked for before."""
+    """Return what `write` makes, read-only; of a large obstacle from disk if it was made before."""
     content = obstacle.recipe.content
     if content and is_large(obstacle.faces):
         return make_in_place(kind, {"content": np.frombuffer(content, np.uint8), **more}, write)
@@ -86,9 +90,9 @@ def _write_or_recall(kind: str, obstacle: Obstacle, write: Callable[[Allocate], 
 
 
 def _write_boxed_tree(corners: np.ndarray, boxed: int, allocate: Allocate) -> Arrays:
-    """The tables of triangles (t, 3, 3) in the world, with boxes about some large nodes: all of them, or none.
+    """Return the tables of triangles (t, 3, 3) in the world, with boxes about `boxed` large nodes: all, or none.
 
-    About what is closed many places are nearly as far from much of it, and balls about large nodes tell little.
+    A closed mesh gets them: a place inside is nearly as far from much of it, and balls about large nodes tell little.
     """
     count = cluster_counts(len(corners))[CLUSTER]
     of_boxes = {"nodes": ("<i8", (count,)), "primitives": ("<f4", (count, PRIMITIVE)), "boxes": ("<f4", (count, 6))}
@@ -132,9 +136,9 @@ def _write_tree(
 
 
 def cluster_rows(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """Boxes about clusters (k, most) of triangles (t, 3, 3) [m], along the axes in which their corners spread.
+    """Return boxes about clusters (k, most) of triangles (t, 3, 3) [m], along the axes in which their corners spread.
 
-    The numbers of each, as `collide.primitive` has them, shape (k, PRIMITIVE).
+    Their numbers are as `collide.primitive` has them, shape (k, PRIMITIVE).
     """
     corners, members = np.ascontiguousarray(corners, float), np.ascontiguousarray(members, np.int64)
     count = len(members)
@@ -151,25 +155,25 @@ def cluster_rows(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
 
 
 def box_corners(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """Corners (k, 8, 3) of boxes about clusters (k, most) of triangles (t, 3, 3), along the axes of some [m].
+    """Return corners (k, 8, 3) [m] of boxes about clusters (k, most) of triangles (t, 3, 3), with `SINGLE_ROUNDING`.
 
-    The boxes are larger by what single precision may take from them.
+    Their axes are the principal ones of `SAMPLED_TRIANGLES`.
     """
     members = np.ascontiguousarray(members, np.int64)
-    some, count = np.ascontiguousarray(members[:, :: -(-members.shape[1] // SOME)]), len(members)
+    some, count = np.ascontiguousarray(members[:, :: -(-members.shape[1] // SAMPLED_TRIANGLES)]), len(members)
     centres, spreads, reaches = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 2, 3))
     cluster_spreads(corners, some, centres, spreads)
     axes = np.linalg.eigh(spreads)[1].swapaxes(1, 2).copy()
     cluster_reaches(corners, members, centres, axes, reaches)
     largest = np.abs(centres).max(axis=1) + np.abs(reaches).max(axis=(1, 2))
-    reaches += SINGLE * largest[:, None, None] * np.array([[-1.0], [1.0]])
+    reaches += SINGLE_ROUNDING * largest[:, None, None] * np.array([[-1.0], [1.0]])
     signs = np.array(list(itertools.product((0, 1), repeat=3)))
     found: np.ndarray = centres[:, None] + reaches[:, signs, np.arange(3)] @ axes
     return found
 
 
 def boxes_about(rows: np.ndarray) -> np.ndarray:
-    """The boxes along the world's axes about boxes or balls (k, PRIMITIVE): the least x, y, z, then the largest."""
+    """Return boxes along the world's axes about boxes or balls (k, PRIMITIVE): the least x, y, z, then the largest."""
     axes = np.abs(rows[:, :CENTRE].reshape(-1, 3, 3))
     reach = np.einsum("kji,kj->ki", axes, rows[:, HALVES:ROUND]) + rows[:, ROUND, None]
     centres = rows[:, CENTRE:HALVES]
@@ -177,14 +181,11 @@ def boxes_about(rows: np.ndarray) -> np.ndarray:
 
 
 class FlatParts(NamedTuple):
-    """The parts of a flat surface, as if there were no other.
-
-    The nodes (k,) stand for it, and the rows are the numbers of the box about each, shape (k, PRIMITIVE).
-    """
+    """The parts of a flat surface, as if there were no other."""
 
     parts: Parts
-    nodes: np.ndarray
-    rows: np.ndarray
+    nodes: np.ndarray  # that stand for it, shape (k,)
+    rows: np.ndarray  # numbers of the box about each, shape (k, PRIMITIVE)
 
 
 class _Sorted:
@@ -210,7 +211,7 @@ def flat_forest(surfaces: Sequence[np.ndarray]) -> list[FlatParts]:
     mesh_of_node, mesh_of_triangle = mesh_of_nodes(counts), np.repeat(np.arange(len(counts)), counts)
     balls, links = np.empty((len(mesh_of_node), BALL_ROW)), np.empty((len(mesh_of_node), LINK), np.int64)
     clusters = write_tree(corners, balls, links, counts=counts).clusters
-    hulls = _smallest(clusters, counts)
+    hulls = _without_small_roots(clusters, counts)
     made = allocate_in_memory(tree_layout(len(corners), len(balls), [len(nodes) for nodes, _ in hulls]))
     made["links"][:] = links.ravel()
     write_triangles(corners, made)
@@ -249,7 +250,7 @@ def flat_forest(surfaces: Sequence[np.ndarray]) -> list[FlatParts]:
     return list(map(FlatParts, tables, stand_ins.split(places), stand_ins.split(numbers)))
 
 
-def _smallest(clusters: tuple[Cluster, ...], counts: np.ndarray) -> tuple[Cluster, ...]:
+def _without_small_roots(clusters: tuple[Cluster, ...], counts: np.ndarray) -> tuple[Cluster, ...]:
     """Return clusters without the roots that are in smaller ones: their corners would be written three times."""
     found = [clusters[0]]
     for (nodes, members), smaller in zip(clusters[1:], CLUSTERS, strict=False):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.swept import FLOOR, SELF_MARGIN, swept_world
+from guidefield.collision.swept import SELF_MARGIN, SWEPT_RESOLUTION, swept_world
 from guidefield.errors import InvalidGroup, Status
 from guidefield.kernels.guide.coordinate_descent import Searching, sweep
 from guidefield.kernels.guide.tip_constraint import COUNTS, EVALUATIONS, JUDGED, TipGuard
@@ -111,7 +111,7 @@ class Univariate:
             LAST_SLIDE * guided.size,
             guided.margin,
             SELF_MARGIN * guided.size,
-            FLOOR * guided.size,
+            SWEPT_RESOLUTION * guided.size,
         )
         path, counts = np.empty((MOST_SEARCH_STEPS, len(guided.q))), np.zeros(COUNTS, np.int64)
         taken = sweep(

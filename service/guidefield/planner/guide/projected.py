@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.collision.swept import FLOOR, SELF_MARGIN, swept_world
+from guidefield.collision.swept import SELF_MARGIN, SWEPT_RESOLUTION, swept_world
 from guidefield.kernels.guide.descent import (
     ENDED,
     REACHED,
@@ -77,7 +77,7 @@ def settings_of(guided: GuidedPath, tolerance: float) -> Settings:
         close=CLOSE * size,
         margin=guided.margin,
         self_margin=SELF_MARGIN * size,
-        floor=FLOOR * size,
+        floor=SWEPT_RESOLUTION * size,
         exact=exact,
     )
 
