@@ -24,7 +24,7 @@ from guidefield.messages.identities import Asker
 from guidefield.messages.replies import CertifyReply, ErrorReply, MotionReply, PlanReply, make_error_reply
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Answer, Task
-from guidefield.stores.files import decoded
+from guidefield.stores.files import decode_if_whole
 from guidefield.stores.run_rows import NewRun
 from guidefield.stores.runs import UserRuns, name_taken
 
@@ -47,7 +47,7 @@ def keep_answer(runs: UserRuns, run: NewRun, task: Task) -> Future[Answer]:
             written = runs.finish(run, task.result()[1])
         else:
             if error is None:
-                refusal = decoded(task.result()[1], ErrorReply, run.encoding)
+                refusal = decode_if_whole(task.result()[1], ErrorReply, run.encoding)
             elif isinstance(error, GuidefieldError):
                 refusal = make_error_reply(error)
             written = runs.discard(run) if refusal is None else runs.fail(run, refusal)
@@ -65,7 +65,7 @@ def keep_answer(runs: UserRuns, run: NewRun, task: Task) -> Future[Answer]:
             hand_on(answer, task)
             return
         kind: type[MotionReply] = CertifyReply if run.kind == "certify" else PlanReply
-        reply = decoded(task.result()[1], kind, run.encoding)
+        reply = decode_if_whole(task.result()[1], kind, run.encoding)
         assert isinstance(reply, MotionReply), "it was written by a worker"
         warnings = [*reply.warnings, f"the run is not kept: {fault}"]
         unkept = msgspec.structs.replace(reply, recording=None, proof=None, warnings=warnings)

@@ -17,13 +17,13 @@ from guidefield.stores.runs import NoRuns, RunDatabase, Runs
 from guidefield.stores.scenes import SceneStore
 from guidefield.whole_file import write_whole
 
-MOST_USERS = 1_000  # the most users who may have something stored
+MOST_USERS = 1_000  # number of users who may have something stored, beside `PLAIN`
 Kind = Literal["runs", "scenes", "robots", "requests"]
 """Kinds of things that belong to a user; requests can't be shared."""
 
 
 class Shared:
-    """Marks in a folder: an empty file for each thing that is shared."""
+    """Marks of a user's shared things, empty files `<kind>/<name>` in a folder; shared runs are in the database."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -60,8 +60,10 @@ class Stores:
 class StoresByUser:
     """The stores of all users in a data folder: those of `PLAIN` in it, all others' below ``users``.
 
-    Several processes may share the folder, and any thread may ask. `reading`: whether nothing is stored, so that no
-    folder is made.
+    Several processes may share the folder, and any thread may ask.
+
+    Attributes:
+        reading: Whether stores are only read, so that no folder is made.
     """
 
     def __init__(
@@ -72,26 +74,23 @@ class StoresByUser:
         self._lock = threading.Lock()
 
     def of(self, user: str) -> Stores:
-        """The stores of a user, made if they aren't there.
-
-        Raises QuotaExceeded if too many users have stores already.
-        """
+        """Return the stores of a user, made if they aren't there; QuotaExceeded if too many users have some already."""
         return self._open.find(user, lambda: self._open_stores(user), lambda _: 0)
 
     def streams_of(self, user: str) -> Path:
-        """The folder of a user's streams; it may not be there."""
+        """Return the folder of a user's streams; it may not be there."""
         return self._folder(user) / "streams"
 
     def byte_quota_of(self, user: str) -> int | None:
-        """A user's quota of storage [bytes]; None: no quota."""
+        """Return a user's quota of storage [bytes]; None: no quota."""
         return self._quotas.of(user).bytes
 
     def users(self) -> list[str]:
-        """Who has stores, in alphabetical order; `PLAIN` is not among them."""
+        """Return the users with stores, in alphabetical order, without `PLAIN`."""
         return users_in(self._data)
 
     def may_read(self, asking: str, owner: str, kind: Kind, name: str) -> bool:
-        """Return whether a user may read another's thing: operators may, on the plain keys, others if it is shared."""
+        """Return whether a user may read another's thing: if it is shared; `PLAIN`, an operator, always may."""
         if asking in (owner, PLAIN):
             return True
         if kind == "runs":
@@ -99,18 +98,18 @@ class StoresByUser:
         return Shared(self._folder(owner) / "shared").has(kind, name)
 
     def require_right(self, asking: str, owner: str, kind: Kind, name: str, *, read_only: bool) -> None:
-        """Refuse what somebody may not do with what is another's.
+        """Raise NotAllowed, whether the thing exists or not, unless a user may read it, or change it if not read-only.
 
-        Raises NotAllowed if it may not; whether there is such a thing is not told.
+        Only its owner and `PLAIN` may change it.
         """
         right = self.may_read(asking, owner, kind, name) if read_only else asking in (owner, PLAIN)
         if not right:
             what = "doesn't share it" if read_only else "alone may change it"
-            told = f"{kind.removesuffix('s')} {name[:64]!r} belongs to user {owner!r}, who {what}"
-            raise NotAllowed(told, user=owner, kind=kind, name=name[:64])
+            message = f"{kind.removesuffix('s')} {name[:64]!r} belongs to user {owner!r}, who {what}"
+            raise NotAllowed(message, user=owner, kind=kind, name=name[:64])
 
     def require_room(self, user: str, size: int) -> None:
-        """Refuse a robot or scene for which a user has no room; raises QuotaExceeded if it has none."""
+        """Raise QuotaExceeded if a user's quota has no room for a robot or scene of a size [bytes]."""
         most = self.byte_quota_of(user)
         if most is None:
             return

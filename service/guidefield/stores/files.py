@@ -1,4 +1,4 @@
-"""Paths of the stores' files, and the names that may stand in them."""
+"""Paths of the stores' files with their checked names, a lock between processes, and reading of files that may lack."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,127}")
 
 
 def default_data_folder(instance: str) -> Path:
-    """The default folder of a service's data: below the user's data folder of the platform."""
+    """Return the default folder of a service's data, below `XDG_DATA_HOME` or `~/.local/share`."""
     base = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
     return Path(base) / "guidefield" / checked_name(instance, "instance")
 
 
 def checked_name(name: str, what: str) -> str:
-    """The name itself, if it can name a file and cannot lead out of its folder.
+    """Return the name itself, if it can name a file and cannot lead out of its folder.
 
     Raises:
         MalformedRequest: otherwise; `what` says whose name it is.
@@ -41,8 +41,8 @@ def checked_name(name: str, what: str) -> str:
 
 
 @contextlib.contextmanager
-def alone(lock: Path) -> Iterator[None]:
-    """One process at a time is in such a block, of all that name the same file; it is made if it isn't there."""
+def lock_file(lock: Path) -> Iterator[None]:
+    """Let one process at a time into blocks that name the same file, which is made if it isn't there."""
     file = os.open(lock, os.O_CREAT | os.O_WRONLY, 0o666)
     try:
         fcntl.flock(file, fcntl.LOCK_EX)
@@ -52,15 +52,15 @@ def alone(lock: Path) -> Iterator[None]:
 
 
 def read_if_any(path: Path) -> bytes | None:
-    """The content of a file, or None if there is none."""
+    """Return the content of a file, or None if there is none."""
     try:
         return path.read_bytes()
     except FileNotFoundError:
         return None
 
 
-def decoded(data: bytes, kind: type[_M], encoding: Encoding = Encoding.JSON) -> _M | None:
-    """The message that a file holds; None where it is none: its end is missing, or another version wrote it."""
+def decode_if_whole(data: bytes, kind: type[_M], encoding: Encoding = Encoding.JSON) -> _M | None:
+    """Decode a message from a file; None if it can't be: its end is missing, or another version wrote it."""
     try:
         if encoding is Encoding.MSGPACK:
             return msgspec.msgpack.decode(data, type=kind)
@@ -70,11 +70,11 @@ def decoded(data: bytes, kind: type[_M], encoding: Encoding = Encoding.JSON) -> 
 
 
 def user_folder(data: Path, user: str) -> Path:
-    """The folder of what a user has in a data folder: that of `PLAIN` is the data folder itself."""
+    """Return the folder of a user in a data folder: for `PLAIN` the data folder itself."""
     return data if user == PLAIN else data / "users" / user
 
 
 def users_in(data: Path) -> list[str]:
-    """The users who have something in a data folder, in alphabetical order; `PLAIN` is not among them."""
+    """Return the users with a folder in a data folder, in alphabetical order, without `PLAIN`."""
     users = data / "users"
     return sorted(folder.name for folder in users.iterdir()) if users.is_dir() else []

@@ -1,9 +1,9 @@
 """Recordings of one user's runs: a file for each in a folder, or the log that it will be rendered from.
 
-Theory of operation. A run's log is written before its reply is sent, and deleted once its recording is rendered: the
-log is the mark that a recording is owed, and outlives every process. Scenes and robots that many logs need are kept
-once by content in a folder beside. Each log has hard links to what it needs of them, so that the file system counts the
-logs that need a file: none of these is ever swept, whichever process is killed at any moment.
+Theory of operation. A run's log is written before its reply is sent, and deleted once its recording is rendered. While
+there is a log, the recording is "owed", whatever process ends. Scenes and robots that many logs need are kept once by
+content in a folder beside. Each log has hard links to those that it needs, so that the file system counts the logs that
+need a file: none of these is ever swept, whichever process is killed at any moment. Endings of names are the format.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from guidefield.whole_file import link_shared, remove_unshared, write_whole
 RECORDING, LOG, LOST = ".rrd", ".log", ".lost"
 """Endings of file names: a recording, the log of one that isn't rendered yet, the reason why one never will be."""
 PROOF = ".npz"  # ending of the file of a run's proof
-SCENE_LINK = ".drawn"  # ending of a recording's link to the file of its scene, where that is large
+SCENE_LINK = ".drawn"  # ending of a recording's link to its large scene, drawn; `recorder/stored.py` makes it
 SCENE, ROBOT, OBSTACLES = ".scene", ".robot", (".obstacle1", ".obstacle2", ".obstacle3", ".obstacle4")
 """Endings of the links from a log to the scene and the robot that it needs, and to the largest obstacles."""
 NEEDED = (SCENE, ROBOT, *OBSTACLES)  # endings of all links from a log to what it shares with others
-OWED, LOST_BEFORE = ".owed", "the process that wrote it ended"
-"""The ending of the mark of earlier versions for a recording that is being written, and what became of it."""
+EARLIER_MARK, EARLIER_LOSS = ".owed", "the process that wrote it ended"
+"""The ending of earlier versions' mark of a recording that is being written, and the reason why it is lost."""
 SHARED_UNUSED_S = 600.0  # time after its last use for which a shared file is kept that no log needs [s]
 Kind = Literal["none", "owed", "rendered", "lost"]
-"""The state of a recording: none; its log alone; rendered; lost, with the reason."""
+"""The state of a recording, as `RunSummary.recording`: none; its log alone; rendered; lost, with the reason."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class KeptRecording:
 class SharedFile:
     """Content that many logs need."""
 
-    digest: str  # hash that it is known by
+    digest: str  # hash of the content, its name in the shared folder
     ending: str  # the ending of a log's link to it, one of `NEEDED`
-    content: Callable[[], bytes]  # gives the content itself, which is asked for where the folder doesn't have it
+    content: Callable[[], bytes]  # makes the content, if the folder doesn't have it
 
 
 class Recordings:
@@ -75,13 +75,13 @@ class Recordings:
         return self.folder / f"{checked_name(run_id, 'run_id')}{ending}"
 
     def find(self, run_id: str) -> Path:
-        """The file of a run's recording; raises UnknownObject if there is none, or not yet, or it was lost."""
+        """Return the file of a run's recording; UnknownObject if there is none, or not yet, or it was lost."""
         recording = self.path(run_id)
         if recording.exists():
             return recording
         if self.is_owed(run_id):
-            told = f"the recording of run {run_id!r} isn't rendered yet; `guidefield runs render` does it"
-            raise UnknownObject(told, run_id=run_id)
+            message = f"the recording of run {run_id!r} isn't rendered yet; `guidefield runs render` does it"
+            raise UnknownObject(message, run_id=run_id)
         lost = read_if_any(self.file(run_id, LOST))
         why = "" if lost is None else f": {lost.decode()}"
         raise UnknownObject(f"run {run_id!r} has no recording{why}", run_id=run_id)
@@ -93,8 +93,8 @@ class Recordings:
         """
         found = read_if_any(self.file(run_id, PROOF))
         if found is None:
-            told = f"run {run_id!r} has no proof; a request with `proof` true keeps one, or its reply warns why not"
-            raise UnknownObject(told, run_id=run_id)
+            message = f"run {run_id!r} has no proof; a request with `proof` true keeps one, or its reply warns why not"
+            raise UnknownObject(message, run_id=run_id)
         return found
 
     def is_owed(self, run_id: str) -> bool:
@@ -102,7 +102,7 @@ class Recordings:
         return self.file(run_id, LOG).exists()
 
     def list_owed(self) -> list[str]:
-        """The runs whose recordings aren't rendered yet, the newest first."""
+        """Return the runs whose recordings aren't rendered yet, the newest first."""
         found = []
         with contextlib.suppress(FileNotFoundError), os.scandir(self.folder) as entries:
             for entry in entries:
@@ -126,7 +126,7 @@ class Recordings:
     def store_log(self, run_id: str, log: bytes, shared: Iterable[SharedFile]) -> None:
         """Keep a run's log, and links to the scene and robot that it needs.
 
-        Raises OSError if the disk refuses, or knows no hard links; nothing of it is left then.
+        Raises OSError if the disk refuses, or knows no hard links, and leaves nothing.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         try:
@@ -141,9 +141,9 @@ class Recordings:
             raise
 
     def settle(self, run_id: str, log: os.stat_result, fault: str | None = None) -> None:
-        """Delete a log whose recording is there, or say why it can't be rendered; another log of its name stays.
+        """Delete a log whose recording is there, or keep the `fault` for which it can't be rendered.
 
-        Raises OSError if the disk refuses.
+        A newer log of the same name, which isn't that of the stat result, stays. Raises OSError if the disk refuses.
         """
         path = self.file(run_id, LOG)
         with contextlib.suppress(FileNotFoundError):
@@ -172,9 +172,9 @@ class Recordings:
         """Delete drafts of killed processes; only the process that holds the data folder may."""
         for draft in self.folder.glob(".*"):
             draft.unlink(missing_ok=True)
-        for mark in self.folder.glob(f"*{OWED}"):
+        for mark in self.folder.glob(f"*{EARLIER_MARK}"):
             mark.unlink(missing_ok=True)
-            write_whole(mark.with_suffix(LOST), LOST_BEFORE.encode(), durable=False)
+            write_whole(mark.with_suffix(LOST), EARLIER_LOSS.encode(), durable=False)
         for ending in NEEDED:
             for link in self.folder.glob(f"*{ending}"):
                 if not link.with_suffix(LOG).exists():

@@ -1,8 +1,8 @@
 """Robots that clients stored: texts and meshes on disk, by a hash of all that was sent; names lead to hashes.
 
 What was sent is written once, to a folder named by the hash, and never changed; a name is a small file that holds a
-hash. So a robot can be tried before its name is given out, and a worker that still loads the robot of a name finds all
-of it, whatever becomes of the name.
+hash. So a robot can be tried before its name is given out, and no reader mixes two robots of one name. A folder that no
+name leads to any more is deleted.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from guidefield.messages.values import RootJoint
 from guidefield.robot.catalog import library
 from guidefield.robot.catalog.library import SentRobot
 from guidefield.robot.catalog.sent_meshes import name_by_content
-from guidefield.stores.files import alone, checked_name, decoded, read_if_any
+from guidefield.stores.files import checked_name, decode_if_whole, lock_file, read_if_any
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
 
-MAX_ROBOTS = 200
-MAX_BYTES = 4 * 2**30  # what all stored robots may take on disk
+MAX_ROBOTS = 200  # of a user
+MAX_BYTES = 4 * 2**30  # largest size of a user's robots together [bytes]; `endpoint/rules.py` lists both
 
 _DESCRIPTION = "robot.json"
 _CONTENT = re.compile(r"[0-9a-f]{64}")
@@ -38,11 +38,11 @@ class NoRobots:
     """The catalog's robots alone, without a data folder."""
 
     def names(self) -> list[str]:
-        """None."""
+        """Return no names."""
         return []
 
     def find(self, _name: str) -> SentRobot | None:
-        """None."""
+        """Return None."""
         return None
 
     def write(self, name: str, _files: RobotFiles, _load: Callable[[SentRobot], object]) -> None:
@@ -64,7 +64,7 @@ class _Description(msgspec.Struct, frozen=True):
     urdf: str
     srdf: str | None
     root_joint: RootJoint
-    meshes: dict[str, str]
+    meshes: dict[str, str]  # files in the folder, by the names in the URDF
 
 
 class RobotStore:
@@ -78,14 +78,14 @@ class RobotStore:
         self._limit, self._limit_bytes = limit, limit_bytes
 
     def names(self) -> list[str]:
-        """The robots that clients stored, in alphabetical order."""
+        """Return the names of robots that clients stored, in alphabetical order."""
         try:
             return sorted(path.name for path in self._names.iterdir() if not path.name.startswith("."))
         except FileNotFoundError:
             return []
 
     def find(self, name: str) -> SentRobot | None:
-        """A stored robot, or None.
+        """Return a stored robot, or None.
 
         Raises MalformedRequest if the name can't be a file's; raises RobotInvalid if a file of it is damaged.
         """
@@ -95,7 +95,7 @@ class RobotStore:
         return None if content is None else self._read(name, content.decode(errors="replace"))
 
     def write(self, name: str, files: RobotFiles, load: Callable[[SentRobot], object]) -> None:
-        """Keep a robot under a name, in place of an earlier one; what `load` raises, which tries it, comes through.
+        """Keep a robot under a name, in place of an earlier one, if `load` can load it; what that raises comes through.
 
         Raises MalformedRequest if the name can't be a file's; RobotInvalid if it is the catalog's, which means the same
         everywhere, or a mesh can't be taken; RequestTooLarge if there are too many or too large robots already.
@@ -108,7 +108,7 @@ class RobotStore:
         named = name_by_content(files.meshes)
         described = _Description(files.urdf, files.srdf, files.root_joint, dict(named.names))
         content = hashlib.sha256(msgspec.json.encode(described, order="sorted")).hexdigest()
-        with self._alone():
+        with self._lock():
             if not path.exists() and len(self.names()) >= self._limit:
                 raise RequestTooLarge(f"{self._limit} robots are stored already; delete one first", limit=self._limit)
             self._write(content, {**named.files, _DESCRIPTION: codec.encode(described)})
@@ -120,7 +120,7 @@ class RobotStore:
 
     def delete(self, name: str) -> None:
         """Forget a stored robot; raises RobotInvalid if none of that name was stored."""
-        with self._alone():
+        with self._lock():
             try:
                 self._path(name).unlink()
             except FileNotFoundError:
@@ -130,14 +130,14 @@ class RobotStore:
     def _read(self, name: str, content: str) -> SentRobot:
         folder = self._contents / content
         stored = read_if_any(folder / _DESCRIPTION) if _CONTENT.fullmatch(content) else None
-        described = None if stored is None else decoded(stored, _Description)
+        described = None if stored is None else decode_if_whole(stored, _Description)
         if described is None:
             raise RobotInvalid(f"robot {name!r} can't be read: a file of it is damaged; store it again", robot=name)
         meshes = {uri: folder / file for uri, file in described.meshes.items()}
         return SentRobot(name, content, described.urdf, described.srdf, meshes, described.root_joint)
 
     def _write(self, content: str, files: dict[str, bytes]) -> None:
-        """Write what was sent to its folder, all of it or nothing; what is damaged there is written again."""
+        """Write files to the folder of their hash, all of them or none; a damaged file there is written again."""
         folder = self._contents / content
         if folder.exists():
             for file, data in files.items():
@@ -167,17 +167,16 @@ class RobotStore:
             if folder.name not in used:
                 shutil.rmtree(folder, ignore_errors=True)
 
-    def _alone(self) -> AbstractContextManager[None]:
-        """One process at a time changes the store."""
+    def _lock(self) -> AbstractContextManager[None]:
         for made in (self._names, self._contents):
             made.mkdir(parents=True, exist_ok=True)
-        return alone(self._contents.parent / ".lock")
+        return lock_file(self._contents.parent / ".lock")
 
     def _path(self, name: str) -> Path:
         return self._names / checked_name(name, "robot")
 
 
-Robots = NoRobots | RobotStore  # what an engine keeps clients' robots in
+Robots = NoRobots | RobotStore  # an engine's store of clients' robots
 
 
 def _unknown(name: str, names: list[str]) -> RobotInvalid:

@@ -3,7 +3,8 @@
 Theory of operation. The file is in WAL mode: readers never wait for the writer, nor it for them, and a killed process
 leaves every finished transaction behind. A commit isn't flushed to the disk (`synchronous=NORMAL`), a checkpoint is: a
 power cut costs what was committed since the last checkpoint, and never the file. A line of the list is a row of `runs`;
-requests and replies, which are long, are rows of `documents`, so that listing and counting read little.
+requests and replies, which are long, are rows of `documents`, so that listing and counting read little. Files of users
+have these tables: a change of them needs a new `VERSION`, and other versions' files are refused.
 
 All changes that wait for the writer are one transaction, and share its commit. A change is a function of the
 connection, and a future says when it is committed, or why it isn't. If a transaction fails, each of its changes is
@@ -39,7 +40,7 @@ _T = TypeVar("_T")
 class _Change(NamedTuple):
     apply: Callable[[sqlite3.Connection], Any]
     done: Future[Any]
-    size: int
+    size: int  # memory until it is written [bytes]
 
 
 class RunWriter:
@@ -65,10 +66,10 @@ class RunWriter:
         ]
 
     def submit(self, apply: Callable[[sqlite3.Connection], _T], *, urgent: bool = True, size: int = 0) -> Future[_T]:
-        """Have a change written that takes some memory until then [bytes]; `urgent`: somebody waits for it.
+        """Have a change written, which takes a size of memory until then [bytes]; `urgent`: somebody waits for it.
 
-        `apply` makes it within a transaction, and may be called a second time, after a rollback. The future comes to
-        what it returned, once that is committed, or to DiskRefused; until the change is begun it may be cancelled.
+        `apply` makes it within a transaction, and may be called a second time, after a rollback. Once that is
+        committed, the future has its result, else DiskRefused; until the change is begun, it may be cancelled.
         """
         done: Future[_T] = Future()
         with self._changed:
@@ -135,7 +136,7 @@ class RunWriter:
                 change.done.set_result(result)
 
     def _transaction(self, changes: list[_Change]) -> list[tuple[Exception | None, Any]]:
-        """Make some changes; return their own refusals, which are no reason to undo others, and their results."""
+        """Make some changes; return for each the exception it raised, which undoes no other one, or its result."""
         db, outcomes = self._open(), list[tuple[Exception | None, Any]]()
         with telling_faults(self._file):
             db.execute("BEGIN IMMEDIATE")
@@ -166,17 +167,17 @@ class RunWriter:
         return self._db
 
     def _flush(self) -> None:
-        told = ""
+        logged = ""  # the last fault, which isn't logged again
         while not self._ended.wait(UPKEEP_INTERVAL_S):
             try:
                 self._keep_up()
                 if self._unflushed:
                     self._unflushed = False
                     checkpoint(self._file)
-                told = ""
+                logged = ""
             except Exception as error:  # the next one tries again
-                if told != (told := f"{error}"):
-                    _log.warning("the database of runs is not flushed: %s", told)
+                if logged != (logged := f"{error}"):
+                    _log.warning("the database of runs is not flushed: %s", logged)
 
 
 FILE = "runs.sqlite"  # its name in the data folder
@@ -232,20 +233,19 @@ CREATE TRIGGER dropped AFTER DELETE ON runs BEGIN
         WHERE owner = old.owner;
 END;
 """
-"""The tables, with triggers that keep `usage` up.
+"""The tables, with triggers that update `usage`.
 
-A `kind` is "plan" or "certify". Times are [s since 1970]; `recording` is the size of a run's recording or of its log,
-and `recorded` says which of them there is (`recordings.Kind`); `usage` has the number of runs that have ended.
+A `kind` is "plan" or "certify". Times are [s since 1970]; `bytes` is the size of request and reply, `recording` that of
+the recording or log with its proof and shared files, and `recorded` its state (`recordings.Kind`); `shared` is 1 if all
+users may read the run. `usage` has for each user the number of runs that have ended, and the bytes of all runs with
+their recordings.
 """
 
 
 def connect_writer(file: Path) -> sqlite3.Connection:
-    """Open the file to write, and make it if it isn't there.
-
-    Raises DiskRefused if it can't be written as it should; says why and what to do.
-    """
+    """Open the file to write, and make it if it isn't there; DiskRefused says why it can't be, and what to do."""
     with contextlib.ExitStack() as failed, telling_faults(file):
-        db = failed.enter_context(contextlib.closing(_connected(file, "rwc")))
+        db = failed.enter_context(contextlib.closing(_connect(file, "rwc")))
         if db.execute("PRAGMA user_version").fetchone() == (0,):
             db.executescript(f"{_TABLES} PRAGMA user_version = {VERSION}; COMMIT;")
         _require_version(db, file)
@@ -264,10 +264,10 @@ def connect_writer(file: Path) -> sqlite3.Connection:
 
 def connect_reader(file: Path) -> sqlite3.Connection:
     """Open the file to read, also while a service writes it; raises DiskRefused if it can't be read."""
-    # Where no log is left, and none can be made beside it, nobody writes it either.
+    # Without a write-ahead log in a folder that can't be written, no process writes the file.
     is_still = not file.with_name(f"{file.name}-wal").exists() and not os.access(file.parent, os.W_OK)
     with contextlib.ExitStack() as failed, telling_faults(file):
-        db = failed.enter_context(contextlib.closing(_connected(file, "ro&immutable=1" if is_still else "ro")))
+        db = failed.enter_context(contextlib.closing(_connect(file, "ro&immutable=1" if is_still else "ro")))
         _require_version(db, file)
         failed.pop_all()
     return db
@@ -275,7 +275,7 @@ def connect_reader(file: Path) -> sqlite3.Connection:
 
 def checkpoint(file: Path) -> None:
     """Flush all commits so far to the disk; raises DiskRefused if the disk refuses."""
-    with telling_faults(file), contextlib.closing(_connected(file, "rw")) as db:
+    with telling_faults(file), contextlib.closing(_connect(file, "rw")) as db:
         db.execute("PRAGMA synchronous = NORMAL")
         db.execute("PRAGMA wal_checkpoint(PASSIVE)")
 
@@ -290,10 +290,7 @@ class Readers:
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[sqlite3.Connection]:
-        """A connection for the time of a block, in which the file stays as it is.
-
-        Raises DiskRefused if the file can't be read.
-        """
+        """Lend a block a connection that sees one state of the file; raises DiskRefused if it can't be read."""
         with self._lock:
             db = self._free.pop() if self._free else None
         db = connect_reader(self._file) if db is None else db
@@ -309,7 +306,7 @@ class Readers:
             self._free.append(db)
 
     def close(self) -> None:
-        """Close those that nobody uses."""
+        """Close the connections that no block uses."""
         with self._lock:
             while self._free:
                 self._free.pop().close()
@@ -317,7 +314,7 @@ class Readers:
 
 @contextlib.contextmanager
 def telling_faults(file: Path) -> Iterator[None]:
-    """Have whatever SQLite raises in a block come out as DiskRefused, with what to do."""
+    """Turn what SQLite raises in a block into DiskRefused, which says what to do."""
     try:
         yield
     except (sqlite3.DatabaseError, sqlite3.InterfaceError) as error:
@@ -325,7 +322,7 @@ def telling_faults(file: Path) -> Iterator[None]:
 
 
 def fault_of(error: sqlite3.Error, name: str) -> str:
-    """A fault of the file as a sentence that says what to do."""
+    """Describe a fault of the file in a sentence that says what to do."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
         return (
@@ -339,7 +336,7 @@ def fault_of(error: sqlite3.Error, name: str) -> str:
     return f"the disk refuses {name}: {error}"
 
 
-def _connected(file: Path, mode: str) -> sqlite3.Connection:
+def _connect(file: Path, mode: str) -> sqlite3.Connection:
     address = f"{file.absolute().as_uri()}?mode={mode}"
     return sqlite3.connect(address, timeout=LONGEST_LOCK_S, isolation_level=None, check_same_thread=False, uri=True)
 

@@ -1,8 +1,8 @@
-"""Rows of the database of runs: written, completed and deleted within a transaction; those of guidefield 0.1, too.
+"""Write, complete and delete rows of the database of runs within a transaction; take over runs of guidefield 0.1.
 
-Guidefield 0.1 kept each run in a folder of its own. Folders are taken over some at a time: their rows are committed and
-flushed, and only then their recordings move and the folders go. A kill at any moment leaves each run in the database,
-in its folder, or in both; the next start goes on.
+Columns are those of the tables in `run_file.py`. Guidefield 0.1 kept each run in a folder of its own. `runs.py` takes
+over some folders at a time: their rows are committed and flushed, and only then their recordings move and the folders
+go. A kill at any moment leaves each run in the database, in its folder, or in both; the next start continues.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import ErrorReply, is_certify
 from guidefield.messages.store_requests import RUNNING, UNREADABLE
-from guidefield.stores.files import decoded, read_if_any
-from guidefield.stores.recordings import LOST, OWED, RECORDING, KeptRecording, Recordings
+from guidefield.stores.files import decode_if_whole, read_if_any
+from guidefield.stores.recordings import EARLIER_MARK, LOST, RECORDING, KeptRecording, Recordings
 
 AT_ONCE = 100  # folders that are taken over in one transaction
 KEPT_ERRORS = (Status.CRASH.name, Status.FAILURE.name, Status.DISK_REFUSED.name)
-"""Errors that are no fault of the request: the run that ended so is kept."""
+"""Errors that aren't the request's fault: a run that ends with one is kept, with another it is forgotten."""
 
 Kind = Literal["plan", "certify"]
 
@@ -71,7 +71,7 @@ class _ReplyHead(msgspec.Struct):
 
 def insert(run: NewRun, db: sqlite3.Connection, recording: KeptRecording | None = None) -> int:
     """Add a run that begins, or has ended if the state of its recording is given; return its number."""
-    head = decoded(run.request, _RequestHead, run.encoding) or _RequestHead(UNREADABLE, UNREADABLE)
+    head = decode_if_whole(run.request, _RequestHead, run.encoding) or _RequestHead(UNREADABLE, UNREADABLE)
     row = {
         "owner": run.owner,
         "run_id": run.run_id,
@@ -95,9 +95,9 @@ def insert(run: NewRun, db: sqlite3.Connection, recording: KeptRecording | None 
 
 
 def complete(number: int, run: NewRun, recording: KeptRecording, db: sqlite3.Connection) -> None:
-    """Write the end of a run, and what there is of its recording."""
-    head = None if run.reply is None else decoded(run.reply, _ReplyHead, run.encoding)
-    outcome = head.status if head is not None else decoded(run.error or b"", _RunEnd) or _RunEnd(UNREADABLE)
+    """Write the end of a run, and the state of its recording."""
+    head = None if run.reply is None else decode_if_whole(run.reply, _ReplyHead, run.encoding)
+    outcome = head.status if head is not None else decode_if_whole(run.error or b"", _RunEnd) or _RunEnd(UNREADABLE)
     size = len(run.request) + len(run.reply or b"") + len(run.error or b"")
     columns = "status = ?, message = ?, ended = ?, bytes = ?, recording = ?, recorded = ?"
     row = (outcome.name, outcome.message, run.ended, size, recording.bytes, recording.kind, number)
@@ -106,7 +106,7 @@ def complete(number: int, run: NewRun, recording: KeptRecording, db: sqlite3.Con
 
 
 def end_abandoned(error: ErrorReply, since: float, db: sqlite3.Connection) -> None:
-    """End the runs that are under way and began before the service did [s since 1970]."""
+    """End, with an error, the runs without an end that began before a time [s since 1970]."""
     abandoned = "ended IS NULL AND began < ?"
     documents = f"UPDATE documents SET error = ? WHERE number IN (SELECT number FROM runs WHERE {abandoned})"  # noqa: S608
     db.execute(documents, (codec.encode(error), since))
@@ -158,7 +158,7 @@ def move_recordings(folders: list[Path], recordings: Recordings, shared: Path) -
     """Move recordings to their present place, and delete the folders of runs that the database has."""
     recordings.folder.mkdir(exist_ok=True)
     for folder in folders:
-        for name, ending in (("recording.rrd", RECORDING), ("recording.owed", OWED), ("recording.lost", LOST)):
+        for name, ending in (("recording.rrd", RECORDING), ("recording.owed", EARLIER_MARK), ("recording.lost", LOST)):
             with contextlib.suppress(FileNotFoundError):
                 (folder / name).rename(recordings.folder / f"{folder.name}{ending}")
         (shared / folder.name).unlink(missing_ok=True)

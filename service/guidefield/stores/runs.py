@@ -1,7 +1,8 @@
 """Runs of all users of a data folder: requests and replies in one database, recordings as files beside it.
 
 A run is written when it begins, without anybody waiting for that, and when it ends, before it is answered. One process
-writes; others may read. The oldest runs of a user make room for new ones.
+writes; others may read. The oldest runs of a user make room for new ones. `run_file.py` has the tables and the thread
+that writes, `run_rows.py` the statements for rows.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ from guidefield.messages.identities import PLAIN
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.store_requests import ReadRuns
 from guidefield.stores import run_rows
-from guidefield.stores.files import checked_name, decoded, user_folder, users_in
+from guidefield.stores.files import checked_name, decode_if_whole, user_folder, users_in
 from guidefield.stores.recordings import KeptRecording, Recordings
 from guidefield.stores.run_file import FILE, Readers, RunWriter, checkpoint
 
 FORGET = "DELETE FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
 MOST_DROPPED = 100
-"""The most runs that make room for one: where far fewer are to be kept than there are, no answer waits for all."""
-AGED_EVERY_S = 60.0  # time between two searches for runs that are too old, and for files that nobody needs [s]
+"""Number of runs that are dropped for a new one at most: if far fewer are to be kept, no answer waits for all."""
+SWEEP_INTERVAL_S = 60.0  # time between two searches for runs that are too old, and for files that nobody needs [s]
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,9 @@ class RunDatabase:
     """The runs of all users.
 
     Attributes:
-        unended: Runs, by owner and id, whose end could not be kept: until they are deleted they are passed over.
-        render: Is told of each run, by owner and id, whose recording is to be rendered from its log.
+        unended: Runs, by owner and id, whose end could not be written: no list or reading shows them, and their rows
+            are deleted as soon as the disk permits.
+        render: Called with the owner and id of each run whose recording is to be rendered from its log.
     """
 
     def __init__(
@@ -81,22 +83,22 @@ class RunDatabase:
         self.render: Callable[[str, str], None] = lambda _owner, _run_id: None
         self.unended: set[tuple[str, str]] = set()
         self._abandoned: replies.ErrorReply | None = None
-        self._since, self._aged = time.time(), time.monotonic()
+        self._since, self._swept = time.time(), time.monotonic()
 
     def of(self, owner: str) -> UserRuns:
-        """The runs of a user."""
+        """Return the runs of a user."""
         return UserRuns(self, owner)
 
     def recordings(self, owner: str) -> Recordings:
-        """The recordings of a user."""
+        """Return the recordings of a user."""
         return Recordings(user_folder(self._data, owner) / "recordings")
 
     def sweep(self, error: replies.ErrorReply, since: float = math.inf) -> None:
-        """End the runs that a killed service was working on, and have the recordings rendered that it owed.
+        """End the runs that a killed service was working on, and have recordings rendered that have only a log.
 
         Args:
-            error: Their end.
-            since: Time at which this process began to work on runs, if it did [s since 1970].
+            error: The error that ends them.
+            since: Begin of this process's own runs, which stay [s since 1970]; infinite: it has none.
 
         Raises:
             DiskRefused: if the database can't be read or written; then it is tried again from time to time.
@@ -115,7 +117,7 @@ class RunDatabase:
             self.render(owner, run_id)
 
     def take_over(self, tell: Callable[[str], None]) -> None:
-        """Take over the runs that guidefield 0.1 kept in folders.
+        """Take over the runs that guidefield 0.1 kept in folders; `tell` takes sentences about the progress.
 
         Raises DiskRefused if the database can't be written; OSError, if a folder can't be read.
         """
@@ -133,7 +135,7 @@ class RunDatabase:
 
     def close(self) -> None:
         """Write what waits to be written, and close the file."""
-        self.readers.close()  # the last connection empties the log, which one for reading can't
+        self.readers.close()  # first, since the last connection empties the write-ahead log, which a reader can't
         self.writer.close()
 
     def note_recording(self, owner: str, run_id: str) -> None:
@@ -149,7 +151,7 @@ class RunDatabase:
         self.writer.submit(note, urgent=False)
 
     def make_room(self, owner: str, newest: int | None, db: sqlite3.Connection) -> None:
-        """Drop the oldest runs of a user that are too many, too large or too old."""
+        """Drop a user's oldest runs but the one with the number `newest`, if runs are too many, large or old."""
         most, quota, too_old = self._retention, self._byte_quota_of(owner), time.time() - self._retention.seconds
         most_bytes = most.bytes if quota is None else min(quota, most.bytes)
         runs, size = db.execute("SELECT runs, bytes FROM usage WHERE owner = ?", (owner,)).fetchone() or (0, 0)
@@ -167,15 +169,15 @@ class RunDatabase:
         run_rows.drop_runs(self.recordings(owner), dropped, db)
 
     def _keep_up(self) -> None:
-        """Delete runs without an end, runs that are too old, and files that no log needs."""
+        """Delete runs whose end could not be written, runs that are too old, and files that no log needs."""
         if self._abandoned is not None:
             self.sweep(self._abandoned, self._since)
         for name in tuple(self.unended):
             with contextlib.suppress(DiskRefused):
                 self.writer.submit(partial(run_rows.execute, FORGET, name)).result()
                 self.unended.discard(name)
-        if time.monotonic() - self._aged > AGED_EVERY_S:
-            self._aged = time.monotonic()
+        if time.monotonic() - self._swept > SWEEP_INTERVAL_S:
+            self._swept = time.monotonic()
             with self.readers.reading() as db:
                 owners = db.execute("SELECT owner FROM usage").fetchall()
             for (owner,) in owners:
@@ -193,13 +195,13 @@ class UserRuns:
         self.recordings = database.recordings(owner)
 
     def begin(self, run: run_rows.NewRun) -> None:
-        """Keep that a run begins, without waiting for it."""
+        """Write that a run begins, without waiting for it."""
         if run.begun is None:
             run.began = time.time()
             run.begun = self._writer.submit(partial(run_rows.insert, run), urgent=False, size=len(run.request))
 
     def finish(self, run: run_rows.NewRun, reply: bytes) -> Future[Any]:
-        """Keep the reply of a run; the future is done once it is kept, with DiskRefused where the disk refuses."""
+        """Keep the reply of a run; the future is done once it is kept, with DiskRefused if the disk refuses."""
         return self._end(run, reply=reply)
 
     def fail(self, run: run_rows.NewRun, error: replies.ErrorReply) -> Future[Any]:
@@ -223,7 +225,7 @@ class UserRuns:
         return self._row(run_id, "1") is not None
 
     def list(self, request: ReadRuns) -> replies.RunsReply:
-        """The runs that are kept, newest first, with those of others that the user may see, as ``owner:id``.
+        """List the runs that are kept, newest first, with those of others that the user may see, as ``owner:id``.
 
         Raises DiskRefused if the database can't be read.
         """
@@ -234,7 +236,7 @@ class UserRuns:
             "status = :status": request.status,
             "robot = :robot": request.robot,
             "began >= :since": request.since,
-            r"message LIKE :text ESCAPE '\'": None if request.text is None else _pattern(request.text),
+            r"message LIKE :text ESCAPE '\'": None if request.text is None else _like_pattern(request.text),
             "owner || ':' || run_id NOT IN (SELECT value FROM json_each(:unended))": unended or None,
         }
         values = dict(zip(("status", "robot", "since", "text", "unended"), wanted.values(), strict=True))
@@ -257,7 +259,7 @@ class UserRuns:
         )
 
     def read(self, run_id: str) -> replies.AnyRunReply:
-        """One run.
+        """Read one run.
 
         Raises UnknownObject if there is none of that name, or it is damaged; DiskRefused if the database can't be read.
         """
@@ -267,13 +269,13 @@ class UserRuns:
             raise _unknown(run_id)
         kind, began, encoding, request, reply, error = row
         written, (request_kind, reply_kind, run_kind) = Encoding(encoding), _KINDS[kind]
-        asked = _whole(run_id, "request", request, request_kind, written)
+        asked = _decode(run_id, "request", request, request_kind, written)
         return run_kind(
             run_id=run_id,
             began=began,
             request=msgspec.structs.replace(asked, run_id=run_id),
-            reply=None if reply is None else _whole(run_id, "reply", reply, reply_kind, written),
-            error=None if error is None else _whole(run_id, "error", error, replies.ErrorReply, Encoding.JSON),
+            reply=None if reply is None else _decode(run_id, "reply", reply, reply_kind, written),
+            error=None if error is None else _decode(run_id, "error", error, replies.ErrorReply, Encoding.JSON),
         )
 
     def require(self, run_id: str) -> None:
@@ -315,7 +317,7 @@ class UserRuns:
         return False
 
     def _row(self, run_id: str, columns: str, joined: str = "") -> tuple[Any, ...] | None:
-        """Columns of a run; None if there is none of that name."""
+        """Read columns of a run; None if there is none of that name."""
         checked_name(run_id, "run_id")
         if (self._owner, run_id) in self._database.unended:
             return None
@@ -341,7 +343,7 @@ class UserRuns:
                 number = int(found[0])
                 run_rows.complete(number, run, recording, db)
             else:
-                run_rows.execute(FORGET, (run.owner, run.run_id), db)  # of another run, whose end could not be kept
+                run_rows.execute(FORGET, (run.owner, run.run_id), db)  # of an earlier run, whose end wasn't written
                 number = run_rows.insert(run, db, recording)
             self._database.make_room(run.owner, number, db)
             return recording
@@ -368,7 +370,7 @@ class UserRuns:
         return replies.RunSummary(name, status, robot, scene, began, **about)
 
 
-Runs = NoRuns | UserRuns  # the source of an engine's answers about runs
+Runs = NoRuns | UserRuns  # an engine's store of runs
 
 
 _KINDS: dict[str, tuple[type[MotionRequest], type[replies.MotionReply], type[replies.AnyRunReply]]] = {
@@ -379,9 +381,9 @@ _KINDS: dict[str, tuple[type[MotionRequest], type[replies.MotionReply], type[rep
 
 
 def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> replies.MotionReply:
-    """The reply of a run that is asked for again, by its name and in the same words: its answer may have been lost.
+    """Return the reply of a run to the same request, sent again under its name because the answer may have been lost.
 
-    Raises MalformedRequest if the run of that name is another one; raises what ended that run.
+    Raises MalformedRequest if the run of that name had another request; raises the error that ended it.
     """
     kept = runs.read(run_id)
     if kept.request != request or (kept.error is None and kept.reply is None):
@@ -393,20 +395,19 @@ def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> repl
 
 
 def name_taken(run_id: str) -> MalformedRequest:
-    """The refusal of a name that another run has."""
+    """Return the refusal of a name that another run has."""
     return MalformedRequest(f"run_id {run_id!r} is taken; leave it out to be given a new one", run_id=run_id)
 
 
-def _whole(run_id: str, document: str, data: bytes, kind: type[Any], encoding: Encoding) -> Any:
-    """A message of a run; UnknownObject if it can't be read."""
-    message = decoded(data, kind, encoding)
+def _decode(run_id: str, document: str, data: bytes, kind: type[Any], encoding: Encoding) -> Any:
+    message = decode_if_whole(data, kind, encoding)
     if message is None:
-        told = f"run {run_id!r} can't be read: its {document} is damaged; `delete` removes it"
-        raise UnknownObject(told, run_id=run_id, document=document)
+        fault = f"run {run_id!r} can't be read: its {document} is damaged; `delete` removes it"
+        raise UnknownObject(fault, run_id=run_id, document=document)
     return message
 
 
-def _pattern(text: str) -> str:
+def _like_pattern(text: str) -> str:
     for special in "\\%_":
         text = text.replace(special, f"\\{special}")
     return f"%{text}%"

@@ -2,7 +2,8 @@
 
 `<name>.json` holds a version of the scene, `<name>.changes` a line for each later version: its change, or the scene
 stored anew. A change costs a line, however large the scene is; now and then both files are written again. Changes are
-made under a lock; reading needs none, because every line and file has the number of its version.
+made under a lock; reading needs none, because every line and file has the number of its version. `MAX_VERSIONS` last
+versions are kept (`messages/scene_changes.py`).
 """
 
 from __future__ import annotations
@@ -23,17 +24,17 @@ from guidefield.messages.faults import list_choices, suggest
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import MAX_VERSIONS, SceneDiff, apply_change, freeze
 from guidefield.scene import library
-from guidefield.stores.files import alone, checked_name, decoded
+from guidefield.stores.files import checked_name, decode_if_whole, lock_file
 from guidefield.whole_file import write_whole
 
-MOST_LINES = 4 * MAX_VERSIONS
-"""Changes behind a whole scene after which the files are written again, if they are longer than it is."""
-MOST_SHORT_LINES = 64 * MAX_VERSIONS
+MAX_CHANGES = 4 * MAX_VERSIONS
+"""Number of changes after which the files are written again, if the changes are longer than the scene's file."""
+MAX_SHORT_CHANGES = 64 * MAX_VERSIONS
 """The same if they are shorter: to write and read 10,000 boxes takes every process as long as a hundred changes."""
-READ_AGAIN = 5  # number of readings of files that another process writes
+MAX_READINGS = 5  # number of attempts to read files that another process writes
 
 
-class _Whole(msgspec.Struct):
+class _SceneFile(msgspec.Struct):
     scene: Scene
     version: int = 1
 
@@ -45,7 +46,9 @@ class _VersionRecord(msgspec.Struct):
 
 
 @dataclass
-class _Known:
+class _ReadFiles:
+    """What was read of a scene's two files."""
+
     file: tuple[int, int]  # inode of its file, and time of writing [ns]
     size: int  # length of that file [bytes]
     first: int  # the version in that file
@@ -70,13 +73,12 @@ class SceneVersions:
     def __init__(self, folder: Path, name: str) -> None:
         self._name = name
         self._file, self._changes = folder / f"{name}.json", folder / f"{name}.changes"
-        self._known: _Known | None = None
+        self._known: _ReadFiles | None = None
 
     def read(self, version: int | None = None) -> tuple[Scene, int] | None:
         """Return a version, or the newest, with its number; None if nothing is stored.
 
-        Raises SceneInvalid if the files are damaged, or there is no such version any more, or yet; lists those there
-        are.
+        Raises SceneInvalid if the files are damaged, or there is no such version any more, or yet; it lists the others.
         """
         known = self._read()
         if known is None or version is None:
@@ -108,7 +110,7 @@ class SceneVersions:
                 version=before,
             )
         after = self._append(known, scene, _VersionRecord(before + 1, diff=diff))
-        if before + 1 - known.first >= (MOST_LINES if known.end > known.size else MOST_SHORT_LINES):
+        if before + 1 - known.first >= (MAX_CHANGES if known.end > known.size else MAX_SHORT_CHANGES):
             self._write_again(known)
         return after, before + 1
 
@@ -120,7 +122,7 @@ class SceneVersions:
             self.delete()
             known = None
         if known is None:
-            write_whole(self._file, codec.encode(_Whole(scene)))
+            write_whole(self._file, codec.encode(_SceneFile(scene)))
             return 1
         before, version = known.newest
         self._append(known, before, _VersionRecord(version + 1, scene=scene))
@@ -136,17 +138,17 @@ class SceneVersions:
         self._known = None
         return there
 
-    def _append(self, known: _Known, before: Scene, line: _VersionRecord) -> Scene:
-        """Write the line of a version behind those that there are, and return the scene after it.
+    def _append(self, known: _ReadFiles, before: Scene, line: _VersionRecord) -> Scene:
+        """Append the line of a version, and return the scene after it.
 
-        The line counts as it is read back, because the caller may change its own later. Raises MalformedRequest if it
-        can't be read.
+        The scene is made from the encoded line, because the caller may change its objects later. Raises
+        MalformedRequest if that can't be read.
         """
         data = codec.encode(line)
-        read = decoded(data, _VersionRecord)
+        read = decode_if_whole(data, _VersionRecord)
         if read is None:
             raise MalformedRequest("what is to be stored holds what no message can", path="$")
-        after = _after(before, read)
+        after = _apply(before, read)
         with self._changes.open("ab") as file:
             file.truncate(known.end)  # a line that was cut short was never answered
             try:
@@ -160,18 +162,18 @@ class SceneVersions:
         known.add(line.version, after)
         return after
 
-    def _write_again(self, known: _Known) -> None:
-        """Write the oldest version that is kept as the file of the scene, and the changes since behind it."""
+    def _write_again(self, known: _ReadFiles) -> None:
+        """Write the oldest version that is kept as the file of the scene, and the later changes as that of changes."""
         oldest = next(iter(known.versions))
         with contextlib.suppress(OSError):  # the change is made; the next one tries again
             lines = [line for line in _lines(self._changes.read_bytes())[0] or [] if line.version > oldest]
-            write_whole(self._file, codec.encode(_Whole(known.versions[oldest], oldest)))
+            write_whole(self._file, codec.encode(_SceneFile(known.versions[oldest], oldest)))
             write_whole(self._changes, b"".join(codec.encode(line) + b"\n" for line in lines))
             self._known = None
 
-    def _read(self) -> _Known | None:
+    def _read(self) -> _ReadFiles | None:
         """Read the files; None if nothing is stored; raises SceneInvalid if they are damaged."""
-        for _ in range(READ_AGAIN):
+        for _ in range(MAX_READINGS):
             try:
                 if self._is_known() or self._read_on():
                     return self._known
@@ -187,7 +189,7 @@ class SceneVersions:
         return (known.file, (known.changes, known.end)) == (_identify(self._file), _extent(self._changes))
 
     def _read_on(self) -> bool:
-        """Read later lines, or all; return whether the files fit together: not while they are written."""
+        """Read later lines, or all; return whether the files are of one state: not while a process writes them."""
         file, (changes, _) = _identify(self._file), _extent(self._changes)
         known, self._known = self._known, None
         if known is None or (known.file, known.changes) != (file, changes):
@@ -203,25 +205,25 @@ class SceneVersions:
                 continue
             if line.version != version + 1 or (line.diff is None) == (line.scene is None):
                 return False
-            scene, version = _after(scene, line), line.version
+            scene, version = _apply(scene, line), line.version
             known.add(version, scene)
         known.end += read
         self._known = known
         return True
 
-    def _read_whole(self, file: tuple[int, int], changes: int) -> _Known | None:
+    def _read_whole(self, file: tuple[int, int], changes: int) -> _ReadFiles | None:
         """Read the file of the scene, without its changes; None if it is damaged."""
         data = self._file.read_bytes()
-        whole = decoded(data, _Whole)
+        whole = decode_if_whole(data, _SceneFile)
         if whole is None:
-            scene = decoded(data, Scene)  # as 0.1 stored it
+            scene = decode_if_whole(data, Scene)  # as 0.1 stored it
             if scene is None:
                 return None
-            whole = _Whole(scene)
-        return _Known(file, len(data), whole.version, changes, 0, {whole.version: freeze(whole.scene)})
+            whole = _SceneFile(scene)
+        return _ReadFiles(file, len(data), whole.version, changes, 0, {whole.version: freeze(whole.scene)})
 
 
-def _after(scene: Scene, line: _VersionRecord) -> Scene:
+def _apply(scene: Scene, line: _VersionRecord) -> Scene:
     return apply_change(scene, line.diff) if line.diff is not None else freeze(line.scene or scene)
 
 
@@ -236,7 +238,7 @@ def _read_from(file: Path, begin: int) -> bytes:
 def _lines(text: bytes) -> tuple[list[_VersionRecord] | None, int]:
     """Return the changes in whole lines, None if one is damaged, and their length together [bytes]."""
     end = text.rfind(b"\n") + 1
-    lines = [decoded(line, _VersionRecord) for line in text[:end].splitlines()]
+    lines = [decode_if_whole(line, _VersionRecord) for line in text[:end].splitlines()]
     whole = [line for line in lines if line is not None]
     return (whole if len(whole) == len(lines) else None), end
 
@@ -349,7 +351,7 @@ class SceneStore(PackagedScenes):
             raise SceneInvalid(
                 f"scene {name!r} comes with the package and cannot be replaced; choose another name", scene=name
             )
-        with self._alone():
+        with self._lock():
             own = self.stored()
             if name not in own and len(own) >= self._limit:
                 raise RequestTooLarge(f"{self._limit} scenes are stored already; delete one first", limit=self._limit)
@@ -357,13 +359,13 @@ class SceneStore(PackagedScenes):
 
     def change(self, name: str, diff: SceneDiff) -> tuple[Scene, int]:
         """As `PackagedScenes.change`."""
-        with self._alone():
+        with self._lock():
             after = self._of(name).change(diff)
         return super().change(name, diff) if after is None else after
 
     def delete(self, name: str) -> None:
         """As `PackagedScenes.delete`."""
-        with self._alone():
+        with self._lock():
             is_deleted = self._of(name).delete()
         if not is_deleted:
             super().delete(name)
@@ -372,8 +374,8 @@ class SceneStore(PackagedScenes):
         return self._versions.find(name, lambda: SceneVersions(self._folder, checked_name(name, "scene")), lambda _: 0)
 
     @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
+    def _lock(self) -> Iterator[None]:
         with self._mutex:
             self._folder.mkdir(parents=True, exist_ok=True)
-            with alone(self._folder / ".lock"):
+            with lock_file(self._folder / ".lock"):
                 yield
