@@ -136,7 +136,7 @@ def lane_scene(scene: Scene) -> LaneScene:
 
 
 def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
-    """Build the tables of primitives, rows as `PLACED` (kernels/collide/primitives_layout.py) packs them; each is an obstacle."""
+    """Build the tables of primitives, rows as `primitives_layout.PLACED` packs them; each is an obstacle."""
     layout = obstacle_tables_layout(len(placed), len(owners))
     memory, words = np.zeros(layout.size, np.int64), np.empty(SCENE_WORDS, np.int64)
     begins = primitive_tables(placed.ravel(), layout.offsets, memory, words)
