@@ -194,7 +194,7 @@ def test_several_processes_share_it() -> None:
 
 
 def test_what_a_source_names_is_what_python_reads_of_it() -> None:
-    for path in (path for room in cache._ROOMS for path in (SOURCES / room).rglob("*.py")):
+    for path in (path for room in cache._PACKAGES for path in (SOURCES / room).rglob("*.py")):
         read, source = set[str](), path.read_text()
         for node in ast.walk(ast.parse(source)):
             if isinstance(node, ast.ImportFrom) and node.module is not None:

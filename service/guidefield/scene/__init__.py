@@ -1,1 +1,1 @@
-"""Scenes: obstacles and guide planes, built from messages, ready to plan in."""
+"""Scenes: obstacles and guide planes, built from messages, with their tables for kernels, ready to plan in."""

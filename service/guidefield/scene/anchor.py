@@ -1,7 +1,8 @@
-"""Requests, replies and scenes as seen from an anchor: a point near a robot that is far from the world's origin.
+"""Express requests, replies and scenes relative to an anchor: a point near a robot that is far from the world's origin.
 
-An anchor has whole metres: positions near it are counted from it without rounding, and single
-precision holds it in recordings.
+An anchor has whole metres: positions near it are counted from it without rounding, and single precision holds it in
+recordings. A new field with places in the world, of a request or reply, has to be added to `_WORLD`: what isn't listed
+there stays as it is, and is wrong for robots far away.
 """
 
 from __future__ import annotations
@@ -24,8 +25,7 @@ from guidefield.scene.content import points_in
 from guidefield.scene.scene import Scene, build
 
 FAR = 100.0
-"""A robot that is farther from the origin along an axis is seen from an anchor [m]: within it single precision tells
-8 um."""
+"""A robot that is farther from the origin along an axis gets an anchor [m]: single precision resolves 8 um there."""
 
 COARSE = 16384.0  # from here on neighbours in single precision are more than a millimetre apart [m]
 
@@ -33,17 +33,16 @@ _Message = TypeVar("_Message", bound=msgspec.Struct)
 
 
 class Anchor(msgspec.Struct, frozen=True):
-    """An anchor."""
+    """An anchor, and how far a mobile base's joint values are shifted with it."""
 
     place: Vector3  # in the world, whole metres [m]
-    # a planar or floating joint below the world whose place is counted from elsewhere, too; empty: none
-    joint: str = ""
-    values: tuple[float, ...] = ()  # that elsewhere, in the joint's own directions, whole metres [m]
-    root: Vector3 = ORIGIN  # the same in the world's, which the robot's root has gone there, shape (3,) [m]
+    joint: str = ""  # a planar or floating first joint that starts far from its zero, whose values are shifted; or none
+    values: tuple[float, ...] = ()  # by how much, in the joint's own directions, whole metres [m]
+    root: Vector3 = ORIGIN  # the same shift in the world's directions, shape (3,) [m]
 
     @classmethod
     def of(cls, request: Any, load: Callable[[Any], Any]) -> Anchor | None:
-        """Find the anchor of a request; None of one near the origin, or about no robot.
+        """Find the anchor of a request; None if its robot is near the origin, or it has none.
 
         Args:
             request: Of any kind.
@@ -67,27 +66,27 @@ class Anchor(msgspec.Struct, frozen=True):
         return cls((x, y, z)) if max(map(abs, at.position)) > FAR else None
 
     def inward(self, message: _Message) -> _Message:
-        """Return a message of the world as seen from here; scenes that requests hold stay (`seen_from`)."""
+        """Return a message of the world relative to the anchor; a scene in a request stays: see `see`."""
         return cast(_Message, _shift_message(message, self, -1.0))
 
     def outward(self, message: _Message) -> _Message:
-        """Return a message as seen from here in the world."""
+        """Return a message relative to the anchor in the world again."""
         return cast(_Message, _shift_message(message, self, 1.0))
 
     def see(self, scene: Scene) -> Scene:
-        """Return a scene as seen from here."""
+        """Return a scene of the world relative to the anchor."""
         return _shift_scene(scene, self)
 
     def show(self, obstacle: messages.Obstacle) -> messages.Obstacle:
-        """Return an obstacle as seen from here in the world."""
+        """Return an obstacle relative to the anchor in the world again."""
         return cast(messages.Obstacle, _shift_obstacle(obstacle, np.array(self.place)))
 
     def show_placement(self, placement: Placement) -> Placement:
-        """Return a placement as seen from here in the world."""
+        """Return a placement relative to the anchor in the world again."""
         return Placement(_vector(placement.position, self, 1.0), placement.quaternion_xyzw)
 
     def coarse_warnings(self, request: Any, scene: Scene | None) -> list[str]:
-        """A warning where positions of a request and its scene were told in single precision, too coarse for them."""
+        """Return a warning if positions of a request or its scene came in single precision, too coarse for them."""
         if (far := max(map(abs, self.place))) < COARSE:
             return []
         declared = () if scene is None else scene.message.obstacles
@@ -116,7 +115,7 @@ def _find_given_rows(request: requests.CertifyRequest) -> list[replies.Rows]:
 
 
 def _place_of(request: requests.PlanRequest | requests.CertifyRequest, joint: str, count: int) -> list[float] | None:
-    """Where a planar or floating joint stands at first, in its directions (count,) [m]; None where it isn't told."""
+    """Return where a planar or floating joint starts, in its directions (count,) [m]; None if that isn't given."""
     if isinstance(request, requests.CertifyRequest):
         (first, *_), *_ = _find_given_rows(request)
         if (names := _name_columns(request, joint, count)) is not None and joint + ".x" in names:
@@ -127,7 +126,7 @@ def _place_of(request: requests.PlanRequest | requests.CertifyRequest, joint: st
 
 
 def _name_columns(request: requests.CertifyRequest, joint: str, count: int) -> list[str] | None:
-    """The known names of the columns of a given motion; those of a robot's first joint stand first."""
+    """Return the known names of the columns of a given motion; those of a robot's first joint stand first."""
     if request.position_names is not None:
         return request.position_names
     moves = request.group is None or (isinstance(request.group, list) and request.group[0] == joint)
@@ -151,7 +150,7 @@ def _is_coarse(one: messages.Obstacle) -> bool:
 
 
 def _shift_obstacle(one: Any, by: np.ndarray) -> Any:
-    """An obstacle, shifted; one whose own points are far from its frame gets a frame among them."""
+    """Shift an obstacle; one whose own points are far from its frame gets a frame among them."""
     field = next((field for field in ("points", "vertices") if hasattr(one, field)), None)
     resting = one.trajectory is None
     if field is not None and resting and not isinstance(one, messages.Mesh):
@@ -191,7 +190,7 @@ def _points(points: Points, by: np.ndarray) -> Points:
 
 
 def _shift_message(message: Any, anchor: Anchor, sign: float) -> Any:
-    """A message with all places in the world farther by the anchor's place, or nearer where the sign is -1."""
+    """Shift all places of a message in the world by the anchor's place, or back where the sign is -1."""
     fields = _WORLD.get(type(message), {})
     found = {field: value for field in fields if (value := getattr(message, field)) is not None}
     changed = {field: fields[field](value, anchor, sign) for field, value in found.items()}
@@ -207,7 +206,7 @@ _OF_COLUMNS = requests.CertifyRequest | replies.PlanReply | replies.CertifyReply
 def _shift_columns(
     message: requests.CertifyRequest | replies.PlanReply | replies.CertifyReply, anchor: Anchor, sign: float
 ) -> dict[str, Any]:
-    """The fields of a message that hold values of the joint whose place is counted from elsewhere, changed."""
+    """Return the fields of a message that hold values of the anchor's joint, shifted."""
     columns = _columns_of(anchor.joint, len(anchor.values))
     by = dict(zip(columns, (sign * value for value in anchor.values), strict=True))
     names: Sequence[str] = (
@@ -311,4 +310,4 @@ _WORLD: dict[type, dict[str, Callable[[Any, Anchor, float], Any]]] = {
     replies.ClearanceReply: {"witness_points": _vectors, "packed": _inner},
     PackedClearance: {"witness_points": _shift_numbers},
 }
-"""The fields in the world's coordinates, of requests and replies about a robot."""
+"""The fields in the world's coordinates of requests and replies about a robot, and how each is shifted."""

@@ -1,4 +1,8 @@
-"""Point clouds: judged as balls around their points, charged as the surface that they were taken from."""
+"""Point clouds: collision shapes are balls around their points, charges those of the surface that they were taken from.
+
+The tables of a cloud (`LaneCloud`, kernels/distance/point_tree.py) are made once: kernels hold their address, and write
+distances that they find into `cells`. Softening, neighbours and `_MOST_CHARGED` shape the field alone.
+"""
 
 from __future__ import annotations
 
@@ -19,21 +23,20 @@ from guidefield.memo import memoized
 from guidefield.scene.recipe import Charges
 
 SOFTENING = 0.1  # softening length over the spacing: the field of a point stays finite
-NEIGHBOURS = 6  # this many neighbours tell how densely points lie
-_HOLE = 16.5  # potential in the middle of a hole of a square grid, times its spacing: that of a wall at 0.38 spacings
+NEIGHBOURS = 6  # so many nearest neighbours tell how densely points lie
 _AT_ONCE = 512  # points whose distances to all are held in memory
 
 
 def spacings(points: Floats, least: float, most: Floats | float) -> Floats:
-    """Spacing of the square grid that is as dense as a cloud is around each of its points, shape (n,) [m].
+    """Return the spacing of a square grid as dense as a cloud is around each of its points, shape (n,) [m].
 
     pi r^2 / k with r the distance of the k-th neighbour: unbiased for points spread at random on a smooth surface, 5 %
     too much for those of a square grid.
 
     Args:
         points: Shape (n, 3) [m].
-        least: What is denser counts as this [m], positive: points may coincide.
-        most: What is sparser counts as this [m], all or each, shape (n,): one that is alone represents no more.
+        least: Least spacing that is returned [m], positive: points may coincide.
+        most: Largest spacing that is returned [m], for all or for each, shape (n,).
     """
     k = min(NEIGHBOURS, len(points) - 1)
     if k < 1:
@@ -49,10 +52,11 @@ def spacings(points: Floats, least: float, most: Floats | float) -> Floats:
 
 
 def cloud_rows(points: Floats, spacing: Floats | float, charge: float = 1.0) -> Floats:
-    """Points of a surface sampled about evenly, as rows of `field_tables(cloud=...)`, shape (n, 5).
+    """Return points of a surface sampled about evenly as rows for `geometry.charged.field_tables(cloud=...)`, (n, 5).
 
     From a distance of a spacing on, a sheet of such points has the potential of the sheet to within 1 %. Nearer than
-    that the field is lumpy, and finite in the holes: see `leak_limit`.
+    that the field is lumpy: in the middle of a hole of a square grid it is 16.5 / spacing, that of a wall 0.38 spacings
+    away, so that a way may lead through. No certificate relies on it.
 
     Args:
         points: Shape (n, 3) [m], in the frame of the field.
@@ -69,23 +73,14 @@ def cloud_rows(points: Floats, spacing: Floats | float, charge: float = 1.0) -> 
     return rows
 
 
-def leak_limit(spacing: float, charge: float = 1.0) -> float:
-    """Potential above which a point must count as in contact with a cloud, else it may slip through a hole [1/m].
-
-    Half of what the middle of a hole has: where spacings vary by less than a factor of two no way leads through. No
-    certificate leans on it: for those a cloud is judged as bodies.
-    """
-    return 0.5 * _HOLE * charge / spacing
-
-
-CELL = 0.04  # sides of the grid's cells [m], where that doesn't make too many
+CELL = 0.04  # sides of the cells of a cloud's grid of distances [m], where that doesn't make too many
 MOST_CELLS = 4_000_000  # with more, cells are larger: their places have to be whole numbers in float32
 AROUND_POINTS = 0.1  # how far the grid goes beyond the points [m]
 
 
 @dataclass(frozen=True, eq=False)
 class CloudTables:
-    """A cloud for kernels: tables, and the same packed, whose address is true as long as the tables live."""
+    """A cloud for kernels: tables, and the same packed, whose address is valid as long as the tables live."""
 
     tables: LaneCloud
     words: Words
@@ -97,7 +92,7 @@ class CloudTables:
 
 
 def make_cloud_tables(points: np.ndarray, box: np.ndarray, radius: float) -> CloudTables:
-    """Make the tables of points (n, 3) in a box (2, 3), with a radius [m, world]; kernels keep grids in them."""
+    """Make the tables of points (n, 3) in a box (2, 3), with a radius [m, world]; kernels write into their grid."""
     points = points.copy()
     sort_for_tree(points)
     sizes = [-(-len(points) // LANES)]
@@ -129,14 +124,14 @@ def make_cloud_tables(points: np.ndarray, box: np.ndarray, radius: float) -> Clo
     return CloudTables(tables, pack(tables))
 
 
-MOST_IN_BODIES = 5_000  # a cloud of more points isn't turned into bodies with faces
+MOST_IN_BODIES = 5_000  # most points of a cloud that a robot holds, which become a mesh (`handlers/attached.py`)
 CORNERS = 12  # vertices of the body of each point
 
 _MOST_CHARGED = 3_000
-"""Of a cloud of more points, neighbours stand together as one charge: it is summed at every point of the robot."""
+"""A cloud of more points has neighbours merged to one charge, because all are summed at every point of the robot."""
 
-_SPECK = 1e-9  # sides of the triangles that stand for points [m, and a share of how far these are from the origin]
-_DENSEST = 0.01  # least spacing that a cloud's charges count with, over its radius
+_SPECK = 1e-9  # sides of the triangles that stand for points: this times 1 m plus the largest coordinate
+_DENSEST = 0.01  # least spacing of a cloud's charges, over its radius
 _SPHERE = math.sqrt(4.0 * math.pi)  # side of the square with the area of a sphere, over its radius
 
 
@@ -157,9 +152,9 @@ class Cloud:
 
     @cached_property
     def tables(self) -> CloudTables:
-        """Its tables for kernels: the same for all threads, as others keep no more than their address.
+        """Its tables for kernels, made once for all threads, because others keep only their address.
 
-        Since Python 3.12 two threads that ask at the same time would make a cached property each.
+        A cached property would be made twice if two threads ask at the same time (since Python 3.12).
         """
         with _MAKING:
             made: CloudTables | None = vars(self).get("tables")
@@ -179,7 +174,7 @@ def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Make icosahedra that contain the balls around points (n, 3) [m], for uses that need faces.
+    """Make icosahedra that contain the balls around points (n, 3) [m], for pictures and held clouds.
 
     Vertices (12 n, 3), 1.26 radii from the points, and triangles (20 n, 3).
     """
@@ -192,9 +187,9 @@ def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.nda
 
 
 def cloud_charges(points: np.ndarray, radius: float) -> Charges:
-    """Charge points (n, 3) [m, world] by the area nearest to each on the surface, at most that of its ball.
+    """Charge points (n, 3) [m, world] by the area of the surface nearest to each, at most that of its ball.
 
-    Those at the same place count once. Of a large cloud those in each cube of a grid are put together first.
+    Points at the same place count once. Those of a large cloud in each cube of a grid are merged first.
     """
     points = np.unique(points, axis=0)
     points, members = _put_together(points, _MOST_CHARGED)
@@ -211,7 +206,7 @@ def covering(cloud: Cloud, most: int) -> Cloud:
 
 
 def _put_together(points: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Merge points (n, 3) to at most `most`, (k, 3); return these, and the index of its one for each, shape (n,)."""
+    """Merge points (n, 3) to at most `most`, (k, 3); return these, and for each point the index of its own, (n,)."""
     if len(points) <= most:
         return points, np.arange(len(points))
     low = points.min(axis=0)

@@ -1,4 +1,8 @@
-"""Numbers of declared obstacles, read from triples or packed, and hashes of obstacles and scenes."""
+"""Read the numbers of declared obstacles, listed or packed, and hash obstacles and scenes.
+
+Built obstacles, scenes and files on disk are found again by these hashes, in memory and on disk. A kind of obstacle
+that may have very many numbers belongs in `_GEOMETRY` (and in `_parts`), so that they are hashed only once.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,7 @@ def corners_in(triangles: Triangles) -> np.ndarray:
 
 
 def _triples(listed: list[Any], kind: type) -> np.ndarray:
-    flat = itertools.chain.from_iterable(listed)  # which NumPy reads in a third of the time
+    flat = itertools.chain.from_iterable(listed)  # NumPy reads it in a third of the time
     return np.fromiter(flat, kind, 3 * len(listed)).reshape(-1, 3)
 
 
@@ -67,7 +71,7 @@ def _parts(declared: messages.Obstacle | messages.GuidePlane) -> int:
 
 
 class Content(NamedTuple):
-    """Hashes of a declared obstacle: of all, and of its points and triangles alone, if it is declared by many."""
+    """Hashes of a declared obstacle: of all, and of its points and triangles alone if its kind has them."""
 
     all: bytes
     geometry: bytes = b""
@@ -91,14 +95,14 @@ def content_of(message: messages.Obstacle) -> Content:
 
 
 def scene_content(message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
-    """The hash of all that is declared of a scene, and those of its meshes and clouds, by index."""
+    """Hash all that is declared of a scene; return also the hashes of its meshes and clouds, by index."""
     many = {index: content_of(one) for index, one in enumerate(message.obstacles) if type(one) in _GEOMETRY}
     obstacles = [many[index].all if index in many else one for index, one in enumerate(message.obstacles)]
     return _hash(msgspec.structs.asdict(message) | {"obstacles": obstacles}), many
 
 
 def change_content(before: bytes, change: Derivation, message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
-    """Return the hash of a changed scene, of the hash before and the change, and those of others by index."""
+    """Hash a changed scene from the hash before and the change; return also hashes of new obstacles, by index."""
     others = [*change.moved, *range(len(message.obstacles) - change.added, len(message.obstacles))]
     fresh = {index: content_of(message.obstacles[index]) for index in others}
     return _hash([before, message.name, change.removed, others, [one.all for one in fresh.values()]]), fresh

@@ -1,7 +1,8 @@
 """Crop a scene to what may be nearest to some place in a ball: distances from all places in the ball stay the same.
 
 Of very many obstacles those are kept that may be nearest, of large surfaces and clouds the triangles and points that
-may be: tables of all others are never made. The field stays that of the whole scene's surfaces and clouds.
+may be: tables of all others are never made. `handlers/preparation.py` crops to the ball that the robot can reach.
+Thresholds decide when cropping pays; that distances stay exact rests on the proof below and on `RELATIVE_ROUNDING`.
 
 Let r be the ball's radius and d the distance of its centre from that of an obstacle, which contains a ball of radius a
 and is within one of radius b. From anywhere in the ball the obstacle is at least d - r - b away, and at most d + r - a.
@@ -33,11 +34,11 @@ from guidefield.scene.scene import Scene, declare_with, rows_of, with_others
 NOBODY: frozenset[str] = frozenset()
 
 RELATIVE_ROUNDING = 1e-9
-"""Bounds on distances are wider by this, in metres and for each metre that places are from the origin."""
+"""Bounds on distances are wider by this times 1 m plus the distance from the origin."""
 
 MANY_MOVING = 16  # number of moving obstacles from which some are left out: each is evaluated at many times
-KEPT_BALLS = 2  # crops of an obstacle that are kept: tables of crops of large meshes are large
-MAX_CROPPED_SHARE = 0.7  # an obstacle of which more is kept is as soon prepared whole
+KEPT_BALLS = 2  # crops of an obstacle that stay in memory: tables of crops of large meshes are large
+MAX_CROPPED_SHARE = 0.7  # an obstacle of which a larger share would be left is prepared whole
 
 
 class Ball(NamedTuple):
@@ -52,8 +53,8 @@ class Ball(NamedTuple):
 class NearestObstacles(NamedTuple):
     """The obstacles of a scene that may be nearest to some place in a ball."""
 
-    least: np.ndarray  # bounds on the distance of each obstacle from any place in the ball, at any time, shape (n,) [m]
-    most: np.ndarray
+    least: np.ndarray  # lower bounds on each obstacle's distance from any place in the ball, at any time, (n,) [m]
+    most: np.ndarray  # upper bounds, shape (n,) [m]
     chosen: np.ndarray  # those that may be nearest, ascending indices, shape (k,)
     some: Scene | None  # the scene with these alone; None: they are all of it
 
@@ -70,7 +71,7 @@ def has_many(scene: Scene) -> bool:
 
 
 def has_large(scene: Scene) -> bool:
-    """Return whether a scene has an obstacle at rest that is sooner prepared in part."""
+    """Return whether a scene has an obstacle at rest so large that it pays to prepare a part of it."""
     return is_large(scene.most_faces) and any(map(_is_large, map(scene.obstacles.__getitem__, scene.others)))
 
 
@@ -143,7 +144,7 @@ def _choose(least: np.ndarray, most: np.ndarray) -> np.ndarray:
 def _gaps(obstacles: Sequence[Obstacle], ball: Ball, named: frozenset[str]) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds on obstacles' distances from any place in the ball at any time, both of shape (n,) [m].
 
-    They are infinite for those that are named, and for what is no primitive at rest.
+    Named obstacles, and those at rest that are no primitives, are always kept: minus and plus infinity.
     """
     placed, least, most = rows_of(obstacles), np.empty(len(obstacles)), np.empty(len(obstacles))
     gaps_from_ball(placed, np.array(ball, float), RELATIVE_ROUNDING, least, most)

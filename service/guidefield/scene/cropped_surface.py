@@ -1,4 +1,8 @@
-"""Crop a large surface to the triangles that may be nearest to some place in a ball."""
+"""Crop a large surface to the triangles that may be nearest to some place in a ball.
+
+Signed distances stay exact by the neighbours of the kept triangles and, for a solid, an anchor: a place from which the
+sides are known (kernels/distance/ray_winding.py). Kept parts are cached on disk by the surface's hash.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +25,8 @@ Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
 """Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface; not before they are needed."""
 
 _GOOD_ANCHOR = 0.05  # the ball's centre serves as anchor if so large a share of its radius about it is free. Unrecorded
-ROUNDING = 1e-9  # share by which the ball is larger where it is asked which solids come into it
-_WINDING_TOLERANCE = 0.01  # distance of a winding number from a whole one
+ROUNDING = 1e-9  # share by which the ball is larger in the test which solids come into it
+_WINDING_TOLERANCE = 0.01  # a place is an anchor if its winding number is within this of a whole one
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +36,7 @@ class CroppedSurface:
     # the kept triangles of each of its solids that is near, or of the thin surface, with their neighbours; all of the
     # same vertices
     parts: tuple[Triangulated, ...]
-    anchors: np.ndarray  # places outside or inside of each solid, see `Anchor`; zeros of one that is whole
+    anchors: np.ndarray  # rows of `ray_winding.ANCHOR` columns for each solid; zeros of one that is kept whole
     box: np.ndarray  # lower and upper corner about all of the surface, shape (2, 3) [m]
     whole: Whole  # make all of the surface, and the triangles of each of its solids
     solids: Callable[[], list[np.ndarray]]
@@ -62,10 +66,10 @@ def crop_surface(
     solid: bool,
     most: float,
 ) -> CroppedSurface | None:
-    """Crop a surface to a ball: from everywhere in the ball it is as far as its part. Small solids stay whole or go.
+    """Crop a surface to a ball: from everywhere in the ball the part is as far as all of it. Small solids stay or go.
 
-    The surface and the triangles of its solids, or all of a thin one, are made when they are needed. With the surface's
-    key, content, the part is kept on disk. None if a larger share than `most` of its triangles is kept.
+    `whole` makes the surface, `solids` the triangles of its solids, or all of a thin one; both only if needed. With the
+    surface's hash `content` the part is kept on disk. None if a larger share than `most` of its triangles is left.
     """
 
     def find() -> Arrays:
@@ -86,7 +90,7 @@ def _find_parts(
     radius: float,
     most: float,
 ) -> Arrays:
-    """Return the part as arrays, numbers of vertices in four bytes; of too much, no counts alone."""
+    """Return the part as arrays, triangles as int32; if too much is left, empty `counts` alone."""
     vertices, triangles = surface
     if len(solids) > 1:
         solids = _near_solids(vertices, solids, centre, radius)
@@ -149,7 +153,7 @@ def _part(
 
 
 def nearest_parts(vertices: np.ndarray, corners: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
-    """Choose the parts of a surface or cloud that may be nearest, shape (n,); see `crop_to_ball`."""
+    """Choose triangles or points that may be nearest to some place in a ball, shape (n,); see `crop_to_ball`."""
     chosen = np.empty(len(corners), bool)
     vertices, corners = np.ascontiguousarray(vertices, float), np.ascontiguousarray(corners, np.int64)
     crop_to_ball(vertices, corners, np.ascontiguousarray(centre, float), radius, chosen)

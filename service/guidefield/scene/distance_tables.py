@@ -1,4 +1,8 @@
-"""Tables of a scene's obstacles for the distance kernels, and of those that move for the barrier's."""
+"""Tables of a scene's obstacles at rest for the distance kernels, and of those that move for the barrier kernels.
+
+Optimization and swept capsules read them. Columns are those of `geometry/distance_bodies.py` and kernels/barrier. When
+only boxes, cylinders and capsules come or go, tables are updated to the very ones that would be built anew.
+"""
 
 from __future__ import annotations
 
@@ -39,14 +43,14 @@ from guidefield.scene.scene import Scene, is_other, placed_rows, rows_of, unplac
 
 
 class _Standing(NamedTuple):
-    """Bodies that rest; the middles of boxes about those in the tree, numbered as the obstacles that they are of."""
+    """Bodies at rest, and the order of those in the tree, by the middles of their boxes and numbered as obstacles."""
 
     tables: DistanceTables
     along: CurveOrder
 
 
 def distance_tables(scene: Scene) -> DistanceTables:
-    """Tables of the obstacles of a scene that rest; computed once for each scene.
+    """Build the tables of the obstacles of a scene that are at rest; once for each scene.
 
     A closed mesh is a solid for each of its connected pieces, together with the hollows within it, so that pieces that
     overlap are distinguished from hollows.
@@ -55,7 +59,7 @@ def distance_tables(scene: Scene) -> DistanceTables:
 
 
 def _over(known: _Standing, rows: Rows, scene: Scene) -> _Standing | None:
-    """The same of a scene that was changed, where nothing but boxes, cylinders and capsules came or went."""
+    """Update the tables after a change; None unless only boxes, cylinders and capsules came or went."""
     fresh, tables, order = [scene.obstacles[index] for index in rows.fresh], known.tables, known.along.order
     placed, first = rows_of(fresh), len(tables.kinds) - len(order)
     endless, left = rows.now[tables.obstacles[:first]], len(order) - int((rows.now[order] < 0).sum())
@@ -84,7 +88,7 @@ def _over(known: _Standing, rows: Rows, scene: Scene) -> _Standing | None:
 
 
 def _carry_zeros(rows: Rows, values: np.ndarray) -> np.ndarray:
-    """Numbers of bodies of which the others have none: the very same where nobody has."""
+    """Carry numbers over that new bodies lack; return the same array if nobody has any."""
     if rows.count == rows.before and not values.any():
         return values
     return rows.carry(values, np.zeros((rows.count, *values.shape[1:]), values.dtype))
@@ -103,7 +107,7 @@ def _standing(scene: Scene) -> _Standing:
 
 
 def _in_order(scene: Scene) -> tuple[BodyRows, np.ndarray]:
-    """The bodies of all obstacles that rest, in the order of these, and which each is of, shape (n,)."""
+    """Return the bodies of all obstacles at rest, in their order, and the obstacle of each, shape (n,)."""
     placed = placed_rows(scene)
     primitives = _primitive_rows(placed)
     declared = np.delete(np.arange(len(placed)), scene.others)
@@ -124,12 +128,11 @@ def _in_order(scene: Scene) -> tuple[BodyRows, np.ndarray]:
 
 
 def _split(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of what is chosen, and of the rest."""
     return np.flatnonzero(chosen), np.flatnonzero(~chosen)
 
 
 def _primitive_rows(placed: np.ndarray) -> BodyRows:
-    """Boxes, cylinders and capsules that are declared by `PLACED`, shape (n, 12)."""
+    """Make the bodies of boxes, cylinders and capsules from rows of `primitives_layout.PLACED`, shape (n, 12)."""
     count = len(placed)
     rows = BodyRows(
         kinds=np.empty(count, np.int64),
@@ -146,7 +149,7 @@ def _primitive_rows(placed: np.ndarray) -> BodyRows:
 
 
 def bodies_of(obstacle: Obstacle) -> list[DistanceBody]:
-    """The bodies of an obstacle in the world; of one that moves, where it is at first."""
+    """Return the bodies of an obstacle in the world; of one that moves, where it is at first."""
     rotation, translation = obstacle.placement.rotation, obstacle.placement.translation
     body = primitive(obstacle.shape) if obstacle.facets is None else None
     if body is not None:
@@ -182,7 +185,7 @@ def _small_sheets(obstacles: list[Obstacle]) -> BodyRows:
 
 
 def _large_bodies(obstacle: Obstacle) -> list[DistanceBody]:
-    """The bodies of a large mesh in its own frame; from disk if they were asked for before."""
+    """Return the bodies of a large mesh in its own frame; from disk if they were made before."""
 
     def write(allocate: Allocate) -> None:
         write_surfaces(obstacle.surfaces, allocate)
@@ -198,7 +201,7 @@ def _large_bodies(obstacle: Obstacle) -> list[DistanceBody]:
 
 
 def _as_cropped(obstacle: Obstacle, solids: list[DistanceBody]) -> list[DistanceBody]:
-    """The solids of an obstacle, those of which only a part is seen as such."""
+    """Mark those solids of an obstacle of which only a part is kept as cropped."""
     if obstacle.cropped is None:
         return solids
     parts = zip(solids, obstacle.cropped.parts, obstacle.cropped.anchors, strict=True)
@@ -210,7 +213,7 @@ def _as_cropped(obstacle: Obstacle, solids: list[DistanceBody]) -> list[Distance
 
 @memoized
 def moving_tables(scene: Scene) -> MovingBodies:
-    """Tables of the obstacles of a scene that move; once for each scene, and once for all in which none does."""
+    """Build the tables of the obstacles of a scene that move; once for each scene, and once for all without any."""
     return _tables({index: scene.obstacles[index] for index in scene.others}) if scene.moves else _nothing()
 
 
@@ -220,7 +223,7 @@ def _nothing() -> MovingBodies:
 
 
 def _tables(obstacles: Mapping[int, Obstacle]) -> MovingBodies:
-    """The same of those that move of some obstacles, by their indices."""
+    """Build the tables of those that move among some obstacles, by their indices."""
     bodies, owners, of = [], [], []
     motions = [(index, one.motion) for index, one in obstacles.items() if one.motion is not None]
     for k, (index, motion) in enumerate(motions):

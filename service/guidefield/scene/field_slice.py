@@ -1,7 +1,8 @@
-"""A picture of the field in a plane through a scene, also at a time: dark valleys between bright walls, with contours.
+"""Draw the field in a plane through a scene, also at a time: dark valleys between bright walls, with contours.
 
 A unit charge is pushed down into the valleys; where the potential is Phi it is as if a large wall were 2 pi/Phi away.
-Colours and contours follow that distance: it is what a person can read.
+Colours and contours follow that distance: it is what a person can read. For recordings and requests for the potential
+alone: accuracy is a few thousandths, and planning reads none of it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def single_tables(scene: Scene, origin: Origin) -> FieldTables:
 
 @memoized
 def coarse_tables(scene: Scene, origin: Origin) -> FieldTables:
-    """Return the same with expansions for all that is far away, for pictures: see `with_far_trees`."""
+    """Return `single_tables` with expansions for all that is far away, for pictures: see `with_far_trees`."""
     return single_precision(with_far_trees(scene.tables), np.array(origin))
 
 
@@ -79,10 +80,10 @@ def _movers(scene: Scene) -> tuple[tuple[FieldTables, Any], ...]:
     )
 
 
-MARGIN = 0.5  # what a plane along a path shows around it, over the path's extent
-LEAST_MARGIN = 0.3  # the least of it [m]
-STRAIGHT = 0.05  # a path is straight if it strays from a line by less than this part of its length
-_UPRIGHT = 0.3  # the world's vertical leads in a plane where at least this part of it lies in the plane
+MARGIN = 0.5  # margin around a path in a picture, over the path's extent
+LEAST_MARGIN = 0.3  # least margin [m]
+STRAIGHT = 0.05  # a path is straight if it strays from a line by less than this share of its length
+_UPRIGHT = 0.3  # up in a picture is the world's vertical if at least this share of it lies in the plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +110,7 @@ class SlicePlane:
 
     @property
     def corners(self) -> np.ndarray:
-        """Of the picture: first, end of the first row, last, end of the first column; shape (4, 3) [m]."""
+        """Corners: the picture's first, the end of its first row, its last, the end of its first column; (4, 3) [m]."""
         corners: np.ndarray = self.corner + np.outer([0, 1, 1, 0], self.across) + np.outer([0, 0, 1, 1], self.down)
         return corners
 
@@ -141,7 +142,7 @@ class SlicePlane:
 
 
 def planes_along(path: np.ndarray) -> tuple[SlicePlane, SlicePlane]:
-    """Two planes in which a path can be followed: the one that fits it best, and the one across that along it.
+    """Choose two planes in which a path can be followed: the one that fits it best, and one across that along it.
 
     Both go through the middle of the tip's path, shape (n, 3) [m, world], and contain its main direction, so that a
     path that is nearly flat runs in the first and, from the side, along the second. For a straight path the first is as
@@ -165,7 +166,7 @@ def planes_along(path: np.ndarray) -> tuple[SlicePlane, SlicePlane]:
 
 
 def _frame(path: np.ndarray, middle: np.ndarray, normal: np.ndarray) -> SlicePlane:
-    """The rectangle across a normal that shows a path with its margin, seen from above or from the front."""
+    """Return the rectangle across a normal that shows a path with its margin, seen from above or from the front."""
     vertical = np.array([0.0, 0.0, 1.0])
     up = vertical - (normal @ vertical) * normal
     if np.linalg.norm(up) < _UPRIGHT:
@@ -186,9 +187,9 @@ CONTOURS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 """Distances of a wall whose potential the contour lines mark [m]."""
 
 FINE_CONTOURS = (0.015, 0.025, 0.03, 0.04, 0.06, 0.07, 0.08, 0.15, 0.25, 0.3, 0.4, 0.6, 0.7, 0.8, 1.5, 2.5, 3.0, 4.0)
-"""The same of fainter lines between: they show the valley of a narrow passage."""
+"""Distances of fainter lines between them: they show the valley of a narrow passage."""
 
-NEAREST = 0.015  # distance of a wall that has the brightest colour; what is nearer has it too [m]
+NEAREST = 0.015  # a wall at this distance or nearer has the brightest colour [m]
 LEAST_DECADES = 0.5  # the least number of powers of ten that the colours span
 SOLID_COLOR = (98, 101, 108)  # inside of solids
 
@@ -227,7 +228,7 @@ class FieldSlice:
 def field_slice(
     scene: Scene, plane: SlicePlane, resolution: int = 320, origin: Origin | None = None, every: int = 1
 ) -> FieldSlice:
-    """The scene's field in a plane, as a picture of `resolution` pixels along the longer side.
+    """Draw the scene's field in a plane, as a picture of `resolution` pixels along the longer side.
 
     Dark is far from everything, bright near a surface, by the logarithm of the potential; grey is inside of a solid.
     Contour lines are where the potential is that of a wall 1, 2, 5, 10 .. cm away. Tables are kept for an origin near
@@ -280,14 +281,14 @@ def _interpolate(tables: FieldTables, plane: SlicePlane, rows: int, columns: int
 
 
 def _weights(count: int, coarse: int) -> np.ndarray:
-    """Weights (count, coarse) that interpolate linearly between the centres of fewer pixels along the same line."""
+    """Return weights (count, coarse) that interpolate linearly between the centres of fewer pixels along a line."""
     at = np.clip((np.arange(count) + 0.5) * coarse / count - 0.5, 0.0, coarse - 1.0)
     weights: np.ndarray = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(coarse)))
     return weights
 
 
 def _colors(log_potential: np.ndarray, solid: np.ndarray) -> np.ndarray:
-    """Colours of the logarithms, shape (n, 3): from the lowest of them up to that of the nearest wall."""
+    """Return the colours of logarithms, shape (n, 3): from the lowest of them up to that of the nearest wall."""
     shown = log_potential[np.isfinite(log_potential) & ~solid]
     low = float(shown.min()) if len(shown) else 0.0
     high = max(math.log10(2.0 * math.pi / NEAREST), low + LEAST_DECADES)
@@ -297,7 +298,7 @@ def _colors(log_potential: np.ndarray, solid: np.ndarray) -> np.ndarray:
 
 
 def _contours(field: Field, plane: SlicePlane, pixel: float) -> np.ndarray:
-    """Share of ink of contour lines in each pixel, shape (n,): by their distance, from the gradient in the plane."""
+    """Return the share of contour lines in each pixel, (n,): by their distance, from the gradient in the plane."""
     rotation = plane.pose.rotation
     in_plane = field.gradient @ rotation[:, :2]
     # Potential, relative, that a pixel makes: no line is wider than where it changes by a thousandth.

@@ -1,4 +1,8 @@
-"""Flat polygons in space, and the guide plane: a convex one in free space that the tip has to reach."""
+"""Fit, check and triangulate flat polygons in space; the guide plane, a convex one that the tip has to reach.
+
+Polygon obstacles are built of the first part, planner/guide asks the second for distances and insets. Tolerances are
+shares of a polygon's size, and decide which polygons users get refused.
+"""
 
 from __future__ import annotations
 
@@ -40,13 +44,13 @@ class FlatPolygon:
     area: float  # signed sum of the enclosed area [m^2]; positive for a simple polygon
 
     def from_plane(self, corners: np.ndarray) -> np.ndarray:
-        """Points in the world (n, 3) of points (n, 2) in the plane's axes about its origin [m]."""
+        """Return points in the world (n, 3) of points (n, 2) in the plane's axes about its origin [m]."""
         points: np.ndarray = self.origin + corners @ self.axes
         return points
 
 
 class FlatPolygons(NamedTuple):
-    """Polygons of the same number of corners, row by row as `FlatPolygon` has them."""
+    """Polygons with the same number of corners, columns of the fields of `FlatPolygon`."""
 
     vertices: np.ndarray
     normals: np.ndarray
@@ -64,7 +68,7 @@ class FlatPolygons(NamedTuple):
 
 
 def centroid(polygon: np.ndarray) -> np.ndarray:
-    """Centroid (2,) of a polygon (k, 2) with an area."""
+    """Return the centroid (2,) of a polygon (k, 2) with an area."""
     after = np.roll(polygon, -1, axis=0)
     cross = polygon[:, 0] * after[:, 1] - polygon[:, 1] * after[:, 0]
     middle: np.ndarray = ((polygon + after) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
@@ -133,8 +137,7 @@ def axes_across(normal: np.ndarray) -> np.ndarray:
 def crossing_edges(polygons: FlatPolygons) -> dict[int, tuple[int, int]]:
     """Find two edges that touch but aren't neighbours, or fold back on each other, by index of a flat polygon.
 
-    Edge i runs from corner i to corner i + 1. Lengths below `PLANARITY` of the size count as touching. Those that are
-    missing are simple.
+    Edge i runs from corner i to corner i + 1. Edges closer than `PLANARITY` of the size touch. Missing ones are simple.
     """
     start = polygons.corners
     end = np.roll(start, -1, axis=1)
@@ -221,7 +224,7 @@ def _build(polygons: FlatPolygons) -> list[Sheet | str]:
     return built
 
 
-SLACK = 1e-8  # rounding that `contains` forgives, as a fraction of the size: a closest point is contained
+SLACK = 1e-8  # rounding that `contains` allows, as a fraction of the size, so that a closest point is contained
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +247,7 @@ class GuidePlane:
     offsets: np.ndarray
 
     def signed_height(self, point: np.ndarray) -> float:
-        """Distance of a point (3,) in the world from the plane [m], positive on the side of the normal."""
+        """Return the distance of a point (3,) in the world from the plane [m], positive on the side of the normal."""
         return float(self.normal @ (point - self.flat.origin))
 
     def contains(self, point: np.ndarray, inset: float = 0.0) -> bool:
@@ -256,7 +259,7 @@ class GuidePlane:
         return self._depth(self.flat.axes @ (point - self.flat.origin))
 
     def closest_point(self, point: np.ndarray, inset: float = 0.0) -> np.ndarray:
-        """The point (3,) of the inset polygon that is closest to a point (3,) [m, world]."""
+        """Return the point (3,) of the inset polygon that is closest to a point (3,) [m, world]."""
         inset = min(inset, self.inradius)
         foot = self.flat.axes @ (point - self.flat.origin)
         if self._depth(foot) < inset:
@@ -269,7 +272,7 @@ class GuidePlane:
         return float(np.linalg.norm(point - self.closest_point(point, inset)))
 
     def inset_vertices(self, inset: float) -> np.ndarray:
-        """Corners of the inset polygon, shape (m, 3) [m, world]; fewer where an edge has vanished."""
+        """Return the corners of the inset polygon, shape (m, 3) [m, world]; fewer where an edge has vanished."""
         return self.flat.from_plane(self._inset_corners(min(inset, self.inradius)))
 
     def _depth(self, foot: np.ndarray) -> float:
@@ -296,7 +299,7 @@ def build_all(declared: Sequence[messages.GuidePlane], deadline: Deadline = UNLI
 
 
 def build(message: messages.GuidePlane, index: int) -> GuidePlane:
-    """Check a guide plane, that of an index in its scene, and make it ready for questions.
+    """Check a guide plane, given with its index in the scene, and build it.
 
     Raises SceneInvalid if it isn't flat, isn't convex or has no area; `details` name the plane and the path.
     """
@@ -342,7 +345,7 @@ def _convexity_fault(flat: FlatPolygon) -> str | None:
 
 
 def _inset(corners: np.ndarray, inward: np.ndarray, inset: float) -> np.ndarray | None:
-    """Corners after all edges moved inwards; None once an edge has vanished, whose length falls linearly until then."""
+    """Move all edges inwards and return the corners; None once an edge has vanished (lengths fall linearly)."""
     arriving = np.roll(inward, 1, axis=0)
     mitre = (arriving + inward) / (1.0 + np.einsum("ij,ij->i", arriving, inward))[:, None]
     moved: np.ndarray = corners + inset * mitre
@@ -370,7 +373,7 @@ def _clip(corners: np.ndarray, inward: np.ndarray, offsets: np.ndarray) -> np.nd
 
 
 def _closest_on_outline(foot: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Point (2,) of a closed outline (m, 2), m >= 1, that is closest to another."""
+    """Return the point (2,) of a closed outline (m, 2), m >= 1, that is closest to another."""
     along = np.roll(corners, -1, axis=0) - corners
     lengths = np.einsum("ij,ij->i", along, along)
     share = np.einsum("ij,ij->i", foot - corners, along) / np.where(lengths > 0.0, lengths, 1.0)

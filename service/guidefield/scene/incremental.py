@@ -1,7 +1,7 @@
-"""Update tables of a scene incrementally: after a change only rows of other obstacles are made anew.
+"""Update tables of a scene incrementally: after a change only rows of new obstacles are made.
 
-An updated table is the same, to the last bit, as one that is made of the changed scene alone. The table of the scene
-before stays as it is.
+Whoever decorates a function with `incremental` promises that an updated table is the same, to the last bit, as one that
+is made of the changed scene alone, and that the table of the scene before stays as it is. Thresholds are time alone.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import numpy as np
 
 from guidefield.memo import MISSING, Answers
 
-FEW = 0.25  # where more of the obstacles than this share are others, all is sooner made anew
-MANY = 256  # tables of fewer obstacles are as soon made anew
-MANY_RUNS = 64  # more runs are sooner taken row by row than run by run
+MOST_FRESH = 0.25  # where a larger share of the obstacles is new, building all anew takes less time
+MANY = 256  # tables of fewer obstacles are always built anew
+MANY_RUNS = 64  # more runs are copied row by row instead of run by run
 
 Rest = ParamSpec("Rest")
 Table = TypeVar("Table")
@@ -33,18 +33,16 @@ Run = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The rows of a scene's obstacles in the one that it was changed from; those that stayed keep their order.
+    """Where a scene's obstacles were in the one that it was changed from; those that stayed keep their order."""
 
-    Runs are of obstacles that stand one behind the other now as `before`, of how many there were: where the first of
-    them stood, and how many they are; -1 and how many of others.
-    """
-
+    # of obstacles that stand one behind the other in both: the first one's former index, and their number; of new ones
+    # -1 and their number
     runs: Sequence[Run]
-    before: int
+    before: int  # how many obstacles there were
 
     @classmethod
     def of(cls, source: np.ndarray, before: int) -> Rows:
-        """By where each of the obstacles stood, -1 of one that is another, shape (n,)."""
+        """Build it from the former index of each obstacle, -1 of a new one, shape (n,)."""
         others = source < 0
         steps = np.where(others[1:], ~others[:-1], others[:-1] | (np.diff(source) != 1))
         begins = np.flatnonzero(np.append(True, steps)[: len(source)])
@@ -53,10 +51,10 @@ class Rows:
 
     @classmethod
     def changed(cls, before: int, removed: Iterable[int], moved: Sequence[int], count: int) -> Rows:
-        """By what a change does to `before` obstacles.
+        """Build it from a change of `before` obstacles to `count`.
 
-        Some are removed; of those left some have moved, by where they stand now; all ascending. Those behind the ones
-        that are left, of `count` now, are others.
+        Given are former indices of removed ones and new indices of those that were replaced in place, both ascending.
+        Behind all that are left there are new ones.
         """
         runs, place, others = list[Run](), 0, 0
         for begin, many in _find_between(removed, before):
@@ -75,7 +73,7 @@ class Rows:
 
     @cached_property
     def source(self) -> np.ndarray:
-        """Former index of each obstacle, -1 of another one, shape (n,)."""
+        """Former index of each obstacle, -1 of a new one, shape (n,)."""
         source, place = np.full(self.count, -1), 0
         for begin, count in self.runs:
             if begin >= 0:
@@ -95,7 +93,7 @@ class Rows:
 
     @cached_property
     def fresh(self) -> list[int]:
-        """Indices of other obstacles, ascending."""
+        """Indices of new obstacles, ascending."""
         fresh, place = list[int](), 0
         for begin, count in self.runs:
             if begin < 0:
@@ -120,11 +118,11 @@ class Rows:
 
     @property
     def are_few(self) -> bool:
-        """True if so few are others that an update pays."""
-        return len(self.fresh) <= FEW * self.count
+        """True if so few are new that an update pays."""
+        return len(self.fresh) <= MOST_FRESH * self.count
 
     def carry(self, rows: np.ndarray, fresh: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """Rows of obstacles (n, ...), of those before (m, ...) and of the others (k, ...), in `out` if it is given."""
+        """Return rows of all obstacles (n, ...) from those before (m, ...) and new ones (k, ...), in `out` if given."""
         carried = np.empty((self.count, *rows.shape[1:]), rows.dtype) if out is None else out
         if len(self.runs) > MANY_RUNS:
             np.take(rows, self.source, axis=0, out=carried, mode="wrap")
@@ -141,7 +139,7 @@ class Rows:
         return carried
 
     def listed(self, values: Sequence[Value], fresh: Sequence[Value]) -> list[Value]:
-        """The same of a list."""
+        """Return a list of all obstacles' values, as `carry` does."""
         if self.in_place:
             carried = [*values]
             for index, value in zip(self.fresh, fresh, strict=True):
@@ -164,14 +162,14 @@ class Rows:
         return [index for index in now if index >= 0]
 
     def among(self, before: np.ndarray, now: np.ndarray) -> Rows:
-        """The same of some of the obstacles before, shape (b,), and now, shape (k,), both by ascending indices."""
+        """Return the rows among some of the obstacles before, (b,), and now, (k,), both ascending indices."""
         source = self.source[now]
         place = np.minimum(np.searchsorted(before, source), len(before) - 1)
         stood = before[place] == source if len(before) else np.zeros(len(now), bool)
         return Rows.of(np.where(stood, place, -1), len(before))
 
     def after(self, earlier: Rows) -> Rows:
-        """Both changes as one, this one the later."""
+        """Return both changes as one, this one the later."""
         ends, runs = list(accumulate(count for _, count in earlier.runs)), list[Run]()
         for begin, count in self.runs:
             if begin < 0:
@@ -198,7 +196,7 @@ def _find_between(some: Iterable[int], count: int) -> Iterator[Run]:
 
 
 def _merge_runs(runs: Iterable[Run]) -> list[Run]:
-    """Return the runs without empty ones; runs that continue the one before, or are both of others, are one."""
+    """Return the runs without empty ones; runs that continue the one before, or are both of new ones, are one."""
     joined = list[Run]()
     for begin, count in runs:
         if not count:
@@ -224,7 +222,8 @@ def incremental(
 ) -> Callable[[Callable[Concatenate[Any, Rest], Table]], Callable[Concatenate[Any, Rest], Table]]:
     """Memoize a function of a scene, and update its result when the scene is a changed one.
 
-    `update` makes it from that of the scene before, the rows, the scene and other arguments; None if sooner made anew.
+    `update` gets the result for the scene before, the rows, the scene and other arguments; it returns None where the
+    result has to be built anew.
     """
 
     def decorate(make: Callable[Concatenate[Any, Rest], Table]) -> Callable[Concatenate[Any, Rest], Table]:

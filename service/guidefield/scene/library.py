@@ -1,4 +1,4 @@
-"""The scenes that come with guidefield, by name."""
+"""The scenes that come with guidefield, by name: the files `guidefield/scenes/<name>.json`; a new one is found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The mesh of an obstacle and facts about it; those of a large mesh are kept on disk."""
+"""Judge the mesh of an obstacle (closed, convex, crossing itself), and divide it into solids.
+
+Facts of a large mesh, and its cleaned surface, are cached on disk by the hash of what was declared; names and types of
+these arrays are read again in `_restore` and `_LargeMesh.surface`.
+"""
 
 from __future__ import annotations
 
@@ -30,25 +34,21 @@ from guidefield.scene.content import corners_in, count_of, points_in
 
 @dataclass(frozen=True, eq=False)
 class JudgedMesh:
-    """The facts of a mesh that are known before its triangles are examined.
+    """The facts of a mesh, which for a large one are read from disk without its triangles."""
 
-    `solid`, `hull` and `warnings` are as of `MeshSurface`, whose surface is read from disk for a large mesh, known by
-    its hash `content`; `count` triangles, the largest `extent` along an axis [m].
-    """
-
-    count: int
-    extent: float
-    solid: bool
+    count: int  # of triangles
+    extent: float  # the largest along an axis [m]
+    solid: bool  # this and the next two as `MeshSurface` has them
     hull: Any | None
     warnings: tuple[str, ...]
-    surface: Callable[[], tuple[np.ndarray, np.ndarray]]
-    content: bytes = b""
+    surface: Callable[[], tuple[np.ndarray, np.ndarray]]  # makes or reads vertices (v, 3) [m] and triangles (t, 3)
+    content: bytes = b""  # hash of a large mesh
 
 
 def judge_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMesh | None:
-    """`mesh_surface` of declared points and triangles, with a warning where these cross; None if they have no area.
+    """Judge declared points and triangles as `mesh_surface`, and warn where these cross; None if they have no area.
 
-    Of a large mesh, known by its hash, it is read from disk if it was asked for before.
+    The facts of a large mesh are read from disk, by its hash `content`, if it was judged before.
     """
     if not is_large(count_of(corners)):
         surface = _judge(points_in(points), corners_in(corners))
@@ -82,14 +82,14 @@ class _LargeMesh:
 
 
 def as_judged(surface: MeshSurface) -> JudgedMesh:
-    """Return the facts of a surface that is at hand."""
+    """Return the facts of a surface that is in memory."""
     whole = surface.vertices, surface.triangles
     extent, count = extent_of(surface.vertices), len(surface.triangles)
     return JudgedMesh(count, extent, surface.solid, surface.hull, surface.warnings, lambda: whole)
 
 
 def extent_of(points: np.ndarray) -> float:
-    """Largest extent along an axis of points (n, 3) [m]."""
+    """Return the largest extent along an axis of points (n, 3) [m]."""
     return float(extents(points).max())
 
 
@@ -151,7 +151,7 @@ def solids_of(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
     for hollow in hollows:
         inside = vertices[hollow[0]].mean(axis=0)[None]
         around = (k for k, solid in enumerate(solids) if _winding(vertices[solid], inside) > 0.5)
-        # a hollow in nothing is the surface of everything else: it belongs to the largest
+        # a hollow in no piece belongs to the largest
         found[next(around, len(solids) - 1)].append(hollow)
     return [np.concatenate(group) for group in found]
 

@@ -1,4 +1,8 @@
-"""The motion of an obstacle: placements at times, on a screw from each to the next, at rest before and after."""
+"""The motion of an obstacle: placements at times, on a screw from each to the next, at rest before and after.
+
+Proofs bound distances by its speeds, so these may be larger, never smaller; the referee has this motion, too, by code
+of its own. A further kind of obstacle needs a function in `POSED`.
+"""
 
 from __future__ import annotations
 
@@ -18,19 +22,15 @@ from guidefield.scene.content import points_in
 
 @dataclass(frozen=True, eq=False)
 class ObstacleMotion:
-    """Placements of an obstacle's frame in time.
+    """Placements of an obstacle's frame in time."""
 
-    ``T_world_obstacle`` (pinocchio.SE3) at increasing times (k,) [s], and between them velocities of the frame in
-    itself, shape (k - 1, 6), linear part first.
-    """
-
-    times: np.ndarray
-    placements: tuple[Any, ...]
-    twists: np.ndarray
+    times: np.ndarray  # increasing, shape (k,) [s]
+    placements: tuple[Any, ...]  # of the obstacle's frame in the world then, pinocchio.SE3
+    twists: np.ndarray  # velocity from each to the next, in the frame itself, linear part first, shape (k - 1, 6)
 
     @classmethod
     def of(cls, message: messages.ObstacleTrajectory) -> ObstacleMotion:
-        """From its declaration."""
+        """Build it from its declaration."""
         times = np.array(message.times, float)
         placements = tuple(se3(placement.position, placement.quaternion_xyzw) for placement in message.placements)
         steps = [pin.log6(a.actInv(b)).vector for a, b in pairwise(placements)]
@@ -45,7 +45,7 @@ class ObstacleMotion:
         return float(self.times[-1])
 
     def at(self, time: float) -> Any:
-        """``T_world_obstacle`` at a time [s]: T_i exp(s log(T_i^-1 T_{i+1})) between two that are given."""
+        """Return the frame's placement at a time [s]: T_i exp(s log(T_i^-1 T_{i+1})) between two that are given."""
         piece = int(np.searchsorted(self.times, time, side="right")) - 1
         if piece < 0:
             return self.placements[0].copy()
@@ -54,7 +54,7 @@ class ObstacleMotion:
         return self.placements[piece] * pin.exp6(pin.Motion((time - self.times[piece]) * self.twists[piece]))
 
     def speed(self, start: float, end: float, centre: np.ndarray, radius: float) -> float:
-        """The largest speed between two times [s] of any point of a ball in the obstacle's frame [m/s].
+        """Return the largest speed between two times [s] of any point of a ball in the obstacle's frame [m/s].
 
         On a screw every point keeps its speed |v + omega x c|, and none of the ball is faster than that and |omega|
         radius. The centre is of shape (3,).
@@ -63,19 +63,18 @@ class ObstacleMotion:
         return float(ball_rates(self.twists[moving], centre, radius)[0].max(initial=0.0))
 
     def rates(self, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """The largest speed and acceleration of such a ball: before, between any two times, and after; (k + 1,).
+        """Return the largest speeds and accelerations of a ball's points: before, between any two times, and after.
 
-        A point's acceleration on a screw is omega x (v + omega x c). The first and the last are 0 [m/s and m/s^2].
+        A point's acceleration on a screw is omega x (v + omega x c). Shapes (k + 1,) [m/s and m/s^2]; 0 at the ends.
         """
         speeds, accelerations = ball_rates(self.twists, centre, radius)
         return np.r_[0.0, speeds, 0.0], np.r_[0.0, accelerations, 0.0]
 
     def passing(self, centre: np.ndarray, radius: float) -> np.ndarray:
-        """The largest speeds at which what the frame carries passes points of a ball in the world [m/s].
+        """Return the largest speeds at which the frame passes points of a ball in the world, shape (k + 1,) [m/s].
 
         No distance of such a point from the obstacle changes faster, however large the obstacle is: seen from its frame
-        the point is on a screw, and keeps its speed. Before, between any two times, and after, shape (k + 1,), at the
-        ends 0.
+        the point is on a screw, and keeps its speed. Before, between any two times, and after; 0 at the ends.
         """
         seen = np.array([placement.actInv(centre) for placement in self.placements[:-1]]).reshape(-1, 3)
         speeds: np.ndarray = np.r_[0.0, ball_rates(self.twists, seen, radius)[0], 0.0]
@@ -83,9 +82,9 @@ class ObstacleMotion:
 
 
 def ball_rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """The largest speed and acceleration of points of a ball on screws (k, 6), linear part first; both (k,).
+    """Return the largest speed and acceleration of points of a ball on screws (k, 6), linear part first; both (k,).
 
-    The centre, (3,) or (k, 3), is seen from the frame [m].
+    The centre, (3,) or (k, 3), is in the frame's coordinates [m].
     """
     angular = np.linalg.norm(twists[:, 3:], axis=1)
     speeds = np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], centre), axis=1) + radius * angular
@@ -93,9 +92,10 @@ def ball_rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[n
 
 
 def put_at(message: messages.Obstacle, placement: Any) -> messages.Obstacle:
-    """Return an obstacle at rest at a placement of its trajectory, which replaces its own.
+    """Return an obstacle at rest at a placement of its trajectory.
 
-    It moves the declared corners of a polygon, points of a cloud and plane of a half-space.
+    Where the kind has a pose, it is replaced; the corners of a polygon, points of a cloud and plane of a half-space
+    are moved.
     """
     return POSED[type(message)](message, placement)
 
@@ -141,5 +141,5 @@ POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = 
 
 
 def _replace(message: Any, **fields: Any) -> messages.Obstacle:
-    transform_points: messages.Obstacle = msgspec.structs.replace(message, trajectory=None, **fields)
-    return transform_points
+    replaced: messages.Obstacle = msgspec.structs.replace(message, trajectory=None, **fields)
+    return replaced

@@ -1,5 +1,6 @@
 """Moving obstacles of a scene, balls about them, and their swept volumes: boxes about the balls between placements.
 
+Schedules and proofs leave out movers that stay away by these boxes, which must not be too small.
 On a screw from a place to another that is c away, a point goes a way of length L at one speed. So it stays within
 sqrt(L^2 - c^2) / 2 of the straight line between the two: anywhere else the way by it were longer.
 """
@@ -19,7 +20,7 @@ from guidefield.scene.motion import ObstacleMotion, ball_rates
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
-ROUNDING = 1e-6  # margin of the boxes, of a metre, and of each metre of distance from the origin and of travel
+ROUNDING = 1e-6  # margin of the boxes: this times 1 m plus the distance from the origin and the travel
 EVERYWHERE = np.repeat([-np.inf, np.inf], 3)  # the box about a half-space
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
@@ -35,12 +36,11 @@ class MovingBall(NamedTuple):
 class Swept(NamedTuple):
     """The swept volumes of moving obstacles."""
 
-    # boxes along the world's axes that they stay in: before one moves, between each of its placements and the next, and
-    # after that, one obstacle behind the other, lower then upper corners (n, 6) [m]; half-spaces: all
+    # boxes along the world's axes, lower then upper corners (n, 6) [m], one obstacle's behind the other's: where it is
+    # before it moves, from each of its placements to the next, and after that; of a half-space infinite
     boxes: np.ndarray
     first: np.ndarray  # index of the first box of each obstacle, shape (m,)
-    # the largest speed at which each loses distance during that, shape (n,); 0 for a half-space [m/s]
-    speeds: np.ndarray
+    speeds: np.ndarray  # largest speed of any of its points during each, shape (n,) [m/s]; 0 for a half-space
 
 
 def motion_of(obstacle: Obstacle) -> ObstacleMotion:
@@ -109,22 +109,17 @@ def gaps_from_boxes(boxes: np.ndarray, centre: np.ndarray, radius: float) -> tup
 
 @dataclass(frozen=True, eq=False)
 class Movers(ReadOnly):
-    """Obstacles that move.
+    """Obstacles that move."""
 
-    Ascending indices (m,) in the scene, balls about them (None about a half-space), boxes about their shapes along
-    their own axes (m, 2, 3) [m], radii by which they are rounded (m,) [m], times of placements [s], largest speeds at
-    which each loses distance from one placement to the next [m/s], and swept volumes.
-    """
-
-    indices: np.ndarray
+    indices: np.ndarray  # in the scene, ascending, shape (m,)
     obstacles: tuple[Obstacle, ...]
-    balls: tuple[MovingBall | None, ...]
-    boxes: np.ndarray
-    rounded: np.ndarray
-    times: tuple[list[float], ...]
-    speeds: tuple[list[float], ...]
+    balls: tuple[MovingBall | None, ...]  # None about a half-space
+    boxes: np.ndarray  # about their shapes along their own axes, shape (m, 2, 3) [m]
+    rounded: np.ndarray  # radii by which they are rounded, shape (m,) [m]
+    times: tuple[list[float], ...]  # of each one's placements [s]
+    speeds: tuple[list[float], ...]  # largest at which each may lose distance from one placement to the next [m/s]
     swept: Swept
-    endless: bool
+    endless: bool  # whether there is a half-space
 
     def near(self, centre: np.ndarray, radius: float, margin: float) -> np.ndarray:
         """Find those that come within a margin of a ball [m, world] at any time; shape (m,), bool."""

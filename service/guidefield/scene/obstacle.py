@@ -1,4 +1,8 @@
-"""One obstacle: its message turned into a Coal shape, a triangulation, and its share of the field's charges."""
+"""One obstacle: its message turned into a Coal shape, a triangulation, and its share of the field's charges.
+
+Its parts are made on demand by a `Recipe`. A further kind of obstacle needs an entry in `BUILDERS` (a primitive in
+`primitives.PRIMITIVES`), and in `motion.POSED`.
+"""
 
 from __future__ import annotations
 
@@ -37,11 +41,11 @@ class Obstacle:
 
     message: messages.Obstacle
     recipe: Recipe
-    placed: bytes = b""  # its row `PLACED` for kernels, if it is a primitive, or a mesh that is a box; else empty
+    placed: bytes = b""  # a primitive's, or box mesh's, row for kernels, `primitives_layout.PLACED`; else empty
     warnings: tuple[str, ...] = ()  # harmless oddities of it
     motion: ObstacleMotion | None = None  # its motion; None at rest
     cloud: Cloud | None = None  # its points and their radius, if it is a cloud
-    cropped: CroppedSurface | None = None  # its surface, if it is a part of another obstacle's; see `crop`
+    cropped: CroppedSurface | None = None  # its surface, if it is a part of another obstacle's; see `scene/crop.py`
 
     @property
     def name(self) -> str:
@@ -73,15 +77,15 @@ class Obstacle:
 
     @property
     def shape(self) -> Any:
-        """Coal geometry in its own frame; of a cloud no more than its points, see `rounding`.
+        """Coal geometry in its own frame; of a cloud its points alone, see `rounding`.
 
-        Where there are very many triangles it takes long to make: see `facets`.
+        It takes long to make of very many triangles: see `facets`.
         """
         return self._body[0]
 
     @property
     def facets(self) -> Facets | None:
-        """The triangles of `shape` if it isn't convex, which needn't all be made at once; else None."""
+        """The triangles of `shape` if it isn't convex, made on demand and in patches; else None."""
         return self.recipe.facets
 
     @property
@@ -109,16 +113,16 @@ class Obstacle:
 
     @property
     def endless(self) -> bool:
-        """True if no ball is about it."""
+        """True if it is unbounded."""
         return isinstance(self.message, messages.HalfSpace)
 
     @property
     def rounding(self) -> float:
-        """Radius by which `shape` is rounded [m]: Coal has to be asked within so much more."""
+        """Radius by which the obstacle is larger than `shape` all around [m], and its distances smaller."""
         return 0.0 if self.cloud is None else self.cloud.radius
 
     def placement_at(self, time: float) -> Any:
-        """``T_world_shape`` at a time [s], a pinocchio.SE3."""
+        """Return ``T_world_shape`` at a time [s], a pinocchio.SE3."""
         if self.motion is None:
             return self.placement
         return self.motion.at(time) * self.motion.placements[0].actInv(self.placement)
@@ -152,7 +156,7 @@ class Obstacle:
 
     @cached_property
     def boxes(self) -> list[SolidBox | None]:
-        """Those of `surfaces` that are boxes, in its own frame."""
+        """For each of `surfaces` the box that it is, in its own frame, or None."""
         if not self.solid:
             return [None] * len(self.surfaces)
         return find_boxes(
@@ -161,7 +165,7 @@ class Obstacle:
 
     @property
     def whole_surface(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (v, 3) [m] and triangles (t, 3) of all of it in its own frame, if it is cropped, too."""
+        """Vertices (v, 3) [m] and triangles (t, 3) in its own frame, of all of it even if it is cropped."""
         return self.recipe.surface(self.message) if self.cropped is None else self.cropped.whole()
 
     @property
@@ -181,7 +185,7 @@ class Obstacle:
 
 
 def build_all(declared: Sequence[messages.Obstacle], contents: Mapping[int, Content]) -> tuple[Obstacle, ...]:
-    """Build the obstacles of a scene; polygons that are new are judged together. Raises SceneInvalid as `build`."""
+    """Build the obstacles of a scene, new polygons together. Raises SceneInvalid as `build`."""
     polygons = {index: one for index, one in enumerate(declared) if isinstance(one, messages.Polygon)}
     contents = {**contents, **{index: content_of(one) for index, one in polygons.items() if index not in contents}}
     new = [k for k, one in polygons.items() if one.trajectory is None and contents[k].all not in _KNOWN]
@@ -194,10 +198,10 @@ def build(
 ) -> Obstacle:
     """Build an obstacle from its message; from the same declaration it is the same object, unless it is a primitive.
 
-    Its hash and, of a polygon at rest, its sheet may be at hand. Raises SceneInvalid if its shape can't be used or its
-    kind isn't served; `details` name the obstacle and, by its index in the scene, the path.
+    Its hash and, of a polygon at rest, its sheet may be given. Raises SceneInvalid if its shape can't be used or its
+    kind isn't served; the error's details name the obstacle and, by its index in the scene, the path.
     """
-    if type(message) in PRIMITIVES and message.trajectory is None:  # sooner made than looked up
+    if type(message) in PRIMITIVES and message.trajectory is None:  # made in less time than looked up
         primitive = _primitive(message)
         large = size_warnings(message, None)
         return dataclasses.replace(primitive, warnings=large) if large else primitive
@@ -226,7 +230,7 @@ def build(
 
 
 _KNOWN: BoundedMap[bytes, Obstacle] = BoundedMap(OBSTACLES)
-"""Obstacles by what was declared: one that is in the next scene again is not built again."""
+"""Obstacles by the hash of their declaration: one that is in the next scene again is not built again."""
 
 
 class _UnusableError(Exception):
@@ -329,7 +333,7 @@ HARDLY_METRES = 100.0  # an obstacle that is larger was probably meant in millim
 
 
 def size_warnings(message: messages.Obstacle, declared_extent: float | None) -> tuple[str, ...]:
-    """A warning if an obstacle, of an extent if declared by points, is larger than `HARDLY_METRES` along an axis."""
+    """Warn if an obstacle, or the extent of its points, is larger than `HARDLY_METRES` along an axis."""
     if declared_extent is not None:
         extent = declared_extent
     elif isinstance(message, messages.Box):

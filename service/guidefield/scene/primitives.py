@@ -1,4 +1,8 @@
-"""Primitives declared as obstacles: at once only what lanes need is made of them, the rest when it is asked for."""
+"""Primitives declared as obstacles: a row for kernels (`primitives_layout.PLACED`) at once, all else on demand.
+
+Each has a recipe of its Coal shape, its triangulation for pictures, and its charges, which must all mean one shape. The
+row's columns are read by kernels/collide and `distance_tables.py`.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +91,7 @@ _CAPSULE = Recipe(
 
 
 def _plane(message: messages.HalfSpace) -> tuple[np.ndarray, float]:
-    """The normal, of unit length (3,), and the offset along it [m]."""
+    """Return the unit normal (3,), and the offset along it [m]."""
     length = float(np.linalg.norm(message.normal))
     return np.array(message.normal) / length, message.offset / length
 
@@ -120,4 +124,4 @@ PRIMITIVES: dict[type[messages.Obstacle], tuple[Recipe, Callable[[Any], bytes]]]
     messages.Capsule: (_CAPSULE, _capsule),
     messages.HalfSpace: (_HALF_SPACE, _half_space),
 }
-"""How they are made, and what makes `PLACED` of their messages."""
+"""Recipe of each kind, and the function that packs its message as `PLACED`."""

@@ -1,4 +1,7 @@
-"""The recipe of an obstacle, which makes its parts on demand; Coal trees of its triangles, by patches where many."""
+"""The recipe of an obstacle, which makes its parts on demand; Coal trees of its triangles, many in patches.
+
+`primitives.py` and `obstacle.py` write recipes; the narrow phase (`collision/narrow_phase.py`) asks patch by patch.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +19,16 @@ from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.distance.triangle_rows import corner_sums, runs_of_triangles
 from guidefield.memo import memoized
 
-PATCH = 8192  # most triangles in one tree; a call of Coal's for this many takes some hundredths of a second
+PATCH = 8192  # most triangles in one tree, which Coal builds in some hundredths of a second
 
 
 Whole = Callable[[], tuple[np.ndarray, np.ndarray]]  # makes the vertices (v, 3) [m] and triangles (t, 3) of a surface
 
 
 class Facets:
-    """Triangles that Coal judges as a surface.
+    """Triangles that Coal judges as a surface, in the obstacle's own frame, of which at first only the number is known.
 
-    Their number is known, vertices (v, 3) [m], each used, and triangles (t, 3) are made on demand, in the obstacle's
-    own frame. With a hash results for them are kept on disk; the box may be at hand.
+    `made` makes vertices (v, 3) [m], each used, and triangles (t, 3) on demand. By the hash `content` patches are kept.
     """
 
     def __init__(self, count: int, made: Whole, content: bytes = b"", box: np.ndarray | None = None) -> None:
@@ -60,7 +62,7 @@ def _tree(facets: Facets) -> Any:
 
 
 class Patches:
-    """Triangles as trees of at most `PATCH` neighbours, each made on first use; with a hash kept on disk."""
+    """Triangles as trees of at most `PATCH` neighbours, made on first use; with a hash their order is on disk."""
 
     def __init__(self, surface: Whole, content: bytes = b"") -> None:
         self._make = surface
@@ -81,13 +83,13 @@ class Patches:
         return len(self._low)
 
     def apart(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Distances (k,) of the patches' boxes from one with these corners [m], at most those of what is in them."""
+        """Return distances (k,) of the patches' boxes from one with these corners [m]: lower bounds."""
         gaps = np.maximum(0.0, np.maximum(self._low - high, low - self._high))
         found: np.ndarray = np.sqrt((gaps * gaps).sum(axis=1))
         return found
 
     def shape(self, index: int) -> Any:
-        """A patch as a Coal tree, in the frame of all."""
+        """Return a patch as a Coal tree, in the obstacle's own frame."""
         if index not in self._shapes:
             corners = self._triangles[index * PATCH : (index + 1) * PATCH]
             used, local = np.unique(corners, return_inverse=True)
@@ -95,7 +97,7 @@ class Patches:
         return self._shapes[index]
 
     def nearest_first(self, low: np.ndarray, high: np.ndarray) -> Iterator[tuple[float, int]]:
-        """Patches by the distance of their boxes from a box with these corners, shapes (3,), the nearest first [m]."""
+        """Yield distance [m] and index of each patch, by its box's distance from a box with these corners, (3,)."""
         apart = self.apart(low, high)
         for index in np.argsort(apart, kind="stable").tolist():
             yield float(apart[index]), index
@@ -131,11 +133,11 @@ class Charges:
 class Recipe(NamedTuple):
     """The makers of an obstacle's parts."""
 
-    # of its message: Coal geometry in its own frame, and ``T_world_shape``, a pinocchio.SE3
+    # makes, of its message, Coal geometry in its own frame, and ``T_world_shape``, a pinocchio.SE3
     body: Callable[[Any], tuple[Any, Any]]
-    # of its message: a triangulation in its own frame, vertices (v, 3) [m] and triangles (t, 3)
+    # makes, of its message, a triangulation in its own frame, vertices (v, 3) [m] and triangles (t, 3)
     surface: Callable[[Any], tuple[np.ndarray, np.ndarray]]
-    charged: Callable[[Any, Any], Charges]  # of its message and ``T_world_shape``: its share of the field
+    charged: Callable[[Any, Any], Charges]  # makes, of its message and ``T_world_shape``, its share of the field
     solid: bool = True
     convex: bool = True  # true if Coal judges it as one convex body: distances are signed then
     facets: Facets | None = None  # the triangles that Coal judges; None for a convex body

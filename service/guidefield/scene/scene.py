@@ -1,4 +1,8 @@
-"""The scene: obstacles as Coal shapes and as charges of the field, and guide planes; built once, found by content."""
+"""The scene: obstacles as Coal shapes and as charges of the field, and guide planes; built once, found by content.
+
+A scene never changes; a changed one is another that shares what stayed (`incremental.py`), with the same result as one
+built anew. Tables for kernels are made of it elsewhere, on demand, and memoized with it.
+"""
 
 from __future__ import annotations
 
@@ -29,14 +33,14 @@ from guidefield.scene.incremental import Rows, incremental, note_change
 from guidefield.scene.motion import ObstacleMotion, put_at
 from guidefield.scene.obstacle import Obstacle
 
-OPENING = 0.2  # parts of large meshes count as wholes from where they are this times their distance: good to 5e-4
+OPENING = 0.2  # in the field, parts of a large mesh smaller than this times their distance are expanded: good to 5e-4
 
 NO_CONTENTS: Mapping[int, Content] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
 class Scene(SharedAnswer):
-    """A scene, ready to plan in: obstacles in the message's order, guide planes in that in which they lead through it.
+    """A scene, ready to plan in: obstacles in the message's order, guide planes in the order to pass them.
 
     The warnings tell harmless oddities of obstacles, by name.
     """
@@ -88,22 +92,22 @@ class Scene(SharedAnswer):
     @property
     def resting(self) -> Scene:
         """The scene without the obstacles that move."""
-        return self._resting if self.moves else self  # which isn't kept in itself: it goes with its last user
+        return self._resting if self.moves else self  # not cached in itself, or it would never be freed
 
     @cached_property
     def _resting(self) -> Scene:
         return self.of([index for index, one in enumerate(self.obstacles) if one.motion is None])
 
     def at(self, time: float) -> Scene:
-        """The scene with every obstacle at rest where it is at a time [s]."""
+        """Return the scene with every obstacle at rest where it is at a time [s]."""
         return _held(self, float(time)) if self.moves else self
 
     def since(self, time: float) -> Scene:
-        """The scene as it is from a time on, which is its time 0 [s]; what has come to rest by then rests."""
+        """Return the scene from a time on [s], which is its time 0; obstacles that have stopped are at rest."""
         return self if time == 0.0 else self.with_moved(lambda one, motion: _since(one, motion, time))
 
     def with_moved(self, become: Callable[[messages.Obstacle, ObstacleMotion], messages.Obstacle]) -> Scene:
-        """The scene with other obstacles for those that move."""
+        """Return the scene with moving obstacles replaced by what `become` makes of them."""
         moving = [(index, motion) for index in self.others if (motion := self.obstacles[index].motion) is not None]
         if not moving:
             return self
@@ -113,7 +117,7 @@ class Scene(SharedAnswer):
         return changed(self, declare_with(self.message, declared), Rows.of(source, len(self.obstacles)))
 
     def of(self, chosen: Sequence[int]) -> Scene:
-        """The scene with some of its obstacles alone, by their indices."""
+        """Return the scene with some of its obstacles alone, by their indices."""
         message = declare_with(self.message, [self.message.obstacles[index] for index in chosen])
         return dataclasses.replace(self, message=message, obstacles=tuple(self.obstacles[index] for index in chosen))
 
@@ -123,14 +127,14 @@ class Scene(SharedAnswer):
         return _tables(self.obstacles)
 
     def obstacle(self, name: str) -> Obstacle | None:
-        """The obstacle of that name, or None."""
+        """Return the obstacle of that name, or None."""
         return next((obstacle for obstacle in self.obstacles if obstacle.name == name), None)
 
 
 def build(message: messages.Scene, contents: Mapping[int, Content] = NO_CONTENTS) -> Scene:
-    """Build a scene from its message; hashes of some of its obstacles, by index, may be at hand.
+    """Build a scene from its message; hashes of some of its obstacles, by index, may be given.
 
-    Raises SceneInvalid if an obstacle or guide plane can't be used; `details` hold its name (as `obstacle` or
+    Raises SceneInvalid if an obstacle or guide plane can't be used; its details hold the name (as `obstacle` or
     `guide_plane`) and the `path` in the scene.
     """
     obstacles = obstacle.build_all(message.obstacles, contents)
@@ -190,7 +194,7 @@ def _held_at(scene: Scene, time: float) -> Scene:
     return scene.with_moved(lambda one, motion: put_at(one, motion.at(time)))
 
 
-HELD = 2  # number of times at which scenes with held obstacles are kept: the first and the last are asked for often
+HELD = 2  # scenes at a time (`Scene.at`) that are kept: the first and the last are asked for often
 
 _held = memoized_by(lambda scene: scene, _held_at, HELD)
 
@@ -235,7 +239,7 @@ _NONE = bytes(PLACED.size)
 
 
 def rows_of(obstacles: Sequence[Obstacle]) -> np.ndarray:
-    """Return `PLACED` of each obstacle, shape (n, 12), read-only; zeros if it is no primitive."""
+    """Return `Obstacle.placed` of each as a row, shape (n, 12), read-only; zeros if it is no primitive."""
     return np.frombuffer(b"".join([one.placed or _NONE for one in obstacles])).reshape(-1, PLACED.size // 8)
 
 
@@ -247,7 +251,7 @@ def _over(known: np.ndarray, rows: Rows, scene: Scene) -> np.ndarray:
 
 @incremental(_over)
 def placed_rows(scene: Scene) -> np.ndarray:
-    """Return `PLACED` of each obstacle of a scene, shape (n, 12), read-only; made once."""
+    """Return `rows_of` a scene's obstacles; made once."""
     return rows_of(scene.obstacles)
 
 
