@@ -72,13 +72,13 @@ def _approach(
     )
 
 
-SQUARE = 1.05  # half side of the square about the goal over the radius of the tip's body
+SQUARE = 1.05  # half side of the square about the goal, over the radius of the tip's body that has to fit through
 
 
-def find_led_goals(
+def find_goals_behind_planes(
     problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]
 ) -> tuple[PathSoFar, ChartPoints]:
-    """Chart points (m, nv) that reach the goal's pose, looked for from where the guided planner gets, and the motion.
+    """Chart points (m, nv) that reach the goal's pose, searched for from where the guided planner gets, and the motion.
 
     The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
     configuration it arrives at is one that fits there, and the pose is searched for next to it. There are none where it
@@ -98,7 +98,7 @@ def find_led_goals(
 
 
 def _make_square(problem: Problem, here: ChartPoint, place: np.ndarray) -> GuidePlane:
-    """As small as the tip's body lets it be, about a place (3,), across the straight way of the tip there."""
+    """A square as small as the tip's body allows, about a place (3,), across the straight way of the tip there."""
     way = place - problem.kinematics.tip_position(problem.group.expand_from_chart(here))
     length = float(np.linalg.norm(way))
     across = axes_across(way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0]))

@@ -1,10 +1,10 @@
-"""The ends of a motion: whether the start may be one, and which configurations would reach the goal.
+"""Check the start of a motion, and find free configurations that reach its goal; refusals name what is in the way.
 
-Where the tip is at a pose, so are the bodies that are fixed to it, whatever the other joints do. Within the tolerances
-of a target a point of such a body is at most so far from where it is at one configuration that reaches it: twice the
-tolerance of the position, and twice that of the orientation times the point's distance from the tip. Convex bodies that
-are deeper in each other than that touch at every configuration that reaches the target: else a plane would part them at
-one, and along its normal they would be apart after a way no longer than that.
+The proof of `find_blocked_tip`: where the tip is at a pose, so are the bodies that are fixed to it, whatever the other
+joints do. Within the tolerances of a target a point of such a body is at most so far from where it is at one
+configuration that reaches it: twice the tolerance of the position, and twice that of the orientation times the point's
+distance from the tip. Convex bodies that are deeper in each other than that touch at every configuration that reaches
+the target: else a plane would part them at one, and a way no longer than that along its normal would, too.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from guidefield.robot.ik.inverse_kinematics import Cause, IkResult, solve
 from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
-SURE = 1e-3  # only what is deeper than this is taken for a proof: Coal's depths are found by steps [m], at size 1
+SURE_DEPTH = 1e-3  # a smaller depth is no proof, because Coal finds depths by steps [m, at size 1]
 
 
 def find_blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) -> BlockingPairs | None:
@@ -57,7 +57,7 @@ def find_blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) ->
             continue
         reach = float(np.linalg.norm(about.centres[body] - tip.placement.translation) + about.radii[body])
         depth = depth_of(world, pair)
-        if depth is not None and depth > SURE * group.size + aside + turned * reach:
+        if depth is not None and depth > SURE_DEPTH * group.size + aside + turned * reach:
             depths.setdefault(world.pair_names(pair), depth)
     if not depths:
         return None
@@ -84,21 +84,21 @@ would stop a certificate. Unrecorded."""
 MAX_STARTS = 8192  # starts from which a configuration that is free is searched for. Unrecorded
 
 GOALS_AT_ONCE = 100
-"""Of configurations that are given, the number judged before the deadline is asked: it takes some milliseconds."""
+"""Given configurations judged between two looks at the deadline: some milliseconds."""
 
 UNREACHED = (Status.NO_IK_SOLUTION, Status.GOAL_IN_COLLISION, Status.CLEARANCE_BELOW_MINIMUM)
 """Endings of a search for a goal pose that found no free configuration: guide planes may still lead to one."""
 
 
 def check_start(problem: Problem) -> None:
-    """Return whether a motion may begin at the start.
+    """Refuse a start at which no motion may begin.
 
     Raises:
         StageFailed: START_STATE_IN_COLLISION with the deepest pair, or CLEARANCE_BELOW_MINIMUM.
     """
     z_start = problem.z_start
     if isinstance(problem.goal, LastPlaneGoal) or not are_free(problem, z_start[None])[0]:
-        if (fault := end_fault(problem, z_start)) is not None:
+        if (fault := find_end_fault(problem, z_start)) is not None:
             message, details = fault
             depth = details["depth"]
             slight = not problem.leave_start_contact and depth is not None and depth <= SLIGHT_DEPTH
@@ -140,7 +140,7 @@ def find_goal_points(problem: Problem) -> ChartPoints | None:
 
 
 def _find_standing_goal(problem: Problem, target: PoseTarget) -> ChartPoints | None:
-    """The start, shape (1, nv), where its tip is at a pose already, and nothing speaks against it; else None."""
+    """The start, shape (1, nv), where its tip is at a pose already, free and within path constraints; else None."""
     group, z = problem.group, problem.z_start
     if not target.is_reached(problem.kinematics.frame_placement(group.expand_from_chart(z), group.tip_id)):
         return None
@@ -189,8 +189,8 @@ def find_tip_points(
 ) -> ChartPoints:
     """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
 
-    Some starts (nv,) are looked from before the problem's and random ones. Leaving out others than those that are
-    `chosen` changes nothing about the choice.
+    The search begins at the given starts (nv,), then at the problem's and random ones. `chosen` selects from what is
+    found; leaving out what it doesn't select must not change its selection.
 
     Raises:
         StageFailed: NO_IK_SOLUTION with the reason where none reaches the pose: out of reach and by how much;
@@ -211,7 +211,7 @@ def find_tip_points(
         result = _solve(problem, target, starts, count, _touch_nothing, MAX_STARTS)
     if (found := _choose_in_the_open(problem, result.solutions, chosen)) is not None:
         return found
-    if result.solutions:  # all that were found are inside of something: look for others
+    if result.solutions:  # all that were found are inside of something: search for others
         result = _solve(problem, target, starts, count, _are_outside)
     if result.solutions:
         return chosen(problem, np.array(result.solutions))
@@ -241,7 +241,7 @@ def _choose_in_the_open(
 ) -> ChartPoints | None:
     """Of chart points (nv,) at which no body is inside another one, those that are wanted; as in `find_tip_points`.
 
-    None where there are none. What isn't wanted is hardly ever asked about: that takes longer than the choice.
+    None where there are none. Only what is chosen is examined, in most cases: that takes longer than the choice.
     """
     if not zs:
         return None
@@ -253,7 +253,7 @@ def _choose_in_the_open(
 
 
 def _is_hopeless(problem: Problem, result: IkResult) -> bool:
-    """Whether no search finds what the last one did not, and all of that touches something, as far as lanes tell."""
+    """Return whether no search finds more than the last one, of which all touches something, as far as lanes tell."""
     return result.exhausted and not _touch_nothing(problem, cast(ChartPoints, np.array(result.rejected))).any()
 
 
@@ -281,7 +281,7 @@ def _solve(
 
 
 class _TipBlockage:
-    """Whether something blocks the tip where it is to be, asked once nothing of what was found there is free.
+    """A test whether something blocks the tip at the goal, made once, when nothing that was found there is free.
 
     Attributes:
         blocked: What blocks it however the target is reached, if that is known.
@@ -302,7 +302,7 @@ class _TipBlockage:
 def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) touch nothing, are inside of nothing and keep the clearance: (n,), bool.
 
-    What lanes find free is; what they don't is judged by Coal where there is nothing else.
+    Those that lanes find free are; if lanes find none, Coal judges all.
     """
     free = _are_outside(problem, zs)
     return free if free.any() else _are_free_by_coal(problem, zs)
@@ -341,12 +341,8 @@ def _are_in_the_open(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints) -
     return [inside is None for inside in find_enclosed_each(problem.world, qs)]
 
 
-def end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
-    """Why a chart point can't be an end of a motion: the deepest contact, as a sentence and values; else None.
-
-    Args:
-        z: Chart point, shape (nv,).
-    """
+def find_end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
+    """Why a chart point (nv,) can't be an end of a motion: the deepest contact, as a sentence and values; else None."""
     q = problem.group.expand_from_chart(z)
     contacts = contacts_at(problem.world, q)
     if contacts:
@@ -378,7 +374,7 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
         if len(faults) >= GOALS_AT_ONCE and (status := problem.deadline.status()) is not None:
             message = f"of {len(zs)} goals {len(faults)} were looked at in time, and all of these are blocked"
             raise StageFailed(status, message, stage="goal", goals=len(zs))
-        faults.append(end_fault(problem, z))
+        faults.append(find_end_fault(problem, z))
     touching = [z for z, fault in zip(zs, faults, strict=True) if fault is not None]
     if None in faults:  # some touch nothing, but are too close
         _check_clearance(problem, zs[faults.index(None)], "goal")
@@ -395,7 +391,7 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
 def _judge_before_deadline(
     problem: Problem, zs: ChartPoints, free: Callable[[Problem, ChartPoints], np.ndarray]
 ) -> np.ndarray:
-    """Which chart points (n, nv) are free, some judged at a time: (n,), bool. None is that there was no time for."""
+    """Which chart points (n, nv) are free: (n,), bool; those that weren't judged before the deadline aren't."""
     found = np.zeros(len(zs), bool)
     for begin in range(0, len(zs), GOALS_AT_ONCE):
         if begin and problem.deadline.expired():

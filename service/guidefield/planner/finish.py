@@ -1,4 +1,4 @@
-"""From a path that was found to the trajectory that is executed: optimise shape and time together, certify it.
+"""Make the certified trajectory of a path that was found: optimise shape and time together, and certify the result.
 
 What the certificate refuses is optimised again with more weight on the clearance, and more samples, and with looks at
 where it touches. Where that can't be certified either, a motion between it and the path that was found is taken, or
@@ -42,9 +42,8 @@ STRAIGHT_MARGIN = 0.03
 """Distance that straight paths which take the place of steps between guide planes keep from obstacles, beyond the
 clearance asked for [m], at size 1. A choice: less than what the optimiser keeps, so that it has to push little."""
 
-BLENDS, BLENDED = (0.9, 0.75, 0.5, 0.25), 65
-"""Shares of the way from the motion as it was found to a refused one that are tried, and places of which a motion
-between them is made. Choices."""
+BLENDS = (0.9, 0.75, 0.5, 0.25)  # shares tried of the way from the motion as found to a refused one. A choice
+BLEND_PLACES = 65  # places of which a motion between these two is made. A choice
 
 LOST = "the optimised motion did not cross every guide plane within its polygon"
 """Warning about a motion that is the one that was found therefore."""
@@ -62,8 +61,8 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages, ends: MovingEnds 
     Only one that is proven itself is worth a try where the optimised one is refused. With `ends` the path is between
     them, and the trajectory has them before and after it.
     """
-    goes = ends is not None or len(remove_repetitions(found.path)) > 1
-    if found.failure is not None or problem.optimization_iterations == 0 or not goes:
+    moves = ends is not None or len(remove_repetitions(found.path)) > 1
+    if found.failure is not None or problem.optimization_iterations == 0 or not moves:
         return certify_found_path(problem, found, stages, ends)
     finished = _optimize_path(problem, found, stages, ends)
     if finished is not None and finished.verdict.free:
@@ -166,7 +165,7 @@ def _blend(
     motions = [one.trajectory for one in (refused, certified)]
     if certified.crossings or None in motions or problem.path_constraints:
         return None
-    shares = np.linspace(0.0, 1.0, BLENDED)
+    shares = np.linspace(0.0, 1.0, BLEND_PLACES)
     far, near = (one.evaluate(one.times[0] + one.duration * shares)[0] for one in motions if one is not None)
     for share in BLENDS:
         if problem.deadline.expired():

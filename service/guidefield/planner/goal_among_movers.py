@@ -1,9 +1,10 @@
-"""Plans to configurations and poses among obstacles that move: ways first, then when to be where along each.
+"""Plans to configurations and poses among obstacles that move: first paths, then a schedule along each.
 
-A way is found among obstacles that are held in one of several manners, optimised and certified there, and a schedule
-along it is searched for that meets nothing that moves. The way that may be arrived on first is tried first. Where the
-certificate in time refuses a motion, it is searched for another that isn't there then. Where all else fails the robot
-waits until the obstacles have come to rest, if it may wait, and goes as the planner among obstacles at rest goes.
+A path is found among obstacles that are held in one of several manners (held_paths.py), optimised and certified there,
+and a schedule along it is searched for that meets nothing that moves (planner/schedule). Paths are tried in order of
+their estimated arrival. If the time-dependent certificate refuses a motion, the search continues with another that
+isn't there at that time. If all else fails, the robot waits until the obstacles have come to rest, if it may wait, and
+goes as the planner among obstacles at rest goes.
 """
 
 from __future__ import annotations
@@ -73,11 +74,11 @@ def keep_schedule(
     *,
     at_rest: bool = False,
 ) -> CertifiedMotion:
-    """Go along a motion that is free of what rests so that nothing that moves is met: the way is given, not when.
+    """Schedule a motion that is free of obstacles at rest so that it meets nothing that moves; its path stays.
 
     Args:
         problem: Where nothing moves the motion stays as it is.
-        also: Judges what the problem doesn't know of, besides.
+        also: Judges in addition what the problem doesn't know of.
         at_rest: Whether it is free of all obstacles once they have come to rest.
 
     Returns:
@@ -92,14 +93,14 @@ def keep_schedule(
 
 @dataclass(frozen=True)
 class _Estimate:
-    """About when a way may be arrived on."""
+    """An estimated arrival along a path."""
 
     way: HeldPath
-    arrival: float  # when [s]
+    arrival: float  # [s]
 
 
 class _Search:
-    """What is known by now: until when the start is free, when goals are, and where schedules ended."""
+    """A search, with what it knows: until when the start is free, from when goals are, and where schedules ended."""
 
     def __init__(
         self, problem: Problem, goals: ChartPoints | None, stages: Stages, also: MotionJudge | None = None
@@ -165,7 +166,7 @@ class _Search:
         return None
 
     def failed(self) -> CertifiedMotion:
-        """Nothing but the start, and why."""
+        """The start alone, with the reason why there is no motion."""
         found = PathSoFar.at_start(self._problem).with_failure(self.why())
         return certify_found_path(self._problem.at(0.0), found, self._stages)
 
@@ -205,8 +206,8 @@ class _Search:
     def _estimates(self, ways: Iterator[HeldPath]) -> Iterator[_Estimate]:
         """Those of some ways that have a schedule, each way once.
 
-        No more once one is not hindered, except until a goal stays free, several in a row arrive no sooner, or a share
-        of the time is up.
+        They end once one is hindered by nothing but a goal that isn't free yet, several in a row arrive no sooner, or
+        a share of the time is up.
         """
         deadline, known = self._problem.deadline.share(WAYS.share), set[tuple[bytes, bool]]()
         step, best, in_vain = choose_step(self._problem.group), np.inf, 0
@@ -273,7 +274,7 @@ class _Search:
         return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
     def scheduled(self, finished: CertifiedMotion, *, at_rest: bool) -> CertifiedMotion | None:
-        """The certified motion that is at the places of another when nothing is there; None where there is none."""
+        """Another motion with a schedule that meets nothing, certified; None where there is none."""
         if finished.trajectory is None or not finished.verdict.free:
             return None
         if finished.trajectory.duration == 0.0:
@@ -338,7 +339,7 @@ class _Search:
     def _take_out(
         self, occupancy: Occupancy, along: Trajectory, schedule: Schedule, motion: Trajectory, verdict: Verdict
     ) -> None:
-        """Don't be at a place again when the certificate refused it."""
+        """Exclude the place and time at which the certificate refused a motion from further schedules."""
         assert verdict.piece is not None, "it was refused somewhere"
         assert verdict.parameter is not None, "it was refused somewhere"
         begin, end = motion.times[verdict.piece], motion.times[verdict.piece + 1]

@@ -1,4 +1,7 @@
-"""Ways to goals among obstacles that move: among what rests alone, and with the others held where they are at times."""
+"""Paths to goals among obstacles that move, which are left out, or held where they are at some times; and connections.
+
+goal_among_movers.py schedules these paths. `WAYS` (planner/schedule/slices.py) says how many are tried.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ from guidefield.robot.ik.pose_search import EXACT, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.guide_plane import GuidePlane, axes_across
 
-SHARE = 0.5
+FIRST_TRY_SHARE = 0.5
 """Share of the time for a connection before a lesser one is searched for: from the start instead of from where derived
 guide planes led; with no more than contact avoided instead of with the clearance asked for."""
 
@@ -94,7 +97,7 @@ def connect_to_goal(
 def connections(
     problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages, words: str
 ) -> Iterator[PathSoFar]:
-    """Connections to one of some goals (m, nv), while what comes of them isn't certified: the second one is itself."""
+    """Connections to one of some goals (m, nv), until a motion is certified; the second one is proven."""
     for prove in (False, True):
         if prove:
             problem.tell(Note("the motion was not certified: the connection is certified before it is made one again"))
@@ -126,23 +129,23 @@ def _connect_with_clearance(
 
 
 def _in_part_of_the_time(problem: Problem) -> Problem:
-    return dataclasses.replace(problem, deadline=problem.deadline.share(SHARE))
+    return dataclasses.replace(problem, deadline=problem.deadline.share(FIRST_TRY_SHARE))
 
 
 @dataclass(frozen=True, eq=False)
 class HeldPath(ReadOnly):
     """A way to a goal among obstacles that are held."""
 
-    name: str
-    problem: Problem
+    name: str  # how the obstacles are held, in words
+    problem: Problem  # among these obstacles
     found: PathSoFar
-    at_rest: bool = False
+    at_rest: bool = False  # whether it is among the obstacles as they come to rest
     detour: bool = False  # whether it goes by a place to wait at, so that it may not be made shorter
 
 
 Through = Callable[[Problem, PathSoFar, bool], tuple[PathSoFar, ChartPoints | None]]
-"""Leads a motion through the guide planes of a problem, if there are any, by all means or by the first one; and the
-goals (m, nv) after them, None where the last plane is the goal."""
+"""Leads a motion through the guide planes of a problem, if there are any, by all attempts (True) or by the first one;
+returns it with the goals (m, nv) after them, None where the last plane is the goal."""
 
 
 def find_quick_paths(problem: Problem, through: Through) -> Iterator[HeldPath]:

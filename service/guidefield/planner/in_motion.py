@@ -1,8 +1,8 @@
-"""Motions that begin, or end, in motion: from where the robot can come to rest, to where it can get up to speed.
+"""Plans that begin or end in motion: the stop after the start, and the run up to the goal's velocities.
 
 What joins the two is planned from rest to rest, so there is always a motion: stop, go, and get up to speed. The
-optimiser makes one of it that doesn't stop. Where a joint can't come to rest before its limit or an obstacle, the plan
-is refused. Among obstacles that move the stop is judged in time, and the run to the goal as they stand in the end.
+optimiser makes one of it that doesn't stop. If a joint can't come to rest before its limit or an obstacle, the plan is
+refused. Among obstacles that move the stop is judged in time, and the run to the goal as they come to rest.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from guidefield.planner.motion.profiles import choose_jerks, reverse_motion, sep
 from guidefield.planner.motion.trajectory import Trajectory, concatenate, unwrap_towards
 from guidefield.planner.motion_certificate import judge_itself
 from guidefield.planner.task.effort import torques_of
-from guidefield.planner.task.motion_limits import KEPT
+from guidefield.planner.task.motion_limits import KEPT_SHARE
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.verdict import Reason
@@ -32,7 +32,7 @@ STOPS = "no motion within limits was found that doesn't stop: this one comes to 
 
 @dataclass(frozen=True, eq=False)
 class MovingEnds(ReadOnly):
-    """How a motion comes to rest at first, and gets up to speed in the end."""
+    """The first part of a motion, to rest, and for each goal the last part, from rest to its velocities."""
 
     stop: Trajectory
     goals: ChartPoints  # chart points (m, nv) of the goals that can be reached so
@@ -132,7 +132,7 @@ def _require_within_whole(
     point = cast(ChartPoints, z[None])
     for limit in problem.cartesian_limits:
         speed = limit.speed / math.sqrt(float(limit.along(point, rows[0], cast(ChartRates, still[None])).caps[0]))
-        if speed > limit.speed * KEPT:
+        if speed > limit.speed * KEPT_SHARE:
             kind = "link" if limit.is_link else "frame"
             told = f"`{end.field}` move {kind} {limit.name!r} at {speed:.6g} m/s, its limit is {limit.speed:g} m/s"
             raise StageFailed(end.status, told, stage=end.stage, speed=speed, limit=limit.speed, **{kind: limit.name})
@@ -142,7 +142,7 @@ def _require_within_whole(
     torques = torques_of(effort.tree, point, *rows)[0]
     worst = int(np.argmax(np.abs(torques) / effort.limits))
     most, name = float(effort.limits[worst]), effort.names[worst]
-    if abs(torques[worst]) > most * KEPT:
+    if abs(torques[worst]) > most * KEPT_SHARE:
         told = f"with `{end.field}` joint {name} takes {torques[worst]:.6g} N m, its limit is {most:g} N m"
         raise _make_refusal(end, name, told, effort=float(torques[worst]), limit=most)
 

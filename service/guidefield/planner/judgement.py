@@ -1,10 +1,10 @@
-"""The judgement of a motion that somebody else made: free, within its limits, keeping what is asked for; and how far.
+"""Judge a given motion for a certify request: free, within its limits, and keeping the request's conditions.
 
 It begins as a plan does: a body wholly inside another, or a slight contact that may be left. Then certificates judge
-what rests, what moves, and what frames have to keep; of their refusals the first along the motion counts.
+it among obstacles at rest and in motion, and its path constraints; of their refusals the first along the motion counts.
 
-Until what touched at the start keeps a distance again it must not come closer, at samples; everything else is certified
-until then, and from then on everything is.
+Until bodies that touched at the start keep a distance again they must not come closer, at samples; all other pairs are
+certified until then, and from then on all are.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ INTERVAL = 0.01  # and between them at most, where obstacles move [s]
 
 @dataclass(frozen=True, eq=False)
 class Leaving:
-    """How a motion that begins in contact goes on."""
+    """The judgement of a motion that begins in contact."""
 
     verdict: Verdict
     contacts: tuple[Contact, ...]
     piece: int  # index of the piece on which it has left them, or on which they come closer
-    share: float
+    share: float  # share of that piece that has passed by then
     leaves: bool
-    # both parts of it and what they are judged by: until it has left them, without what touches, and from then on
+    # both parts of it with their conditions: until it has left them, without the pairs that touch, and from then on
     parts: tuple[tuple[Conditions, GivenMotion], ...] = ()
 
 
@@ -107,7 +107,7 @@ def _judge_way_out(
 
 
 def _is_free_beside(conditions: Conditions, motion: GivenMotion, piece: int, share: float) -> bool:
-    """Whether wherever the robot may be beside a place nothing touches."""
+    """Return whether nothing touches anywhere in the tube about a place."""
     if motion.tube is None:
         return True
     world = conditions.world_at(motion.along(piece, share)[1] or 0.0)
@@ -117,7 +117,7 @@ def _is_free_beside(conditions: Conditions, motion: GivenMotion, piece: int, sha
 
 
 def _choose_moments(conditions: Conditions, motion: GivenMotion, piece: int) -> int:
-    """At this many moments of a piece what moves is measured, whether the robot moves or not."""
+    """Number of moments of a piece at which distances to what moves are measured, whether the robot moves or not."""
     begin, end = (motion.along(piece, share)[1] for share in (0.0, 1.0))
     return 0 if not conditions.scene.moves or begin is None or end is None else math.ceil((end - begin) / INTERVAL)
 
@@ -148,7 +148,7 @@ def _place_on_whole(verdict: Verdict, first: int, cut: int, begin: float, end: f
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GivenProblem(Conditions):
-    """A motion that somebody else made, and what it is judged by."""
+    """A given motion with the conditions that it is judged by."""
 
     motion: GivenMotion
     planned: GivenMotion | None = None  # the motion that `motion` is to follow, if there is another one
@@ -165,7 +165,7 @@ class GivenProblem(Conditions):
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """What is said about a motion."""
+    """The result of judging a motion."""
 
     verdict: Verdict
     uses: LimitUses

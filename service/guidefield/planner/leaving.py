@@ -22,15 +22,15 @@ from guidefield.prove.closest import measure
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 
-SLIGHT_DEPTH = 0.01  # a contact deeper than this is not slight [m]: what the page about the certificate promises
+SLIGHT_DEPTH = 0.01  # a contact deeper than this is not slight [m]: docs/certificate.md promises it
 LEFT_DISTANCE = 1e-3  # distance that what touched keeps in the end, at least [m]. Unrecorded
 
 WAY_OUT_LENGTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
-"""Of the motions that are tried, short ones first [rad, or m at size 1]. Unrecorded."""
+"""Lengths of the motions that are tried, in this order [rad, or m at size 1]. Unrecorded."""
 
 DIRECTIONS = 48  # directions that are tried with each length. Unrecorded
 DISTANCE_ERROR = 1e-6  # a distance that becomes smaller by less has not become smaller [m]: the error of Coal's answers
-WAY_OUT_SAMPLES = 24  # places on the motion where what touches is measured. Unrecorded
+WAY_OUT_SAMPLES = 24  # places on the motion at which the touching pairs are measured. Unrecorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class LeftContact(ReadOnly):
 
     @property
     def warning(self) -> str:
-        """What happened, as a sentence."""
+        """The warning of the reply."""
         return warn_of_left_contacts(self.contacts)
 
 
@@ -79,8 +79,7 @@ def leave_contacts(problem: Problem, stages: Stages) -> LeftContact | None:
 def join_way_out(left: LeftContact, rest: CertifiedMotion) -> CertifiedMotion:
     """The motion out of contact, from rest to rest, and after it the rest of the motion, from where it was left.
 
-    Args:
-        rest: What is judged; where it has no trajectory it gets the warning only.
+    Where the rest has no trajectory it gets the warning only.
     """
     warnings = (left.warning, *rest.warnings)
     if rest.trajectory is None:
@@ -129,7 +128,7 @@ class _WaysOut:
         return motion if certify(self._others, motion.bezier(), times=motion.piece_times()).free else None
 
     def _is_free_beside(self, there: World, end: ChartPoint) -> bool:
-        """Whether nothing touches wherever a controller may be at the end of a way."""
+        """Return whether nothing touches anywhere in the controller's tube about the end of a way."""
         tube = None if self._problem.execution is None else self._problem.execution.tube
         if tube is None:
             return True
@@ -146,7 +145,7 @@ def touching_pairs(world: World, contacts: Sequence[Contact]) -> list[int]:
 
 
 def measure_distances(world: World, pairs: Sequence[int]) -> Callable[[ChartPoint, float | None], np.ndarray]:
-    """Measures how far some pairs are apart at a chart point (nv,) and a time [s]: (k,) [m], signed or 0 in contact.
+    """Make a function of a chart point (nv,) and a time [s]: distances of some pairs (k,) [m], signed or 0 in contact.
 
     Without a time obstacles rest.
     """
@@ -159,7 +158,7 @@ def measure_distances(world: World, pairs: Sequence[int]) -> Callable[[ChartPoin
 
 
 def warn_of_left_contacts(contacts: Sequence[Contact]) -> str:
-    """What is warned of where contacts at the start are left, as a sentence."""
+    """Return the warning of a motion that leaves contacts at the start."""
     told = ", ".join(f"{one.pair[0]} and {one.pair[1]}{_depth(one)}" for one in contacts)
     return f"the start was in contact ({told}): the motion begins by leaving it, and is certified free from then on"
 

@@ -1,4 +1,7 @@
-"""The certificate of a plan's motion, among what rests and what moves alike: a still scene is one that ends at 0."""
+"""The certificate of a plan's motion, or of the curve that a controller draws of it, and the rows that it is sent.
+
+Obstacles at rest and in motion are judged alike: a still scene is one that ends at 0.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +37,11 @@ from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
 CERTIFY_GRACE_S = 0.03
-"""For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
+"""Time to judge a motion after the deadline, or when the run is cancelled [s]: a proven motion is worth it."""
 
-MOST_PARTS = 64  # into which the span between two rows is divided until what a controller draws is certified, at most
-REFINED = 0.5  # share of an excess that twice as many rows must not leave, else the motion is slowed down. A choice
-MOST_SLOWED = 8  # how often a motion is slowed down until what a controller draws keeps all limits
+MOST_PARTS = 64  # most parts of the span between two knots, by which rows are added until the drawn curve is certified
+REFINED = 0.5  # if twice the rows leave more than this share of an excess, the motion is slowed down. A choice
+MOST_SLOWED = 8  # how often a motion is slowed down at most until the drawn curve keeps all limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +108,7 @@ class SettledExecution(ReadOnly):
 
 
 _SETTLED = Answers[tuple[SettledExecution, "weakref.ref[World]"]](1)
-"""What was settled about a trajectory, and in which world."""
+"""The last execution that was settled, by its trajectory, and its world."""
 
 JudgeDrawn = Callable[[GivenMotion], tuple[Verdict, float]]  # tells the verdict, and `SettledExecution.stretch`
 
@@ -249,7 +252,7 @@ def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) 
 
 @memoized
 def speeds_along(motion: Trajectory | GivenMotion, limits: tuple[CartesianLimit, ...]) -> tuple[CartesianUse, ...]:
-    """How fast bodies with limits are along a motion."""
+    """The largest speeds and accelerations of bodies with limits along a motion."""
     return measure_cartesian(limits, motion.polynomials)
 
 
@@ -260,7 +263,7 @@ def efforts_along(motion: Trajectory | GivenMotion, group: PlanningGroup, limit:
 
 
 def find_excess(conditions: Conditions, motion: Trajectory | GivenMotion | None) -> Ending | None:
-    """The refusal of a motion that exceeds a limit of what it does as a whole; None where it doesn't."""
+    """The refusal of a motion that exceeds a limit of speed in space or of torque; None where it doesn't."""
     if motion is None or not (conditions.cartesian_limits or conditions.effort_limit):
         return None
     for use in speeds_along(motion, conditions.cartesian_limits):
@@ -294,10 +297,9 @@ def _with_constraints(
 
 
 def find_enclosed_start(conditions: Conditions, z: ChartPoint, time: float = 0.0) -> Verdict | None:
-    """The refusal of a motion for what is wholly inside another at its start (nv,).
+    """The refusal of a motion with one body wholly inside another at its start (nv,); None if none is, or it touches.
 
-    None where nothing is, or it touches. A certificate of what comes after the start doesn't see it: a mesh is a
-    surface to Coal.
+    A certificate of what comes after the start doesn't see it: a mesh is a surface to Coal.
     """
     world = conditions.world_at(time)
     q = conditions.group.expand_from_chart(z)

@@ -1,10 +1,9 @@
-"""Optimise a motion that was found, shape and time together, and certify it: among what rests and what moves alike.
+"""Optimise a motion that was found, shape and time together, and certify it: among obstacles at rest and in motion.
 
-What the certificate refuses among obstacles that rest is optimised again with more weight on the clearance, and more
-samples; then with looks at where it touched. Among obstacles that move there is a certified motion already: what is
-waiting stays waiting, until a departure the robot stands where it starts, and what is moved is optimised with every
-obstacle where it is at the time, and the departure besides, where there is a wait. It is taken if it is better, and
-certified.
+Among obstacles at rest, a motion that the certificate refuses is optimised again with more weight on the clearance and
+more samples; then with samples where it touched. Among obstacles that move there is a certified motion already: its
+wait stays a wait, the rest is optimised with every obstacle where it is at the time, the departure too if there is a
+wait, and the result is taken if it is better and certified.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.motion_certificate import CertifiedMotion, Judge, certify_motion, find_excess, judge
 from guidefield.planner.optimize import settings as presets
-from guidefield.planner.optimize.clearance_samples import better
+from guidefield.planner.optimize.clearance_samples import is_better
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
-from guidefield.planner.optimize.passages import Passage, PlanePlace, first_places, passing, with_knots
+from guidefield.planner.optimize.passages import Passage, PlanePlace, first_places, move_onto_places, with_knots
 from guidefield.planner.optimize.sampled_robot import TouchedPoint, touched_points
 from guidefield.planner.path_so_far import limits_of, retime_motion
 from guidefield.planner.schedule.retimed import wait_until_begin
@@ -41,7 +40,7 @@ class CrossedPlanes(ReadOnly):
     """The guide planes that an optimised motion crosses."""
 
     passages: tuple[Passage, ...]
-    on_way: tuple[int, ...]
+    on_way: tuple[int, ...]  # index of the guide plane of each passage
     # by index of each other guide plane that was reached, the knot that stays on it: the first or the last
     at_ends: Mapping[int, int]
 
@@ -67,13 +66,13 @@ class CrossedPlanes(ReadOnly):
 
 
 GAINED = 0.03
-"""A motion is timed anew for limits beside those of rates where these alone would let it be faster by this share."""
+"""A motion is timed anew for limits of the whole if the limits of rates alone let it be faster by this share."""
 
 NO_PLANES = CrossedPlanes((), (), {})  # of a motion that crosses none
 
 
-LOOKS = 3  # how often a motion that is refused again is optimised with a look at where it touched, at most
-ANY_TIME = (0.0, -math.inf)  # of a motion that begins at time 0, and may end at any
+LOOKS = 3  # how often a motion that is refused again is optimised with samples where it touched, at most
+ANY_TIME = (0.0, -math.inf)  # `between` of a motion that begins at time 0, and may end at any
 
 
 def optimize_motion(
@@ -142,7 +141,7 @@ def optimize_motion(
 
 
 def is_overloaded(problem: Problem, finished: CertifiedMotion | None) -> bool:
-    """Whether a motion exceeds limits of what it does as a whole, which no scaling of its time helps.
+    """Return whether a motion exceeds limits of the whole that no scaling of its time helps.
 
     It can't be scaled where it begins or ends in motion; and where gravity alone takes more, no time is long enough.
     """
@@ -154,7 +153,7 @@ def is_overloaded(problem: Problem, finished: CertifiedMotion | None) -> bool:
 
 
 def choose_settings(problem: Problem, *, passes: bool = False) -> presets.OptimizationSettings:
-    """Of the optimisation of a problem's motion, which may have to pass something on its way."""
+    """Choose the settings of a problem's optimisation; `passes`: the motion has to pass something on its way."""
     return presets.sized(_choose_usual_settings(problem, passes), problem.group.size)
 
 
@@ -189,7 +188,7 @@ def _certify_optimized(
     candidates: Iterable[tuple[Trajectory, dict[int, int]]] = (found,)
     if problem.scene.moves:
         within = _time_within_limits(problem, optimized.trajectory, found[1], crossed, arrive_from)
-        candidates = (one for one in within if better(problem, one[0], begun, settings))
+        candidates = (one for one in within if is_better(problem, one[0], begun, settings))
     elif problem.beside and not problem.in_motion:
         candidates = filter(None, (_retime(problem, optimized.trajectory, crossed), found))
     for shaped, passed in candidates:
@@ -220,7 +219,7 @@ def bring_onto_planes(
     """
     sizes = problem.group.sizes
     about = first_places(crossed.passages, Trajectory(*spline.knots()), spline.pieces, sizes)
-    exact = passing(spline, crossed.passages, about, sizes)
+    exact = move_onto_places(spline, crossed.passages, about, sizes)
     if exact is None:
         return None
     knots, passed = with_knots(*exact)

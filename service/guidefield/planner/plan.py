@@ -1,4 +1,7 @@
-"""The stages of a plan, in order: check the ends, cross guide planes, connect, optimise, certify."""
+"""Plan a motion, stage by stage: check the ends, cross guide planes, connect, optimise, certify.
+
+A `Plan` always has a verdict: one that failed has that of its path as far as it got. Handlers build the reply of it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from guidefield.errors import Status
-from guidefield.planner.crossings import cross_planes, find_led_goals
+from guidefield.planner.crossings import cross_planes, find_goals_behind_planes
 from guidefield.planner.ends import UNREACHED, check_start, find_goal_points
 from guidefield.planner.finish import finish
 from guidefield.planner.goal_among_movers import reach_among_movers
@@ -45,7 +48,7 @@ from guidefield.robot.model.spaces import ChartPoints
 
 
 class Planner(enum.Enum):
-    """Which stages find the motion."""
+    """The stages that find the motion; the values are those of requests."""
 
     AUTO = "auto"
     GUIDED = "guided"
@@ -54,7 +57,7 @@ class Planner(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class Plan(ReadOnly):
-    """What came of planning; it cannot be made without a certificate's verdict."""
+    """The result of planning; it cannot be made without a certificate's verdict."""
 
     status: Status
     message: str
@@ -144,7 +147,7 @@ def _cross_planes(
             connects = thoroughly and planner is Planner.AUTO
             found = cross_planes(among, found, stages, tried, connects=connects)
         if goals is None and isinstance(among.goal, TipGoal) and found.failure is None:
-            found, behind = find_led_goals(among, found, stages, tried)
+            found, behind = find_goals_behind_planes(among, found, stages, tried)
         if among.robot_field is not problem.robot_field:
             problem.robot_field.evaluations += among.robot_field.evaluations
             among.robot_field.evaluations = 0
@@ -173,7 +176,7 @@ def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Cer
 
 
 def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | None:
-    """Chart points of the goal; None where a plane is the goal, or its pose is to be looked for behind the planes."""
+    """Chart points of the goal; None where a plane is the goal, or its pose is searched for behind the planes."""
     with stages.entered("ends", "start and goal") as stage:
         check_start(problem.at(0.0))
         try:
@@ -196,7 +199,7 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
 def _reach_goal(
     problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages, ends: MovingEnds | None = None
 ) -> CertifiedMotion:
-    """Connect and finish: what is free at samples is optimised at once; where that fails, it is proven before."""
+    """Connect and finish: a path free at samples is optimised at once; if that fails, one is certified before."""
     finished, among, words = None, problem, "to the goal"
     if ends is not None:
         among, words = ends.between(problem), "from where it can stop to where it gets up to speed"

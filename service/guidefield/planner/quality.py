@@ -1,4 +1,7 @@
-"""Figures of a motion: its distance from everything along the way, its length and its smoothness."""
+"""Measure a motion: its distances from everything along the way, its length and its smoothness.
+
+The constants decide what a figure of a reply means; docs and messages state `END_LENGTH` and the accuracies.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, Configurations, ModelConfigurations
 from guidefield.scene.scene import Scene
 
-LENGTH_STEPS = 100  # chords by which the length of a path is measured, at least. Unrecorded
+LENGTH_STEPS = 100  # least number of chords by which the length of a path is measured. Unrecorded
 
 LENGTH_SHARE = 5e-5
 """Pieces are divided on where their lengths by chords and by chords twice as long differ by more, all together, than
@@ -106,7 +109,7 @@ class SmallestDistance:
 
 @dataclass(frozen=True, eq=False)
 class Clearance(ReadOnly):
-    """How far a motion keeps from everything: exact over its whole length, and samples along it."""
+    """Distances along a motion: the smallest, exact over its whole length, and samples."""
 
     obstacle: SmallestDistance
     inner: SmallestDistance | None  # the same less `END_LENGTH` of the way at each end; None if nothing is left
@@ -166,7 +169,8 @@ def measure_clearances(motions: Sequence[tuple[TimedMotion, Conditions]]) -> lis
 def measure_clearance(trajectory: TimedMotion, problem: Conditions) -> Clearance:
     """Measure a trajectory, among the obstacles where they are at each time.
 
-    The smallest distances are looked for until the deadline, and for `LAST_SEARCH_S` at least: see `Closest.exact`.
+    The smallest distances are searched for until the deadline, and for `LAST_SEARCH_S` at least: see
+    `SmallestDistance.exact`.
 
     Raises:
         DeadlineExpired: if the deadline passed before any were found.
@@ -228,7 +232,7 @@ def certify_and_measure(trajectory: TimedMotion, problem: Conditions, deadline: 
 
 
 class _ClearanceQueries(NamedTuple):
-    """What is asked for along a motion."""
+    """The queries along a motion."""
 
     times: np.ndarray  # of samples, shape (k,) [s]
     lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad, or m at size 1]
@@ -246,7 +250,7 @@ def _make_clearance_queries(trajectory: TimedMotion, problem: Conditions) -> _Cl
 
 
 _SEARCHED = Answers[tuple[_ClearanceQueries, SearchResult, "weakref.ref[World]"]](1)
-"""What a certificate's search was asked and found along a motion, and in which world."""
+"""Queries and results of the last certificate's search, by its motion, and its world."""
 
 
 def measure_clearance_profile(*parts: tuple[Clearance, Conditions, Scene], every: int = 1) -> ClearanceProfile:

@@ -9,7 +9,7 @@ from guidefield.kernels.simd.packing import pack
 from guidefield.kernels.tree import nodes as lane_nodes
 from guidefield.kernels.tree.informed_samples import Sampling
 from guidefield.kernels.tree.kd_buckets import BUCKET, KNOWN, STATE
-from guidefield.planner.connect.tree_search import _Room, held_by
+from guidefield.planner.connect.tree_search import _TreeMemory, held_by
 from tests.kernels.collide.lane_callers import nearest_nodes, nearest_nodes_of_samples
 
 WRAPS = np.array([0.0, 2.0 * np.pi, 0.0, 0.0, 2.0 * np.pi], np.float32)
@@ -51,7 +51,7 @@ def spread(kind: str, count: int, rng: np.random.Generator) -> np.ndarray:
 def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
     rng = np.random.default_rng(0)
     roots = [spread(kind, count, rng).astype(np.float32) for count in (700, 5000)]
-    room, sampling = _Room.build(5, 8192), sampling_of(wraps)
+    room, sampling = _TreeMemory.build(5, 8192), sampling_of(wraps)
     for tree, points in enumerate(roots):
         held_by(room.search)[0][tree, :, : len(points)] = points.T
     room.search.counters[lane_nodes.SIZE] = len(roots[0])

@@ -13,8 +13,8 @@ from guidefield.planner.optimize.passages import (
     REACHED,
     Passage,
     add_passage,
+    move_onto_places,
     nearest,
-    passing,
 )
 from guidefield.planner.optimize.settings import BALANCED
 
@@ -94,7 +94,7 @@ def test_a_motion_is_brought_exactly_to_all_places_and_its_ends_stay(seed: int, 
     aside = 0.02 * np.random.default_rng(seed).normal(size=(2, 3))
     places = (at, at + 2.0)
     passages = [Passage(Waypoint(z + by, radius), z) for z, by in zip(spline.at(np.array(places)), aside, strict=True)]
-    found = passing(spline, passages, places, np.ones(spline.points.shape[1]))
+    found = move_onto_places(spline, passages, places, np.ones(spline.points.shape[1]))
     assert found is not None
     moved, reached = found
     for passage, where in zip(passages, reached, strict=True):

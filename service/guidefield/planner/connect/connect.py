@@ -1,7 +1,7 @@
-"""Connect two configurations: the straight motion, else a tree on the lane kernels; certified if that is asked for.
+"""Connect configurations: the straight motion, else a path of RRT-Connect, shortened; certified if that is asked for.
 
-Of several goals the one is chosen that is estimated to be reached soonest (`quickest`); all are tried together where
-none of them is reached with a few motions.
+Of several goals the one is chosen that is estimated to be reached soonest (`find_quickest_path`); all are tried
+together where none of them is reached with a few motions.
 
 Lanes judge motions by samples only: what they find is a proposal to the certificate. One that is optimised anyway need
 not be certified before: that moves it away from where samples overlooked something.
@@ -29,7 +29,7 @@ from guidefield.robot.model.size import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
 
 ATTEMPTS = 6  # how often the certificate may refuse what was found. Unrecorded
-FINER = 2.0  # how much finer motions are judged after each refusal. Unrecorded
+FINER = 2.0  # factor of the resolution after each refusal. Unrecorded
 # goals tried each by itself at most, the nearest in time first. One tree for all of ten: 4 % slower motions of a Panda
 GOALS_TRIED = 10
 GOAL_MOTIONS = 3000  # motions that each one's tree judges at most, before all goals are tried together. Unrecorded
@@ -61,8 +61,8 @@ class QuickestPath(ReadOnly):
 
     path: ChartPoints  # chart points, shape (n, nv), free at samples
     others: tuple[ChartPoints, ...]  # the next best, shape (n, nv) each; none where clearance counts most
-    tried: int
-    iterations: int
+    tried: int  # goals that were tried
+    iterations: int  # of all trees
 
 
 def find_quickest_path(
@@ -141,7 +141,7 @@ class _PathSearch:
 
 
 def score_path(problem: Problem, way: ChartPoints) -> float:
-    """What a way (n, nv) counts [s]: its estimated time, and a share of its length unless time alone counts."""
+    """The score of a way (n, nv) [s]: its estimated time, and a share of its length unless time alone counts."""
     limits = problem.group.velocity_limits
     time = estimate_time(way, limits)
     if problem.objective is Objective.TIME:
@@ -155,8 +155,8 @@ def estimate_time(path: ChartPoints, velocity_limits: ChartRate) -> float:
     return 0.5 * float(times.max(axis=1).sum() + times.sum(axis=0).max())
 
 
-FEW = 0.01
-"""An end is hard to get away from if its tree has less configurations than this share of the motions tried there."""
+HARD_TO_LEAVE = 0.01
+"""An end is hard to get away from if its tree has fewer configurations than this share of the motions tried there."""
 
 
 def explain_no_path(
@@ -194,7 +194,7 @@ def explain_failed_search(found: FoundPath, goals: int, *, in_time: bool) -> str
         f" the {names[1]} have {start} and {goal} configurations"
     )
     narrow = int(np.argmin(np.array(found.sizes) / np.maximum(found.tried, 1)))
-    if found.sizes[narrow] < FEW * found.tried[narrow]:
+    if found.sizes[narrow] < HARD_TO_LEAVE * found.tried[narrow]:
         verb = "are" if narrow == 1 and goals > 1 else "is"
         message += f"; the {names[narrow]} {verb} hard to get away from: {found.tried[narrow]} motions were tried there"
     return message
@@ -202,7 +202,7 @@ def explain_failed_search(found: FoundPath, goals: int, *, in_time: bool) -> str
 
 @dataclass(frozen=True, eq=False)
 class ShortenedPath(ReadOnly):
-    """What came of it."""
+    """A path after shortening."""
 
     path: ChartPoints  # chart points (n, nv), free as the path that it began with, and no longer
     rounds: int
@@ -211,7 +211,7 @@ class ShortenedPath(ReadOnly):
 
 @dataclass(frozen=True)
 class ShorteningRounds:
-    """How a connection is made shorter."""
+    """The settings by which a connection is made shorter."""
 
     number: int
     resolution: float  # samples of a motion per length in the chart [1/rad or 1/m]
@@ -254,7 +254,7 @@ def shorten_path(
 
 @dataclass(frozen=True, eq=False)
 class Connection(ReadOnly):
-    """What came of a connection."""
+    """The result of a connection."""
 
     status: Status
     message: str

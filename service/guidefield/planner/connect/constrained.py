@@ -1,4 +1,4 @@
-"""Configurations and motions within path constraints: brought back to them, and searched for among them."""
+"""Path constraints in planning: bring configurations back to them, also at a pose, and connect within them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Keeper:
 
     @property
     def tables(self) -> KeptFrames:
-        """The constraints as the kernels want them."""
+        """The constraints as kernels read them."""
         return keep_frames(self.frames)
 
 
@@ -84,10 +84,10 @@ def _shorten(problem: Problem, keeper: Keeper, path: ChartPoints, rng: np.random
     return path
 
 
-STEPS = 15  # steps at most. From the edges of tolerances three to six lead to where both hold
+STEPS = 15  # most steps of `_move_within`. From the edges of tolerances three to six lead to where both hold
 
 TRIES = 20
-"""After that many configurations in a row that can't be helped no other is tried: the constraint is out of reach."""
+"""After this many failures in a row no other configuration is moved: the constraint is out of reach."""
 
 DAMPING = 1e-9  # of the steps, relative to the largest singular value: a row that nothing moves is given up
 

@@ -1,4 +1,8 @@
-"""Tree search on the lane kernels."""
+"""RRT-Connect (Kuffner and LaValle 2000) on SIMD batches of collision checks: two trees that grow until they meet.
+
+The kernels are kernels/tree/rrt_connect.py and, within path constraints, constrained_connect.py; memory for them, and
+the box that samples are drawn from, stay with each thread.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +36,9 @@ from guidefield.robot.model.spaces import ChartPoints
 RESOLUTION = 32.0
 MOST_ITERATIONS = 100_000_000  # samples that a search draws, which cost next to nothing: for safety
 MOST_MOTIONS = 3_000_000  # motions that it judges at most. Unrecorded
-PIECE = 256  # iterations between two checks of the deadline: some milliseconds
-MOST_ROOTS_TRIED = 20_000  # extensions of roots alone after which it is asked whether these can be left. Unrecorded
-FIRST_CAPACITY = 512  # nodes that each tree has room for at first; doubled when it is full. Unrecorded
+ITERATIONS_PER_CHECK = 256  # iterations between two checks of the deadline: some milliseconds
+MOST_ROOTS_TRIED = 20_000  # extensions of roots alone after which `can_escape` examines these. Unrecorded
+FIRST_CAPACITY = 512  # nodes that each tree has memory for at first; doubled when it is full. Unrecorded
 ESCAPE_LENGTHS = (0.3, 0.1, 0.03, 0.01)  # of motions by which a root may be left [rad, or m at size 1]
 ESCAPE_DIRECTIONS = 1024  # how many of each length, beside those along one coordinate. Unrecorded
 CONSTRAINT_ROOM = 0.6  # share of each path constraint's limit to within which configurations are brought. Unrecorded
@@ -43,12 +47,12 @@ STRIDE = 0.1  # length of a step of a tree within path constraints, by the metri
 # a step that comes nearer to where it was to go by less than this share of its length ends an extension. Unrecorded
 LEAST_GAIN = 0.2
 FARTHEST_STRIDE = 2.0  # so does one that is brought back to this many lengths from where it began. Unrecorded
-CONSTRAINED_PIECE = 32  # as `PIECE`, within path constraints
+CONSTRAINED_PER_CHECK = 32  # as `ITERATIONS_PER_CHECK`, within path constraints
 
 
 @dataclass(frozen=True, eq=False)
 class Sources(ReadOnly):
-    """Where samples of a group come from: chart points in the group's units."""
+    """The box that samples of a group fill: chart points in the group's units."""
 
     sampling: Sampling
     words: Words
@@ -110,7 +114,7 @@ def sources_of(group: PlanningGroup) -> Sources:
 
 @memoized_for_alike
 def _alike_sources(group: PlanningGroup, origins: bytes) -> Sources:
-    """The same, with the values of the coordinates without limits where the group's chart starts, in order."""
+    """`sources_of` a group, by the values of the coordinates without limits where its chart starts, in order."""
     lower, upper, period = group.lower.copy(), group.upper.copy(), group.periods.astype(np.float32)
     lengths, rotations = np.zeros(group.nv, bool), []
     for joint in group.joints:
@@ -145,7 +149,7 @@ def _steps(count: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class FoundPath(ReadOnly):
-    """What a search came to."""
+    """The result of a search."""
 
     # chart points (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none
     path: ChartPoints | None
@@ -209,8 +213,8 @@ def grow(
     group, nv = lanes.world.group, lanes.world.group.nv
     if not starts.shape[1] == goals.shape[1] == nv:
         raise ValueError(f"roots of a tree have {nv} coordinates here, got {starts.shape[1]} and {goals.shape[1]}")
-    place = _place(group, nv)
-    sources, room = place.sources, place.room
+    kept_memory = _thread_memory(group, nv)
+    sources, memory = kept_memory.sources, kept_memory.memory
     first, second = starts / group.units, goals / group.units
     if sources.roams.size:
         sources = sources.about(np.concatenate([first, second]))
@@ -218,39 +222,43 @@ def grow(
         sources = sources.between(first, second, within)
     most_roots = max(len(starts), len(goals))
     if 2 * most_roots > FIRST_CAPACITY:
-        room = _Room.build(nv, 2 * most_roots)
-    rng.random(out=room.search.places)
-    begins, suspected, counters = True, [0, 1], room.search.counters
+        memory = _TreeMemory.build(nv, 2 * most_roots)
+    rng.random(out=memory.search.places)
+    begins, suspected, counters = True, [0, 1], memory.search.counters
     strides = Strides(
         STRIDE, LEAST_GAIN, FARTHEST_STRIDE, CONSTRAINT_ROOM, CORRECTIONS,
         resolution, clearance,
     )  # fmt: skip
     while True:
-        piece = 0 if deadline.expired() else min(PIECE if frames is None else CONSTRAINED_PIECE, most_iterations)
-        words = lanes.words, sources.words, room.words
+        piece = (
+            0
+            if deadline.expired()
+            else min(ITERATIONS_PER_CHECK if frames is None else CONSTRAINED_PER_CHECK, most_iterations)
+        )
+        words = lanes.words, sources.words, memory.words
         if frames is None:
             ended = kernel.grow(*words, first, second, clearance, resolution, piece, begins)
         else:
             ended = grow_within(*words, frames, strides, first, second, piece, begins)
         if ended == kernel.MET:
             # samples are float32: rounding may take one beyond a limit
-            path = np.clip(room.path[: counters[lane_nodes.ROWS]] * group.units, group.lower, group.upper)
-            return FoundPath(path, counters.copy(), room.search, group.units)
+            path = np.clip(memory.path[: counters[lane_nodes.ROWS]] * group.units, group.lower, group.upper)
+            return FoundPath(path, counters.copy(), memory.search, group.units)
         begins = False
         if ended == kernel.FULL:
-            room = room.roomier()
+            memory = memory.doubled()
         tried = next((tree for tree in suspected if counters[lane_nodes.TRIED + tree] >= MOST_ROOTS_TRIED), None)
         if tried is not None:
             suspected.remove(tried)
             roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
             if size == len(roots) and not can_escape(lanes, roots, clearance, resolution, rng):
-                return FoundPath(None, counters.copy(), room.search, group.units, tried)
+                return FoundPath(None, counters.copy(), memory.search, group.units, tried)
         if (
             piece == 0
             or counters[lane_nodes.ITERATION] >= most_iterations
             or counters[lane_nodes.MOTIONS] >= most_motions
         ):
-            return FoundPath(None, counters.copy(), room.search, group.units)
+            return FoundPath(None, counters.copy(), memory.search, group.units)
 
 
 def held_by(search: lane_nodes.TreeSearch) -> tuple[np.ndarray, ...]:
@@ -259,8 +267,8 @@ def held_by(search: lane_nodes.TreeSearch) -> tuple[np.ndarray, ...]:
     return nodes, *(array.reshape(2, -1) for array in (search.parents, search.domains, search.failed))
 
 
-def _from_a_line(size: int) -> np.ndarray:
-    """So many float32, all 0, the first of which is where a line of the cache begins."""
+def _zeros_on_cache_line(size: int) -> np.ndarray:
+    """A number of float32, all 0, that begin where a line of the cache begins."""
     floats = LINE // 4
     memory = np.zeros(size + floats, np.float32)
     begin = -memory.ctypes.data % LINE // 4
@@ -268,7 +276,7 @@ def _from_a_line(size: int) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Room:
+class _TreeMemory:
     """Memory of two trees."""
 
     search: lane_nodes.TreeSearch
@@ -276,10 +284,10 @@ class _Room:
     path: ChartPoints  # where the path is written, shape (2 * capacity, nv)
 
     @classmethod
-    def build(cls, nv: int, capacity: int) -> _Room:
+    def build(cls, nv: int, capacity: int) -> _TreeMemory:
         ends_of = np.cumsum((nv, nv, nv, nv, 1, 1)) * LANES
         samples, origins, ends, judged, squares, nearest, longest = np.split(
-            _from_a_line((4 * nv + 3) * LANES), ends_of
+            _zeros_on_cache_line((4 * nv + 3) * LANES), ends_of
         )
         # sixteen more: the nearest node is searched for sixteen at a time
         search = lane_nodes.TreeSearch(
@@ -313,41 +321,41 @@ class _Room:
         return cls.of(search)
 
     @classmethod
-    def of(cls, search: lane_nodes.TreeSearch) -> _Room:
+    def of(cls, search: lane_nodes.TreeSearch) -> _TreeMemory:
         return cls(search, pack(search), cast(ChartPoints, search.path.reshape(-1, search.nv)))
 
-    def roomier(self) -> _Room:
-        larger = _Room.build(self.search.nv, 2 * self.search.capacity).search
+    def doubled(self) -> _TreeMemory:
+        larger = _TreeMemory.build(self.search.nv, 2 * self.search.capacity).search
         for old, new in zip(held_by(self.search), held_by(larger), strict=True):
             new[..., : self.search.capacity] = old
-        return _Room.of(larger._replace(places=self.search.places, counters=self.search.counters))
+        return _TreeMemory.of(larger._replace(places=self.search.places, counters=self.search.counters))
 
 
 @dataclass(frozen=True, eq=False)
-class _TreePlace:
-    """Where a thread's searches begin."""
+class _ThreadMemory:
+    """What a thread keeps for its next search: memory, and the sources of the last group."""
 
-    room: _Room
+    memory: _TreeMemory
     group: weakref.ref[PlanningGroup]
     sources: Sources
 
 
-class _Places(threading.local):
-    """A thread's, by how many coordinates and what size: to make them takes longer than to find a simple path."""
+class _ThreadMemories(threading.local):
+    """Those of a thread, by number of coordinates and capacity: making them takes longer than finding a simple path."""
 
     def __init__(self) -> None:
-        self.kept: dict[tuple[int, int], _TreePlace] = {}
+        self.kept: dict[tuple[int, int], _ThreadMemory] = {}
 
 
-_PLACES = _Places()
+_MEMORIES = _ThreadMemories()
 
 
-def _place(group: PlanningGroup, nv: int) -> _TreePlace:
-    place = _PLACES.kept.get((nv, FIRST_CAPACITY))
-    if place is None or place.group() is not group:
-        room = _Room.build(nv, FIRST_CAPACITY) if place is None else place.room
-        place = _PLACES.kept[nv, FIRST_CAPACITY] = _TreePlace(room, weakref.ref(group), sources_of(group))
-    return place
+def _thread_memory(group: PlanningGroup, nv: int) -> _ThreadMemory:
+    kept_memory = _MEMORIES.kept.get((nv, FIRST_CAPACITY))
+    if kept_memory is None or kept_memory.group() is not group:
+        memory = _TreeMemory.build(nv, FIRST_CAPACITY) if kept_memory is None else kept_memory.memory
+        kept_memory = _MEMORIES.kept[nv, FIRST_CAPACITY] = _ThreadMemory(memory, weakref.ref(group), sources_of(group))
+    return kept_memory
 
 
 def can_escape(

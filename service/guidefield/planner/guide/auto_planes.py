@@ -1,4 +1,4 @@
-"""Guide planes nobody gave: along a coarse way of the tip, at bottlenecks, mouths and bends.
+"""Derive guide planes that nobody gave: along a coarse way of the tip, at bottlenecks, mouths and bends.
 
 service/docs/algorithm.md, "Guide planes that nobody gave": a wavefront finds the way; planes stand where it is
 narrowest, where free space turns into a passage (a taper is not narrowest at its mouth), and where the centres of two
@@ -24,17 +24,17 @@ from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
 from guidefield.scene.guide_plane import GuidePlane, axes_across, build, centroid
 
-GRID_SPACING = 0.05  # of the grid in which a coarse way of the tip is searched for [m], at size 1. Unrecorded
-MOST_POINTS = 2_000_000  # the grid is made coarser where it would have more. Unrecorded
-LEAST_RADIUS = 0.005  # of a tip whose joint carries no body: it passes any gap through which the grid sees [m]
+GRID_SPACING = 0.05  # spacing of the grid in which the tip's way is searched for [m], at size 1. Unrecorded
+MOST_POINTS = 2_000_000  # points of the grid: it is made coarser where it would have more. Unrecorded
+LEAST_RADIUS = 0.005  # radius of a tip whose joint carries no body: it passes any gap that the grid sees [m]
 MOST_BETWEEN = 1000  # points that are examined between the start and a goal in its cell of the grid, at most. A choice
-AROUND = 0.3  # how far the grid reaches beyond obstacles, start and goal [m]. Unrecorded
+AROUND = 0.3  # distance by which the grid extends beyond obstacles, start and goal [m]. Unrecorded
 # clearance at which a way costs twice its length [m]: ways with much of it are looked for first. Unrecorded
 COMFORTS = (0.2, 0.1, 0.05, 0.02)
 LEAST_AMPLE = 0.1  # clearance that counts even where an end is in a narrower tube [m]. Unrecorded
 SMOOTHINGS = 8  # how often the way is drawn straight and pushed off the obstacles. Unrecorded
 PUSH = 0.3  # share of what is missing to free clearance by which a point of the way is pushed. Unrecorded
-KEPT = 0.98  # no point of the way keeps less than this share of the clearance that it had. Unrecorded
+CLEARANCE_KEPT = 0.98  # no point of the way keeps less than this share of the clearance that it had. Unrecorded
 RAYS = 24  # rays by which a free section is cut. Unrecorded
 COMPARED_RAYS = 12  # rays by which areas are compared, and points told to be enclosed. Unrecorded
 LONGEST_RAY = 0.4  # rays are followed no farther [m]: a plane in the open is this large. Unrecorded
@@ -42,7 +42,7 @@ MOUTH = 0.8  # a passage begins where clearance falls below this share of what c
 PLATEAU = 0.02  # clearances that differ by less than this share are one plateau. Unrecorded
 SIGHT = 0.5  # centres see each other if their straight way keeps this share of their clearance. Unrecorded
 SIGHT_STEP = 0.02  # spacing of the points that are examined along a line of sight [m]. Unrecorded
-NEARBY = 3  # how many points of the way a plane may be moved to a smaller section. Unrecorded
+NEARBY = 3  # points of the way by which a plane may be moved to a smaller section. Unrecorded
 APART = 0.1  # planes nearer to each other, to the start or to the goal than this are one [m]. Unrecorded
 CENTRINGS = 2  # how often a section is cut anew about its own middle. Unrecorded
 CENTRED = 0.5  # share of the clearance on the way that its middle keeps. Unrecorded
@@ -107,14 +107,14 @@ def find_free_section(tables: DistanceTables, centre: np.ndarray, across: np.nda
 
 
 def measure_open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray, size: float) -> np.ndarray:
-    """How much of planes about points (n, 3), along unit vectors (n, 2, 3), is seen from there, shape (n,) [m^2]."""
+    """Areas of planes about points (n, 3), along unit vectors (n, 2, 3), that are seen from there, shape (n,) [m^2]."""
     areas = np.empty(len(centres))
     open_areas_kernel(tables, centres, across, LONGEST_RAY * size, COMPARED_RAYS, areas)
     return areas
 
 
 def is_in_passage(tables: DistanceTables, point: np.ndarray, normals: np.ndarray, size: float = 1.0) -> bool:
-    """Whether a point (3,) is in a passage: in one of the planes with unit normals (n, 3) all rays from it hit."""
+    """Return whether a point (3,) is in a passage: all rays from it hit in one of the planes with normals (n, 3)."""
     across = np.array([axes_across(normal) for normal in normals])
     return is_enclosed(tables, point, across, LONGEST_RAY * size, COMPARED_RAYS)
 
@@ -151,7 +151,7 @@ def _straight_way(
 
 def _smooth(tables: DistanceTables, points: np.ndarray, size: float) -> TipWay:
     """The way as a band: drawn straight, pushed off the obstacles; no point of it loses clearance."""
-    least, cap = KEPT * measure_point_clearances(tables, points, size), CAP * size
+    least, cap = CLEARANCE_KEPT * measure_point_clearances(tables, points, size), CAP * size
     for _ in range(SMOOTHINGS):
         distances, away, _ = distance_at_points(tables, points, cap)
         tangents = _tangents(points)
@@ -180,7 +180,7 @@ NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
 def derive_planes(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane, ...] | None:
     """Planes that lead the tip to a point (3,) [m] or a plane's centroid, GP-auto-1, GP-auto-2 ...
 
-    None if there is no way, or an end is in contact. There are none where it sees it from the start.
+    None if there is no way, or an end is in contact; no planes if the tip sees the goal from the start.
     """
     tables = swept_world(problem.world).tables
     start = problem.kinematics.tip_position(problem.group.expand_from_chart(problem.z_start))

@@ -1,8 +1,8 @@
-"""The seed's algorithm: bring the tip onto a guide plane, in the middle of the free space.
+"""Cross a guide plane: bring the tip onto it in the middle of the free space, by one attempt after the other.
 
-service/docs/algorithm.md, "Crossing a guide plane", with five additions to the thesis: the robot
-repels itself, a slide may not undo an advance (guard), the tip heads for the polygon inset by its radius, the last
-advance stops at the plane, and every accepted step belongs to the path.
+The algorithm is the thesis' (service/docs/algorithm.md, "Crossing a guide plane") with five additions: the robot repels
+itself, a slide may not undo an advance (guard), the tip heads for the polygon inset by its radius, the last advance
+stops at the plane, and every accepted step belongs to the path.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from guidefield.scene.guide_plane import GuidePlane
 FIRST_STEP = 0.1
 CREEPING = 0.1  # a round gains little below this share of what an advance may bring. Unrecorded
 CREEPING_ROUNDS = 3  # this many such rounds in a row are a standstill. Unrecorded
-# a search of Univariate's for an angle begins with the one and ends below the other [rad]. Unrecorded
+# Univariate's search for an angle begins with the first step and ends below the last [rad]. Unrecorded
 FIRST_TURN = float(np.deg2rad(5.0))
 LAST_TURN = float(np.deg2rad(0.5))
 FIRST_SLIDE = 0.025  # the same for a slide [m]: a quarter and a 64th of an advance. Unrecorded
 LAST_SLIDE = 0.1 / 64
-MOST_SEARCH_STEPS = 4000  # steps of one of its rounds. Unrecorded
+MOST_SEARCH_STEPS = 4000  # steps of one round of Univariate's. Unrecorded
 
 
 @dataclass(frozen=True, eq=False)
 class Univariate:
-    """The seed's minimizer for one chain."""
+    """The thesis' minimizer, for one chain of ball or universal joints: a `Minimizer` (rounds.py)."""
 
     chain: SerialChain
     negligible: float = NEGLIGIBLE
@@ -145,7 +145,7 @@ PROJECTED = (
 
 @dataclass(frozen=True, eq=False)
 class PlaneCrossing(ReadOnly):
-    """What came of a guide plane."""
+    """The result of crossing a guide plane."""
 
     status: Status
     message: str

@@ -1,4 +1,4 @@
-"""Steps towards a guide plane: advances of the tip, and every accepted configuration, which together are the path.
+"""The path towards a guide plane: advances of the tip, every accepted configuration, and straight motions between.
 
 service/docs/algorithm.md, "Crossing a guide plane", has the algorithm.
 """
@@ -25,7 +25,7 @@ RESOLUTION = 32.0  # samples of a motion per length in the chart [1/rad or 1/m],
 COMFORTABLE = 0.02  # a straight way that keeps this is taken without comparing [m], at size 1. Unrecorded
 # distances from obstacles by which ways are compared, the widest first [m]. Unrecorded
 MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
-# a way dips that does not keep the widest of these distances that both its ends keep [m]. With it Univariate keeps 46
+# distances from obstacles [m]: a way dips without the widest one that both its ends keep. With it Univariate keeps 46
 # and 17 mm in the thesis' tapered and blocked passages
 DIPS = (0.06, 0.045, 0.03, 0.015)
 
@@ -34,15 +34,15 @@ Reach = Callable[[Problem, Configuration, np.ndarray], Iterable[Configuration]]
 
 
 @dataclass(frozen=True, eq=False)
-class Moved(ReadOnly):
-    """Where an advance got to."""
+class Advance(ReadOnly):
+    """The result of an advance."""
 
     q: Configuration | None  # configuration after it; None if no step was feasible
     step: float  # distance that the tip moved [m]
 
 
 class GuidedPath:
-    """Takes steps from q (nq,) on, with a margin from obstacles [m], and keeps every configuration: the path."""
+    """A path that grows by steps from q (nq,) on, with a margin from obstacles [m]."""
 
     def __init__(self, problem: Problem, q: Configuration, margin: float, plane: int) -> None:
         self.problem = problem
@@ -59,12 +59,12 @@ class GuidedPath:
 
     @property
     def q(self) -> Configuration:
-        """Where the robot is now, shape (nq,)."""
+        """The present configuration, shape (nq,)."""
         return self.path[-1]
 
     @property
     def tip(self) -> np.ndarray:
-        """Where its tip is now, shape (3,) [m]."""
+        """The present place of the tip, shape (3,) [m]."""
         if self._tip is None:
             self._tip = self.problem.kinematics.tip_position(self.problem.group.expand(self.q))
         return self._tip
@@ -159,7 +159,7 @@ class GuidedPath:
             self._tip = None
         self.problem.tell(Step(kind, q, message, potential, self.plane))
 
-    def advance(self, direction: np.ndarray, step: float, smallest: float, reached: Reach) -> Moved:
+    def advance(self, direction: np.ndarray, step: float, smallest: float, reached: Reach) -> Advance:
         """Move the tip along a unit vector (3,): the largest of step, step/2 .. `smallest` that is feasible."""
         start, tried = self.tip, step
         self._refused = None
@@ -167,9 +167,9 @@ class GuidedPath:
             for q in reached(self.problem, self.q, start + tried * direction):
                 if self.free(self.q, q):
                     self.take(q, StepKind.ADVANCE, f"tip {1000 * tried:.0f} mm towards the plane")
-                    return Moved(q, tried)
+                    return Advance(q, tried)
             tried *= 0.5
-        return Moved(None, 0.0)
+        return Advance(None, 0.0)
 
 
 def reach_point(problem: Problem, q: Configuration, point: np.ndarray) -> Configuration | None:

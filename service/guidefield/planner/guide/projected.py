@@ -1,4 +1,7 @@
-"""Projected: the minimizer for any chain of joints; it descends on the manifold of configurations on a plane."""
+"""Projected: the `Minimizer` (rounds.py) for any joints; it descends on the manifold of configurations on a plane.
+
+The steps are kernels/guide/descent.py's; `settings_of` gives these constants to the kernels.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ from guidefield.robot.model.spaces import Configuration
 # share of the metric's mean diagonal added to it. In the thesis' scenes symmetric links spin with less, and 0.1 is too
 # stiff
 REGULARIZATION = 1e-2
-ON_CONSTRAINT = 1e-5  # how near a trial has to come to it [m or rad]: a tenth of `rounds.ON_PLANE`
+ON_CONSTRAINT = 1e-5  # largest distance of a trial from its constraint [m or rad]: a tenth of `rounds.ON_PLANE`
 # a descent ends where a step promises, or brings, less than this share of U. More costs half of the clearance, less 3
 # to 7 times the time
 TOLERANCE = 1e-3
@@ -67,7 +70,7 @@ class Descent(ReadOnly):
 
 
 def settings_of(guided: GuidedPath, tolerance: float) -> Settings:
-    """How descents go, for the kernels."""
+    """The settings of descents, for the kernels."""
     exact, size = int(swept_world(guided.problem.world).exact), guided.size
     return Settings(
         regularization=REGULARIZATION,
@@ -154,7 +157,7 @@ def _hold(values: np.ndarray) -> np.ndarray:
 
 
 class Blocks(enum.Enum):
-    """How slide and reorient are done: both at once, or in turn (a second try where the first got stuck)."""
+    """The order of slide and reorient: both at once, or in turn (a second try where the first got stuck)."""
 
     ONE = "one block"
     TWO = "two blocks"
@@ -162,7 +165,7 @@ class Blocks(enum.Enum):
 
 @dataclass(frozen=True)
 class Projected:
-    """Newton's steps in the metric of nearby faces' curvature, projected on the tip's constraint (minimizer.py)."""
+    """Newton's steps in the metric of nearby faces' curvature, projected on the tip's constraint."""
 
     blocks: Blocks = Blocks.ONE
     tolerance: float = TOLERANCE  # a descent ends where a step promises, or brings, less than this share of U

@@ -1,7 +1,7 @@
 """Rounds of advance, slide and reorient towards a guide plane (service/docs/algorithm.md, "Crossing a guide plane").
 
-A round is made step by step, or several of them in one kernel where nobody has to be asked in between: Projected in
-one block, for robots whose capsules are their very shapes.
+A round is made step by step, or several of them in one kernel if nothing has to be judged outside it: Projected in one
+block, for robots whose capsules are their very shapes. Both have to do the same: kernels/guide/plane_rounds.py.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from guidefield.scene.guide_plane import SLACK, GuidePlane
 
 SMALLEST_STEP = 0.1 / 50  # below this an advance is given up, delta_min [m], at size 1. Unrecorded
 GUARD = 0.5  # share of an advance's gain that slide and reorient have to keep, 1 - beta. Unrecorded
-ON_PLANE = 1e-4  # how near the plane counts as on it [m]: the tip's accuracy that the pages promise
+ON_PLANE = 1e-4  # a tip as near to the plane counts as on it [m]: the accuracy that the docs promise
 SHORT_STEP = 0.1 / 4  # an advance of this length is not made again with shorter ones [m]. By the thesis' scenes
-AT_ONCE = 4  # rounds between two checks of the deadline, in one kernel. Unrecorded
+ROUNDS_PER_CHECK = 4  # rounds in one kernel between two checks of the deadline. Unrecorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Aim:
         return self.table._replace(farthest=farthest)
 
     def inside(self, depth: float) -> TipGuard:
-        """A guard: the tip's foot may not come nearer to the polygon's edges than this [m], whatever its height."""
+        """A guard: the tip's projection on the plane may not come nearer to the polygon's edges than this [m]."""
         return self.table._replace(depth=min(depth, self.plane.inradius) - SLACK * self.plane.flat.size)
 
     @cached_property
@@ -97,7 +97,7 @@ class Minimizer(Protocol):
     def settle(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
         """Slide and reorient on a plane, a point (3,) and a unit normal (3,), until U falls no more.
 
-        Each step is of the path.
+        The guided path takes each step.
         """
 
 
@@ -131,8 +131,8 @@ class Made:
 def rounds(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Iterator[Made]:
     """One round towards a guide plane, or some; the guided path takes the steps of each as it is asked for."""
     minimizer = attempt.minimizer
-    at_once = isinstance(minimizer, Projected) and minimizer.blocks is Blocks.ONE
-    if at_once and swept_world(guided.problem.world).exact:
+    in_one_kernel = isinstance(minimizer, Projected) and minimizer.blocks is Blocks.ONE
+    if in_one_kernel and swept_world(guided.problem.world).exact:
         assert isinstance(minimizer, Projected)
         yield from _in_kernel(guided, aim, minimizer, attempt.step * guided.size)
         return
@@ -172,16 +172,15 @@ _ENDED = {kernel.NEARER: Round.NEARER, kernel.ARRIVED: Round.ARRIVED, kernel.BLO
 def _in_kernel(guided: GuidedPath, aim: Aim, minimizer: Projected, step: float) -> Iterator[Made]:
     problem, group = guided.problem, guided.problem.group
     field, swept, q = problem.robot_field, swept_world(problem.world), group.expand(guided.q)
-    at_once = AT_ONCE
-    rows = at_once * (minimizer.most_steps + 1)
+    rows = ROUNDS_PER_CHECK * (minimizer.most_steps + 1)
     record = kernel.Record(
         steps=np.empty((rows, len(q))), values=np.empty(rows), kinds=np.empty(rows, np.int64),
-        kept=np.empty(rows, np.int64), gaps=np.empty((at_once, kernel.GAPS)), ends=np.empty(at_once, np.int64),
-        refused=np.empty((2, len(q))), counts=np.zeros(COUNTS, np.int64),
+        kept=np.empty(rows, np.int64), gaps=np.empty((ROUNDS_PER_CHECK, kernel.GAPS)),
+        ends=np.empty(ROUNDS_PER_CHECK, np.int64), refused=np.empty((2, len(q))), counts=np.zeros(COUNTS, np.int64),
     )  # fmt: skip
     ended = kernel.approach(
         mover_of(group), field.charged, field.tables, swept.robot, swept.tables, aim.table,
-        settings_of(guided, minimizer.tolerance), _going(aim, step, guided.size), minimizer.most_steps, q, record,
+        settings_of(guided, minimizer.tolerance), _rounds_of(aim, step, guided.size), minimizer.most_steps, q, record,
     )  # fmt: skip
     counts = record.counts.tolist()
     field.evaluations += counts[EVALUATIONS]
@@ -212,7 +211,7 @@ def _take(guided: GuidedPath, record: kernel.Record, planned: np.ndarray, first:
             guided.take(q, StepKind.DESCEND, f"U = {value:.4g}", value, kept=bool(kept))
 
 
-def _going(aim: Aim, step: float, size: float) -> kernel.Rounds:
+def _rounds_of(aim: Aim, step: float, size: float) -> kernel.Rounds:
     return kernel.Rounds(
         step=step,
         smallest=SMALLEST_STEP * size,

@@ -1,4 +1,4 @@
-"""The tip's size, the arm's reach, and planes that are out of reach."""
+"""The tip's size, the arm's reach, planes that are out of reach, and the inset at which the tip crosses planes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
-_ROUNDING = 1e-9  # what a reach is wider by, for rounding [m]
+_ROUNDING = 1e-9  # added to a reach, for rounding [m]
 
 
 def find_touched_obstacle(scene: Scene, centre: np.ndarray, radius: float) -> str | None:
@@ -53,7 +53,7 @@ def _near(obstacle: Obstacle, centre: np.ndarray, reach: float) -> Iterator[Any]
 
 
 INSET = 1.6  # the tip heads for the polygon inset by this many radii of its own
-KEPT = 0.5  # share of that inset that it keeps while the motion is made better
+INSET_KEPT = 0.5  # share of that inset that it keeps while the motion is optimised (optimize/passages.py)
 
 
 def inset_of(problem: Problem, plane: GuidePlane) -> float:
@@ -63,7 +63,7 @@ def inset_of(problem: Problem, plane: GuidePlane) -> float:
 
 def inset_at(problem: Problem, plane: GuidePlane, tip: np.ndarray) -> float:
     """How far inside a plane's edges the tip stays [m] where a motion was found that has it at a place (3,) there."""
-    return min(KEPT * inset_of(problem, plane), max(plane.depth(tip), 0.0))
+    return min(INSET_KEPT * inset_of(problem, plane), max(plane.depth(tip), 0.0))
 
 
 def tip_radius(problem: Problem) -> float:

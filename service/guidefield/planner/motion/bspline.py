@@ -1,4 +1,8 @@
-"""A motion as a uniform cubic B-spline in time: control points, and the length of its pieces."""
+"""A motion as a uniform cubic B-spline in time: control points, and the length of its pieces.
+
+The ends' three control points follow from position, velocity and acceleration there; optimisation moves the inner ones.
+Kernels (timing, optimize) use the same basis.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +81,7 @@ class BSpline(ReadOnly):
 
     @property
     def pieces(self) -> int:
-        """How many there are."""
+        """The number of pieces."""
         return len(self.points) - 3
 
     @property
@@ -91,11 +95,7 @@ class BSpline(ReadOnly):
         return self.pieces * self.step
 
     def piece_of(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which piece each of some places (k,) is in, and the fraction of it: both of shape (k,).
-
-        Args:
-            places: In pieces from the start, from 0 to `pieces`.
-        """
+        """The piece of each place (k,), in pieces from the start, and the fraction of it: both of shape (k,)."""
         pieces = np.clip(places.astype(np.int64), 0, self.pieces - 1)
         return pieces, places - pieces
 

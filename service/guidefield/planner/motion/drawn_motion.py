@@ -26,12 +26,12 @@ from guidefield.prove.curve import find_pieces, largest_magnitudes, restrict_cur
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints, ChartRates
 
-AT_ONCE = 20_000  # spans between knots whose deviation is found at once: some 10 MB of control points
+SPANS_AT_ONCE = 20_000  # spans between knots measured together: some 10 MB of control points
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnMotion(ReadOnly):
-    """What a controller is sent of a motion, and what it draws."""
+    """The rows or commands that a controller is sent of a motion, and the curve that it draws."""
 
     times: np.ndarray  # of rows or commands, shape (n,), strictly increasing [s]
     positions: ChartPoints  # shape (n, nv) [rad or m]
@@ -43,7 +43,7 @@ class DrawnMotion(ReadOnly):
 
 @dataclass(frozen=True, eq=False)
 class Deviations(ReadOnly):
-    """How far a motion leaves another, at the same times: the largest of each coordinate, shape (nv,)."""
+    """The largest deviation of a motion from another at the same times, by coordinate, shape (nv,)."""
 
     values: np.ndarray  # [rad or m]
     times: np.ndarray  # when [s]
@@ -83,21 +83,21 @@ def draw(
                 CurveKind.STEPS, reached, np.interp(after, planned.times, rows), after, tolerance=tolerance
             )
         else:
-            told = np.interp(times, planned.times, rows)
-            drawn = GivenMotion(CurveKind.LINEAR, commands, told, times, tolerance=tolerance)
+            row_numbers = np.interp(times, planned.times, rows)
+            drawn = GivenMotion(CurveKind.LINEAR, commands, row_numbers, times, tolerance=tolerance)
         return DrawnMotion(times, commands, None, None, drawn)
     times = _row_times(planned.times, execution, parts)
-    told = np.interp(times, planned.times, rows)
+    row_numbers = np.interp(times, planned.times, rows)
     if kind is Interpolation.LINEAR or isinstance(planned, StraightMotion):
         positions = planned.evaluate(times)[0]
         positions[-1] = planned.positions[-1]
-        drawn = GivenMotion(CurveKind.LINEAR, positions, told, times, tolerance=tolerance)
+        drawn = GivenMotion(CurveKind.LINEAR, positions, row_numbers, times, tolerance=tolerance)
         return DrawnMotion(times, positions, None, None, drawn, parts)
     positions, velocities, rises = _states(planned, times, accelerations)
     if kind is Interpolation.CUBIC:
-        drawn = GivenMotion(CurveKind.HERMITE, positions, told, times, velocities, tolerance=tolerance)
+        drawn = GivenMotion(CurveKind.HERMITE, positions, row_numbers, times, velocities, tolerance=tolerance)
         return DrawnMotion(times, positions, velocities, None, drawn, parts)
-    drawn = GivenMotion(CurveKind.QUINTIC, positions, told, times, velocities, rises, tolerance)
+    drawn = GivenMotion(CurveKind.QUINTIC, positions, row_numbers, times, velocities, rises, tolerance)
     return DrawnMotion(times, positions, velocities, rises, drawn, parts)
 
 
@@ -148,7 +148,7 @@ def _states(
 
 
 def deviations(planned: Trajectory | StraightMotion, drawn: GivenMotion) -> Deviations:
-    """How far what is drawn leaves the planned motion at the same times, exactly, without its tolerance.
+    """Measure the deviation of the drawn curve from the planned motion at the same times, exactly, without tolerance.
 
     The planned motion stands before its begin and after its end; so does the other one.
     """
@@ -157,7 +157,10 @@ def deviations(planned: Trajectory | StraightMotion, drawn: GivenMotion) -> Devi
     if len(knots) < 2:
         apart = np.abs(planned.positions[0] - drawn.positions[0])
         return Deviations(apart, np.repeat(planned.times[:1], len(apart)))
-    parts = [_deviations_at(planned, drawn, knots[k : k + AT_ONCE + 1]) for k in range(0, len(knots) - 1, AT_ONCE)]
+    parts = [
+        _deviations_at(planned, drawn, knots[k : k + SPANS_AT_ONCE + 1])
+        for k in range(0, len(knots) - 1, SPANS_AT_ONCE)
+    ]
     values, moments = (np.array(each) for each in zip(*parts, strict=True))
     largest, columns = np.argmax(values, axis=0), np.arange(values.shape[1])
     return Deviations(values[largest, columns], moments[largest, columns])

@@ -1,4 +1,4 @@
-"""A motion that somebody else made, as the curve that is judged: Hermite knots, samples or waypoints.
+"""A given or drawn motion as the curve that is judged: Hermite or quintic knots, samples, waypoints, or steps.
 
 Knots with velocities are the cubic Hermite curve through them. Through samples in time goes the cubic spline whose
 accelerations are continuous: a robot can't follow a step of velocity, and where the samples are of a smooth motion the
@@ -25,11 +25,11 @@ from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 from guidefield.scene.scene import Scene
 
-SHORTEST = 1e-3  # time that a straight piece takes at least where only the order of places counts
+SHORTEST = 1e-3  # least time of a straight piece of a path without times, where only the order of places counts
 
 
 class CurveKind(enum.Enum):
-    """Which curve is judged; the values are the words of replies."""
+    """The kind of curve that is judged; the values are the words of replies."""
 
     HERMITE = "hermite"
     SPLINE = "spline"
@@ -300,12 +300,12 @@ class GivenMotion(ReadOnly):
                 cut[0] = self._state(first, share)
             if until < 1.0:
                 cut[-1] = self._state(last, until)
-        told = [None if any(one is None for one in some) else np.array(some) for some in zip(*cut, strict=True)]
-        rows_told, times, positions, velocities, accelerations = told
+        columns = [None if any(one is None for one in some) else np.array(some) for some in zip(*cut, strict=True)]
+        row_numbers, times, positions, velocities, accelerations = columns
         return dataclasses.replace(
             self,
             positions=cast(ChartPoints, positions),
-            rows=cast(np.ndarray, rows_told),
+            rows=cast(np.ndarray, row_numbers),
             times=times,
             velocities=cast("ChartRates | None", velocities),
             accelerations=cast("ChartRates | None", accelerations),

@@ -1,4 +1,7 @@
-"""By how much a motion exceeds its limits, and how much of each limit it uses."""
+"""The factor by which a motion's time has to be stretched to keep its limits, and the share of each limit that it uses.
+
+The first is for motions that are made, by `TOLERANCE`; the second for judging given ones, by `KEPT_SHARE`.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,13 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.timing import hermite
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, QuinticMotion
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
-from guidefield.planner.task.motion_limits import MotionLimit
+from guidefield.planner.task.motion_limits import KEPT_SHARE, MotionLimit
 from guidefield.prove.curve import largest_magnitudes
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
 TOLERANCE = 1e-9  # by this share a motion may exceed a limit, for rounding
-MOST_ROUNDS = 16  # how often rounding is examined again
+MOST_ROUNDS = 16  # rounds of stretching at most: more than one is needed for rounding, and for limits of the whole
 
 
 def measure_limit_load(
@@ -75,11 +78,10 @@ def stretch_to_limits(
     return Trajectory(times * stretch, positions, velocities / stretch + 0.0, max(stretch, 1.0))
 
 
-KEPT = 1.0 + 1e-6  # a share up to this keeps its limit, for rounding
 STEP = 1e-6  # an acceleration jumps at a knot where it changes by more than this share of its limit
 
 ROUNDING = 16.0 * float(np.finfo(float).eps)
-"""Of positions, as a share of them, where accelerations are their differences."""
+"""Rounding of positions, as a share of them, in accelerations that are their differences."""
 
 
 @dataclass(frozen=True)
@@ -88,15 +90,15 @@ class LimitUse:
 
     # 1 is the limit; None where nothing is limited, there is no such rate, or it has no bound
     share: float | None = None
-    coordinate: int | None = None  # of the chart, whose it is; None where nothing is limited
-    piece: int = 0
+    coordinate: int | None = None  # the chart coordinate whose share it is; None where nothing is limited
+    piece: int = 0  # piece of the motion, and the share of it that has passed there
     at: float = 0.0
-    steps: bool = False
+    steps: bool = False  # whether the rate of the next lower order jumps there, so that no limit is kept
 
     @property
     def is_within(self) -> bool:
         """True if no limit is exceeded."""
-        return not self.steps and (self.share is None or self.share <= KEPT)
+        return not self.steps and (self.share is None or self.share <= KEPT_SHARE)
 
 
 @dataclass(frozen=True)

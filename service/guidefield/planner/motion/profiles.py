@@ -1,4 +1,7 @@
-"""Motions of a single profile: from rest to rest along a line, and from any velocity to rest."""
+"""The motion from any velocity to rest, each joint by a profile of constant jerks, and the jerks that it takes.
+
+`reverse_motion` makes of it a run from rest to a velocity. in_motion.py uses both.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +15,16 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, Ch
 
 RAMP = 0.02  # where there is no limit of jerk, accelerations rise to their limit in this time [s]
 APART = 1e-9  # times that are closer than this are one [s]
-
-
-ROUNDING = 1e-5  # share of a jerk limit that is left for rounding: in short pieces jerks are known that badly
-CLOSE = 5e-4  # in pieces shorter than this jerks are known worse than that, at some 100 rad/s³ [s]
+ROUNDING = 1e-5  # share of a jerk limit that is left for the rounding of jerks in short pieces
+CLOSE = 5e-4  # in pieces shorter than this, rounding of jerks is more than that, at some 100 rad/s³ [s]
 SLOWER = 0.998  # a joint's jerk is lowered by this factor at a time
-TRIES = 60  # at most so often
+TRIES = 60  # times that it is lowered at most
 
 
 def choose_jerks(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, rises: ChartRate) -> ChartRate:
     """The jerks with which joints stop, shape (nv,), all finite [rad/s³ or m/s³].
 
-    `rises` is what keeps the velocity's limit.
+    `rises` (nv,) are the least jerks that keep the velocities' limits.
     """
     own = np.maximum(acceleration_limits / RAMP, 1.01 * rises)
     if jerk_limits is None:

@@ -31,11 +31,11 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, Ch
 # weight of the curve's length against its own parameter, for the steps of the grid. With 0 motions along a line of
 # uneven places take up to 15 % longer; with 300 those that turn back up to 10 %
 LENGTH_WEIGHT = 300.0
-# of the grid, on each piece of the curve. With 6 motions round many corners take 2 % longer, with 24 they take 1 %
+# steps of the grid on each piece of the curve. With 6 motions round many corners take 2 % longer, with 24 they take 1 %
 # less and their timing twice as long ..
 STEPS_A_PIECE = 10
 LEAST_STEPS = 64  # .. and at least this many in all of it. Unrecorded
-# pieces of the motion: the most of them; where jerk is limited, the number with which it is the shortest. With at most
+# numbers of pieces of the motion: the largest; where jerk is limited, that with which it is the shortest. With at most
 # 96 motions take 1 % less; with 12 as well those within 50 rad/s³ take 5 % less, but are farther from the path
 PIECES = (16, 24, 32, 48, 64)
 # no controller follows shorter pieces, and their accelerations, second differences of positions, would be a matter of
@@ -60,7 +60,7 @@ class PathCurve(ReadOnly):
 
     @property
     def pieces(self) -> int:
-        """How many there are."""
+        """The number of pieces."""
         return len(self.points) - 3
 
     def at(self, parameters: np.ndarray) -> ChartPoints:
@@ -94,7 +94,7 @@ def _bases(steps: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Limits(NamedTuple):
-    """What a motion keeps: velocities, accelerations and jerks, each of shape (nv,), positive; jerks may be infinite.
+    """Limits of a motion: velocities, accelerations and jerks, each of shape (nv,), positive; jerks may be infinite.
 
     The units are rad/s or m/s, rad/s² or m/s², rad/s³ or m/s³.
     """
@@ -102,12 +102,12 @@ class Limits(NamedTuple):
     velocity: ChartRate
     acceleration: ChartRate
     jerk: ChartRate
-    beside: tuple[MotionLimit, ...] = ()
-    deadline: Deadline = UNLIMITED  # when a motion is slowed down no further for those beside
+    beside: tuple[MotionLimit, ...] = ()  # limits of the motion as a whole
+    deadline: Deadline = UNLIMITED  # after it a motion is slowed down no further for those beside
 
 
 class CurveProgress(NamedTuple):
-    """When a motion is where on a curve."""
+    """The progress of a motion along a curve."""
 
     parameters: np.ndarray  # of the curve, shape (g,)
     times: np.ndarray  # from 0 on, shape (g,) [s]
@@ -154,7 +154,7 @@ def stretch_spline_to_limits(spline: BSpline, limits: Limits) -> Trajectory:
 
 
 def find_fastest_progress(curve: PathCurve, limits: Limits) -> CurveProgress:
-    """When the fastest motion within limits of velocity and acceleration is where on a curve.
+    """The progress along a curve of the fastest motion within limits of velocity and acceleration.
 
     Between the points of the grid it may exceed them a little.
     """

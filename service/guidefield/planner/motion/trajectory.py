@@ -1,4 +1,7 @@
-"""A motion in time: the cubic Hermite curve through knots of time, position and velocity."""
+"""A motion in time: the cubic Hermite curve through knots of time, position and velocity.
+
+This very curve is certified, sent in replies, and read by kernels (`tables`): its formula has to stay.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ class Trajectory(ReadOnly):
     times: np.ndarray  # times of the knots, shape (n,), strictly increasing from 0 [s]
     positions: ChartPoints  # chart coordinates at the knots, shape (n, nv) [rad or m]
     velocities: ChartRates  # shape (n, nv) [rad/s or m/s]
-    # factor, at least 1, by which the times were stretched in the end to keep every limit everywhere
+    # factor, at least 1, by which `stretch_to_limits` stretched the times to keep every limit everywhere
     stretch: float = 1.0
     # shape (n, nv): at each knot those of the piece that starts there, at the last knot those of the piece that ends
     # there [rad/s² or m/s²]
@@ -162,7 +165,7 @@ def concatenate(parts: Sequence[Trajectory]) -> Trajectory:
 
 
 def unwrap_towards(first: Trajectory, then: Trajectory) -> Trajectory:
-    """A motion with as many whole turns as another that begins where it ends."""
+    """Add whole turns to the first motion, to end where the other begins; coordinates that don't wrap get none."""
     turns = np.round((then.positions[0] - first.positions[-1]) / (2.0 * np.pi))
     return Trajectory(first.times, cast(ChartPoints, first.positions + 2.0 * np.pi * turns), first.velocities)
 
@@ -178,7 +181,7 @@ def piece_accelerations(
 
 
 def bezier(knots: np.ndarray, values: ChartPoints, slopes: ChartRates) -> ChartCurves:
-    """Control points of a cubic Hermite curve's pieces, shape (n - 1, 4, c); arguments as those of `leaving`."""
+    """Control points (n - 1, 4, c) of the pieces of a cubic Hermite curve: knots (n,), values and slopes (n, c)."""
     third = (knots[1:] - knots[:-1])[:, None] / 3.0
     start, end = values[:-1], values[1:]
     curves = cast(ChartCurves, np.empty((len(start), 4, values.shape[1])))

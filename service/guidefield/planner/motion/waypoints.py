@@ -1,4 +1,4 @@
-"""The waypoints of a path: its length, its straight pieces, and places along them."""
+"""The waypoints of a path: its length, its straight pieces, its repetitions, and places along it."""
 
 from __future__ import annotations
 

@@ -27,18 +27,18 @@ from guidefield.scene.distance_tables import distance_tables, moving_tables
 
 LEAST_RANGE_SHARE = 0.5  # share of the range at an end: what is that close by cannot be left
 RAMP = 0.5  # joint distance from an end at which the range is the full one [rad or m]. Unrecorded
-FLOOR_SHARE = 1.1  # at an end it is this share of what the end keeps
+FLOOR_SHARE = 1.1  # the floor at an end, as a share of the end's distance from obstacles
 FLOOR_RAMP = 0.3  # joint distance from an end at which the floor is the full one [rad or m]. Unrecorded
 # share of a path constraint's limit up to which it costs nothing. By 33 problems of `tools/bench constrained`, as what
 # follows: with 0.85 certificates take twice the time
 CONSTRAINT_ROOM = 0.7
 CONSTRAINT_WEIGHT = 3e3  # weight of half the mean square of what is beyond. With 300 some are refused
 CONSTRAINT_SAMPLES = 2  # samples for each at which the clearance is examined. Unrecorded
-COMPARED = 64  # at this many samples two motions among obstacles that move are compared. A choice
+COMPARED = 64  # samples at which two motions among obstacles that move are compared. A choice
 # limits of path constraints up to this count in Newton's steps all through [rad or m]. With 0 one in six motions hardly
 # gets shorter, with 0.02 and 0.05 they are the same
 TIGHT = 0.03
-FARTHEST = 0.25  # ends count as keeping at most so much from obstacles [m], at size 1. Unrecorded
+FARTHEST = 0.25  # largest distance that counts of an end from obstacles [m], at size 1. Unrecorded
 SPACING = 0.05  # of samples at which a motion's distance from what moves is checked [s]. A choice
 
 
@@ -57,7 +57,7 @@ def clearance_samples(
     Where obstacles move it counts by half of that, and half of its share of time: they come to a robot that stands,
     too. `kept` is what start and end keep from obstacles, the clearance what is asked for [m].
     """
-    bounds, middles, pieces, of_pieces, shares = places(spline.pieces, samples)
+    bounds, middles, pieces, of_pieces, shares = place_samples(spline.pieces, samples)
     counts = _counts(spline.at(bounds) / sizes, kept, clearance, settings, in_time=in_time)
     placed = MotionSamples(pieces, middles, of_pieces, *counts, shares)
     read_only(*placed)
@@ -72,9 +72,9 @@ def samples_in_time(
     settings: OptimizationSettings,
     sizes: np.ndarray,
 ) -> tuple[MotionSamples, ChartPoints]:
-    """The same of a motion that is no spline, among what moves, and control points (samples + 3, nv), one for each.
+    """As `clearance_samples`, of a motion that is no spline, among what moves; and control points (samples + 3, nv).
 
-    Places are times [s].
+    There is one for each sample, and places are times [s].
     """
     bounds = motion.times[0] + motion.duration * np.arange(samples + 1) / samples
     middles = 0.5 * (bounds[:-1] + bounds[1:])
@@ -108,13 +108,13 @@ def _counts(
 
 
 def _floor(kept: float, settings: OptimizationSettings) -> float:
-    """Below which distance points cost more at an end that keeps so much [m]."""
+    """The distance below which points cost more at an end that keeps a distance from obstacles [m]."""
     return min(max(FLOOR_SHARE * kept, settings.least_floor), settings.floor)
 
 
 @memoized_by_value(256)
-def places(pieces: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where the samples on each of some pieces are, in pieces from the start.
+def place_samples(pieces: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Place samples on each of some pieces, in pieces from the start.
 
     Returns the bounds between them, shape (s + 1,); where each is, shape (s,), and its piece; the basis there, shape
     (s, 4); how much each counts between links, shape (s,).
@@ -157,7 +157,7 @@ def constraint_samples(sections: Sections, pieces: int, passed: Sequence[float],
     """
     if not sections.frames.constraints:
         return _no_samples(sections.frames.group)
-    bounds, _, of_samples, shares, _ = places(pieces, CONSTRAINT_SAMPLES * samples)
+    bounds, _, of_samples, shares, _ = place_samples(pieces, CONSTRAINT_SAMPLES * samples)
     asked = sections.asked[np.searchsorted(np.array(passed), bounds[:-1], side="right")]
     asked.setflags(write=False)
     return KeptSamples(
@@ -174,12 +174,12 @@ def constraint_samples(sections: Sections, pieces: int, passed: Sequence[float],
 
 @memoized_for_alike
 def _no_samples(group: PlanningGroup) -> KeptSamples:
-    nowhere, none = places(0, 1), Sections.whole(ConstrainedFrames(group, ()))
+    nowhere, none = place_samples(0, 1), Sections.whole(ConstrainedFrames(group, ()))
     return KeptSamples(keep_frames(none.frames), nowhere[2], nowhere[3], none.groups, none.asked[:0], 1.0, 0.0, 0.0)
 
 
-def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: OptimizationSettings) -> bool:
-    """Whether a motion has a lower objective than another one of the same ends: arrival and clearance as optimised."""
+def is_better(problem: Problem, motion: Trajectory, other: Trajectory, settings: OptimizationSettings) -> bool:
+    """Return whether a motion's objective is below another's of the same ends: arrival and clearance as optimised."""
     tables, moving, ends = distance_tables(problem.scene), moving_tables(problem.scene), other.positions[[0, -1]]
     robot = sampled_robot(problem, tables, ends)
     kept = [kept_at(problem, robot, z, time) for z, time in zip(ends, other.times[[0, -1]].tolist(), strict=True)]
@@ -226,7 +226,7 @@ def keeps_aside(problem: Problem, motion: Trajectory, distance: float) -> bool:
 
 
 def kept_at(problem: Problem, robot: SampledRobot, z: ChartPoint, time: float) -> float:
-    """What a robot keeps from obstacles at a chart point (nv,) and a time [s], at most `FARTHEST` at its size [m]."""
+    """Distance from obstacles at a chart point (nv,) and a time [s], at most `FARTHEST` at the robot's size [m]."""
     z, most = np.ascontiguousarray(z), FARTHEST * problem.group.size
     at_rest = obstacle_distance(robot, distance_tables(problem.scene), z, most)
     if not problem.scene.moves:

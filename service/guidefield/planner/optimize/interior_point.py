@@ -1,7 +1,7 @@
 """Newton's method on a motion's control points and the length of its pieces, between looks at its clearance.
 
-A look at the clearance costs far more than all else. So each is made the most of: Newton's method goes on with its
-quadratic model as long as that brings much, and only then the clearance is examined again.
+A look evaluates the clearance with its derivatives, which takes far more time than all else. So Newton's method goes
+on with its quadratic model as long as that brings much, and only then the clearance is examined again.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ PASSAGE_WEIGHT = 1e5
 
 @functools.cache
 def _machine_code(kernel: Any) -> Any:
-    """What calls a kernel that was called before without a look at the types of arguments."""
+    """The entry of a kernel that was called before, which doesn't examine the types of arguments."""
     return next(iter(kernel.overloads.values())).entry_point if len(kernel.overloads) == 1 else kernel
 
 
@@ -72,15 +72,15 @@ class _CheckedOnce:
 
 @dataclass(frozen=True, eq=False)
 class OptimizationProblem(ReadOnly):
-    """What is the same all through an optimisation."""
+    """All that stays the same during an optimisation."""
 
     robot: SampledRobot
     tables: DistanceTables
     moving: MovingBodies
     sections: Sections
     limits: MotionLimits
-    kept: tuple[float, float]  # what start and end keep from obstacles [m]
-    clearance: float  # what is asked for [m]
+    kept: tuple[float, float]  # distances of start and end from obstacles [m]
+    clearance: float  # the requested one [m]
     duration: float  # of the first motion [s]: the unit of time
     settings: OptimizationSettings
     times: TimeLimits
@@ -105,7 +105,7 @@ class OptimizationProblem(ReadOnly):
 
     @cached_property
     def rules(self) -> DescentRules:
-        """When Newton's steps are taken."""
+        """The rules by which Newton's steps are taken."""
         settings = self.settings
         return DescentRules(
             steps=settings.newton_steps,
@@ -132,7 +132,7 @@ class Evaluation(NamedTuple):
 
 
 class _Derivatives(NamedTuple):
-    """Those of a `ClearanceModel`, and where they are."""
+    """The derivatives of a `ClearanceModel`, and their places."""
 
     gradient: np.ndarray
     pieces: np.ndarray

@@ -1,4 +1,4 @@
-"""The loads of a motion, torques and speeds in space as shares of their limits, as its optimisation looks at them."""
+"""The loads of a motion, torques and speeds in space as shares of their limits, at samples of its optimisation."""
 
 from __future__ import annotations
 
@@ -21,16 +21,15 @@ from guidefield.read_only import ReadOnly, read_only
 TORQUE_SAMPLES = 128  # about this many on a motion, two on each piece at least. With 64 motions are 2 % slower
 # the same where no torques are limited, one on each piece at least. With 128 motions take as long
 SPEED_SAMPLES = 64
-FREE_SHARE = (
-    0.95  # share of its limit up to which a load costs nothing. With 0.9 and 0.97 motions are 0.5 and 1 % slower
-)
+# share of its limit up to which a load costs nothing. With 0.9 and 0.97 motions are 0.5 and 1 % slower
+FREE_SHARE = 0.95
 # share from which on a load is linearized. With 0.4 there are 4 % fewer looks, with 0.75 and 0.9 11 and 36 % more; as
 # long as only what is beyond `FREE_SHARE` was linearized there were three times as many
 LINEARIZE_ABOVE = 0.6
 
 
 class _Memory(NamedTuple):
-    """For the loads of a look, as written."""
+    """Memory for the loads of a look: the largest, and the linearized ones as `LoadModel` has them."""
 
     largest: np.ndarray  # at each sample, by limit, shape (l, pieces s)
     pieces: np.ndarray
@@ -49,7 +48,7 @@ def no_loads(nv: int) -> LoadModel:
 
 @dataclass(frozen=True, eq=False)
 class LoadSamples(ReadOnly):
-    """Where loads are examined on a motion, with memory for two looks, by turns."""
+    """The samples at which a motion's loads are examined, with memory for two looks, by turns."""
 
     effort: EffortLimit | None
     speeds: tuple[CartesianLimit, ...]

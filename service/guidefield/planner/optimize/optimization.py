@@ -11,7 +11,7 @@ examined seldom: in between its expansion to second order represents it. Then th
 the curve as it is, and μ falls on. Steps are counted, not timed: the same problem has the same motion whatever the
 load, unless time runs out.
 
-What comes out is a proposal: between the samples nobody has looked. The certificate judges.
+The result is a proposal, examined at samples only: the certificate judges it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.optimize.clearance_samples import Sections, kept_at
 from guidefield.planner.optimize.interior_point import Evaluation, OptimizationProblem, PenalizedObjective
 from guidefield.planner.optimize.loads import LoadSamples
-from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
+from guidefield.planner.optimize.passages import Passage, first_places, move_onto_places, with_knots
 from guidefield.planner.optimize.sampled_robot import TouchedPoint, few_points, sampled_robot, with_points
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.task.problem import Problem
@@ -44,21 +44,21 @@ from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoints, ChartRate
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 
-MOST_STEPS = 20  # looks that bring something at each weight, at most: easy motions take four, a Fetch's twenty
+MOST_STEPS = 20  # most looks that bring something at each weight: easy motions take four, a Fetch's twenty
 ROOM = 1.02  # pieces of the first motion are longer by this factor than its limits allow. Unrecorded
 INSIDE = 1e-3  # share of a coordinate's range that the first motion keeps from its ends. Unrecorded
-MOST_MOVING_PIECES = 192  # of them at most, where the motion begins or ends in motion. Unrecorded
-STOP_PIECES = 4  # of them at least for coming to rest there. Unrecorded
-LOOSENINGS = 8  # how often limits are tightened until such a motion is within. Unrecorded
-LOOSENED = 1.1  # limits are this many times what the motion takes of them. Unrecorded
+MOST_MOVING_PIECES = 192  # most pieces of a motion that begins or ends in motion. Unrecorded
+STOP_PIECES = 4  # least of its pieces for coming to rest there. Unrecorded
+LOOSENINGS = 8  # rounds of loosened limits by which such a motion is brought within. Unrecorded
+LOOSENED = 1.1  # loosened limits over what the motion takes of them. Unrecorded
 INWARD = 0.1  # weight of the limits' barrier then. Unrecorded
-INWARD_STEPS = 3  # Newton's steps each time. Unrecorded
+INWARD_STEPS = 3  # Newton's steps in each round. Unrecorded
 STRICTLY = 0.995  # share of the limits within which such a motion may begin. Unrecorded
-STRAIGHT_PIECES = 16  # of a straight motion by which the least time is estimated
+STRAIGHT_PIECES = 16  # pieces of the straight motion by which the least time is estimated
 
 
 def motion_limits(problem: Problem) -> MotionLimits:
-    """What a problem's motions keep."""
+    """The limits of a problem's motions, for the kernels."""
     group = problem.group
     jerk = np.full(group.nv, np.inf) if problem.jerk_limits is None else problem.jerk_limits
     if problem.in_motion or problem.scene.moves:  # its time can't be scaled in the end
@@ -85,7 +85,7 @@ def first_motion(motion: Trajectory, limits: MotionLimits, settings: Optimizatio
 
 
 def slowed(spline: BSpline, problem: Problem) -> BSpline:
-    """The same from rest to rest, as slow as it is at least along its way by limits of speed in space."""
+    """A spline from rest to rest, slower where limits of speed in space need it on its way."""
     if not problem.cartesian_limits:
         return spline
     samples = LoadSamples.of(problem.cartesian_limits, spline.pieces, problem.group.nv)
@@ -124,7 +124,7 @@ def moving_motion(
 
 
 def longest_step(ends: tuple[End, End], limits: MotionLimits) -> float:
-    """How long pieces may be for ends that still speed up: the first velocity is v + a h / 2 [s]."""
+    """The largest length of pieces for ends that still speed up: the first velocity is v + a h / 2 [s]."""
     longest = np.inf
     for end in ends:
         rises = end.velocity * end.acceleration > 0.0
@@ -249,7 +249,7 @@ def optimize(
         return Optimized(motion, descending.steps, motion.duration, Outcome.NOT_WITHIN)
     look = descending.fine(best)
     problem.counters.iterations += descending.steps
-    exact = passing(look.spline, passages, look.passed, best.question.limits.sizes)
+    exact = move_onto_places(look.spline, passages, look.passed, best.question.limits.sizes)
     if exact is None:
         return Optimized(motion, descending.steps, motion.duration, Outcome.NOT_PASSING)
     spline, places = exact
@@ -271,7 +271,7 @@ class _Descended(NamedTuple):
 
     look: Evaluation
     cost: float  # its objective
-    ahead: BSpline  # what the look promises to be better, by less than another look is worth
+    ahead: BSpline  # a motion that the look promises to be better, by less than another look is worth
 
     def finer(self) -> tuple[BSpline, tuple[float, ...]]:
         """That one in twice the pieces, and where it comes nearest to each passage."""
@@ -288,7 +288,7 @@ class _Coarse(ReadOnly):
 
 
 class _Descending:
-    """An optimisation under way: how many steps were taken, and what ended it, if anything did."""
+    """An optimisation under way: the number of its steps, and what ended it, if anything did."""
 
     def __init__(
         self,

@@ -37,7 +37,7 @@ CLOSER = 0.125  # share of that with which samples are taken again
 SHIFTS = 8  # how often samples are taken at most
 REACHED = 1e-6  # what may be missed in the end [m at size 1, or rad]
 CORRECTIONS = 60  # how often a motion is moved onto all places at most
-LEAST_SHARES = 1e-3  # least sum of squares of a place's shares of inner control points: below it it is at an end
+LEAST_SHARES = 1e-3  # least sum of squares of a place's shares of inner control points: below it, it is at an end
 SHORTEST = 1e-3  # a place that is nearer to a knot than this, in pieces, is the knot
 
 
@@ -123,7 +123,7 @@ class Passage(ReadOnly):
 
 
 def first_places(passages: Sequence[Passage], motion: Trajectory, pieces: int, sizes: np.ndarray) -> tuple[float, ...]:
-    """Where on a spline of some pieces, evenly in time, the passages of a motion through all their waypoints are.
+    """The places on a spline of some pieces, evenly in time, of a motion's passages through all their waypoints.
 
     Coordinates count by their sizes (nv,).
     """
@@ -136,10 +136,10 @@ def first_places(passages: Sequence[Passage], motion: Trajectory, pieces: int, s
 
 
 def nearest(place: Place, spline: BSpline, about: float) -> float:
-    """Where a spline comes nearest to a place, in pieces from the start, next to where it was.
+    """Find where a spline comes nearest to a place, in pieces from the start, next to where it was.
 
-    Samples are taken about the least, closer each time; a parabola through the last three says where. A motion that is
-    still there where it was is not looked at further.
+    Samples are taken about the least, closer each time; a parabola through the last three says where. If the motion
+    is still at the place where it was, the search ends.
     """
     spacing, plane = SPACING, place.tip_plane
     if plane is not None:
@@ -197,7 +197,7 @@ def add_passage(
     return 0.5 * weight * float(missed @ missed)
 
 
-def passing(
+def move_onto_places(
     spline: BSpline, passages: Sequence[Passage], places: Sequence[float], sizes: np.ndarray
 ) -> tuple[BSpline, list[float]] | None:
     """A motion that passes all places exactly, and where; None where it can't be, or not in their order.
@@ -212,14 +212,14 @@ def passing(
     for _ in range(CORRECTIONS):
         worst = 0.0
         for passage, where in zip(passages, at, strict=True):
-            spline, missed = _moved_onto(passage.place, spline, where, sizes)
+            spline, missed = _move_onto(passage.place, spline, where, sizes)
             worst = max(worst, missed)
         if worst <= REACHED:
             return spline, at
     return None
 
 
-def _moved_onto(place: Place, spline: BSpline, at: float, sizes: np.ndarray) -> tuple[BSpline, float]:
+def _move_onto(place: Place, spline: BSpline, at: float, sizes: np.ndarray) -> tuple[BSpline, float]:
     """The motion with control points about a place moved least to be there to first order; what it missed."""
     where = np.array([at])
     z = spline.at(where)[0]

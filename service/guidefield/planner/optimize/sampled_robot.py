@@ -1,4 +1,7 @@
-"""The robot of a problem as the barrier's kernels read it: points against obstacles, points against other links."""
+"""The robot of a problem as the barrier's kernels read it: points against obstacles, points against other links.
+
+Columns and order are those of `SampledRobot` (kernels/barrier/sampled_robot.py).
+"""
 
 from __future__ import annotations
 

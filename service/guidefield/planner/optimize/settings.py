@@ -21,10 +21,10 @@ from guidefield.planner.task.problem import Objective
 
 @dataclass(frozen=True)
 class OptimizationSettings:
-    """Of an optimisation."""
+    """The settings of an optimisation."""
 
-    # of the mean barrier against the duration, which counts from 1. Problems: with 0.05 motions are 1 % faster and keep
-    # 2 mm less on the way, with 0.2 1 % slower and 2 mm more
+    # weight of the mean barrier against the duration, which counts from 1. Problems: with 0.05 motions are 1 % faster
+    # and keep 2 mm less on the way, with 0.2 1 % slower and 2 mm more
     weight: float = 0.1
     range: float = 0.08  # of the barrier [m]. With 120 mm motions get 10 % slower
     end_weight: float = 0.0  # weight on top of the full one at an end, against the tighter range
@@ -83,7 +83,7 @@ OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
         Objective.CLEARANCE: dataclasses.replace(BALANCED, weight=0.3, end_weight=30.0, farthest_floor=0.25),
     }
 )
-"""By what a motion is optimised for. For `CLEARANCE`, by 56 problems of a Panda, 20 of a UR5 and 13 of a Fetch with
+"""Settings by objective. For `CLEARANCE`, by 56 problems of a Panda, 20 of a UR5 and 13 of a Fetch with
 configurations as goals: with less weight at the ends motions come up to 6 mm nearer than their ends, with more on the
 whole way they take up to five times as long for 2 mm."""
 

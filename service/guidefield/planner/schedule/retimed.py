@@ -21,7 +21,7 @@ ROUNDING = 1e-12  # a curve that is beyond a limit by no more than this keeps it
 def find_leaving(
     knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
 ) -> np.ndarray:
-    """Which coordinates of a Hermite curve, knots (n,), values and slopes (n, c), leave limits (c,), shape (c,)."""
+    """Find coordinates of a Hermite curve, knots (n,), values and slopes (n, c), that leave limits (c,): shape (c,)."""
     beyond, _ = excesses(bezier(knots, values, slopes), lower, upper)
     left: np.ndarray = np.any(beyond > ROUNDING, axis=0)
     return left
@@ -98,7 +98,7 @@ def _tridiagonal(lower: np.ndarray, diagonal: float, upper: np.ndarray, right: n
     return solution
 
 
-KNOTS = 8  # knots in a step
+KNOTS = 8  # knots in a step: with more the rate is followed more closely, by more pieces to certify
 
 Knots = tuple[np.ndarray, ChartPoints, ChartRates]
 

@@ -1,4 +1,8 @@
-"""The earliest schedule along a path that meets nothing that moves and keeps the limits of rates."""
+"""The earliest schedule along a path that meets nothing that moves and keeps the limits of rates.
+
+It is found on cells of the path and slices of time (kernels/timing/path_parameterization.py), whose numbers are
+`SCHEDULE`; the certificate judges its motion (retimed.py).
+"""
 
 from __future__ import annotations
 
@@ -17,13 +21,13 @@ from guidefield.robot.group.group import PlanningGroup
 
 
 class Occupancy:
-    """Which cells of a path are free in which slices of time; made as far as it is asked for.
+    """The free cells of a path in each slice of time, computed on demand.
 
     Cells are of equal length by the group's metric; of a motion too short for that, of equal time.
 
     Args:
-        leave_by: Until when the start is free, for certain, and not after [s].
-        arrive_from: From when on the end stays free, for certain, and not before [s].
+        leave_by: The time until which the start is certainly free [s].
+        arrive_from: The time from which the end certainly stays free [s].
         free_at_rest: Whether the whole path is certified among the obstacles once they have come to rest.
     """
 
@@ -52,12 +56,12 @@ class Occupancy:
         self._taken_out: list[tuple[int, int]] = []
 
     def cells(self, times: np.ndarray) -> np.ndarray:
-        """In which cells the motion is at its own times (k,) [s], shape (k,)."""
+        """The motion's cells at its own times (k,) [s], shape (k,)."""
         cells: np.ndarray = np.round(np.interp(times, self._times, self._cells)).astype(np.int64)
         return cells
 
     def free(self, first: int, last: int, deadline: Deadline) -> np.ndarray | None:
-        """Which cells are free in slices from one up to another, shape (last - first, cells), uint8.
+        """The free cells in slices from one up to another, shape (last - first, cells), uint8.
 
         Args:
             deadline: Checked before each slice that isn't known; there is no answer, None, if it has passed.
@@ -72,7 +76,7 @@ class Occupancy:
         return np.ascontiguousarray(self._rows[first:last]) if len(self._rows) >= last else None
 
     def take_out(self, time: float, along: float) -> None:
-        """Don't be at a place again, the motion's own time [s], at a time [s]: the certificate refused it."""
+        """Exclude a place, the motion's own time [s], at a time [s]: the certificate refused it."""
         place = int(time / self.slices.length), int(self.cells(np.array([along]))[0])
         self._taken_out.append(place)
         for index in range(max(0, place[0] - 1), min(len(self._rows), place[0] + 2)):
@@ -88,7 +92,7 @@ class Occupancy:
         return slice(max(1, cell - 1), min(self.count - 1, cell + 2))
 
     def _find_reached(self, index: int) -> int:
-        """How many cells may be looked at in a slice: no schedule is faster than the motion, but places are rounded."""
+        """The cells that a schedule may reach in a slice: none is faster than the motion, but places are rounded."""
         time = self._times[0] + (index + 2) * self.slices.length
         return min(int(np.searchsorted(self.at, time, side="right")) + 1, self.count)
 
@@ -118,7 +122,7 @@ class Occupancy:
 
 @dataclass(frozen=True, eq=False)
 class Schedule(ReadOnly):
-    """At which of a motion's own times the robot is when."""
+    """The motion's own time as a function of time: a rate at each step."""
 
     motion: Trajectory
     departure: float  # until then the robot waits where it starts [s]
@@ -159,21 +163,21 @@ class Schedule(ReadOnly):
 
 @dataclass(frozen=True)
 class Stuck:
-    """Where a search for a schedule ended that did not arrive."""
+    """The end of a search for a schedule that did not arrive."""
 
-    cell: int
-    spent: bool = False
+    cell: int  # the farthest that was reached
+    spent: bool = False  # whether the deadline passed
 
 
 def choose_step(group: PlanningGroup) -> float:
-    """How long a step of schedules lasts for a group [s]."""
+    """The duration of a step of schedules for a group [s]."""
     slowest = float((group.velocity_limits / group.acceleration_limits).max())
     wanted = SCHEDULE.braking / SCHEDULE.rates * slowest
     return float(np.clip(wanted, SCHEDULE.shortest_step, SCHEDULE.longest_step))
 
 
 def count_slices(step: float) -> int:
-    """Into how many slices a step is divided."""
+    """The number of slices of a step."""
     return math.ceil(step / SCHEDULE.slice_length)
 
 
@@ -212,7 +216,7 @@ def _spacing(step: float) -> float:
 
 
 def _changes(problem: Problem, motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """By how many rates a schedule may change in a step: least and most, at each place at each rate.
+    """The least and most rates by which a schedule may change in a step, at each place at each rate.
 
     With the motion's own time s, its rate v and its change u the robot's acceleration is q'' v^2 + q' u, and its jerk
     q''' v^3 + 3 q'' v u + q' du/dt, where u changes within a step by no more than twice what it may be. Limits of what

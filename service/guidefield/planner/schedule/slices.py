@@ -1,4 +1,7 @@
-"""Obstacles that move, held where they are at some moments: for lanes by slices of time, and for ways among them."""
+"""Obstacles that move, held where they are at some moments: for lanes by slices of time, and for paths among them.
+
+`SCHEDULE` and `WAYS` hold the numbers of schedule.py, goal_among_movers.py and held_paths.py, too.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ from guidefield.scene.obstacle import Obstacle
 
 @dataclass(frozen=True)
 class ScheduleSettings:
-    """Of the search for a schedule along a path."""
+    """The settings of the search for a schedule along a path."""
 
     rates: int = 8  # rates above 0 that a schedule may have, evenly up to 1. A choice
     changes: int = 4  # by how many of them it may change in one step at most. A choice
@@ -71,7 +74,7 @@ SCHEDULE = ScheduleSettings()
 
 @dataclass(frozen=True)
 class WaySettings:
-    """Of the ways along which schedules are looked for."""
+    """The settings of the ways along which schedules are searched for."""
 
     # shares of the time until all obstacles rest, at which they are held for a way among them. A choice
     moments: tuple[float, ...] = (0.0, 0.33, 0.67)
@@ -197,7 +200,7 @@ class Slices:
         self._kept: dict[tuple[int, int], tuple[BatchCollision, float]] = {}
 
     def touching(self, index: int, zs: np.ndarray, together: int = 1) -> np.ndarray:
-        """Which chart points (n, nv) may touch in a slice, by its index, or in one of several; shape (n,), bool.
+        """The chart points (n, nv) that may touch in a slice, by its index, or in one of several; shape (n,), bool.
 
         Several of them count as slices of as many times the length.
         """
@@ -252,11 +255,11 @@ def _reach(world: World) -> tuple[np.ndarray, float]:
     return centre, float(away[bodies.joints > 0].max())
 
 
-KNOWN_TO = 0.01  # how exactly it is found until when, and from when on, a place is free [s]
+KNOWN_TO = 0.01  # accuracy of the times until which, and from which on, a place is free [s]
 
 
 def find_meeting(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None]:
-    """Until when a robot may stand at a chart point (nv,) from time 0 on [s]; infinite if always.
+    """Find until when a robot may stand at a chart point (nv,) from time 0 on [s]; infinite if always.
 
     Returns:
         The time, and the refusal of what comes after it; None if nothing comes.
@@ -278,10 +281,7 @@ def find_meeting(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None
 
 
 def find_free_from(problem: Problem, z: ChartPoint) -> float:
-    """From when on a robot may stand at a chart point (nv,) for good [s].
-
-    It is free once all obstacles have come to rest.
-    """
+    """Find from when on a robot may stand for good at a chart point (nv,) that is free once all obstacles rest [s]."""
     last = max(problem.scene.end, 0.0)
     if last <= 0.0 or _stands(problem, z, 0.0, last).free:
         return 0.0

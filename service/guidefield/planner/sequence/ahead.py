@@ -1,7 +1,7 @@
-"""The configurations at the end of a step that leave the later steps possible.
+"""Choose goals of a step that leave the later steps possible.
 
-Ends are examined, not the ways between them: each later step has to have a configuration that is free there, and a
-straight way has to be one that the robot can follow, from some configuration that the steps before it leave.
+Ends of steps are examined, not the motions between them: each later step needs a configuration that is free there, and
+a straight way one from which the robot can follow it, from some configuration that the steps before it leave.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 ENOUGH = 2  # this many configurations with a future are enough for a step, those nearest to its start
-BRANCHES = 3  # this many configurations of a later step are tried
-LOOKS = 30  # this many later steps are examined for one step: what isn't refuted by then counts as possible
+BRANCHES = 3  # configurations of a later step that are tried
+LOOKS = 30  # later steps examined for one end of a step: if it isn't refuted by then, it counts as possible
 DRAWS = 3  # how often other configurations are drawn where none that was found has a future
 
 
 @dataclass(frozen=True)
 class StepRefusal:
-    """Why a step can't be done, from all that was tried."""
+    """The reason why a step can't be done, from all ends that were tried."""
 
     index: int
     ending: Ending
@@ -43,7 +43,7 @@ class StepRefusal:
 
 @dataclass
 class _LookAhead:
-    """How much was looked at, and what was refused farthest ahead."""
+    """The number of steps examined, and the refusal farthest ahead."""
 
     looks: int = 0
     refused: StepRefusal | None = None

@@ -1,4 +1,7 @@
-"""The steps of a sequence as its planner sees them, and while which of them a held object may touch what."""
+"""Interfaces of a sequence's steps for its planner, and the times at which a held object may touch an obstacle.
+
+Handlers implement them: handlers/steps.py `Course`, handlers/situation.py `Situation`.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ class StepMotion:
 
 
 class Situation(Protocol):
-    """Where everything is when a step begins."""
+    """The situation when a step begins: the robot, the held objects, the obstacles."""
 
     @property
     def q(self) -> RobotConfiguration:
@@ -44,7 +47,7 @@ class Situation(Protocol):
 
     @property
     def touches(self) -> tuple[Touch, ...]:
-        """What held objects may touch where they are picked up and put down."""
+        """Pairs that may touch where held objects are picked up and put down."""
         ...
 
 
@@ -101,17 +104,17 @@ class Course(Protocol[S]):
         ...
 
 
-AWAY = 5e-3  # an object that is so far from an obstacle has left it [m]
-LOOKS_A_SECOND = 200.0  # how often it is checked whether an object has left an obstacle [Hz]
-MOST_LOOKS = 2000  # looks at most, over the whole time that it is held
+AWAY = 5e-3  # an object at this distance from an obstacle has left it [m]: the docs of `Attach` promise it
+LOOKS_A_SECOND = 200.0  # distances of an object from an obstacle that it may touch are measured so often [Hz]
+MOST_LOOKS = 2000  # of these at most, over the whole time that it is held
 
 
 @dataclass(frozen=True)
 class AllowedContact:
-    """When a held object may touch an obstacle."""
+    """The times between which a held object may touch an obstacle."""
 
     touch: Touch
-    begin: float  # since when and until when [s]
+    begin: float  # [s]
     end: float
 
     def covers(self, begin: float, end: float) -> bool:
@@ -149,11 +152,7 @@ def find_held_spans(
 
 
 def find_allowed_times(holding: HeldSpan, trajectory: Trajectory, min_clearance: float) -> list[AllowedContact]:
-    """When a held object may touch an obstacle.
-
-    Args:
-        min_clearance: Away is nothing less than this [m].
-    """
+    """Find when a held object may touch an obstacle: until it is `AWAY`, or at `min_clearance` [m] if that is more."""
     begin, end = holding.spans[0][0], holding.spans[-1][1]
     away = [time for time, gap in _measure_gaps(holding, trajectory) if gap >= max(AWAY, min_clearance)]
     if not away:

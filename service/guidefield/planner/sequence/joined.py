@@ -1,4 +1,4 @@
-"""Motions of steps joined past their goals: where the whole passes each goal, and whether it may be executed."""
+"""Motions of steps joined past their goals: where the whole passes each goal, and the certificate of its parts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import judge_itself
 from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
 from guidefield.planner.sequence.stretches import cut_trajectory
-from guidefield.planner.task.motion_limits import slower
+from guidefield.planner.task.motion_limits import take_lowest
 from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
@@ -133,7 +133,7 @@ def find_slowest(parts: Sequence[StepPart]) -> Problem:
     velocities = np.stack([group.velocity_limits for group in groups]).min(axis=0)
     accelerations = np.stack([group.acceleration_limits for group in groups]).min(axis=0)
     group = dataclasses.replace(first.group, velocity_limits=velocities, acceleration_limits=accelerations)
-    limits = slower([limit for one in parts for limit in one.problem.cartesian_limits])
+    limits = take_lowest([limit for one in parts for limit in one.problem.cartesian_limits])
     efforts = [one.problem.effort_limit for one in parts if one.problem.effort_limit is not None]
     least = None
     if efforts:
@@ -143,7 +143,7 @@ def find_slowest(parts: Sequence[StepPart]) -> Problem:
 
 
 def find_passage(goal: PassedGoal, motion: Trajectory, knots: tuple[int, int, int]) -> GoalPassage:
-    """Where a motion passes a goal.
+    """Find where a motion passes a goal.
 
     Args:
         knots: The first at which it may be, one at which it is within the radius, or nearest, and the last.

@@ -53,11 +53,11 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.path_constraints import ConstrainedFrames, EvenTurn, PathConstraint, line, point
 from guidefield.robot.model.spaces import ChartPoints
 
-PIECE = 0.5  # length of a piece before the last subdivision, as a share of the smallest radius
-LEAST_PIECES = 16  # at least this many for each step, and at most this many for all
-MOST_PIECES = 160
+PIECE_SHARE = 0.5  # length of a piece before the last subdivision, as a share of the smallest radius
+LEAST_PIECES = 16  # for each step
+MOST_PIECES = 160  # for all steps
 INSIDE = 0.95  # share of a radius up to which the tip is at a goal
-TIME_SHARE = 0.5  # share of the time that is left which may be taken
+TIME_SHARE = 0.5  # share of the remaining time that may be taken: later steps need some, too
 # motions that are judged at most; after the first with more weight on the clearance and twice the pieces
 OPTIMIZED_TRIES = 2
 
@@ -151,7 +151,7 @@ def _make_way_section(way: StraightWay) -> tuple[PathConstraint, PathConstraint]
 
 def _choose_settings(problem: Problem, parts: Sequence[StepPart], motion: Trajectory) -> presets.OptimizationSettings:
     radius = min(one.goal.radius for one in parts if one.goal is not None)
-    wanted = math.ceil(length_of(motion.positions) / (PIECE * radius))
+    wanted = math.ceil(length_of(motion.positions) / (PIECE_SHARE * radius))
     least = min(max(wanted, LEAST_PIECES * len(parts)), MOST_PIECES)
     settings = presets.sized(presets.OPTIMIZATION[problem.objective], problem.group.size)
     keeps = problem.path_constraints or any(one.way is not None for one in parts)
@@ -177,7 +177,7 @@ def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[StepPart]) 
     return JoinedMotion(motion, tuple(passages))
 
 
-LOOKS = 8  # places on each piece of a motion between which its length is measured
+LOOKS = 8  # chords of each piece of a motion by which its length is measured
 RADIUS_SHARE = 0.9  # of a radius that a corner takes: a spline through its places stays within the radius, too
 MOST_OF_CURVE = 0.5  # share of a curve's length that a corner takes at most: the other end has as much
 LEAST_PLACES = 16  # on a corner, at least

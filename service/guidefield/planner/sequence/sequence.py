@@ -1,7 +1,7 @@
-"""The sequence: every step planned from where the one before ended, put together, and certified as it will be executed.
+"""Plan a sequence: each step from where the one before ended, joined as one motion, and certified as it is executed.
 
-It fails as a whole. What a step ends at is chosen so that the later steps stay possible (`ahead`). One that is passed
-is planned to its end, too, and joined with the one after it (`passing`).
+It fails as a whole. The goals of a step are chosen so that the later steps stay possible (ahead.py). A step whose goal
+is passed is planned to its end, too, and joined with the next one (rounding.py).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
 
-SNAPPED = 1e-6  # a time that is no further from a knot represents the knot [s]
+KNOT_TOLERANCE = 1e-6  # times that are this close to a knot become the knot's [s]
 
 STOPS = "to pass goals without stopping is no faster here, so the motion stops: `radius` is small for the limits"
 """Warning about steps that are not passed without stopping."""
@@ -59,7 +59,7 @@ STOPS = "to pass goals without stopping is no faster here, so the motion stops: 
 
 @dataclass(frozen=True, eq=False)
 class StepResult(ReadOnly, Generic[S]):
-    """What came of one step."""
+    """The result of one step."""
 
     index: int
     at: S
@@ -84,7 +84,7 @@ class _StepMotion:
 
 @dataclass(frozen=True, eq=False)
 class SequencePlan(ReadOnly, Generic[S]):
-    """What came of planning a sequence."""
+    """The result of planning a sequence."""
 
     status: Status
     message: str
@@ -121,7 +121,12 @@ class _SequencePlanning(Generic[S]):
     """A sequence that is being planned."""
 
     def __init__(
-        self, course: Course[S], start: S, whole: PlanningGroup, deadline: Deadline, observer: Observer
+        self,
+        course: Course[S],
+        start: S,
+        whole: PlanningGroup,
+        deadline: Deadline,
+        observer: Observer,
     ) -> None:
         self._course, self._at, self._whole = course, start, whole
         self._deadline, self._observer = deadline, observer
@@ -371,7 +376,7 @@ def _at_ticks(leg: StepResult[S], execution: ControllerModel, end: float) -> Ste
 
 def _snap_to_knots(time: float, knots: np.ndarray) -> float:
     nearest = float(knots[np.argmin(np.abs(knots - time))])
-    return nearest if abs(nearest - time) <= SNAPPED else time
+    return nearest if abs(nearest - time) <= KNOT_TOLERANCE else time
 
 
 def _make_standing_stretch(conditions: Conditions, index: int, z: ChartPoint, time: float) -> Stretch:

@@ -36,8 +36,8 @@ from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
 SPACING = 0.01  # length of the way between two places that are solved for [m]
 TURNING = 0.05  # angle between them [rad]
-FINEST = 1e-9  # where a place is not reached, nearer ones are tried, up to this share of the way
-DENSER = 3  # how often the places are taken twice as close where the certificate refuses
+FINEST = 1e-9  # if a place is not reached, nearer ones are tried, down to this share of the way
+DENSER = 3  # times that the places are taken twice as close if the certificate refuses the shape
 MOST_PLACES = 4000  # places at most
 
 

@@ -1,4 +1,4 @@
-"""Straight ways of a tip from pose to pose: where and why the robot can't follow one, and the proof that it does."""
+"""Straight ways of a tip from pose to pose: why the robot can't follow one, and the certificate that it does."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from guidefield.robot.model.chart import TRANSLATION
 from guidefield.robot.model.model import Joint, frame_index
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
-POINT = 1e-9  # a way that is no longer than this is turned on the spot [m]
+POINT = 1e-9  # on a way no longer than this the tip turns on the spot [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,20 +98,20 @@ class StraightWay:
         return float(np.linalg.norm(pin.log3(placement.rotation @ self.at(self.share(placement)).rotation.T)))
 
 
-REACHED = 1e-7  # how far off a place may be that counts as reached [m or rad]
+REACHED = 1e-7  # largest error of a place that counts as reached [m or rad]
 REACHED_CLOSELY = 1e-10  # the same where the exact end of the way is searched for
 STEPS = 20  # Newton steps to a place, from the one before
 JUMP = 0.35  # largest change of a joint from one place to the next [rad or m]: beyond it the arm folds over
 DAMPING = 1e-6  # of the steps, times the largest singular value
-AHEAD = (1.0, 0.1, 0.01)  # shares of the step that failed at which the cause is searched for
+FAILED_SHARES = (1.0, 0.1, 0.01)  # shares of the step that failed at which the cause is searched for
 
 
 @dataclass(frozen=True, eq=False)
 class StraightStop(ReadOnly):
     """The last place of a straight way that the robot can follow."""
 
-    share: float
-    unreached: float
+    share: float  # of the way, that it follows
+    unreached: float  # share of the way at the next place, which it doesn't reach
     z: ChartPoint  # chart point at the last place, shape (nv,)
 
 
@@ -166,7 +166,7 @@ def _step(z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndar
 
 
 def _find_cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple[str, str, dict[str, Any]]:
-    places = [way.at(stop.share + part * (stop.unreached - stop.share)) for part in AHEAD]
+    places = [way.at(stop.share + part * (stop.unreached - stop.share)) for part in FAILED_SHARES]
     for place in places:
         beyond = bring_tip(problem, stop.z, place, limited=False)
         if beyond is None or np.abs(beyond - stop.z).max() > JUMP:
@@ -205,11 +205,11 @@ def _place(way: StraightWay, share: float) -> str:
     return f"{format_rounded_down(share * length, 0.1)} mm along the straight way of {length:.1f} mm ({percent})"
 
 
-AT_ONCE = 64  # this many pieces of a motion are judged together
+PIECES_AT_ONCE = 64  # pieces of a motion that are judged together
 
 
 class Deviation(NamedTuple):
-    """How far a frame may be off its way."""
+    """A bound of a frame's deviation from its way."""
 
     sideways: float  # from the line [m]
     beyond: float  # beyond an end of it [m]
@@ -228,7 +228,7 @@ def certify_straight(
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
     evaluations = 0
     while waiting:
-        batch = [waiting.popleft() for _ in range(min(AT_ONCE, len(waiting)))]
+        batch = [waiting.popleft() for _ in range(min(PIECES_AT_ONCE, len(waiting)))]
         if deadline.expired():
             index, start, _, control = batch[0]
             return Verdict(Reason.STOPPED, evaluations, index, start, (index, start), None, control[0])

@@ -1,4 +1,7 @@
-"""Motions one after the other as one trajectory of all joints, and the certificate of each stretch of it."""
+"""Motions one after the other as one trajectory of all joints, and the certificate of each stretch of it.
+
+A stretch is a part of a step with the same permitted contacts, and the same straight way or none, all along.
+"""
 
 from __future__ import annotations
 
@@ -42,20 +45,18 @@ class Embedding(ReadOnly):
     shift: np.ndarray  # whole turns by which all joints' angles are beyond the step's, shape (k,) [rad]
 
     @classmethod
-    def of(
-        cls, cut_trajectory: PlanningGroup, z_start: ChartPoint, whole: PlanningGroup, base: ChartPoint
-    ) -> Embedding:
+    def of(cls, part: PlanningGroup, z_start: ChartPoint, whole: PlanningGroup, base: ChartPoint) -> Embedding:
         """The embedding of a group that begins at a chart point (k,), where all joints are at another (n,)."""
         at = {joint.name: joint for joint in whole.joints}
         columns = np.concatenate(
-            [np.arange(at[joint.name].idx_v, at[joint.name].idx_v + joint.nv) for joint in cut_trajectory.joints]
+            [np.arange(at[joint.name].idx_v, at[joint.name].idx_v + joint.nv) for joint in part.joints]
         )
         turns = np.where(
-            cut_trajectory.periods > 0.0,
-            np.round((base[columns] - z_start) / np.maximum(cut_trajectory.periods, 1.0)),
+            part.periods > 0.0,
+            np.round((base[columns] - z_start) / np.maximum(part.periods, 1.0)),
             0.0,
         )
-        return cls(base, columns, turns * cut_trajectory.periods)
+        return cls(base, columns, turns * part.periods)
 
     def points(self, zs: ChartPoints) -> ChartPoints:
         """Chart points of all joints, shape (m, n), of the step's, shape (m, k)."""
@@ -181,7 +182,7 @@ def make_stretches(
     Args:
         trajectory: The sequence's, with a knot wherever a permission, or a straight way, begins or ends.
         span: When the step begins and ends [s].
-        straight: From when to when it does [s]; not at all where that is no time.
+        straight: From when to when it goes straight [s]; not at all where that is no time.
     """
     begin, end = span
     changes = [time for one in permissions for time in (one.begin, one.end)] + list(straight if way else ())

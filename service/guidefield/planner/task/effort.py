@@ -1,4 +1,4 @@
-"""Torques and forces that drive a robot along a motion: how much, by when, and limits of them.
+"""Torques and forces that drive a robot along a motion, their largest values with bounds, and limits of them.
 
 They are those of rigid bodies, of the group's joints, with what the robot holds, under the earth's gravity; without
 friction and the inertia of rotors. The torque that a mimic joint takes is its source joint's.
@@ -16,7 +16,7 @@ import numpy as np
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.timing.carried_rates import BOUND, FOUND, TIME, MotionPolynomials
 from guidefield.kernels.timing.torques import MassTree, largest_torques, torques_at
-from guidefield.planner.task.motion_limits import KEPT, CurveLimits, Reached, join_reached, parts_of
+from guidefield.planner.task.motion_limits import KEPT_SHARE, CurveLimits, Reached, join_reached, parts_of
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, group_joints
@@ -24,13 +24,13 @@ from guidefield.robot.model.model import JointKind
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s², world]
-TOLD = 1e-2  # share of a limit, or of what was found, by which a bound of a torque may be above what was found
-CLOSE = 1e-4  # the same where a limit is between the two
-SAMPLES = 4  # of a piece, by which the slowing down is found that a limit takes
-ROOM = 2e-3  # share of a limit that is left to what is between samples, and to the bound
+BOUND_ACCURACY = 1e-2  # a bound of a torque is above the found value by at most this share of the limit
+CLOSE_ACCURACY = 1e-4  # the same where the limit is between the two
+PIECE_SAMPLES = 4  # samples of a piece by which a motion is slowed down to keep a limit
+SAMPLE_MARGIN = 2e-3  # share of a limit that is left for torques between samples, and for the bound
 ROUNDING = 1e-9
-SLOWER = 1.002  # a motion is slowed down by so much where its bound is above a limit, and no sample is
-LEAST = 1e-3  # share of a limit that is reserved for speeding up, though gravity takes more
+SLOWING = 1.002  # factor of a motion's time where its bound is above a limit, and no sample is
+LEAST_SHARE = 1e-3  # share of a limit that is reserved for speeding up, though gravity takes more
 
 
 @memoized_for_alike
@@ -94,14 +94,14 @@ def _chain(parents: np.ndarray, first: np.ndarray, count: np.ndarray, joint: int
 
 
 def tree_of(group: PlanningGroup) -> MassTree | str:
-    """The same with where a group's rotation vectors start."""
+    """`mass_tree` with the rotations at which this group's rotation vectors start."""
     tree = mass_tree(group)
     return tree if isinstance(tree, str) else tree._replace(joints=group_joints(group))
 
 
 @memoized_for_alike
 def stated_efforts(group: PlanningGroup) -> np.ndarray:
-    """The largest effort of each coordinate that the robot states, shape (nv,) [N m or N]; infinite where none is."""
+    """The robot's own limit of each coordinate's effort, shape (nv,) [N m or N]; infinite where it states none."""
     limits = np.full(group.nv, np.inf)
     for joint in group.joints:
         index = group.robot.model.joints[group.robot.model.getJointId(joint.name)]
@@ -128,7 +128,7 @@ def holding_torques(tree: MassTree, zs: ChartPoints) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class EffortLimit(ReadOnly):
-    """What a motion's torques keep."""
+    """The limits of a motion's torques."""
 
     tree: MassTree
     limits: ChartRate  # of each coordinate, shape (nv,); infinite where there is none [N m or N]
@@ -150,10 +150,10 @@ class EffortLimit(ReadOnly):
         """
         if not len(motion.powers):
             return 0.0
-        zs, rates, rises = sample(motion, SAMPLES)
+        zs, rates, rises = sample(motion, PIECE_SAMPLES)
         held = holding_torques(self.tree, zs)[:, self.limited]
         others = torques_of(self.tree, zs, rates, rises)[:, self.limited] - held
-        limits = (1.0 - ROOM) * self.limits[self.limited]
+        limits = (1.0 - SAMPLE_MARGIN) * self.limits[self.limited]
         with np.errstate(divide="ignore", invalid="ignore"):
             kept = (limits - np.sign(others) * held) / np.abs(others)
         least = float(np.min(np.where(others == 0.0, np.inf, kept)))
@@ -162,9 +162,9 @@ class EffortLimit(ReadOnly):
         if least < 1.0 - ROUNDING:
             return 1.0 / math.sqrt(least)
         loose = np.full_like(self.limits, np.inf)
-        reached, _ = _find_largest(self.tree, motion, loose, 0.5 * ROOM * self.limits, self.limits)
+        reached, _ = _find_largest(self.tree, motion, loose, 0.5 * SAMPLE_MARGIN * self.limits, self.limits)
         fits = all(one.bound <= limit for one, limit in zip(reached, self.limits.tolist(), strict=True))
-        return 0.0 if fits else SLOWER
+        return 0.0 if fits else SLOWING
 
     def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
         """As in `MotionLimit`: of a limit there is what gravity leaves."""
@@ -173,7 +173,7 @@ class EffortLimit(ReadOnly):
         on_u = torques_of(self.tree, points, still, first) - held
         on_x = torques_of(self.tree, points, first, second) - held
         limits, held = self.limits[at], held[:, at]
-        below, above = (np.maximum(limits + side * held, LEAST * limits) for side in (1.0, -1.0))
+        below, above = (np.maximum(limits + side * held, LEAST_SHARE * limits) for side in (1.0, -1.0))
         return CurveLimits(np.full(len(points), np.inf), on_u[:, at], on_x[:, at], below, above)
 
     def faults(self, zs: ChartPoints) -> list[EffortFault | None]:
@@ -182,7 +182,7 @@ class EffortLimit(ReadOnly):
         worst = np.argmax(np.abs(shares), axis=1)
         return [
             EffortFault(self.names[k], float(row[k] * self.limits[k]), float(self.limits[k]))
-            if abs(row[k]) > KEPT
+            if abs(row[k]) > KEPT_SHARE
             else None
             for row, k in zip(shares, worst.tolist(), strict=True)
         ]
@@ -216,7 +216,7 @@ class EffortUse(NamedTuple):
     @property
     def exceeds(self) -> bool:
         """Whether a limit that binds isn't kept."""
-        return self.binds and self.reached.bound > KEPT * self.limit
+        return self.binds and self.reached.bound > KEPT_SHARE * self.limit
 
     def describe_excess(self, place: str) -> tuple[str, dict[str, Any]]:
         """The excess as a sentence and values; `place` is where it is, in words."""
@@ -274,12 +274,11 @@ def largest_efforts(
     Args:
         tree: The bodies.
         motion: With a piece at least.
-        limits: Of each coordinate, shape (nv,): a bound is no more than `TOLD` of it above what was found; infinite
-            ones aren't bounded.
-        binding: Limits that have to be kept: a bound beyond one is no more than `CLOSE` above what was found.
+        limits: Of each coordinate, shape (nv,), for `BOUND_ACCURACY`; where it is infinite there is no bound.
+        binding: Limits that have to be kept: a bound beyond one has `CLOSE_ACCURACY`.
     """
     kept = np.full_like(limits, np.inf) if binding is None else binding
-    return _find_largest(tree, motion, TOLD * limits, CLOSE * limits, kept)
+    return _find_largest(tree, motion, BOUND_ACCURACY * limits, CLOSE_ACCURACY * limits, kept)
 
 
 def _find_largest(

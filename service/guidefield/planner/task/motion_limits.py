@@ -1,7 +1,7 @@
-"""Limits of what a motion does as a whole: of the speed and acceleration of a frame, or of a link's fastest point.
+"""Limits of a motion as a whole, and those of the speed and acceleration of a frame, or of a link's fastest point.
 
-What a motion reaches is known between samples too, by `kernels.timing.carried_rates`: no point is faster than is
-reported by more than `ACCURACY`.
+Limits of torque are in effort.py. What a motion reaches is known between samples too, by
+`kernels.timing.carried_rates`: no point is faster than is reported by more than `ACCURACY`.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from guidefield.robot.group.kinematics import alike_group_joints, chain_of, grou
 from guidefield.robot.model.model import JointKind
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
 
-ACCURACY = 1e-3  # share by which the bound of what is reached may be above what was found
-CLOSE = 1e-6  # the same where a limit is between the two
-KEPT = 1.0 + 1e-6  # a share up to this keeps its limit, for rounding
-AT_ONCE = 10_000  # pieces of a motion that are examined between looks at the time
-FEW_POINTS = 12  # of a body that stand for all where no bound is needed
-CORNERS = 16  # of the prism about a cylinder, on each rim
+ACCURACY = 1e-3  # share by which a bound may be above the largest value found: replies state it
+CLOSE_ACCURACY = 1e-6  # the same where a limit is between the two
+KEPT_SHARE = 1.0 + 1e-6  # a share up to this keeps its limit, for rounding
+PIECES_AT_ONCE = 10_000  # pieces of a motion that are examined between two looks at the deadline
+FEW_POINTS = 12  # points of a body that represent all where no bound is needed
+CORNERS = 16  # corners on each rim of the prism about a cylinder
 
 
 class CurveLimits(NamedTuple):
@@ -77,7 +77,7 @@ class Reached(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CartesianLimit(ReadOnly):
-    """What the points of a body keep."""
+    """Limits of the speed and acceleration of a body's points."""
 
     name: str  # of the frame or link
     is_link: bool
@@ -231,7 +231,7 @@ def _balls(shape: Any) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class CartesianUse:
-    """How fast a body is along a motion."""
+    """The largest speed and acceleration of a body along a motion."""
 
     limit: CartesianLimit
     speed: Reached
@@ -246,7 +246,7 @@ class CartesianUse:
             ("acceleration", "m/s²", self.acceleration, limit.acceleration),
         ]
         worst = max(both, key=lambda one: one[2].bound / one[3])
-        return None if worst[2].bound <= KEPT * worst[3] else worst
+        return None if worst[2].bound <= KEPT_SHARE * worst[3] else worst
 
     def describe_excess(self, place: str) -> tuple[str, dict[str, Any]]:
         """The excess as a sentence and values; `place` is where it is, in words."""
@@ -276,11 +276,11 @@ def polynomials_of(pieces: ChartCurves, times: np.ndarray) -> MotionPolynomials:
 def measure_cartesian(
     limits: Sequence[CartesianLimit], motion: MotionPolynomials, deadline: Deadline = UNLIMITED
 ) -> tuple[CartesianUse, ...]:
-    """How fast bodies are along a motion, more closely where a limit is between what was found and its bound.
+    """The largest speeds and accelerations along a motion, more closely where a limit is between a value and its bound.
 
     Through straight pieces, whose velocities jump, no acceleration is reported, and none is limited.
 
-    Raises DeadlineExpired if time is up before the last limit, or the last `AT_ONCE` pieces.
+    Raises DeadlineExpired if time is up before the last limit, or the last `PIECES_AT_ONCE` pieces.
     """
     found, jumps = [], motion.powers.shape[1] <= 2  # straight pieces
     for index, one in enumerate(limits):
@@ -296,28 +296,28 @@ def measure_cartesian(
 def _closely(limit: CartesianLimit, motion: MotionPolynomials) -> tuple[Reached, Reached]:
     made = limit.measure(motion)
     if any(it.found <= most < it.bound for it, most in zip(made, (limit.speed, limit.acceleration), strict=True)):
-        made = limit.measure(motion, CLOSE)
+        made = limit.measure(motion, CLOSE_ACCURACY)
     return made
 
 
 def parts_of(motion: MotionPolynomials, deadline: Deadline) -> Iterator[MotionPolynomials]:
-    """A motion in parts of `AT_ONCE` pieces at most; raises DeadlineExpired before another than the first."""
-    yield MotionPolynomials(motion.times[: AT_ONCE + 1], motion.powers[:AT_ONCE])
-    for k in range(AT_ONCE, len(motion.powers), AT_ONCE):
+    """A motion in parts of `PIECES_AT_ONCE` pieces at most; raises DeadlineExpired before another than the first."""
+    yield MotionPolynomials(motion.times[: PIECES_AT_ONCE + 1], motion.powers[:PIECES_AT_ONCE])
+    for k in range(PIECES_AT_ONCE, len(motion.powers), PIECES_AT_ONCE):
         deadline.check("the whole motion was looked at")
-        yield MotionPolynomials(motion.times[k : k + AT_ONCE + 1], motion.powers[k : k + AT_ONCE])
+        yield MotionPolynomials(motion.times[k : k + PIECES_AT_ONCE + 1], motion.powers[k : k + PIECES_AT_ONCE])
 
 
 def join_reached(parts: Sequence[Reached]) -> Reached:
-    """What is reached along all parts of a motion."""
+    """The largest of a rate along all parts of a motion."""
     if len(parts) == 1:
         return parts[0]
     largest = max(parts, key=lambda one: one.found)
     return largest._replace(bound=max(one.bound for one in parts))
 
 
-def slower(limits: Sequence[CartesianLimit]) -> tuple[CartesianLimit, ...]:
-    """The lowest limits of each frame and link."""
+def take_lowest(limits: Sequence[CartesianLimit]) -> tuple[CartesianLimit, ...]:
+    """Merge limits: the lowest of each frame and link."""
     lowest: dict[tuple[str, bool], CartesianLimit] = {}
     for one in limits:
         known = lowest.setdefault((one.name, one.is_link), one)

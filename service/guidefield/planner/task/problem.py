@@ -1,4 +1,7 @@
-"""The problem of a plan: the conditions of its motion, and start, goal and guide planes."""
+"""The problem of a plan: the conditions of its motion, and start, goal and guide planes.
+
+It is built by the handlers, and never changed: stages make others by `dataclasses.replace`.
+"""
 
 from __future__ import annotations
 
@@ -35,14 +38,14 @@ ROUNDING = 1e-9  # share of the span of a row, or of a tick, by which a motion m
 
 @dataclass
 class Counters:
-    """How often the expensive things were done."""
+    """Counts of expensive operations."""
 
     iterations: int = 0
     collision_checks: int = 0
 
 
 class Interpolation(enum.Enum):
-    """What a controller draws; the values are the words of requests."""
+    """Curves that controllers draw; the values are the words of requests."""
 
     LINEAR = "linear"
     CUBIC = "cubic"
@@ -62,7 +65,7 @@ class ControllerModel(ReadOnly):
 
     interpolation: Interpolation
     rate: float | None  # of rows, at least, or of ticks [1/s]; None: rows are the knots alone
-    tolerance: np.ndarray  # how far each coordinate may be from what is drawn, shape (nv,) [rad or m]
+    tolerance: np.ndarray  # largest deviation of each coordinate from the drawn curve, shape (nv,) [rad or m]
 
     @property
     def tube(self) -> np.ndarray | None:
@@ -102,12 +105,12 @@ class ControllerModel(ReadOnly):
         return 1.0 + parts * float(np.maximum(np.ceil(spans * self.rate * (1.0 - ROUNDING)), 1.0).sum())
 
 
-DRAWN = 0.99  # share of a limit of the whole that is used by a motion which a controller draws otherwise. A choice
+DRAWN = 0.99  # share of a limit of the whole that a motion uses if the controller draws another curve. A choice
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Conditions(ReadOnly):
-    """What a motion is judged by."""
+    """The conditions that a motion is judged by."""
 
     group: PlanningGroup
     scene: Scene
@@ -155,7 +158,7 @@ class Conditions(ReadOnly):
 
     @property
     def is_observed(self) -> bool:
-        """True if somebody watches: events that cost something are made then."""
+        """True if there is an observer: only then events that take time are made."""
         return not isinstance(self.observer, Silent)
 
     def tell(self, event: Event) -> None:
@@ -183,7 +186,7 @@ class LastPlaneGoal:
 
 
 class Objective(enum.Enum):
-    """What a motion is optimised for."""
+    """The objective of an optimisation; the values are those of requests."""
 
     BALANCED = "balanced"
     TIME = "time"
@@ -238,7 +241,7 @@ class Problem(Conditions):
 
     @cached_property
     def lanes(self) -> BatchCollision:
-        """The world for the lane kernels."""
+        """The world for collision checks of SIMD batches (lanes)."""
         return BatchCollision.build(self.world)
 
     def at(self, time: float) -> Problem:

@@ -1,4 +1,4 @@
-"""The stages of a plan as they run: their time, how they ended, and how a plan ends when one fails."""
+"""The stages of a plan as they run, with their times and outcomes; the endings of plans that fail, as sentences."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from guidefield.robot.group.group import PlanningGroup
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """How a plan, or a stage of it, ended."""
+    """The end of a plan, or of a stage of it."""
 
     status: Status
     message: str
@@ -48,7 +48,7 @@ def make_stopped_message(status: Status, plane: str, distance: float) -> str:
 
 
 def describe_refused_place(group: PlanningGroup, verdict: Verdict) -> dict[str, Any]:
-    """What a verdict says about what was refused: pair, configuration, the joint that is beyond its limits."""
+    """The details of a refusal by a verdict: pair, configuration, the joint that is beyond its limits."""
     details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
     if verdict.chart_point is not None:
         columns = group.wire_positions(verdict.chart_point)
@@ -120,9 +120,9 @@ class Stage:
 
 
 class Stages:
-    """Keeps the time of every stage and tells the observer.
+    """The times and outcomes of stages, which also go to the observer.
 
-    A stage begins where the one before ended, the first where this is made: what leads from one to the next is counted.
+    A stage begins where the one before ended, the first where this is made: the time between them is counted, too.
     """
 
     def __init__(self, conditions: Conditions) -> None:

@@ -1,4 +1,7 @@
-"""Events that the planner tells an observer while it works, and the log of them."""
+"""Events that the planner tells an observer while it works, and the log of them, which recordings are drawn from.
+
+The values of `StepKind` are words of recordings. A packed log is read by the same version alone.
+"""
 
 from __future__ import annotations
 
@@ -86,17 +89,17 @@ Event = StageEntered | StageLeft | Step | Note | TreeGrown | PathRelaxed
 
 
 class Observer(Protocol):
-    """Somebody who watches a plan being made."""
+    """An observer of planning."""
 
     def observe(self, event: Event) -> None:
-        """Be told of an event; must not fail and must not be slow."""
+        """Take an event; must not fail and must not be slow."""
 
 
 class Silent:
-    """Watches nothing."""
+    """An observer that ignores all events."""
 
     def observe(self, event: Event) -> None:
-        """Forget the event."""
+        """Ignore the event."""
 
 
 MAX_EVENTS = 20_000  # number of events that are kept; later ones are only counted
