@@ -4,9 +4,8 @@ Tests go from cheap to exact; their order is a matter of speed. An inner ball th
 again. Balls about all bodies of a joint leave few obstacles, balls about each body fewer. An inner ball that meets an
 obstacle is a contact. A pair is free where no ball of the body's cover meets, or the axis that last separated both
 still does. GJK decides the rest. In float32 the cheap tests are off by less than `BAND`: they widen covers and shrink
-inner balls by it, so that no contact passes for free, and nothing farther away than it for a contact. Search trees,
-shortcuts and streams call `motion_free` and `block_touches`: answers also depend on the axes and hits that a world's
-scratch kept, so that a search that is to be repeatable has to `forget` them first.
+inner balls by it, so that no contact passes for free, and nothing farther away counts as one. Search trees and
+shortcuts call `motion_free`; a search that is to be repeatable has to `forget` hits and axes first.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 For search trees of streams among moving obstacles: a tree tests a configuration once, not at each time, so that a box
 stands where it will be when the robot could be there at the soonest. This guides a search and proves nothing; pieces of
-motion are proven by `kernels/stream/judge.py`.
+motion are proven by `kernels/prove`.
 """
 
 from __future__ import annotations

@@ -251,7 +251,7 @@ def _find_verdict(robot: LaneAlone, meeting: int, chosen: int) -> int:
 
 @lane_part
 def _apart_by_largest(apart: Any, start: int, places: Floats32) -> int:
-    """The lanes whose largest cell keeps the bodies apart; without a branch, as most of the time goes by for memory."""
+    """The lanes whose largest cell keeps the bodies apart; without a branch, as most of the time is spent on memory."""
     mask = 0
     for k in range(LANES):
         cell = start + int(places[GRID_SIDES * LANES + k])
@@ -334,7 +334,7 @@ STACK = CELL * 256  # numbers of the memory for cells that wait: fewer than 8 mo
 
 @lane_kernel
 def never_touching(words: Indices, most: int, stack: IndicesOut, never_out: TruthsOut) -> None:
-    """Of each meeting whether its bodies are known to keep apart wherever their coordinates are within their limits.
+    """Write for each meeting if its bodies are known to keep apart wherever their coordinates are within limits.
 
     Args:
         words: A packed `LaneAlone`.

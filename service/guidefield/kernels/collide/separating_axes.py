@@ -1,4 +1,8 @@
-"""Separating axes of bodies at sixteen configurations: bodies' reach along them, and the stored form of an axis."""
+"""Separating axes of bodies at sixteen configurations: bodies' reach along them, and the stored form of an axis.
+
+A stored axis has one body's reach along it: what is beyond counts as apart, so that a reach may be too large, not too
+small. Which axes are kept is a matter of speed.
+"""
 
 from __future__ import annotations
 

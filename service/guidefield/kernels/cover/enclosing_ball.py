@@ -1,4 +1,7 @@
-"""The smallest ball around points, a small ball around balls, and largest distances from given centres."""
+"""The smallest ball around points, a small ball around balls, and largest distances from given centres.
+
+Covers and collision tests rely on balls that contain everything, whatever rounding does: `SLACK` may grow, not shrink.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The inradius of a convex polygon, exactly."""
+"""The inradius of a convex polygon, exact but for rounding: how far `scene/guide_plane.py` can inset a guide plane."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Signed distance of a point to primitive shapes in their own frames, and the unit vector along which it grows.
 
-On an axis or in a middle plane, where the vector isn't unique, it is one of those possible.
+On an axis or in a middle plane, where the vector isn't unique, it is one of those possible. `points_distance` has the
+same formulas for lanes of points.
 """
 
 from __future__ import annotations

@@ -26,7 +26,6 @@ _ROOM = 1 << 14  # entries that the heap has room for at first
 
 @inlined
 def _clearance(x: float, y: float, z: float, tables: DistanceTables, cap: float, candidates: Integers) -> float:
-    """Distance to the nearest obstacle, at most `cap`."""
     count = bodies_near(x, y, z, cap, tables, candidates)
     return min(nearest_body(x, y, z, candidates, count, tables, cap)[0], cap)
 

@@ -291,7 +291,6 @@ def _rotation_rows(q: Floats, at: int) -> tuple[Vector3, Vector3, Vector3]:
 
 @inlined
 def _right_jacobian_columns(v: Vector3) -> tuple[Vector3, Vector3, Vector3]:
-    """Columns of the right Jacobian of the exponential map."""
     x, y, z = v
     square = x * x + y * y + z * z
     angle = math.sqrt(square)
@@ -312,7 +311,6 @@ _TURN = 2.0 * math.pi
 
 @inlined
 def _near_angle(angle: float, near: float) -> float:
-    """The same angle within half a turn of another [rad]."""
     return angle + _TURN * math.floor((near - angle) / _TURN + 0.5)
 
 

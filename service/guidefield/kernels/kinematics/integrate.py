@@ -185,7 +185,7 @@ def tip_jacobian(mover: Mover, subspaces: Floats, tip: Vector3, jacobian_out: Fl
                 jacobian_out[c, column] += factor * S[c]
 
 
-_STEPS = 30  # of Newton's method, at most: a tip a few steps of `_LONGEST` away is reached, or can't be
+_STEPS = 30  # of Newton's method, at most
 _ARRIVED = 1e-6  # accuracy with which the point is reached [m], at size 1
 _LONGEST = 0.4  # no joint moves more than this in a step [rad, or m at size 1]
 _OWN = 0.05  # added to the lever of a turn, so that one about the tip itself isn't free [m], at size 1

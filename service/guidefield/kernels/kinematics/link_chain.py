@@ -30,7 +30,7 @@ from guidefield.kernels.linalg.small_systems import solve_three
 
 BALL, FREE, UNIVERSAL = range(3)  # kinds of joints of a chain; FREE is the first of a chain that nothing holds
 _CLOSED = 1e-7  # accuracy with which a chain is closed [m]
-_CLOSING_ROUNDS = 12  # after them a chain counts as not to be closed; near a solution two or three do
+_CLOSING_ROUNDS = 12  # of Newton's method; after them a chain counts as one that can't be closed
 _LARGEST_TURN = 0.4  # no link turns more than this in a round of closing [rad]
 
 
@@ -67,7 +67,6 @@ def _ridge(N: Floats) -> float:
 
 @inlined
 def _turn_link(link: Floats, wx: float, wy: float, wz: float, scratch: Floats, turned: Floats) -> None:
-    """Replace a vector by itself turned by a rotation vector."""
     angle = math.sqrt(wx * wx + wy * wy + wz * wz)
     if angle > 0.0:
         axis_rotation(wx / angle, wy / angle, wz / angle, math.cos(angle), math.sin(angle), scratch)
@@ -238,7 +237,6 @@ def _angle_about(axis: Floats, a: Floats, b: Floats) -> float:
 
 @inlined
 def _near(angle: float, old: float) -> float:
-    """The same angle within half a turn of another [rad]."""
     return angle + 2.0 * math.pi * math.floor((old - angle) / (2.0 * math.pi) + 0.5)
 
 

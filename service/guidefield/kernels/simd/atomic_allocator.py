@@ -1,5 +1,5 @@
 # ruff: noqa: ARG001  numba calls typing and code generation with arguments that most have no use for
-"""Room in an array that several threads take from: what one has taken no other gets."""
+"""Allocation from an array that several threads share, for cells of `self_narrowphase`: no two get the same numbers."""
 
 from __future__ import annotations
 

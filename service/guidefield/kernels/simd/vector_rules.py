@@ -138,7 +138,6 @@ register(lane, lambda kind, at: _element(kind), [(VectorType, types.Integer)], _
 
 
 def _bits(builder: Any, mask: Any) -> Any:
-    """A vector of truth values as a whole number."""
     return builder.bitcast(mask, ir.IntType(mask.type.count))
 
 

@@ -1,7 +1,7 @@
 """Limits that a commit keeps, and a bound on the robot's travel; `kernels/prove` proves what it keeps from obstacles.
 
 A commit is sent if `broken_limit` finds none: nothing else in a stream checks limits. Its phases are those of `way`, of
-constant jerk; columns are the same there and in `stream/commit.py`.
+constant jerk, in the same columns.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Cubic splines: Hermite curves in time with exact extrema, uniform B-splines, not-a-knot interpolation."""
+"""Cubic splines: Hermite curves in time with exact extrema, uniform B-splines, not-a-knot interpolation.
+
+`planner/motion` evaluates trajectories and splines by it: limits, certificates and replies speak of these very curves.
+"""
 
 from __future__ import annotations
 

@@ -218,7 +218,7 @@ def way_of(search: TreeSearch, drawn: int) -> Way:
 
 @lane_step(int64(SAMPLING, SEARCH, int64))
 def choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
-    """Write a batch of extensions: from which node of which tree, and where they would end; how many samples it took.
+    """Write a batch of extensions: node and tree of each, and where it would end; return how many samples it took.
 
     Samples come sixteen at a time, towards one tree. One outside of the domain of the node nearest to it is passed by,
     but not for ever. Those that are left when the batch is full are drawn again.
