@@ -253,7 +253,7 @@ EXACT = 1e-3  # a share of a block: motions that are as long as whole blocks get
 def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, resolution: float) -> bool:
     """Tell if no sample of the straight motion between local coordinates (nv,) touches.
 
-    The first isn't looked at, the last is. With b blocks of sixteen, block k looks at the places (b i - k) / (16 b), i
+    The first isn't tested, the last is. With b blocks of sixteen, block k tests the places (b i - k) / (16 b), i
     = 1 .. 16: the first spreads over the whole motion and holds its end. `resolution` is samples per length in
     local coordinates [1/rad or 1/m, at size 1]. Boxes that drift are kept from as well.
     """

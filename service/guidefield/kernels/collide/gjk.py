@@ -3,8 +3,9 @@
 GJK after Gilbert, Johnson and Keerthi (1988). With v the point of the simplex in the difference A - B nearest to the
 origin and w the support point of A - B against v, the distance is at least v.w / |v| and at most |v|: the search ends
 when these differ by less than `ACCURACY`, or where one of them says enough. Of two trees the nearer children are
-compared first. Batches of collision tests and proofs call it: `ACCURACY` and `SLACK` are part of the tolerances of
-both. Scratch is one array of `WORK` numbers: the simplex, two poses, the axis, the nearest leaves, then the stack.
+compared first. Batches of collision tests and proofs call it: distances may be too large by `ACCURACY`, smallest ones
+by `SLACK` as well. Scratch is one array of `WORK` numbers: the simplex, two poses, the axis, the nearest leaves, then
+the stack.
 """
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ def _farthest_vertex(
 
 @lane_part
 def _farthest_corner(numbers: Floats, at: int, x: float, y: float, z: float) -> int:
-    """Where the corner of a triangle farthest along a direction begins: 0, 3 or 6."""
+    """Place of the triangle's corner farthest along a direction: 0, 3 or 6."""
     farthest, best = 0, numbers[at] * x + numbers[at + 1] * y + numbers[at + 2] * z
     for corner in (3, 6):
         along = numbers[at + corner] * x + numbers[at + corner + 1] * y + numbers[at + corner + 2] * z
@@ -298,7 +299,7 @@ def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz:
 
 @lane_part
 def _size(parts: Parts, node: int) -> float:
-    """How much there is to divide in a node [m]: the radius of its ball, times the blocks of vertices of its hull."""
+    """Size of a node for dividing [m]: the radius of its ball, times the blocks of vertices of its hull."""
     part = part_of(parts, node)
     blocks = parts.shapes[SHAPE * part + BLOCKS] if part >= 0 else 0
     return float(ball_radius(parts.balls, node) * (1 + blocks))

@@ -38,7 +38,7 @@ def _axis(primitives: Floats32, at: int, k: int) -> Vector3:
 
 @lane_part
 def _beyond(value: Vector, half: float) -> Vector:
-    """By how much a value is beyond +-half, with its sign; 0 within."""
+    """Excess of a value over +-half, with its sign; 0 within."""
     return value - largest_of(smallest_of(value, splat(half)), splat(-half))
 
 

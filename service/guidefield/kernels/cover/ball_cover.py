@@ -31,7 +31,7 @@ from guidefield.kernels.jit.decorators import inlined, kernel, optimized
 
 @inlined
 def ones(word: int) -> int:
-    """How many bits of a word are set."""
+    """Number of bits of a word that are set."""
     word = word - ((word >> uint64(1)) & uint64(0x5555555555555555))
     word = (word & uint64(0x3333333333333333)) + ((word >> uint64(2)) & uint64(0x3333333333333333))
     word = (word + (word >> uint64(4))) & uint64(0x0F0F0F0F0F0F0F0F)
@@ -108,7 +108,7 @@ def _contains(balls: Floats, i: int, corners: Floats, first: np.ndarray, bounds:
 
 @inlined
 def _is_within(x: float, y: float, z: float, square: float, corners: Floats, first: int, last: int) -> bool:
-    """Whether none of rows `first` to `last` - 1 of `corners` is further from a point than the root of `square`."""
+    """Tell if none of rows `first` to `last` - 1 of `corners` is further from a point than the root of `square`."""
     for k in range(first, last):
         dx, dy, dz = corners[k, 0] - x, corners[k, 1] - y, corners[k, 2] - z
         if dx * dx + dy * dy + dz * dz > square:

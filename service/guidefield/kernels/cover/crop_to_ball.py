@@ -73,7 +73,7 @@ def _is_outside(low: Floats, high: Floats, centre: Floats, radius: float) -> boo
 
 @inlined
 def _nearest(low: Floats, high: Floats, corners: Floats, some: Integers, count: int) -> int:
-    """Which of some corners (m, 3) is nearest to the middle of a cell."""
+    """Index of the corner, of some of (m, 3), nearest to the middle of a cell."""
     best, nearest = math.inf, -1
     for at in range(count):
         square = 0.0
@@ -87,7 +87,7 @@ def _nearest(low: Floats, high: Floats, corners: Floats, some: Integers, count: 
 
 @inlined
 def _farthest(low: Floats, high: Floats, corner: Floats, slack: float) -> float:
-    """How far a place in a cell may be from a corner (3,), at most [m]."""
+    """Largest distance of a place in a cell from a corner (3,), or more [m]."""
     away = half = 0.0
     for k in range(3):
         away += (0.5 * (low[k] + high[k]) - corner[k]) ** 2
@@ -97,7 +97,7 @@ def _farthest(low: Floats, high: Floats, corner: Floats, slack: float) -> float:
 
 @inlined
 def _is_beyond(low: Floats, high: Floats, corner: Floats, box: Floats, slack: float) -> bool:
-    """Whether a box is farther than a corner (3,) from each place in a cell.
+    """Tell if a box is farther than a corner (3,) from each place in a cell.
 
     What squares of distances from a place x of the cell differ by, |x - q|^2 - |x - p|^2 for q in the box and the
     corner p, is linear in x. Its least over the cell, of middle c and half sides h, is the sum over the axes of (q -

@@ -65,7 +65,7 @@ CORNERS = 3  # of a triangle
 
 @part
 def _is_across(along: Floats, t: int, place: float) -> bool:
-    """Whether a plane meets triangle t, which isn't within a plane across the axis."""
+    """Tell if a plane meets triangle t, which isn't within a plane across the axis."""
     low, high = min(along[t, 0], along[t, 1], along[t, 2]), max(along[t, 0], along[t, 1], along[t, 2])
     across: bool = low <= place <= high and low < high
     return across

@@ -13,7 +13,7 @@ from guidefield.kernels.jit.arrays import Floats, Indices, RowOut, Rows, RowsOut
 from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel
 
 SLACK = 1.0 + 1e-12
-"""By how much the radius exceeds the farthest point's distance, so that rounding leaves no point outside."""
+"""Radius over the farthest point's distance, so that rounding leaves no point outside."""
 
 _FLAT = 1e-12
 """Determinant over the product of squared lengths, below which points count as lying in a plane or on a line."""
@@ -24,7 +24,7 @@ _STEPS = 200  # rounds at most; a ball that is left early is widened to contain 
 
 @inlined
 def _farthest(points: Floats, count: int, ball: Floats) -> tuple[int, float]:
-    """Which of the first `count` points is farthest from a centre, and the square of its distance."""
+    """Index of the farthest of the first `count` points from a centre, and its distance squared."""
     best, square = 0, -1.0
     for i in range(count):
         dx, dy, dz = points[i, 0] - ball[0], points[i, 1] - ball[1], points[i, 2] - ball[2]

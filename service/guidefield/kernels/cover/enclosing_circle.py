@@ -35,7 +35,7 @@ def _farthest(points: Floats, x: float, y: float) -> tuple[float, int]:
 
 @part
 def _circumcentre(points: Floats, i: int, j: int, k: int) -> tuple[bool, float, float]:
-    """Whether there is a circle through three points, and its centre."""
+    """Tell if there is a circle through three points, and its centre."""
     ux, uy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
     vx, vy = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
     twice_area = ux * vy - uy * vx

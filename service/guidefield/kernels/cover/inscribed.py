@@ -54,7 +54,7 @@ def gap_to(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndar
 
 @inlined
 def is_inside(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndarray) -> bool:
-    """Whether a point is in any of the solids; arguments as in `gap_to`, `spans` of shape (k, 4)."""
+    """Tell if a point is in any of the solids; arguments as in `gap_to`, `spans` of shape (k, 4)."""
     for k in range(spans.shape[0]):  # noqa: SIM110 - numba has no generators here
         if ray_winding(x, y, z, surfaces, span_of(spans, k)) != 0:
             return True
@@ -63,7 +63,7 @@ def is_inside(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.n
 
 @inlined
 def in_ball(x: float, y: float, z: float, balls: Floats, i: int) -> bool:
-    """Whether a point is for certain within ball i, rows of centre and radius, shape (n, 4) at least [m].
+    """Tell if a point is for certain within ball i, rows of centre and radius, shape (n, 4) at least [m].
 
     If no surface enters the ball, the point is on the side where the centre is.
     """
@@ -166,7 +166,7 @@ _DIAGONAL = math.sqrt(3.0)
 
 @inlined
 def _in_ball(x: float, y: float, z: float, half: float, balls: Floats, i: int) -> bool:
-    """Whether ball i contains the cube of half size `half` about a point."""
+    """Tell if ball i contains the cube of half size `half` about a point."""
     dx, dy, dz = abs(x - balls[i, 0]) + half, abs(y - balls[i, 1]) + half, abs(z - balls[i, 2]) + half
     inside: bool = dx * dx + dy * dy + dz * dz <= balls[i, 3] * balls[i, 3]
     return inside
@@ -409,7 +409,7 @@ def largest_distance(
     nodes, heap = np.empty((triangles.shape[0] + 64, _NODE)), np.empty(triangles.shape[0] + 64, np.int64)
     before, heights = np.zeros((2, 5)), np.empty(3)
     before[0, 3] = math.inf
-    waiting = used = given = 0  # triangles in the heap, rows of `nodes` in use, those given that were looked at
+    waiting = used = given = 0  # triangles in the heap, rows of `nodes` in use, those given that were bounded
     parent, parts = np.empty(_NODE), np.empty((4, 9))
     while True:
         if given < triangles.shape[0]:

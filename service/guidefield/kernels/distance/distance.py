@@ -136,7 +136,7 @@ def body_distance(
 
 @uncounted
 def _from_surface(p: Vector3, body: int, tables: DistanceTables, boxed: bool, cutoff: float, depth: float) -> Signed:
-    """As `body_distance`, of a point in the frame of a surface; `boxed`: in the box about it.
+    """`body_distance` of a point in the frame of a surface; `boxed`: in the box about it.
 
     What is far from the surface but in its box may be deep inside a solid. A ray tells: to find the nearest triangle
     takes long where many are almost as far.
@@ -153,7 +153,7 @@ def _from_surface(p: Vector3, body: int, tables: DistanceTables, boxed: bool, cu
 
 @uncounted
 def distance_inside(x: float, y: float, z: float, body: int, tables: DistanceTables, depth: float) -> Signed:
-    """As `body_distance`, of a point in the frame of a solid that is far from its surface: infinite outside."""
+    """`body_distance` of a point in the frame of a solid that is far from its surface: infinite outside."""
     if _surely_outside((x, y, z), body, tables):
         return math.inf, 0.0, 0.0, 0.0
     return surface_distance(x, y, z, tables.surfaces, span_of(tables, body), True, depth)

@@ -111,7 +111,7 @@ def next_block(cloud: LaneCloud, after: int, x: float, y: float, z: float, reach
     -1 if there are none.
     """
     square = splat(reach * reach)
-    # sixteen bits for each level: boxes of the block that was entered there that have not been looked at yet
+    # sixteen bits for each level: boxes of the block that was entered there that have not been visited yet
     level, block, masks = cloud.levels, 0, 0
     if after < 0:
         masks = below(_box_gaps(cloud.boxes, cloud.firsts[level], x, y, z), square) << (16 * (level - 1))
@@ -152,7 +152,7 @@ def nearest_point(cloud: LaneCloud, x: float, y: float, z: float, cutoff: float)
         cutoff: Distance beyond which nothing is searched for [m]; at most 1e15.
     """
     best, far, found = cutoff * cutoff, splat(1e30), -1
-    # sixteen bits for each level: boxes of the block that was entered there that have not been looked at yet
+    # sixteen bits for each level: boxes of the block that was entered there that have not been visited yet
     level, block, masks = cloud.levels, 0, ALL_LANES << (16 * (cloud.levels - 1))
     while True:
         shift = 16 * (level - 1)

@@ -133,7 +133,7 @@ def _gap_squared(p: Lanes3, box: Floats) -> Vector:
 
 @uncounted
 def _away_from_box(p: Lanes3, half: Floats) -> SquareAndDirection:
-    """As `shape_distance.box_distance`."""
+    """`shape_distance.box_distance` of points."""
     ex, ey, ez = magnitude(p[0]) - half[0], magnitude(p[1]) - half[1], magnitude(p[2]) - half[2]
     ox, oy, oz = largest_of(ex, 0.0), largest_of(ey, 0.0), largest_of(ez, 0.0)
     square = ox * ox + oy * oy + oz * oz
@@ -155,7 +155,7 @@ def _with_sign(length: Vector, by: Vector) -> Vector:
 
 @uncounted
 def _away_from_cylinder(p: Lanes3, size: Floats) -> SquareAndDirection:
-    """As `shape_distance.cylinder_distance`, of its radius and half its length."""
+    """`shape_distance.cylinder_distance`, of its radius and half its length."""
     rho = root(p[0] * p[0] + p[1] * p[1])
     over = 1.0 / largest_of(rho, _TINY)
     side, end = rho - size[0], magnitude(p[2]) - size[1]
@@ -173,7 +173,7 @@ def _away_from_cylinder(p: Lanes3, size: Floats) -> SquareAndDirection:
 
 @uncounted
 def _away_from_capsule(p: Lanes3, size: Floats) -> SquareAndDirection:
-    """As `shape_distance.capsule_distance`, of its radius and half its length."""
+    """`shape_distance.capsule_distance`, of its radius and half its length."""
     z = p[2] - largest_of(smallest_of(p[2], size[1]), -size[1])
     distance = root(p[0] * p[0] + p[1] * p[1] + z * z)
     over = 1.0 / largest_of(distance, _TINY)
@@ -182,7 +182,7 @@ def _away_from_capsule(p: Lanes3, size: Floats) -> SquareAndDirection:
 
 @uncounted
 def _away_from_sheet(p: Lanes3, body: int, tables: DistanceTables) -> SquareAndDirection:
-    """As `triangle_distance.surface_distance` of a sheet whose triangles are in one leaf."""
+    """`triangle_distance.surface_distance` of a sheet whose triangles are in one leaf."""
     surfaces, first, count = tables.surfaces, tables.spans[body, 2], tables.spans[body, 3]
     bx, by, bz = _away_from_triangle(p, surfaces.corners[first])
     best = _square(bx, by, bz)
@@ -282,7 +282,7 @@ def _find_nearest_triangles(p: Lanes3, surfaces: SurfaceTables, span: Span, best
 def _away_from_surface(
     p: Lanes3, gap: Vector, body: int, tables: DistanceTables, best: Vector, scratch: Floats
 ) -> SquareAndDirection:
-    """As `distance.body_distance`; infinite where it isn't below the best, the square of a signed distance.
+    """`distance.body_distance`; infinite where it isn't below the best, the square of a signed distance.
 
     Args:
         p: Points in the frame of the surface [m].
@@ -313,7 +313,7 @@ def _away_from_surface(
 
 @uncounted
 def _away_from_cloud(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> SquareAndDirection:
-    """As `cloud_distance` of each point in the frame of a cloud; infinite where it isn't below the best."""
+    """`cloud_distance` of each point in the frame of a cloud; infinite where it isn't below the best."""
     distance = root(magnitude(best))
     store(scratch, 0, p[0])
     store(scratch, LANES_64, p[1])

@@ -160,7 +160,7 @@ class ChargedRobot(NamedTuple):
     # in the frame of their joint: both ends (2 x 3), and the radius at `CAPSULE_RADIUS`; shape (c, 7) [m]
     capsules: Rows
     capsule_joints: Indices  # index of the joint that moves each, shape (c,)
-    pairs: IndexRows  # first point, one past the last point (all of one joint), capsule: who repels whom; shape (k, 3)
+    pairs: IndexRows  # first point, one past the last point (all of one joint), capsule that repels them; shape (k, 3)
     runs: IndexRows  # the same with points of several joints that stand together as one, if they move; shape (r, 3)
 
 

@@ -148,7 +148,7 @@ def flat_pair(hh: Any, F1: Any, F2: Any, a1: Any, a2: Any) -> tuple[Any, Any, An
 
 @inlined
 def pair_field(height: Any, F1: Any, F2: Any, a1: Any, a2: Any) -> tuple[Any, Any, Any, Any]:
-    """Of two triangles in a plane: Phi, its curvature, and -Phi_F = 2 a/(F^2 + a^2 h^2) of each."""
+    """Phi of two triangles in a plane, its curvature, and -Phi_F = 2 a/(F^2 + a^2 h^2) of each."""
     h = positive(height)
     R = F1 * F2 - (a1 * a2) * (h * h)
     if every(h * (a1 * F2 + a2 * F1) <= _TAN * R):
@@ -191,7 +191,7 @@ def _steep_single(h: Any, F: Any, a: Any, aa: Any) -> tuple[Any, Any, Any]:
 
 @inlined
 def single_field(height: Any, F: Any, a: Any, aa: Any, af: Any) -> tuple[Any, Any, Any]:
-    """Of one triangle, given a, a^2 and a `FLAT`: Phi, its curvature, and -Phi_F = 2 a/(F^2 + a^2 h^2)."""
+    """Phi of one triangle, given a, a^2 and a `FLAT`, its curvature, and -Phi_F = 2 a/(F^2 + a^2 h^2)."""
     h = positive(height)
     return _flat_single(h * h, F, a, aa) if every(h * af <= F) else _steep_single(h, F, a, aa)
 

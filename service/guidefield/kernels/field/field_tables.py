@@ -60,7 +60,7 @@ MATRIX_32 = types.Array(types.float32, 2, "C", readonly=True)
 
 
 def _single(kind: types.Array) -> types.Array:
-    """The same array in single precision; one of whole numbers as it is."""
+    """Return the type of an array in single precision; one of whole numbers stays."""
     return types.Array(types.float32, kind.ndim, "C", readonly=True) if kind.dtype == types.float64 else kind
 
 
@@ -69,12 +69,12 @@ TABLES_32 = types.NamedTuple([TABLES.types[0], *map(_single, TABLES.types[1:])],
 
 
 def exact(tables: FieldTables) -> FieldTables:
-    """The same without expansions: every face counts by itself."""
+    """Return tables without expansions: every face counts by itself."""
     return tables._replace(reach=frozen(np.full(len(tables.reach), np.inf, tables.reach.dtype)))
 
 
 def single_precision(tables: FieldTables, origin: np.ndarray) -> FieldTables:
-    """The same in single precision, relative to an origin in the midst of the points that will be asked for.
+    """Return tables in single precision, relative to an origin amidst the points where the field will be evaluated.
 
     Good to about 1e-6 where the distance to the surfaces is a hundredth of their size, and less nearer.
 

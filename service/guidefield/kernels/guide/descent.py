@@ -257,7 +257,7 @@ class Settings(NamedTuple):
 SETTINGS = numba_type(Settings)
 
 SHARE, REACHED, TRIAL = range(3)
-"""Of a trial that is left for the caller to judge: its share of the step, and U there [m]; then how many numbers."""
+"""Numbers of a trial that the caller has to judge: its share of the step, and U there [m]; then how many there are."""
 
 
 @inlined

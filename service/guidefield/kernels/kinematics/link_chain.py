@@ -87,7 +87,7 @@ def _add_closing(link: Floats, N: Floats) -> None:
 def close_chain(joints_out: RowsOut, m: int, target: Row) -> bool:
     """Bring J_m to a place (3,) by the least sum of squared turns of links 1..m; tell whether that closes the chain.
 
-    J_0 stays, J_{m+1}.. aren't looked at, `joints_out` (n + 1, 3) [m]. omega_i = l_i x lambda, lambda = N^-1 e, N =
+    J_0 stays, J_{m+1}.. aren't read, `joints_out` (n + 1, 3) [m]. omega_i = l_i x lambda, lambda = N^-1 e, N =
     sum(|l_i|^2 I - l_i l_i^T), e what is missing; until it is closed.
     """
     links = np.empty((m, 3))

@@ -67,7 +67,7 @@ def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: i
 
 @lane_part
 def write_product(pose: Floats, frames: Floats, start: int, target: Floats, at: int) -> None:
-    """Write the pose of a frame that stands at twelve numbers in another one, which has a pose; shapes as there."""
+    """Write the pose of a frame, twelve numbers of `frames` (n,), in one with a pose (12,), to `target` (m,)."""
     for r in range(3):
         for c in range(4):
             total = pose[4 * r + 3] if c == 3 else 0.0

@@ -379,7 +379,7 @@ def factorize_bordered(
     """Factorize [[A, B], [B^T, C]] with its diagonal times 1 + damping; tell if it is positive definite.
 
     `blocks` (n, m, 4 m) are A, block row by block row, side by side: the last is on the diagonal, the first couples it
-    with f - 3; what couples rows of different groups is not looked at. `groups` has where each group of a block's rows
+    with f - 3; what couples rows of different groups is not read. `groups` has where each group of a block's rows
     begins, multiples of `TILE` from 0 on, and behind the last m. `border` (k, n m) is B by its columns, `corner` (k, k)
     is C. If it isn't positive definite, the factors mean nothing.
     """

@@ -7,7 +7,7 @@ by the whole of a twist each. Where both have moved by the share s of it, |s| <=
 
 at least, and so in space. Bodies are rigid: v(x) = v + omega x x. So n.(x + s v(x)) = (n + s n x omega).x + s n.v, and
 the farthest points along two turned directions tell. It is concave in s, and least at one of both ends. Any direction
-will do: the last one is tried before the nearest points are looked for. A ball about a node needs no direction: it
+will do: the last one is tried before GJK searches the nearest points. A ball about a node needs no direction: it
 moves no farther than its centre and its own turning together. Rows of the log become proofs (`prove/proof.py`), which
 the referee replays without searching. `NODE_ROUNDS` and `RATE` are a matter of speed.
 """
@@ -82,7 +82,7 @@ NODE_A, NODE_B, ENTRY = range(3)  # numbers of an entry of the stack: a node of 
 
 @lane_part
 def _centres_move(twists: Floats, work: Floats) -> float:
-    """How far the origins of the two poses in the scratch space move relative to each other by both twists [m]."""
+    """Distance by which both twists move the origins of the two poses in the scratch relative to each other [m]."""
     x, y, z = work[POSE_A + X], work[POSE_A + Y], work[POSE_A + Z]
     u, v, w = work[POSE_B + X], work[POSE_B + Y], work[POSE_B + Z]
     dx = twists[0] + twists[4] * z - twists[5] * y - (twists[6] + twists[10] * w - twists[11] * v)
@@ -208,7 +208,7 @@ def _nodes_keep(
             return -math.inf
     rounds_a = place_part_of(a, node_a, pose_a, work, POSE_A)
     rounds_b = place_part_of(b, node_b, pose_b, work, POSE_B)
-    # the axis of what was looked at last often tells
+    # the last axis often separates these, too
     if axis_length(work) > 0.0 and (
         _keep_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, asked, work) >= asked
     ):

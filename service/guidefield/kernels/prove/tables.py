@@ -142,7 +142,7 @@ NEARLY = 1e-5  # bodies closer than this are measured by Coal: kernels find no d
 
 @uncounted
 def is_judged(verdict: Floats, kind: int) -> bool:
-    """Whether a kind of pairs counts for a verdict, shape (VERDICT,)."""
+    """Tell if a kind of pairs counts for a verdict (VERDICT,)."""
     return (int(verdict[KINDS]) & kind) != 0
 
 
@@ -196,7 +196,7 @@ def refuse(verdict: Floats, own: int, at: float, distance: float, pair: int) -> 
 
 @uncounted
 def is_about(questions: Floats, q: int, own: int, at: float) -> bool:
-    """Whether a question, one of (q, ANSWER), is about own pairs, or about others, at a parameter."""
+    """Tell if a question, one of (q, ANSWER), is about own pairs, or about others, at a parameter."""
     return bool(questions[q, SINCE] <= at <= questions[q, UNTIL] and questions[q, OWN] == own)
 
 

@@ -40,7 +40,7 @@ def _along(q: float, v: float, a: float, j: float, s: float) -> tuple[float, flo
 
 @lane_part
 def _end_of(q: float, v: float, a: float, u: float, piece: float, most: float, jerk: float) -> float:
-    """Where a coordinate stands after a piece [s] towards a velocity u and the hardest braking [rad or m]."""
+    """Value at which a coordinate stands after a piece [s] towards a velocity u and the hardest braking [rad or m]."""
     j, first, hold, last = _change(v, a, u, most, jerk)
     s = min(piece, first)
     q, v, a = _along(q, v, a, j, s)
@@ -182,7 +182,7 @@ def piece_and_braking(
             u = _ending_at(q, v, a, u, edge, piece, most, jerk)
         wanted[k], counts[k] = u, 0
     for part in range(2):
-        # who changes less takes as long as the slowest, so that all go straight on together
+        # a coordinate that changes less takes as long as the slowest, so that all go straight on together
         slowest = 0.0
         for k in range(count):
             u = wanted[k] if part == 0 else 0.0

@@ -60,7 +60,7 @@ class MotionPolynomials(NamedTuple):
 
 
 class CoordinateBounds(NamedTuple):
-    """What a motion's local coordinates do at a time, and at most until another, by coordinate of the model: (m,)."""
+    """A motion's local coordinates and rates at a time, and bounds until another, by coordinate of the model: (m,)."""
 
     z: RowOut  # of the group, shape (nv,) [rad or m]
     dz: RowOut

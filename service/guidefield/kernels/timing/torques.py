@@ -257,7 +257,7 @@ def _write_most(begin: Floats, end: Floats, span: float, bounds: Floats, most_ou
 
 @uncounted
 def _is_close(most: Floats, loose: Floats, tight: Floats, limits: Floats, found: Floats) -> bool:
-    """Whether no bound is farther above what was found than it may be."""
+    """Tell if no bound exceeds the largest torque found by more than its tolerance."""
     is_close = True
     for j in range(most.shape[0]):
         largest = found[j, FOUND]
@@ -291,7 +291,7 @@ def _place_and_write(
 
 @uncounted
 def _is_continued(motion: MotionPolynomials, piece: int, state: CoordinateBounds) -> bool:
-    """Whether a piece begins with the very rates with which the one before ends, but for rounding."""
+    """Tell if a piece begins with the very rates with which the one before ends, but for rounding."""
     for j in range(state.dz.shape[0]):
         rate, rise = motion.powers[piece, 1, j], 2.0 * motion.powers[piece, 2, j]
         if abs(rate - state.dz[j]) > SAME * abs(rate) or abs(rise - state.ddz[j]) > SAME * abs(rise):

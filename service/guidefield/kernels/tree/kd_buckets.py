@@ -43,7 +43,7 @@ _CERTAIN = 0.9999  # a box is passed by if even this share of its distance squar
 
 
 class Buckets(NamedTuple):
-    """Of two trees the nodes that are in buckets; each array holds both trees, one after the other."""
+    """The nodes of two trees that are in buckets; each array holds both trees, one after the other."""
 
     n: int  # buckets that each tree has room for, a multiple of 16
     # (2 * n * nv * BUCKET,) points, bucket by bucket, coordinate by coordinate; one that isn't full repeats its
