@@ -120,24 +120,24 @@ def test_payloads_come_at_the_rate_and_no_faster(rate: float, sent: list[tuple[f
         for first in range(len(let_in)):
             for last in range(first, len(let_in)):
                 before = sum(size for _, size in let_in[first:last])
-                assert before <= rooms.AT_ONCE + rate * (let_in[last][0] - let_in[first][0]) + 1.0
+                assert before <= rooms.BURST_BYTES + rate * (let_in[last][0] - let_in[first][0]) + 1.0
 
 
 def test_a_query_that_is_refused_costs_no_payload(monkeypatch: pytest.MonkeyPatch) -> None:
     _Clock(monkeypatch)
     quota = Quota(per_second=1.0, payload_per_second=1.0)
     allowances = Allowances(Quotas(default=quota, users={"bob": quota}), Waiting(Limits()))
-    allowances.ask("alice", rooms.AT_ONCE - 1)
+    allowances.ask("alice", rooms.BURST_BYTES - 1)
     with pytest.raises(QuotaExceeded, match="1 queries a second"):
         allowances.ask("alice", 100)
-    allowances.ask("bob", rooms.AT_ONCE)
-    assert allowances._payloads.rest("alice", 1.0, rooms.AT_ONCE, 1_000.0) == 1.0
+    allowances.ask("bob", rooms.BURST_BYTES)
+    assert allowances._payloads.rest("alice", 1.0, rooms.BURST_BYTES, 1_000.0) == 1.0
 
 
 def test_who_is_idle_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = _Clock(monkeypatch)
     allowances = Allowances(Quotas(default=Quota(per_second=1.0)), Waiting(Limits()))
-    for number in range(3 * rooms.MOST_USERS):
+    for number in range(3 * rooms.MAX_USERS):
         clock.now += 0.1
         allowances.ask(f"user{number}")
-    assert len(allowances._queries) <= rooms.MOST_USERS + 1
+    assert len(allowances._queries) <= rooms.MAX_USERS + 1

@@ -68,7 +68,7 @@ def test_creases_part_the_corners_at_a_vertex(seed, crease):
         for vertex in edge:
             if angle < crease:
                 around[vertex].add_edge(*faces)
-    drawn = surface.shaded(mesh.vertices, mesh.faces, crease)
+    drawn = surface.shade(mesh.vertices, mesh.faces, crease)
     assert len(drawn.vertices) == sum(networkx.number_connected_components(graph) for graph in around)
     assert len(drawn.triangles) == len(mesh.faces)
     assert trimesh.Trimesh(drawn.vertices, drawn.triangles).area == pytest.approx(mesh.area, rel=1e-4)

@@ -147,7 +147,7 @@ def _points(chunks: Iterable[Chunk]) -> np.ndarray:
 
 def _obstacle(obstacle: Obstacle, colour: Colour) -> Chunk:
     return still(
-        entity("figure", obstacle.name), bodies.mesh(surface.shaded(obstacle.vertices, obstacle.triangles), colour)
+        entity("figure", obstacle.name), bodies.mesh(surface.shade(obstacle.vertices, obstacle.triangles), colour)
     )
 
 

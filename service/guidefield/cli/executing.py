@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 # chord error of the polyline on which the desired place of a controller is sought [rad or m]; it must stay far below
-# `OFF_CURVE` of trajectory_action
+# `CURVE_TOLERANCE` of `endpoint/ros/trajectory_action.py`
 FLAT = 1e-5
 
 

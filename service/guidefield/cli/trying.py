@@ -122,7 +122,7 @@ class TryPage:
             if one.cloud is not None:
                 scene.add_point_cloud(path, one.cloud.points, colors=color, point_size=one.cloud.radius)
             elif not isinstance(one.message, HalfSpace):
-                drawn = surface.shaded(one.vertices, one.triangles)
+                drawn = surface.shade(one.vertices, one.triangles)
                 at = np.array(getattr(one.message, "position", (0.0, 0.0, 0.0)))
                 opacity = TRANSLUCENT if one.name in eye.hiding else None
                 options: Any = {"color": color, "opacity": opacity, "position": at, "side": "double"}

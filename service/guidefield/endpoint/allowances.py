@@ -1,4 +1,7 @@
-"""The rest of each user's quota: a query beyond it is refused at once."""
+"""Enforce users' quotas of queries, payload, waiting requests and processor time: a query beyond them is refused.
+
+Queries and payload are counted by token buckets; the queue (`pool/waiting.py`) measures waiting and processor time.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +13,21 @@ from guidefield.errors import QuotaExceeded
 from guidefield.messages.identities import Quotas
 from guidefield.pool.waiting import HALF_LIFE_S, Waiting
 
-MOST_USERS = 1_000  # number of users whose rest is remembered
-MINUTE = 60.0
-STEADY = HALF_LIFE_S / math.log(2.0)  # use of a user who has had a processor second each second for long [s]
-AT_ONCE = 256 * 2**20  # payload that may come at once [bytes]
+MAX_USERS = 1_000  # number of users above which full buckets are forgotten
+MINUTE_S = 60.0
+STEADY_USE_S = HALF_LIFE_S / math.log(2.0)
+"""Use of the processors, as the queue measures it, of a user who has had one processor all the time [s]."""
+BURST_BYTES = 256 * 2**20  # payload that a user may send at once
 LIST_COUNTS = 10.0  # number of queries as which a list, or all of `info`, counts: it takes that much longer to answer
-SHORTEST = 0.001  # shortest time after which a user may ask again [s]
+MIN_RETRY_S = 0.001  # shortest time after which a user may ask again [s]
 
 
 class Allowances:
-    """Counts queries, and looks at what waits and what was worked on."""
+    """Counts users' queries and payload, and refuses what exceeds a quota."""
 
     def __init__(self, quotas: Quotas, waiting: Waiting) -> None:
         self._quotas, self._waiting = quotas, waiting
-        self._queries, self._payloads = _Refilled(), _Refilled()
+        self._queries, self._payloads = _TokenBuckets(), _TokenBuckets()
         self._lock = threading.Lock()
 
     def ask(self, user: str, size: int = 0, *, lists: bool = False) -> None:
@@ -40,12 +44,12 @@ class Allowances:
                 most = max(1.0, rate)
                 left = self._queries.rest(user, rate, most, now)
             if flow is not None:
-                room = self._payloads.rest(user, flow, AT_ONCE, now)
+                room = self._payloads.rest(user, flow, BURST_BYTES, now)
             if left >= 1.0 and room > 0.0:
                 if rate is not None:
                     self._queries.keep(user, left - (min(LIST_COUNTS, most) if lists else 1.0), rate, most, now)
                 if flow is not None:
-                    self._payloads.keep(user, room - size, flow, AT_ONCE, now)
+                    self._payloads.keep(user, room - size, flow, BURST_BYTES, now)
         if rate is not None and left < 1.0:
             raise _exceeded(f"{rate:g} queries a second", (1.0 - left) / rate, per_second=rate)
         if flow is not None and room <= 0.0:
@@ -53,23 +57,23 @@ class Allowances:
             raise _exceeded(what, (1.0 - room) / flow, payload_per_second=flow)
 
     def work(self, user: str) -> None:
-        """Raise QuotaExceeded if a user may not ask for what takes a worker: enough waits, or it got enough lately."""
+        """Raise QuotaExceeded if too many requests of a user wait for workers, or it used their processors too much."""
         quota = self._quotas.of(user)
         if quota.waiting is not None and self._waiting.of_user(user) >= quota.waiting:
             again = self._waiting.retry_after(user)
             raise _exceeded(f"{quota.waiting} requests that wait", again, waiting=quota.waiting)
         if (most := quota.processor_per_minute) is not None:
-            over = self._waiting.used(user) * MINUTE / (STEADY * most)
+            over = self._waiting.used(user) * MINUTE_S / (STEADY_USE_S * most)
             if over > 1.0:
                 what = f"{most:g} s of a processor in a minute"
                 raise _exceeded(what, HALF_LIFE_S * math.log2(over), processor_per_minute=most)
 
 
-class _Refilled:
-    """The rest of each user's share of something that is refilled each second, up to a most."""
+class _TokenBuckets:
+    """A bucket for each user, refilled at a rate per second up to a most."""
 
     def __init__(self) -> None:
-        self._kept: dict[str, tuple[float, float, float]] = {}
+        self._kept: dict[str, tuple[float, float, float]] = {}  # rest, when that was, when it is full again
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -81,12 +85,11 @@ class _Refilled:
         return min(most, left + rate * (now - at))
 
     def keep(self, user: str, left: float, rate: float, most: float, now: float) -> None:
-        """Note the rest of a share; of many users those with a full share are forgotten."""
         self._kept[user] = left, now, now + (most - left) / rate
-        if len(self._kept) > MOST_USERS:
+        if len(self._kept) > MAX_USERS:
             self._kept = {name: kept for name, kept in self._kept.items() if kept[2] > now}
 
 
 def _exceeded(what: str, again: float, **quota: float) -> QuotaExceeded:
-    retry_after = round(max(again, SHORTEST), 3)
+    retry_after = round(max(again, MIN_RETRY_S), 3)
     return QuotaExceeded(f"this user may have {what}; ask again in {retry_after:g} s", **quota, retry_after=retry_after)

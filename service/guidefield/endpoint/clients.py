@@ -1,4 +1,4 @@
-"""The clients that say that they are there, and what happens when one is gone."""
+"""Follow clients' liveliness tokens, and report a client that is gone, whose requests and streams end then."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages.identities import USERS, Asker, split_user
 
 GRACE = 6.0
-"""A client that isn't back in so long is gone [s]: a cut link is noticed after two, and asked again within three."""
+"""Time after which a client whose token vanished is gone [s]; it notices a cut link in 2 s, and reconnects in 3 s."""
 
 
 class Clients:
-    """Follows the liveliness tokens of clients."""
+    """Follows the liveliness tokens of clients; calls `gone` with each client that is gone, in a thread of its own."""
 
     def __init__(self, session: zenoh.Session, instance: str, gone: Callable[[Asker], object]) -> None:
         self._gone = gone
@@ -30,7 +30,7 @@ class Clients:
         self._tokens = [session.liveliness().declare_subscriber(key, self._heard) for key in keys]
 
     def close(self) -> None:
-        """Follow no more."""
+        """Stop."""
         for tokens in self._tokens:
             tokens.undeclare()
         with self._changed:
@@ -41,7 +41,7 @@ class Clients:
     def _heard(self, token: zenoh.Sample) -> None:
         try:
             user, key = split_user(str(token.key_expr).split("/")[2:])
-        except MalformedRequest:  # nobody who can ask
+        except MalformedRequest:  # an invalid user, who can't ask either
             return
         client = Asker(user, key[-1])
         with self._changed:

@@ -1,11 +1,11 @@
-"""Queries in, exactly one answer out to each of them.
+"""Sort queries to workers, reading threads and streams, and give each exactly one answer.
 
 Theory of operation. One queryable serves every key of the instance, so that each query, on a known key or not, has one
-answerer. Zenoh calls it in the thread of the query's link, so that a flood on one link holds up no other. It only
+answerer. Zenoh calls it in the thread of the query's link, so that a flood on one link delays no other. It only
 sorts: queries that need a robot, obstacle geometry or a kernel go to the pool of workers; those that read or delete
 files go to a few threads here; the others are answered at once, or end a run early. Each query is settled through
-`Asked`, which answers exactly once; a thread of the `Outbox` sends the answer, so that a client that doesn't read holds
-up no other.
+`PendingQuery`, which answers exactly once; a thread of the `Outbox` sends the answer, so that a client that doesn't
+read delays no other. What each key needs and does is declared in `messages/served.py`, too.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from typing import get_args
 import zenoh
 
 from guidefield.endpoint.allowances import Allowances
-from guidefield.endpoint.asked import REMEMBERED_KEYS, Asked
 from guidefield.endpoint.monitoring import Condition, End, Meter, Trace
+from guidefield.endpoint.pending_query import REMEMBERED_KEYS, PendingQuery
 from guidefield.endpoint.readers import Readers
 from guidefield.endpoint.streams import Streams, require_own
 from guidefield.endpoint.under_way import UnderWay, keep_answer
@@ -55,10 +55,12 @@ HEAVY_KEYS = ("plan", "certify", "kinematics", "robots")
 KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "streams", "info")
 """First chunks of keys under which queries are timed."""
 LATE, LATE_SHARE = 0.02, 0.03
-"""Delay of the answer to a request that is still loaded for when its time is up [s], and as a share of its time."""
-LAST, LAST_SHARE = 0.04, 0.045
-"""The same for any request: time for a worker that minds its time by itself to send what it has found."""
-BRIEF = 1 << 14  # largest query of kinematics that counts as brief [bytes]
+"""Delay after a request's time at which it is answered without its worker [s], and as a share of its time.
+
+So it is while the worker still loads and prepares; one that checks the deadline itself has longer to send its result:
+"""
+LATE_RESULT, LATE_RESULT_SHARE = 0.04, 0.045
+MAX_BRIEF_BYTES = 1 << 14  # largest query of kinematics that counts as brief
 LAST_ANSWERS = 5.0  # time for the last answers to be read at the end [s]
 
 
@@ -108,14 +110,14 @@ class Endpoint:
         key = str(query.key_expr)
         kind = _kind(key)
         count = partial(self._count_answer, kind, received, self._trace(kind, key))
-        asked = Asked(query, key, self._setup.instance, count, self._pool.outbox.post)
+        asked = PendingQuery(query, key, self._setup.instance, count, self._pool.outbox.post)
         self._meter.count("asked")
         try:
             self._sort(asked, asked.read(self._let_in), received)
         except Exception as error:
             asked.fail(error)
 
-    def _sort(self, asked: Asked, read: keys.Query, received: float) -> None:
+    def _sort(self, asked: PendingQuery, read: keys.Query, received: float) -> None:
         if stream_requests.is_stream(read):
             self._ask_stream(asked, read, received)
             return
@@ -136,14 +138,14 @@ class Endpoint:
         else:
             self._readers.submit(read.asker, partial(self._read_files, read)).add_done_callback(asked.settle)
 
-    def _let_in(self, told: keys.Query, size: int) -> None:
-        """Refuse a user's query, with a payload of a size [bytes], if the user has no more of its quota."""
-        if told.user != PLAIN:
+    def _let_in(self, read: keys.Query, size: int) -> None:
+        """Refuse a user's query, with a payload of a size [bytes], if it exceeds the user's quota."""
+        if read.user != PLAIN:
             self._pool.stand_by()
-        if not keys.is_cancel(told):  # that gives something back
-            self._allowances.ask(told.user, size, lists=keys.is_list(told))
+        if not keys.is_cancel(read):  # which reduces the work
+            self._allowances.ask(read.user, size, lists=keys.is_list(read))
 
-    def _ask_stream(self, asked: Asked, read: keys.Query, received: float) -> None:
+    def _ask_stream(self, asked: PendingQuery, read: keys.Query, received: float) -> None:
         if keys.is_recording(read):  # the stream itself may be over
             stream_requests.check(read)
             require_own(read)
@@ -162,25 +164,25 @@ class Endpoint:
             _log.exception("an update could not be taken")
 
     def _require_right(self, read: keys.Query) -> None:
-        """Refuse a query that a user may not make about another's things.
+        """Raise NotAllowed for a query that a user may not make about another's things.
 
-        Keys that name an owner are open to onlookers, too, so there its own things are for reading alone.
+        Other users may be permitted on keys that name an owner, so even the owner can only read with them.
         """
         reading = keys.is_reading(read)
         if read.owner != read.user:
             kind, name = _thing(read)
             self._engines.stores.require_right(read.user, read.owner, kind, name, read_only=reading)
         elif read.names_owner and not (reading or keys.is_cancel(read)):
-            told = f"{read.user}:{read.key[1]}"[:128]
-            raise NotAllowed(f"{told!r} is for reading; to change it, name it without its owner", user=read.owner)
+            name = f"{read.user}:{read.key[1]}"[:128]
+            raise NotAllowed(f"{name!r} is for reading; to change it, name it without its owner", user=read.owner)
 
     def ask(self, read: keys.Query, received: float) -> Future[Answer]:
-        """Have work done that was asked for by other means than a query on one of the keys.
+        """Have work done for a request that came otherwise than as a query on one of the keys, such as from ROS.
 
-        Raises GuidefieldError if nothing such is served, or it can't wait its turn.
+        Raises GuidefieldError if it isn't served, or refused by quotas or the queue.
         """
         self._meter.count("asked")
-        self._pool.stand_by()  # there are others beside the keys
+        self._pool.stand_by()  # there is more than one user
         self._allowances.ask(read.user)
         keys.check(read)
         answer = self._hand_over(read, received)
@@ -208,7 +210,7 @@ class Endpoint:
         self._meter.count_answer("answered" if is_reply else "refused", kind, time.monotonic() - received)
 
     def figures(self, user: str = PLAIN) -> Figures:
-        """Return its counts and measures by now, as far as a user may see them."""
+        """Return the service's present counts and measures, as far as a user may see them."""
         return Figures(
             counters={**self._meter.counters(), "crashes": self._pool.crashes, **self._streams.counters},
             uptime=time.monotonic() - self._began,
@@ -318,7 +320,7 @@ class Endpoint:
             late=None if keys.changes_store(read) else _late(received, allowed, partial(expire, "load")),
             asker=read.asker,
             size=len(read.payload),
-            is_brief=read.key == ("kinematics",) and len(read.payload) <= BRIEF,
+            is_brief=read.key == ("kinematics",) and len(read.payload) <= MAX_BRIEF_BYTES,
         )
         own = head.request_id
         name = None if own is None else (read.user, "requests", checked_name(own, "request_id"))
@@ -351,8 +353,8 @@ _kept_states = threading.local()
 def _keep_thread_state() -> None:
     """Keep the interpreter's state of this thread of Zenoh until the thread ends.
 
-    A thread that the interpreter didn't start is given a new state for each call, which maps and unmaps memory: 0.05 ms
-    where there are many threads.
+    Otherwise a thread that the interpreter didn't start gets a new state for each call, which maps and unmaps memory:
+    0.05 ms if there are many threads.
     """
     if not hasattr(_kept_states, "count"):
         _kept_states.count = ctypes.pythonapi.PyGILState_Ensure()
@@ -374,4 +376,4 @@ def _kind(key: str) -> str:
 
 def _late(received: float, allowed: float, answer: Callable[[], Answer]) -> TimedAnswer:
     at = received + allowed
-    return TimedAnswer(at + LATE + LATE_SHARE * allowed, answer, at + LAST + LAST_SHARE * allowed)
+    return TimedAnswer(at + LATE + LATE_SHARE * allowed, answer, at + LATE_RESULT + LATE_RESULT_SHARE * allowed)

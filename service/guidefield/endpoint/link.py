@@ -1,4 +1,4 @@
-"""Links of a service: their settings, sockets that are closed without waiting, and a query over loopback."""
+"""Zenoh links of a service: their settings, sockets that are closed without waiting, and a test query over loopback."""
 
 from __future__ import annotations
 
@@ -17,40 +17,40 @@ from guidefield.pool.outbox import MAX_THREADS
 
 READ_WITHIN = 15.0  # time for reading an answer, beside what the system keeps of it, before its link is ended [s]
 LEASE = 10.0
-"""Time for which a link that was cut without a word may go unnoticed [s].
+"""Longest time until a link that was cut silently is noticed [s].
 
-It is Zenoh's own: with 2 s a service that got hardly any of a busy machine lost its links, and with them the answers.
+It is Zenoh's own: with 2 s a service on a busy machine lost its links, and with them the answers.
 """
 LONGEST_MESSAGE = 4 * codec.MAX_REQUEST_BYTES
-"""Zenoh drops a larger message without a word [bytes]; what is between this and a payload's limit is refused."""
+"""Size of the largest message; Zenoh drops a larger one silently, payloads beyond their limit are refused [bytes]."""
 RUNTIME = f"(rx: (worker_threads: 32), tx: (worker_threads: {MAX_THREADS + 4}))"
 """Zenoh's threads, unless the variable ZENOH_RUNTIME says otherwise.
 
-Where a link ends to which an answer is being sent, Zenoh blocks one of the threads that send until the answer's own
-thread gives up, for up to `READ_WITHIN`. So there are more of them than answers are sent at once; of four, Zenoh's own
-number, four stopped clients would keep every other link's answers waiting. Those that receive call the endpoint: of
-four, six links that flood it would keep the others' queries waiting three times as long. Those that keep the time of
-queries is as Zenoh has it, one: four wake one another twice for each query.
+If a link ends while an answer is sent to it, Zenoh blocks one of the threads that send until the answer's own thread
+gives up, for up to `READ_WITHIN`. So there are more of them than answers are sent at once; with Zenoh's own four, four
+stopped clients would delay all other links' answers. Threads that receive call the endpoint: with four, six flooding
+links make the others' queries wait three times as long. The number of threads for queries' time-outs is Zenoh's, one:
+four wake one another twice for each query.
 """
-UNLESS_TOLD = {
+DEFAULT_SETTINGS = {
     "scouting/multicast/enabled": "false",
     "scouting/gossip/enabled": "false",
     "transport/link/tx/lease": f"{1e3 * LEASE:.0f}",  # [ms]
     "transport/link/tx/queue/congestion_control/block/wait_before_close": f"{1e6 * READ_WITHIN:.0f}",  # [us]
     "transport/link/rx/max_message_size": str(LONGEST_MESSAGE),
 }
-"""Settings where the configuration leaves Zenoh's own: no scouting, and nothing is read without end."""
+"""Settings that replace Zenoh's defaults, unless the configuration sets them: no scouting, bounded messages."""
 DESCRIPTORS = Path("/dev/fd")  # folder that lists the open files of a process, on Linux and macOS
-AT_ONCE = struct.pack("ii", 0, 0)  # the option's value: off, and its time
+NO_LINGER = struct.pack("ii", 0, 0)  # value of SO_LINGER: off, and its time
 
 
 def close_links_at_once(session: zenoh.Session) -> zenoh.LinkEventsListener[None]:
-    """Have every link of a session closed without waiting, those that come later too, until what it returns ends.
+    """Have every link of a session closed without waiting, later ones too, until the returned listener ends.
 
-    Zenoh has the system wait, when a TCP or TLS socket is closed, until the other end has read what was sent, for up to
-    ten seconds (`SO_LINGER`, not configurable in Zenoh 1.10), and closes sockets in the threads that receive, accept
-    and manage all links. If the links of many end to which something is still being sent, nobody else is served
-    then. Without that option closing returns at once, and the system sends the rest by itself.
+    When Zenoh closes a TCP or TLS socket, the system waits up to ten seconds until the other end has read the sent data
+    (`SO_LINGER`, not configurable in Zenoh 1.10), in the threads that receive, accept and manage all links. If many
+    links with unread data end, no other one is served then. Without that option closing returns at once, and the
+    system sends the rest in the background.
     """
 
     def hear(event: zenoh.LinkEvent) -> None:
@@ -61,7 +61,7 @@ def close_links_at_once(session: zenoh.Session) -> zenoh.LinkEventsListener[None
 
 
 def close_sockets_at_once() -> None:
-    """Have no TCP socket of this process wait for its reader when it is closed; only Zenoh's do."""
+    """Have no TCP socket of this process wait for its reader when it is closed, which only Zenoh's would do."""
     for number in DESCRIPTORS.iterdir():
         try:
             found = socket.socket(fileno=int(number.name))
@@ -69,14 +69,14 @@ def close_sockets_at_once() -> None:
             continue
         with contextlib.suppress(OSError):  # closed by now
             if found.type == socket.SOCK_STREAM and found.family in (socket.AF_INET, socket.AF_INET6):
-                found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, AT_ONCE)
+                found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, NO_LINGER)
         found.detach()  # it stays Zenoh's
 
 
 LOOPBACK = "127.0.0.1"
 DEFAULT_LISTEN = f"tcp/{LOOPBACK}:7447"  # default endpoint of a service
-KEY = "guidefield-doctor/answer"
-WITHIN = 5.0  # time-out of the query over loopback [s]
+KEY = "guidefield-doctor/answer"  # of the test query
+TIMEOUT_S = 5.0  # time-out of the test query, and of connecting [s]
 
 
 class NoAnswer(RuntimeError):
@@ -86,7 +86,7 @@ class NoAnswer(RuntimeError):
 def measure_answer() -> float:
     """Measure a query from one session on loopback to another and back [s].
 
-    Raises NoAnswer if it isn't answered within `WITHIN`, or a session can't be opened.
+    Raises NoAnswer if it isn't answered within `TIMEOUT_S`, or a session can't be opened.
     """
     try:
         with contextlib.ExitStack() as opened:
@@ -98,8 +98,8 @@ def measure_answer() -> float:
             opened.enter_context(service.declare_queryable(KEY, _answer))
             client = opened.enter_context(zenoh.open(_config("client", "connect", endpoint)))
             began = time.monotonic()
-            if not any(reply.ok is not None for reply in client.get(KEY, timeout=WITHIN)):
-                raise NoAnswer(f"a query at {endpoint} got none within {WITHIN:g} s")
+            if not any(reply.ok is not None for reply in client.get(KEY, timeout=TIMEOUT_S)):
+                raise NoAnswer(f"a query at {endpoint} got none within {TIMEOUT_S:g} s")
             return time.monotonic() - began
     except (zenoh.ZError, OSError) as error:
         raise NoAnswer(strip_source(error)) from None
@@ -112,7 +112,7 @@ def _answer(query: zenoh.Query) -> None:
 
 def _config(mode: str, way: str, endpoint: str) -> zenoh.Config:
     config = zenoh.Config()
-    for key, value in UNLESS_TOLD.items():
+    for key, value in DEFAULT_SETTINGS.items():
         config.insert_json5(key, value)
     config.insert_json5("mode", json.dumps(mode))
     config.insert_json5("listen/endpoints", "[]")
@@ -124,5 +124,5 @@ def is_taken(endpoint: str) -> bool:
     """Return whether somebody listens at an endpoint of this machine, such as `DEFAULT_LISTEN`."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
     with socket.socket() as probe:
-        probe.settimeout(WITHIN)
+        probe.settimeout(TIMEOUT_S)
         return probe.connect_ex((host, int(port))) == 0

@@ -1,8 +1,8 @@
 """Health, counters and times of a service: metrics over HTTP on loopback, and traces of queries.
 
-Metrics need ``guidefield[metrics]``, traces ``guidefield[otel]``; both cost nothing unless they are asked for. The
-server of metrics is there before anything else of a service, so that a watcher sees it start; it tells what `info`
-tells in brief, in Prometheus' text format, asked anew for each scrape.
+Metrics need ``guidefield[metrics]``, traces ``guidefield[otel]``; both are off unless settings turn them on. The server
+of metrics starts before anything else of a service, so that a watcher sees it start; each scrape gets the figures of a
+brief `info` in Prometheus' text format. Names of metrics are an interface: dashboards read them.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ class Meter:
             self._sums[kind] = self._sums.get(kind, 0.0) + seconds
 
     def counters(self) -> dict[str, int]:
-        """The counts."""
+        """Return the counts by event."""
         with self._lock:
             return dict(self._counters)
 
     def latency(self) -> dict[str, Histogram]:
-        """The times, by kind."""
+        """Return histograms of answers' times by kind of query."""
         with self._lock:
             return {
                 kind: Histogram(bounds=list(BOUNDS), counts=list(bins), sum=self._sums[kind])
@@ -126,7 +126,7 @@ def _exposition(instance: str, brief: Callable[[], InfoReply]) -> Callable[[], t
 
 
 def families(instance: str, told: InfoReply) -> Iterator[Any]:
-    """The metrics of what a service says about itself, as prometheus-client has them.
+    """Make metric families, as prometheus-client has them, of what a service tells about itself.
 
     Raises ImportError if prometheus-client isn't installed.
     """
@@ -196,7 +196,7 @@ def opentelemetry_trace(provider: Any) -> Trace:
 
 
 def exporting_provider(instance: str) -> Any:
-    """A provider that sends spans to where OpenTelemetry's own environment variables say (OTEL_EXPORTER_OTLP_ENDPOINT).
+    """Return a provider that sends spans to the endpoint of OpenTelemetry's variable OTEL_EXPORTER_OTLP_ENDPOINT.
 
     Raises ImportError if OpenTelemetry isn't installed.
     """
@@ -215,16 +215,13 @@ RETRY_AFTER = 2.0  # time after which a service that is starting may be asked ag
 
 
 class Condition:
-    """The state of a service; one thread changes it, any may look."""
+    """The state of a service; one thread changes it, any may read it."""
 
     def __init__(self) -> None:
         self.now = Health(state="starting", doing="starting")
 
     def require_ready(self) -> None:
-        """Refuse a request that needs a worker before there is one, or when there won't be any more.
-
-        Raises ServerBusy unless the service is ready.
-        """
+        """Raise ServerBusy, for a request that needs a worker, unless the service is ready."""
         now = self.now
         if now.state == "starting":
             raise ServerBusy(f"the service is starting: {now.doing}; ask again later", retry_after=RETRY_AFTER)

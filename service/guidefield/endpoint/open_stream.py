@@ -1,4 +1,4 @@
-"""One stream of a service, with its process, from its opening to its end."""
+"""One stream of a service: its process (`stream_worker.py`), queries and updates for it, and their answers."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from guidefield.messages.streams import StreamState
 from guidefield.pool.companion import Companion
 from guidefield.pool.waiting import Answer
 
-SILENCE = 10.0  # after so long without an update a stream ends [s]
-OPENED_WITHIN = 120.0  # a stream that isn't open after so long is given up [s]: the first use of a robot prepares it
+SILENCE = 10.0  # time without an update after which a stream ends [s]
+OPENED_WITHIN = 120.0  # time after which opening is given up [s]; the first use of a robot prepares it
 Publish = Callable[[str, bytes, Encoding], None]  # publishes something on a key below the stream's
 
 
@@ -31,11 +31,11 @@ class OpenStream:
     Args:
         name: Its user, and its name.
         asker: The client that opens it; when that is gone, it ends.
-        words: The query's encoding and payload: the same client may ask again after its link broke.
+        words: The query's encoding and payload: the same client may send it again after its link broke.
         conversation: The work of its process.
         memory: The limit of this process [bytes].
         publish: Publishes the messages of the process.
-        left: Is called when it is over.
+        left: Called when it is over.
     """
 
     def __init__(
@@ -57,8 +57,9 @@ class OpenStream:
         self._queries: dict[int, Future[Answer]] = {}
         self._numbers = itertools.count(1)
         self._began = self._heard_at = time.monotonic()
-        self._updates = self._pieces = self._executing = self._goal = 0
-        self._stops: float | None = None
+        self._updates = self._pieces = 0
+        self._executing = self._goal = 0  # numbers of the last piece and of the goal
+        self._stops: float | None = None  # when the robot stops after that piece, by the client's clock [s]
         self._last: StreamState | None = None
         self._open: stream_worker.Open | None = None
         self._end: GuidefieldError | None = None
@@ -67,7 +68,7 @@ class OpenStream:
         self._companion = Companion(conversation, memory, self._hear, self._over, self._ended)
 
     def start(self) -> None:
-        """Have it opened; the future says when it is."""
+        """Have it opened; the future `opened` says when it is."""
         self._companion.start()
 
     @property
@@ -76,7 +77,7 @@ class OpenStream:
         return self._companion.memory
 
     def update(self, payload: bytes, encoding: Encoding) -> None:
-        """Take an update; if too much waits already, a state says so."""
+        """Take an update; if too many wait already, a state says so."""
         with self._lock:
             if self._open is None:
                 return
@@ -86,7 +87,7 @@ class OpenStream:
             self.refuse(ServerBusy("too many updates wait for this stream; send fewer", retry_after=1.0))
 
     def refuse(self, error: GuidefieldError) -> None:
-        """Tell that an update isn't taken, and why."""
+        """Publish that an update isn't taken, and why."""
         with self._lock:
             state = self._last = stream_worker.make_state("refused", self._executing, self._stops or 0.0, error)
         self._publish("state", codec.encode(state, self._encoding), self._encoding)
@@ -94,7 +95,7 @@ class OpenStream:
     def ask(self, kind: Literal["aim", "judge", "stop"], encoding: Encoding, payload: bytes = b"") -> Future[Answer]:
         """Ask its process to aim for another goal, to judge its last piece, or to stop its robot.
 
-        Raises StreamUnknown if it isn't open; ServerBusy if too much waits for it.
+        Raises StreamUnknown if it isn't open; ServerBusy if too many messages wait for it.
         """
         answer: Future[Answer] = Future()
         with self._lock:

@@ -1,4 +1,4 @@
-"""A few threads that read and delete files, for one user after the other."""
+"""A few threads that read and delete files for queries, with the fair queue of `pool/waiting.py`."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from guidefield.errors import GuidefieldError, ServerBusy, convert_exception
 from guidefield.messages.identities import Asker
 from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
-THREADS = 2
-MOST_READS = 64  # how many queries for files may wait
-LONGEST = 600.0  # longer than any file takes [s]
+THREADS = 2  # files that are read at once
+MOST_READS = 64  # number of queries for files that may wait
+TASK_TIME_S = 600.0  # time that a task states; no thread is stopped after it [s]
 
 _log = logging.getLogger(__name__)
 
 
 class Readers:
-    """Threads that answer what needs files only; the queue is as fair as that of the workers."""
+    """Threads that answer queries which need files only."""
 
     def __init__(self) -> None:
         self._waiting = Waiting(Limits(tasks=MOST_READS, tasks_of_client=MOST_READS))
@@ -31,19 +31,19 @@ class Readers:
             thread.start()
 
     def submit(self, asker: Asker, read: Callable[[], Answer]) -> Task:
-        """Have something read; a future that comes to the answer, or to an error.
+        """Have `read` called; return the future of its answer or error.
 
-        Raises ServerBusy if too much waits already, or the end has come.
+        Raises ServerBusy if too many queries wait already, or the threads end.
         """
-        task = Task(read, LONGEST, asker=asker)
+        task = Task(read, TASK_TIME_S, asker=asker)
         for pushed in self._waiting.add(task):
-            told = "too many queries wait for the disk, and most of them are yours; ask again later"
-            pushed.set_exception(ServerBusy(told, retry_after=self._waiting.retry_after(pushed.asker.user)))
+            reason = "too many queries wait for the disk, and most of them are yours; ask again later"
+            pushed.set_exception(ServerBusy(reason, retry_after=self._waiting.retry_after(pushed.asker.user)))
         self._come.release()
         return task
 
     def close(self) -> None:
-        """Answer what is being read, and refuse what waits to be."""
+        """Finish running reads, and refuse waiting ones."""
         for task in self._waiting.close():
             task.set_exception(ServerBusy("the service is shutting down"))
         self._come.release(THREADS)

@@ -1,13 +1,16 @@
-"""The limits of a service, with their values, and the rules by which it answers queries."""
+"""The limits of a service with their values, and its rules of delivery, as `info` and the wire page tell them.
+
+A limit that a client can meet belongs here; names of limits and rules are the wire.
+"""
 
 from __future__ import annotations
 
 from guidefield.endpoint.allowances import LIST_COUNTS
-from guidefield.endpoint.asked import LONGEST_CLIENT
 from guidefield.endpoint.clients import GRACE
 from guidefield.endpoint.endpoint import LATE, LATE_SHARE
 from guidefield.endpoint.link import LEASE, LONGEST_MESSAGE, READ_WITHIN
 from guidefield.endpoint.open_stream import OPENED_WITHIN, SILENCE
+from guidefield.endpoint.pending_query import LONGEST_CLIENT
 from guidefield.endpoint.readers import MOST_READS
 from guidefield.endpoint.under_way import MOST_REMEMBERED, REMEMBERED
 from guidefield.messages import codec
@@ -29,10 +32,10 @@ from guidefield.stores.runs import Retention
 from guidefield.stream_worker import MAX_GOAL_SEARCHES
 
 
-def limits_told(
+def list_limits(
     waiting: Limits, memory: int, retention: Retention, grace: float, streams: int
 ) -> tuple[LimitInfo, ...]:
-    """Every limit of a service, with its value."""
+    """Return every limit of a service, with its value."""
     own = (
         _limit("queue", waiting.tasks, "requests", "waiting requests; more: SERVER_BUSY"),
         _limit("queue_of_client", waiting.tasks_of_client, "requests", "of one client; more: SERVER_BUSY"),

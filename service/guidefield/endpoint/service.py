@@ -1,4 +1,7 @@
-"""A service from its start to its end: alone under its name, workers warm, then open for queries until told to stop."""
+"""Start a service, alone under its name and on its data folder, serve until told to stop, and end it in order.
+
+Callbacks of the `ExitStack` in `serve` run in reverse at the end; their order is that of what still needs what.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +23,9 @@ import zenoh
 from guidefield.endpoint import monitoring
 from guidefield.endpoint.clients import Clients
 from guidefield.endpoint.endpoint import Endpoint
-from guidefield.endpoint.link import DEFAULT_LISTEN, RUNTIME, UNLESS_TOLD, close_links_at_once
+from guidefield.endpoint.link import DEFAULT_LISTEN, DEFAULT_SETTINGS, RUNTIME, close_links_at_once
 from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
-from guidefield.endpoint.rules import DELIVERY, limits_told
+from guidefield.endpoint.rules import DELIVERY, list_limits
 from guidefield.endpoint.streams import Streams
 from guidefield.engines import Engines
 from guidefield.errors import DiskRefused, GuidefieldError, WorkerCrashed, strip_source
@@ -46,16 +49,16 @@ _log = logging.getLogger(__name__)
 
 DEFAULT_QUEUE = 64  # default number of requests that may wait
 DEFAULT_GRACE = 10.0  # default time for requests under way at the end [s]
-ANSWERS_WITHIN = 5.0  # time for a service of the same name to say that it is alive [s]; if there is none, nothing waits
-EAGER_WITHIN = 30.0
+LIVELINESS_TIMEOUT_S = 5.0  # longest time to ask for a service of the same name [s]; without one nothing waits
+EAGER_PATIENCE_S = 30.0
 """Time that a worker has for the recording that it renders after its reply, before another process does it [s]."""
-FOR_STREAMS = {
-    "congestion_control": zenoh.CongestionControl.DROP,  # who doesn't read holds up nobody
+STREAM_OPTIONS = {
+    "congestion_control": zenoh.CongestionControl.DROP,  # a client that doesn't read delays no other
     "priority": zenoh.Priority.INTERACTIVE_HIGH,
     "express": True,
 }
-"""The way in which messages of streams are published."""
-PATIENCE = 0.2  # time between two looks of a start whether it is to be given up [s]
+"""Zenoh's options for messages of streams."""
+STOP_CHECK_S = 0.2  # interval at which a start checks whether it is to stop [s]
 
 
 @dataclass(frozen=True)
@@ -71,8 +74,7 @@ class ServiceSettings(EngineSetup):
     retention: Retention = DEFAULT_RETENTION  # how many runs are kept
     otel: bool = False  # whether queries are traced with OpenTelemetry
     metrics: int | None = None  # port on loopback where metrics and health are reported over HTTP; None: nowhere
-    # how long requests that are being worked on may take at the end [s]; then plans are ended early
-    grace: float = DEFAULT_GRACE
+    grace: float = DEFAULT_GRACE  # time for running requests at the end [s]; then plans are ended early
     ros: RosSettings | None = None  # how it is offered to ROS 2 nodes; None: not at all
 
     def setup(self) -> EngineSetup:
@@ -87,11 +89,11 @@ def limits_of(queue: int) -> Limits:
 
 
 def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[str], None] = _log.info) -> None:
-    """Serve until told to stop; then finish what is being worked on, refuse what waits, and leave.
+    """Serve until told to stop; then finish running requests, refuse waiting ones, and return.
 
     Args:
         stop: Ends the service once it is set.
-        announce: Is told, in one sentence each, how the start goes; the last begins with "ready".
+        announce: Takes sentences about the start, of which the last begins with "ready", and about the end.
 
     Raises:
         MalformedRequest: if its name can't be one.
@@ -125,7 +127,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
             lambda status: setattr(pool.listened, "value", status.matching), indirect=False
         )
         opened.enter_context(progress.declare_matching_listener(hear_listeners))
-        streams = Streams(setup, settings.streams, settings.memory, partial(_publish, session, **FOR_STREAMS))
+        streams = Streams(setup, settings.streams, settings.memory, partial(_publish, session, **STREAM_OPTIONS))
         endpoint = Endpoint(
             setup,
             engines,
@@ -135,7 +137,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
             partial(_publish, session),
             _trace(settings, opened),
             condition,
-            Rules(limits_told(limits, settings.memory, settings.retention, settings.grace, settings.streams), DELIVERY),
+            Rules(list_limits(limits, settings.memory, settings.retention, settings.grace, settings.streams), DELIVERY),
             _has_access_control(config),
             lambda: renderer.memory,
         )
@@ -166,9 +168,9 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
 
 
 def _declare(endpoint: Endpoint, instance: str, session: zenoh.Session, opened: contextlib.ExitStack) -> None:
-    """Have an endpoint take queries, and updates of streams; each in the thread of its link.
+    """Have an endpoint take queries, and updates of streams, each in the thread of its link.
 
-    In one thread for all, a query waited for all that others had asked before.
+    In one thread for all, a query would wait for the earlier ones of all links.
     """
     for keys in (base_key(instance, PLAIN), base_key(instance, "*")):
         heard = zenoh.handlers.Callback(endpoint.hear_update, indirect=False)
@@ -179,14 +181,14 @@ def _declare(endpoint: Endpoint, instance: str, session: zenoh.Session, opened: 
 
 
 def _renderer(settings: ServiceSettings, setup: EngineSetup, runs: RunDatabase) -> Renderer:
-    patience = EAGER_WITHIN if setup.eager_recordings else 0.0
+    patience = EAGER_PATIENCE_S if setup.eager_recordings else 0.0
     renderer = Renderer(setup, settings.memory, runs.recordings, runs.note_recording, patience)
     runs.render = renderer.add
     return renderer
 
 
 def session_config(settings: ServiceSettings) -> zenoh.Config:
-    """The file's configuration; loopback only and no scouting where it doesn't say otherwise.
+    """Return the file's configuration; on loopback only and without scouting unless that says otherwise.
 
     Raises CannotStart if the file can't be read, or something in it or in the endpoints is wrong.
     """
@@ -200,7 +202,7 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
                 raise CannotStart(f"endpoints are written like {DEFAULT_LISTEN}, got {', '.join(listen)}") from None
         elif config.get_json("listen/endpoints") == zenoh.Config().get_json("listen/endpoints"):
             config.insert_json5("listen/endpoints", json.dumps([DEFAULT_LISTEN]))
-        for key, value in UNLESS_TOLD.items():
+        for key, value in DEFAULT_SETTINGS.items():
             if config.get_json(key) == zenoh.Config().get_json(key):
                 config.insert_json5(key, value)
         if settings.ros is not None:
@@ -249,9 +251,9 @@ def _await_start(
     announce: Callable[[str], None],
     stop: threading.Event,
 ) -> bool:
-    """Return whether the pool became ready before it was told to stop; the condition tells what is done.
+    """Return whether the pool became ready before it was told to stop; the condition tells the progress.
 
-    The kernels are compiled before the workers load them: each would compile them all.
+    The kernels are compiled before workers start, each of which would compile them all.
     """
 
     def tell(sentence: str) -> None:
@@ -264,7 +266,7 @@ def _await_start(
         doing = f"the first of {settings.workers} workers loads the planner{robots}"
         condition.now = Health(state="starting", doing=doing)
         pool.start()
-        while not pool.ready(PATIENCE):
+        while not pool.ready(STOP_CHECK_S):
             if stop.is_set():
                 return False
     except RuntimeError as error:
@@ -297,7 +299,7 @@ def _publish(
 
 
 def _require_no_other(session: zenoh.Session, instance: str) -> None:
-    tokens = session.liveliness().get(f"guidefield/{instance}/*", timeout=ANSWERS_WITHIN)
+    tokens = session.liveliness().get(f"guidefield/{instance}/*", timeout=LIVELINESS_TIMEOUT_S)
     if any(reply.ok is not None for reply in tokens):
         raise CannotStart(f"a service named {instance!r} is alive on this network; choose another name")
 
@@ -308,8 +310,8 @@ def _prepare(runs: RunDatabase, announce: Callable[[str], None]) -> None:
         runs.take_over(announce)
         runs.sweep(make_error_reply(stopped))
     except (DiskRefused, OSError) as error:
-        told = error.message if isinstance(error, DiskRefused) else f"the disk refuses: {error.strerror}"
-        announce(f"no run is kept, and each reply says so: {told}")
+        reason = error.message if isinstance(error, DiskRefused) else f"the disk refuses: {error.strerror}"
+        announce(f"no run is kept, and each reply says so: {reason}")
 
 
 @contextlib.contextmanager

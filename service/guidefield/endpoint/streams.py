@@ -1,8 +1,8 @@
 """The streams of a service: their opening, the queries and updates for them, and their end.
 
-Theory of operation. Each stream has a process for its life. Its updates are put by the client, and can't be answered:
-the stream's key ``state`` tells their faults. Queries about it are answered as all others. A stream is its user's;
-clients that can't use the user's keys can neither see nor feed it.
+Theory of operation. Each stream has a process for its life (`open_stream.py`). Its updates are put by the client, and
+can't be answered: the stream's key ``state`` tells their faults. Queries about it are answered as all others. A stream
+belongs to its user; clients that can't use the user's keys can neither see nor update it.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from concurrent.futures import Future
 import msgspec
 import zenoh
 
-from guidefield.endpoint.asked import encoding_of
 from guidefield.endpoint.open_stream import OpenStream, Publish
+from guidefield.endpoint.pending_query import encoding_of
 from guidefield.errors import (
     GuidefieldError,
     MalformedRequest,
@@ -60,12 +60,12 @@ class Streams:
 
     @property
     def open(self) -> int:
-        """The number of open streams."""
+        """Return the number of open streams."""
         return len(self._open)
 
     @property
     def counters(self) -> dict[str, int]:
-        """The numbers of streams opened, of updates, and of updates for no stream."""
+        """Return the numbers of streams opened, of updates, and of updates for no stream."""
         return dict(self._counters)
 
     @property
@@ -74,7 +74,7 @@ class Streams:
         return sum(stream.memory for stream in self._all())
 
     def ask(self, read: Query) -> Future[Answer]:
-        """The answer to a query; raises GuidefieldError if it is refused at once."""
+        """Return the answer to come to a query; raises GuidefieldError if it is refused at once."""
         asked = stream_requests.decode_stream_query(read)
         if isinstance(asked, stream_requests.OpenStream):
             return self._open_stream(read, asked)
@@ -98,25 +98,25 @@ class Streams:
         )
 
     def update(self, key: str, payload: zenoh.ZBytes, encoding: object, allow: Callable[[str], None]) -> None:
-        """Take an update that somebody put."""
+        """Take an update; `allow` raises QuotaExceeded if its user sends too many."""
         self._counters["updates"] += 1
         try:
             user, chunks = split_user(key.split("/")[2:])
             stream = self._named(user, chunks[1])
-        except (GuidefieldError, IndexError):  # nobody is there to be told
+        except (GuidefieldError, IndexError):  # no client hears of it
             self._counters["updates_astray"] += 1
             return
         try:
             allow(user)
             if len(payload) > MOST_UPDATE_BYTES:
-                told = f"the update has {len(payload)} bytes, at most {MOST_UPDATE_BYTES} are read"
-                raise RequestTooLarge(told, bytes=len(payload), limit=MOST_UPDATE_BYTES)
+                reason = f"the update has {len(payload)} bytes, at most {MOST_UPDATE_BYTES} are read"
+                raise RequestTooLarge(reason, bytes=len(payload), limit=MOST_UPDATE_BYTES)
             stream.update(payload.to_bytes(), encoding_of(encoding))
         except GuidefieldError as error:
             stream.refuse(error)
 
     def forget(self, client: Asker) -> int:
-        """End the streams of a client that is gone; how many those were."""
+        """End the streams of a client that is gone; return their number."""
         found = [stream for stream in self._all() if stream.asker == client]
         for stream in found:
             stream.end(Preempted("the client that opened it is gone"))
@@ -174,12 +174,12 @@ class Streams:
         if self._closed:
             raise ServerBusy("the service is shutting down")
         if len(self._open) >= self.most:
-            told = f"{self.most} streams are open, and no more are taken (`--streams`); ask again later"
-            raise ServerBusy(told, streams=self.most, retry_after=RETRY_AFTER)
+            reason = f"{self.most} streams are open, and no more are taken (`--streams`); ask again later"
+            raise ServerBusy(reason, streams=self.most, retry_after=RETRY_AFTER)
         quota = self._setup.quotas.of(user).streams
         if quota is not None and sum(one == user for one, _ in self._open) >= quota:
-            told = f"this user may have {quota} streams at once; end one"
-            raise QuotaExceeded(told, streams=quota, retry_after=RETRY_AFTER)
+            reason = f"this user may have {quota} streams at once; end one"
+            raise QuotaExceeded(reason, streams=quota, retry_after=RETRY_AFTER)
 
     def _forget_stream(self, stream: OpenStream) -> None:
         with self._lock:
@@ -203,14 +203,11 @@ class Streams:
 
 
 def require_own(read: Query) -> None:
-    """Refuse what somebody asks about another's stream; operators may, on the plain keys.
-
-    Raises NotAllowed if it is another's; whether there is such a stream is not told.
-    """
+    """Raise NotAllowed for a query about another user's stream, existing or not; `PLAIN`, an operator, may ask."""
     if read.user not in (read.owner, PLAIN):
         name = read.key[1][:64]
-        told = f"stream {name!r} belongs to user {read.owner!r}, who alone may use it"
-        raise NotAllowed(told, user=read.owner, stream=name)
+        reason = f"stream {name!r} belongs to user {read.owner!r}, who alone may use it"
+        raise NotAllowed(reason, user=read.owner, stream=name)
 
 
 def _answer_now(reply: msgspec.Struct, encoding: Encoding) -> Future[Answer]:

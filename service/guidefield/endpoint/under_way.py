@@ -1,6 +1,6 @@
-"""Work under way, by name and by client: waiting, worked on, or cancelled before it arrives.
+"""Work under way, by name and by client: waiting, running, or cancelled before it arrives; and keeping a run's answer.
 
-The answer of a run is given once the run is kept; if it can't be kept, that becomes a warning in the answer.
+The answer of a run is given once the run is stored; if it can't be stored, that becomes a warning in the answer.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ _log = logging.getLogger(__name__)
 
 
 def keep_answer(runs: UserRuns, run: NewRun, task: Task) -> Future[Answer]:
-    """Have the outcome of a task kept as that of its run.
+    """Have the outcome of a task stored as that of its run.
 
     Returns:
-        The same outcome, once the run is kept or can't be; at once where time is up, whether it will be kept or not.
+        The same outcome, once the run is stored or can't be; without waiting for that if the task is overdue.
     """
     answer: Future[Answer] = Future()
 
@@ -76,7 +76,7 @@ def keep_answer(runs: UserRuns, run: NewRun, task: Task) -> Future[Answer]:
 
 
 def hand_on(answer: Future[Answer], outcome: Future[Answer]) -> None:
-    """Have a future come to the same as one that is done."""
+    """Give a future the result or exception of another one, which is done."""
     error = outcome.exception()
     if error is not None:
         answer.set_exception(error)
@@ -85,17 +85,17 @@ def hand_on(answer: Future[Answer], outcome: Future[Answer]) -> None:
 
 
 REMEMBERED = 10.0  # time for which a cancel that arrives before its run is remembered [s]
-MOST_REMEMBERED = 1_000
+MOST_REMEMBERED = 1_000  # number of such cancels; the oldest are forgotten first
 
 Name = tuple[str, str, str]
-"""Whose it is, the key below which it is cancelled, ``runs`` or ``requests``, and its id there."""
+"""The user, the key below which work is cancelled, ``runs`` or ``requests``, and its id there."""
 
 
 @dataclass(frozen=True)
 class _Work:
     task: Task
     cancelled: Callable[[], Answer]
-    words: object
+    words: object  # what identifies the query that asked for it
     answer: Future[Answer]
 
 
@@ -106,7 +106,7 @@ class UnderWay:
         self._pool = pool
         self._named: dict[Name, _Work] = {}
         self._all: dict[Task, _Work] = {}
-        self._early: OrderedDict[Name, float] = OrderedDict()
+        self._early: OrderedDict[Name, float] = OrderedDict()  # cancels that came before their work, and when
         self._lock = threading.Lock()
 
     def submit(
@@ -118,13 +118,13 @@ class UnderWay:
         answer: Future[Answer] | None = None,
         kept: Callable[[], Future[Answer] | None] = lambda: None,
     ) -> Future[Answer]:
-        """Have something done, unless it was cancelled or answered already, or is asked for again in the same words.
+        """Have a task done, unless it was cancelled or answered already, or the same query has it under way.
 
         Args:
             cancelled: Makes the answer if it is cancelled before it begins.
-            words: The words of the query: a client whose link broke may ask again, and waits for the same work.
+            words: Equal for equal queries: a client whose link broke may ask again, and waits for the same work.
             answer: The answer that follows from the task; None: the task itself.
-            kept: Finds the answer to come of an earlier run of this name.
+            kept: Returns the answer to come of an earlier run of this name; None: there is none.
 
         Returns:
             The answer to wait for: this one, or that of the work under way.
@@ -153,13 +153,13 @@ class UnderWay:
                 task.set_result(cancelled())
             else:
                 self._pool.submit(task)
-        except Exception as error:  # who asked for the same must hear of it
+        except Exception as error:  # other queries may wait for the same work
             work.answer.set_exception(error)
             raise
         return work.answer
 
     def cancel(self, name: Name) -> str:
-        """End something early; say in a sentence what that means."""
+        """End work early, now or when it arrives; return a sentence about it."""
         kind, own = name[1].removesuffix("s"), name[2]
         with self._lock:
             work = self._named.get(name)
@@ -171,7 +171,7 @@ class UnderWay:
         return f"{kind} {own!r} ends"
 
     def cancel_all_of(self, asker: Asker) -> int:
-        """End everything early that a client asked for; return how much that was."""
+        """End all work of a client early; return its number."""
         with self._lock:
             found = [work for work in self._all.values() if work.task.asker == asker]
         for work in found:

@@ -1,1 +1,1 @@
-"""The recorder: the one room that knows Rerun; `guidefield.recorder.recorder` is its door."""
+"""The recorder: the one room that imports Rerun; entries are `recorder.py`, `stream_recorder.py` and `live_view.py`."""

@@ -1,4 +1,8 @@
-"""The bodies of a robot as chunks, made once and kept in a file that is named by their sources."""
+"""The bodies of a robot as Rerun chunks: meshes, collision shapes, bounding spheres; made once, kept in a file.
+
+The file's name is a hash of the robot, of packages, and of the source of this file and of those that draw, so that a
+change here draws all robots anew. Entities are those that `view.py` shows.
+"""
 
 from __future__ import annotations
 
@@ -30,29 +34,26 @@ from guidefield.robot.mesh_files import reading as mesh_files
 from guidefield.robot.model.model import RobotModel, RobotSource
 from guidefield.whole_file import DRAFT, write_whole
 
-SKETCHED_APART = 2  # bodies of one link that are sketched one by one
+SKETCHED_APART = 2  # a link with more bodies is sketched as one body
 COLLISION_COLOR = (96, 165, 250, 110)  # colour of collision geometry (RGBA)
-FAULT_COLOR = (230, 57, 53, 255)  # colour of what is in collision (RGBA)
+FAULT_COLOR = (230, 57, 53, 255)  # colour of links and obstacles in collision (RGBA)
 OUTSIDE = 0.003  # distance outside of a link at which its red shape is drawn: neither shines through the other [m]
 MEDIA_TYPE_GLB = "model/gltf-binary"
-
-
 MOST_FILES = 64
-"""Robots kept prepared in a folder; recordings of a robot that was dropped leave the store without its meshes."""
-ABANDONED = 3600.0  # age from which a file that was never finished won't be [s]
-NAMES = "/prepared"  # the entity that tells what a file holds
+"""Robots' files in a folder; recordings of a robot that was dropped leave the store without its meshes."""
+ABANDONED_S = 3600.0  # age of a draft from which its writer must have ended [s]
+NAMES = "/prepared"  # the entity with the names of links and sketches in a file, and its faults
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A robot ready to be drawn, but for its meshes."""
+    """A robot ready to be drawn, but for its meshes, which are in a file."""
 
-    # its meshes: `/robot/visual/<body>`, `/robot/collision/<body>`, `/robot/spheres/<link>`, in links' frames
+    # with `/robot/visual/<body>`, `/robot/collision/<body>`, `/robot/spheres/<link>`, in links' frames
     file: Path
-    links: tuple[str, ...]  # links that carry something
-    # per link the thinned-out hulls of its collision geometry, in the link's frame
-    sketch: tuple[tuple[str, Surface], ...]
-    faults: tuple[str, ...]  # what can't be drawn, or kept
+    links: tuple[str, ...]  # links with bodies
+    sketch: tuple[tuple[str, Surface], ...]  # links with coarse hulls of their collision geometry, in links' frames
+    faults: tuple[str, ...]  # sentences about bodies that can't be drawn, or a file that can't be written
 
 
 def prepare(robot: RobotModel, file: Path) -> tuple[Drawn, list[Chunk]]:
@@ -66,15 +67,15 @@ def prepare(robot: RobotModel, file: Path) -> tuple[Drawn, list[Chunk]]:
     return Drawn(file, links, _sketch(judged), faults), chunks
 
 
-def highlighted(robot: RobotModel, links: Collection[str]) -> Iterator[Chunk]:
-    """The collision geometry of some links once more, in red, as `/robot/at_fault/<body>`; just outside of the link."""
+def highlight(robot: RobotModel, links: Collection[str]) -> Iterator[Chunk]:
+    """Draw the collision geometry of some links again, in red, as `/robot/at_fault/<body>`, just outside the link."""
     for body in collision_bodies(robot, links):
-        assert isinstance(body.surface, Surface), "what is judged is a surface"
+        assert isinstance(body.surface, Surface), "collision geometry is a surface"
         yield _chunk("at_fault", replace(body, surface=body.surface.grow(OUTSIDE)), FAULT_COLOR)
 
 
 def collision_bodies(robot: RobotModel, links: Collection[str] | None = None) -> tuple[Body, ...]:
-    """The shapes that are judged, in their links' frames; of some links only, if any are named."""
+    """Return the collision shapes in their links' frames, if links are named, of these only."""
     bodies = []
     for index, shape in enumerate(robot.geometry.geometryObjects):
         link = robot.link_of_geometry(index)
@@ -109,7 +110,7 @@ def _chunk(tree: str, body: Body, color: tuple[int, int, int, int] | None = None
 
 
 def mesh(drawn: Surface, color: tuple[int, int, int, int] | None = None) -> rr.Mesh3D:
-    """Rerun's mesh of a surface; `color` (RGBA) tints it as a whole."""
+    """Return Rerun's mesh of a surface; `color` (RGBA) tints it as a whole."""
     return rr.Mesh3D(
         vertex_positions=drawn.vertices,
         triangle_indices=drawn.triangles,
@@ -121,12 +122,12 @@ def mesh(drawn: Surface, color: tuple[int, int, int, int] | None = None) -> rr.M
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body `<link>_<number>`: its surface in the link's frame, or a GLB file's content with ``T_link_body``."""
+    """A rigid body of a link."""
 
-    name: str
+    name: str  # `<link>_<number>`, or the collision shape's
     link: str
-    surface: Surface | bytes
-    placement: Any
+    surface: Surface | bytes  # in the link's frame, or the content of a GLB file in the body's
+    placement: Any  # of the GLB file's content in the link, T_link_body
     color: tuple[int, int, int, int] = GREY
 
 
@@ -194,16 +195,16 @@ PRIMITIVES: dict[str, Callable[[Any], Any]] = {
     "capsule": lambda c: coal.Capsule(float(c.get("radius")), float(c.get("length"))),
 }
 """Coal shape by URDF element."""
-COLOR = (125, 175, 240, 255)  # colour of the balls (RGBA)
+SPHERE_COLOR = (125, 175, 240, 255)  # colour of bounding spheres (RGBA)
 
 
 def list_sphere_counts(robot: RobotModel) -> str:
-    """The numbers of bounding spheres of the shapes that have some."""
+    """List the numbers of the shapes' bounding spheres; "-" for a shape without any."""
     return " ".join("-" if one is None else f"{len(one.cover.spheres)}" for one in recall_coverage(robot))
 
 
 def cover_spheres(robot: RobotModel) -> Iterator[Chunk]:
-    """`/robot/spheres/<link>`: the balls that contain the collision shapes of a link, in its frame."""
+    """Draw `/robot/spheres/<link>`: the bounding spheres of a link's collision shapes, in its frame."""
     by_link: dict[str, list[np.ndarray]] = {}
     for index, (shape, one) in enumerate(zip(robot.geometry.geometryObjects, recall_coverage(robot), strict=True)):
         if one is None:
@@ -215,17 +216,17 @@ def cover_spheres(robot: RobotModel) -> Iterator[Chunk]:
         by_link.setdefault(link, []).append(np.column_stack([centers, balls[:, 3]]))
     for link, parts in by_link.items():
         balls = np.concatenate(parts)
-        drawn = rr.Points3D(balls[:, :3], radii=balls[:, 3], colors=[COLOR])
+        drawn = rr.Points3D(balls[:, :3], radii=balls[:, 3], colors=[SPHERE_COLOR])
         yield still(entity("robot", "spheres", link), rr.CoordinateFrame(link_frame(link)), drawn)
 
 
 def cache_folder() -> Path:
-    """The folder of prepared robots for runs without a store, beside the geometry's cache."""
+    """Return the folder of prepared robots for runs without a store, beside the geometry's cache."""
     return cache.folder().with_name("drawn")
 
 
-def prepared(robot: RobotModel, folder: Path) -> Drawn:
-    """A robot ready to be drawn, from its file in a folder, made if it isn't there; a disk that refuses is a fault."""
+def load_drawn(robot: RobotModel, folder: Path) -> Drawn:
+    """Return a robot ready to be drawn, from its file in a folder, made if need be; a disk's refusal is a fault."""
     drawn = _PREPARED.of(robot, folder)
     if drawn is MISSING or not (drawn.faults or drawn.file.exists()):  # somebody may have cleared the folder away
         _PREPARED.forget(robot, folder)
@@ -234,7 +235,7 @@ def prepared(robot: RobotModel, folder: Path) -> Drawn:
 
 
 def meshes(robot: RobotModel, drawn: Drawn) -> list[Chunk]:
-    """A robot's meshes, as `prepare` makes them; from its file if that is whole."""
+    """Return a robot's meshes, as `prepare` makes them; from its file if that is whole."""
     try:
         return read_meshes(drawn.file)
     except UNREADABLE:
@@ -252,7 +253,7 @@ def _prepare(robot: RobotModel, folder: Path) -> Drawn:
         drawn, chunks = prepare(robot, file)
     else:
         with contextlib.suppress(OSError):
-            os.utime(file)  # it is in use: others are dropped before it
+            os.utime(file)  # files that weren't used as lately are dropped before it
         return known
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -265,12 +266,12 @@ def _prepare(robot: RobotModel, folder: Path) -> Drawn:
 
 
 def _make_room(folder: Path) -> None:
-    """Drop the robots that were used longest ago, if there are too many, and what writers that were killed left."""
+    """Drop the least recently used robots, if there are too many, and drafts of killed writers."""
     files = sorted(folder.glob("*.rrd"), key=lambda file: file.stat().st_mtime, reverse=True)
     for old in files[MOST_FILES:]:
         old.unlink(missing_ok=True)
     for draft in folder.glob(f".*{DRAFT}"):
-        if time.time() - draft.stat().st_mtime > ABANDONED:
+        if time.time() - draft.stat().st_mtime > ABANDONED_S:
             draft.unlink(missing_ok=True)
 
 
@@ -290,15 +291,15 @@ def _fingerprint(robot: RobotModel) -> str:
 def _sketch_chunks(drawn: Drawn) -> list[Chunk]:
     sketched = [still(entity("sketch", f"{number}"), mesh(one)) for number, (_, one) in enumerate(drawn.sketch)]
     names = {"links": list(drawn.links), "sketched": [link for link, _ in drawn.sketch], "faults": list(drawn.faults)}
-    told = still(NAMES, rr.AnyValues(**{name: [one or "" for one in values] or [""] for name, values in names.items()}))
-    return [*sketched, told]
+    lists = {name: [one or "" for one in values] or [""] for name, values in names.items()}
+    return [*sketched, still(NAMES, rr.AnyValues(**lists))]
 
 
 def _read(file: Path) -> Drawn:
     chunks = {chunk.entity_path: chunk for chunk in read_chunks(file)}
-    told = chunks[NAMES].to_record_batch()
+    batch = chunks[NAMES].to_record_batch()
     links, sketched, faults = (
-        tuple(filter(None, told.column(name).to_pylist()[0])) for name in ("links", "sketched", "faults")
+        tuple(filter(None, batch.column(name).to_pylist()[0])) for name in ("links", "sketched", "faults")
     )
     sketch = tuple((link, _surface(chunks[entity("sketch", f"{number}")])) for number, link in enumerate(sketched))
     return Drawn(file, links, sketch, faults)

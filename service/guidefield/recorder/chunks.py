@@ -1,4 +1,7 @@
-"""Rerun chunks from archetypes, and the files they are written to: the vocabulary in which this room writes."""
+"""Make Rerun chunks from archetypes, and write and read files of them; names of timelines, frames and shared entities.
+
+A recording's entities and timelines are read back by `stored.py` and laid out by `view.py`; users may know them, too.
+"""
 
 from __future__ import annotations
 
@@ -36,13 +39,13 @@ def write_recording(path: Path, recording_id: str, chunks: Iterable[Chunk], layo
 
 
 def encode_recording(recording_id: str, chunks: Iterable[Chunk], layout: Any) -> bytes:
-    """The content of a recording's file; the arguments are those of `write_recording`.
+    """Return the content of a recording's file; the arguments are those of `write_recording`.
 
-    The layout comes first: the web viewer takes a recording that it has begun to show as one without a layout. Rerun
-    puts it first in files only, so this is a file to Rerun: the end of a pipe, which no full disk or limit cuts short.
+    The layout comes first, because the web viewer ignores one that comes after data. Rerun puts it first in files only,
+    so this passes Rerun the end of a pipe as a file, which no full disk or limit cuts short.
     """
     application_id = f"{APPLICATION_ID}-{recording_id}"
-    if layout is None:  # in half the time of a pipe, whose ends are two threads
+    if layout is None:  # a file in memory takes half the time of a pipe with its two threads
         with os.fdopen(os.memfd_create(recording_id), "rb") as file:
             stream = LazyChunkStream.from_iter(chunks)
             try:
@@ -66,7 +69,7 @@ def encode_recording(recording_id: str, chunks: Iterable[Chunk], layout: Any) ->
 
 @contextlib.contextmanager
 def _written_to_pipe() -> Iterator[tuple[str, Callable[[], None], Callable[[], bytes]]]:
-    """A path to write to, what ends our own hold of it, and what waits for all that was written."""
+    """Open a pipe: yield a path to write to, a function that closes our end, and one that waits for all the content."""
     reading, writing = os.pipe()
     with ThreadPoolExecutor(1) as thread, os.fdopen(reading, "rb") as end, os.fdopen(writing, "wb") as hold:
         written = thread.submit(end.read)
@@ -106,12 +109,12 @@ UNREADABLE = (OSError, ValueError, KeyError, RuntimeError)  # exceptions of read
 
 
 def read_meshes(file: Path) -> list[Chunk]:
-    """The meshes in a robot's file, as a recording takes them in; raises `UNREADABLE`."""
+    """Read the meshes in a robot's file, as a recording takes them in; raises `UNREADABLE`."""
     return [chunk for chunk in read_chunks(file) if chunk.entity_path.startswith("/robot/")]
 
 
 def read_chunks(file: Path) -> list[Chunk]:
-    """All that a robot's file holds; raises as `read_meshes`."""
+    """Read all chunks of a file; raises `UNREADABLE`."""
     if not file.exists():
         raise FileNotFoundError(f"there is no {file}")
     return list(RrdReader(file).stream().to_chunks())
@@ -119,14 +122,14 @@ def read_chunks(file: Path) -> list[Chunk]:
 
 PATH_TIME = "path_time"  # timeline of the motion itself [s]
 STEP = "step"  # timeline of the planner's accepted steps, counted
-PLOTS = "/plots/"  # below it are the curves
-GHOST_ENTITY = "/ghosts"  # entity of the robot along its way, translucent
+PLOTS = "/plots/"  # begin of the entities of curves over time
+GHOST_ENTITY = "/ghosts"  # entity of the robot at some configurations along its path
 PICTURE, PICTURE_AT_START = "/field/picture", "/field/picture_at_start"
-"""Entities of the picture of the field: where nothing moves, and where it is that of the obstacles before they do."""
+"""Entities of the picture of the field: if all obstacles rest, and if it shows moving ones before they move."""
 
 
 def entity(*parts: str) -> str:
-    """Entity path of named parts, whatever characters the names have."""
+    """Return the entity path of named parts, whatever characters the names have."""
     return "/" + "/".join(rr.escape_entity_path_part(part) for part in parts)
 
 
@@ -134,19 +137,19 @@ WORLD = "tf#/"  # name of the world's coordinate frame: the one that Rerun gives
 
 
 def link_frame(link: str) -> str:
-    """Name of a link's coordinate frame."""
+    """Return the name of a link's coordinate frame."""
     return f"link {link}"
 
 
 def joint_frame(joint: str) -> str:
-    """Name of the coordinate frame that a joint moves."""
+    """Return the name of the coordinate frame that a joint moves."""
     return f"joint {joint}"
 
 
 def make_columns(
     archetype: Any, lengths: Sequence[int] | np.ndarray | None = None, **components: Any
 ) -> list[rr.ComponentColumn]:
-    """Make columns of an archetype, sooner than its own `columns()`; rows have `lengths` (n,), by default 1."""
+    """Make columns of an archetype, faster than its own `columns()`; rows have `lengths` (n,), by default 1."""
     columns = []
     for name, values in components.items():
         descriptor, batch = _component(archetype, name)
@@ -158,24 +161,24 @@ def make_columns(
 
 @functools.cache
 def _component(archetype: Any, name: str) -> tuple[rr.ComponentDescriptor, type[Any]]:
-    """The descriptor of a component, and the batch that makes Arrow's array of its values."""
+    """Return the descriptor of a component, and the type that makes Arrow's array of its values."""
     batch = getattr(archetype.__attrs_attrs__, name).converter.__self__
     short, full = archetype.archetype_short_name(), archetype.archetype()
     return rr.ComponentDescriptor(f"{short}:{name}", archetype=full, component_type=batch._COMPONENT_TYPE), batch
 
 
 def still(path: str, *archetypes: Any) -> Chunk:
-    """A chunk of an entity that holds at all times, from Rerun's archetypes."""
+    """Make a chunk of an entity that holds at all times, from Rerun's archetypes."""
     return Chunk.from_columns(path, [], _single_row(archetypes))
 
 
 def from_time(path: str, time: float, *archetypes: Any) -> Chunk:
-    """A chunk of an entity that holds from a time of `PATH_TIME` on [s]."""
+    """Make a chunk of an entity that holds from a time of `PATH_TIME` on [s]."""
     return Chunk.from_columns(path, [path_times(np.array([time]))], _single_row(archetypes))
 
 
 def timed(path: str, times: Iterable[rr.TimeColumn], columns: Iterable[rr.ComponentColumn]) -> Chunk:
-    """A chunk of an entity with one row for each of n times."""
+    """Make a chunk of an entity with one row for each of n times."""
     return Chunk.from_columns(path, times, columns)
 
 
@@ -183,24 +186,24 @@ Color = tuple[int, int, int, int]  # RGBA
 
 
 def rgba(hue: float, lightness: float, saturation: float, alpha: int = 255) -> Color:
-    """The colour of a hue, lightness and saturation from 0 to 1."""
+    """Return the colour of a hue, lightness and saturation from 0 to 1."""
     red, green, blue = (round(255 * part) for part in colorsys.hls_to_rgb(hue, lightness, saturation))
     return red, green, blue, alpha
 
 
 def rgba32(color: Sequence[int]) -> np.uint32:
-    """A colour (RGBA) as Rerun packs it: of many that are alike, arrays of these are made sooner than of tuples."""
+    """Pack a colour (RGBA) into a number, as Rerun does: arrays of numbers are made faster than of tuples."""
     red, green, blue, alpha = color
     return np.uint32(red << 24 | green << 16 | blue << 8 | alpha)
 
 
 def path_times(times: np.ndarray) -> rr.TimeColumn:
-    """The column of `PATH_TIME` for times (n,) [s]."""
+    """Return the column of `PATH_TIME` for times (n,) [s]."""
     return rr.TimeColumn(PATH_TIME, duration=times)
 
 
 def visible_entities(chunks: Iterable[Chunk]) -> frozenset[str]:
-    """The entities that have something to show: curves of a single point have not."""
+    """Return the entities that have something to show; a curve of a single point has not."""
     points = Counter[str]()
     for chunk in chunks:
         points[chunk.entity_path] += 0 if chunk.is_static else chunk.num_rows

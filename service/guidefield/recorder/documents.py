@@ -1,4 +1,7 @@
-"""The words of a recording: a summary, the request and the reply, to read and packed, and what identifies the run."""
+"""The documents of a recording: summary, request and reply, readable and packed, and properties that identify the run.
+
+`stored.py` reads packed messages and `made_with` back, in files of all versions: entities and components stay.
+"""
 
 from __future__ import annotations
 
@@ -33,15 +36,15 @@ if TYPE_CHECKING:
 
 
 MESSAGE_COMPONENT = "message"  # the component of a document's entity that holds the message itself
-LEVEL = 1  # of compression: harder ones take three times as long and save nothing on numbers
+COMPRESSION_LEVEL = 1  # of zlib: higher ones take three times as long and save nothing on numbers
 LARGEST_MESSAGE = 1 << 28  # maximum size of an unpacked message that is read from a recording [bytes]
 
 _M = TypeVar("_M", bound=msgspec.Struct)
 
 
-SCENE = "/documents/scene"  # the entity that holds the message of a large scene; the request's own is without it then
+SCENE = "/documents/scene"  # the entity that holds the message of a large scene; the request's is without it then
 LARGE_BYTES = 32 * 1024
-"""From this size on [bytes of MessagePack] a scene has an entity, and in stores a file, of its own."""
+"""Size from which a scene has an entity, and in stores a file, of its own [bytes of MessagePack]."""
 
 
 def encode(message: msgspec.Struct) -> bytes:
@@ -50,8 +53,8 @@ def encode(message: msgspec.Struct) -> bytes:
 
 
 def pack(message: msgspec.Struct) -> np.ndarray:
-    """A message as bytes, shape (n,), uint8."""
-    return np.frombuffer(zlib.compress(encode(message), LEVEL), np.uint8)
+    """Return a message as compressed MessagePack, bytes of shape (n,), uint8."""
+    return np.frombuffer(zlib.compress(encode(message), COMPRESSION_LEVEL), np.uint8)
 
 
 def large_scene(request: MotionRequest) -> SceneMessage | None:
@@ -71,13 +74,13 @@ def unpack(content: bytes, kind: type[_M]) -> _M:
 
 REQUEST, REPLY, SUMMARY = "/documents/request", "/documents/reply", "/documents/summary"
 PROPERTIES, MADE_WITH = "/__properties/plan", "made_with"
-"""Entities of the documents and of what identifies a run; its component that names packages and their versions."""
+"""Entities of the documents and of the run's properties; the property that names packages and their versions."""
 SHORTENED = "*Rounded and shortened to be read; the message itself, exact, is in this entity's component `message`.*"
 LONGEST_LIST = 12
 """Entries of a list that are shown; of a longer one the first and the last, and how many there are between."""
 LONGEST_TEXT = 300  # characters of a text that are shown
-COLUMN = 76  # characters of a line in the last column of a table
-WIDTH = 110  # characters of a line within which a list of plain values stays
+MAX_COLUMN_WIDTH = 76  # characters of a line in the last column of a table
+MAX_LINE_WIDTH = 110  # characters of a list of plain values on one line
 
 _to_json = json.JSONEncoder(ensure_ascii=False).encode
 
@@ -91,16 +94,15 @@ class RecordedRun(Generic[_Request_co, _Reply_co]):
     """A run as its recording shows it."""
 
     group: PlanningGroup  # the joints that move, with the limits that hold for this request
-    scene: Scene  # the scene that they move in; of a sequence, with what is carried as it is carried
+    scene: Scene  # the scene that they move in; of a sequence, with carried objects as moving obstacles
     request: _Request_co
     reply: _Reply_co
     measured: ClearanceProfile | None  # the clearance along the motion, if there is one
-    made_with: str  # the packages that it was made with, as `versions.made_with`
-    # from which group, scene and measures are seen, and all is drawn; None: the world's origin
-    anchor: Anchor | None = None
+    made_with: str  # the packages that it was made with, as `versions.describe_versions`
+    anchor: Anchor | None = None  # what group, scene and measures are relative to, and all is drawn; None: the world
 
     def as_drawn(self) -> tuple[_Request_co, _Reply_co]:
-        """Return request and reply as seen from the anchor."""
+        """Return request and reply relative to the anchor."""
         if self.anchor is None:
             return self.request, self.reply
         return self.anchor.inward(self.request), self.anchor.inward(self.reply)
@@ -142,12 +144,12 @@ def _document_run(run: Run, figures: Mapping[str, Any], parts: Sequence[str], re
 
 
 def fingerprint(request: MotionRequest) -> str:
-    """The SHA-256 of a request, in hexadecimal digits."""
+    """Return the SHA-256 of a request, in hexadecimal digits."""
     return hashlib.sha256(codec.encode(request)).hexdigest()
 
 
 def distances(reply: MotionReply) -> list[tuple[str, str]]:
-    """The distances from obstacles and between links, as rows of a table."""
+    """Return the distances from obstacles and between links, as rows of a table."""
     rows: list[tuple[str, str]] = []
     if (clear := reply.clearance) is not None:
         when = f" at {clear.time:.2f} s" if clear.time is not None else ""
@@ -160,14 +162,14 @@ def distances(reply: MotionReply) -> list[tuple[str, str]]:
 
 
 def _message_document(path: str, kept: msgspec.Struct, shown: msgspec.Struct, **flags: list[bool]) -> Chunk:
-    """A message to read, and beside it, in the component `message`, to the last bit for programs."""
+    """Document a message: readable, and exact for programs in the component `message`."""
     text = f"{SHORTENED}\n\n```json\n{readable(shown)}\n```"
     values = rr.AnyValues(**{MESSAGE_COMPONENT: pack(kept)}, **flags)
     return still(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), values)
 
 
 def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
-    """A recording's chunks, its summary beginning with a warning."""
+    """Return a recording's chunks with a warning at the begin of its summary."""
     kept = [chunk for chunk in chunks if chunk.entity_path != SUMMARY]
     for chunk in chunks:
         if chunk.entity_path == SUMMARY:
@@ -178,7 +180,7 @@ def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
 
 
 def readable(value: Any, indent: int = 0) -> str:
-    """A message or plain data as JSON for a person: six digits, short lists on one line, long ones cut and counted."""
+    """Write a message or plain data as JSON for a person: six digits, short lists on one line, long ones cut."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, bytes):
@@ -210,7 +212,7 @@ def _readable_list(values: list[Any], indent: int) -> str:
     inner = " " * (indent + 2)
     if len(values) <= 2 or not any(isinstance(one, NESTED) for one in values):
         line = "[" + ", ".join(readable(one, indent + 2) for one in values) + "]"
-        if len(line) <= WIDTH and "\n" not in line:
+        if len(line) <= MAX_LINE_WIDTH and "\n" not in line:
             return line
     if len(values) > LONGEST_LIST:
         first = LONGEST_LIST // 2
@@ -229,40 +231,40 @@ def _headline(reply: MotionReply) -> list[str]:
 
 
 def remarks_of(remarks: Sequence[str]) -> list[str]:
-    """Warnings as a list."""
+    """Return warnings as lines of Markdown."""
     return ["**Warnings**", "", *(f"- {remark}" for remark in remarks), ""] if remarks else []
 
 
 def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """A table whose last column is broken into lines, each a row: the viewer cuts what is too wide for it."""
+    """Return a table in Markdown; lines of the last column are rows, because the viewer cuts what is too wide."""
     lines = [head, tuple("---" for _ in head)]
     for *first, last in rows:
-        is_short = len(last) <= COLUMN
-        begun, *more = [last] if is_short else textwrap.wrap(last, COLUMN, break_on_hyphens=False)
+        is_short = len(last) <= MAX_COLUMN_WIDTH
+        begun, *more = [last] if is_short else textwrap.wrap(last, MAX_COLUMN_WIDTH, break_on_hyphens=False)
         lines += [(*first, begun), *((*("" for _ in first), line) for line in more)]
     return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
 
 
 def pair(bodies: Sequence[str] | None) -> str:
-    """Two bodies in brackets, if there are any."""
+    """Return two bodies in brackets, if there are any."""
     return f" ({bodies[0]} - {bodies[1]})" if bodies else ""
 
 
 def millimetres(distance: float | None) -> str:
-    """A distance [m] for a person."""
+    """Return a distance [m] for a person."""
     return "-" if distance is None else f"{1e3 * distance:.1f} mm"
 
 
 def milliseconds(seconds: float) -> str:
-    """A time [s] for a person."""
+    """Return a time [s] for a person."""
     return f"{1e3 * seconds:.1f} ms"
 
 
-LEAST_TOLD = 5e-5  # a shorter time is left out [s]
+SHORTEST_SHOWN_S = 5e-5  # shortest time of a stage that is listed [s]
 
 
 def document_plan(run: PlanRun, remarks: Sequence[str]) -> Iterator[Chunk]:
-    """The documents of a plan: its result in figures, its origin, its messages, and remarks beside its warnings."""
+    """Document a plan: its result in figures, its origin, its messages, and remarks beside its warnings."""
     reply, group = run.reply, run.group
     figures: dict[str, Any] = {
         "planner": reply.planner,
@@ -318,12 +320,12 @@ def _handled(step: StepFigures) -> list[str]:
 
 
 def _stages(reply: PlanReply) -> list[str]:
-    """The stages, and what else took time; a stage that came once has its time in its own row."""
+    """List the stages, and other parts of the time; a stage that came once has its time in its own row."""
     rows = [(f"{one.name}{_plane(one.plane, reply)}", milliseconds(one.seconds), one.outcome) for one in reply.stages]
     times = Counter(one.name for one in reply.stages)
     spent = {name: seconds for name, seconds in to_plain_data(reply.timing).items() if seconds and name != "total"}
     for name, seconds in spent.items():
-        if times[name] != 1 and seconds >= LEAST_TOLD:
+        if times[name] != 1 and seconds >= SHORTEST_SHOWN_S:
             rows.append((f"all of {name}" if times[name] else name, milliseconds(seconds), ""))
     rows.append(("**total**", f"**{milliseconds(reply.timing.total)}**", ""))
     return [*table(("stage", "time", "outcome"), rows), ""]
@@ -357,7 +359,7 @@ def _unit(group: PlanningGroup) -> str:
 
 
 def document_judgement(run: JudgedRun, remarks: Sequence[str]) -> Iterator[Chunk]:
-    """The documents of a judgement: the verdict in figures, its origin, its messages, and remarks."""
+    """Document a judgement: the verdict in figures, its origin, its messages, and remarks."""
     reply, group, scene = run.reply, run.group, run.scene
     request_hash = fingerprint(run.request)
     parts = [*_judgement_results(reply), *_limits(reply), *remarks_of((*reply.warnings, *remarks))]

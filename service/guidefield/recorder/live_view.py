@@ -1,4 +1,7 @@
-"""A recording that streams into a running Rerun viewer while its run or stream goes on."""
+"""Send a recording to a running Rerun viewer while its run or stream goes on; nothing waits for the viewer.
+
+`run.py` uses `LiveRun`, `stream/live.py` a `Channel` of its own.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,7 @@ class Channel:
 
     @property
     def is_busy(self) -> bool:
-        """Whether so much waits that a part may be left out."""
+        """Return whether so much waits that a part may be left out."""
         return self._pending >= MAX_PENDING
 
     def send(self, make: Callable[[], Part], *, last: bool = False) -> None:
@@ -93,7 +96,7 @@ def _sender() -> ThreadPoolExecutor:
 
 
 class LiveRun:
-    """A run in a viewer: the planner's steps while it goes on, and then its whole recording."""
+    """A run in a viewer: the planner's steps while it runs, and then its whole recording."""
 
     def __init__(self, address: str, run_id: str, group: PlanningGroup, scene: Scene) -> None:
         self._group, self._scene, self._channel = group, scene, Channel(address, run_id)
@@ -109,7 +112,7 @@ class LiveRun:
 
     def _draw_step(self, q: Configuration, number: int, *, first: bool) -> Part:
         group, at = self._group, poses(self._group, [q])
-        drawn = bodies.prepared(group.robot, bodies.cache_folder())
+        drawn = bodies.load_drawn(group.robot, bodies.cache_folder())
         moved = robot_entities.link_motion(group, drawn.links, at, np.array([number]), STEP)
         if not first:
             return [moved], None
@@ -121,7 +124,7 @@ class LiveRun:
 
     @property
     def place(self) -> RecordingPlace:
-        """The place for the whole recording, as of one that is written to a file."""
+        """Return a place for the whole recording, which sends it to the viewer instead of writing a file."""
         return _ViewerPlace(Path(), bodies.cache_folder(), True, self._channel)
 
 

@@ -1,4 +1,4 @@
-"""The motion that a recording shows, whatever came out of the plan: certified and timed, or the best partial path."""
+"""The motion that a recording shows, timed or the best partial path, and placements of joints and links along it."""
 
 from __future__ import annotations
 
@@ -34,9 +34,7 @@ from guidefield.robot.model.spaces import (
 SHOWN_SPEED = 1.0  # speed of the quickest joint along a path that has no times [rad/s or m/s]
 SHOWN_STEP = 0.05  # largest change of a joint between two frames of such a path [rad or m]
 SHOWN_RATE = 30.0  # frames a second of a trajectory [Hz], within `FRAMES`
-FRAMES = (60, 400)
-
-
+FRAMES = (60, 400)  # least and largest number of frames of a motion
 AT_ORIGIN = np.eye(4)[:3].copy()
 """Placement of the model in the world, shape (3, 4) [m]: its first joints are placed there already."""
 
@@ -53,7 +51,7 @@ class ShownMotion:
 def shown_motion(
     group: PlanningGroup, reply: PlanReply, profile: ClearanceProfile | None, start: Configuration | None
 ) -> ShownMotion:
-    """The motion to show for a reply: the samples of its trajectory if it was measured, else that, else its path.
+    """Return the motion to show for a reply: the samples of the clearance profile, the trajectory, or the path.
 
     Without any of these it is a start (nq,), by default that of the request.
     """
@@ -68,7 +66,7 @@ def shown_motion(
 
 
 def refused_goal(group: PlanningGroup, request: PlanRequest, reply: PlanReply) -> Configuration | None:
-    """The goal's first configuration (nq,), if what failed is that it can't be an end of the motion; else None."""
+    """Return the goal's first configuration (nq,), if the plan failed because it can't end there; else None."""
     step = reply.status.details.get("step")
     goal = request.goal if step is None else request.steps[step].goal
     if reply.status.details.get("stage") != "goal" or not isinstance(goal, JointsGoal | JointSetGoal):
@@ -83,7 +81,7 @@ def refused_goal(group: PlanningGroup, request: PlanRequest, reply: PlanReply) -
 
 
 def configurations_of(group: PlanningGroup, rows: Sequence[Sequence[float]]) -> Configurations:
-    """Configurations (n, nq) of a reply's rows of position columns."""
+    """Return configurations (n, nq) of a reply's rows of position columns."""
     if not group.is_euclidean:
         return np.array([_configuration(group, row) for row in rows])
     columns = np.array(rows, float).reshape(len(rows), len(group.joints)).T
@@ -93,7 +91,7 @@ def configurations_of(group: PlanningGroup, rows: Sequence[Sequence[float]]) -> 
 
 
 def position_rows(group: PlanningGroup, configurations: Configurations) -> WireColumns:
-    """The wire's position columns (n, k) of configurations (n, nq) in order, angles unwrapped."""
+    """Return the wire's position columns (n, k) of configurations (n, nq) in order, angles unwrapped."""
     return np.array(group.wire_rows(group.chart_path(list(configurations))))
 
 
@@ -108,7 +106,7 @@ class Curves:
 
 
 def curves(group: PlanningGroup, trajectory: messages.Trajectory) -> Curves:
-    """A reply's trajectory, between its knots too where its columns are plain coordinates."""
+    """Return a reply's trajectory to plot, sampled between its knots too if its columns are plain coordinates."""
     knots = Curves(*(np.array(getattr(trajectory, name)) for name in trajectory.__struct_fields__))
     if not group.is_euclidean:
         return knots
@@ -131,7 +129,7 @@ def _configuration(group: PlanningGroup, row: Sequence[float]) -> Configuration:
 
 
 def _between_knots(group: PlanningGroup, trajectory: messages.Trajectory) -> ShownMotion:
-    """A trajectory without samples: by its curve where that is known, else straight from knot to knot."""
+    """Sample a trajectory: by its curve if columns are plain coordinates, else straight from knot to knot."""
     if group.is_euclidean:
         plotted = curves(group, trajectory)
         return ShownMotion(plotted.times, configurations_of(group, plotted.positions.tolist()), timed=True)
@@ -147,7 +145,7 @@ def _between_knots(group: PlanningGroup, trajectory: messages.Trajectory) -> Sho
 
 
 def frames_of(times: np.ndarray) -> int:
-    """The number of frames between the first and the last of some times (n,) [s]."""
+    """Return the number of frames between the first and the last of some times (n,) [s]."""
     return int(np.clip(np.ceil((times[-1] - times[0]) * SHOWN_RATE), *FRAMES))
 
 
@@ -157,7 +155,7 @@ def _shown_times(knots: np.ndarray) -> np.ndarray:
 
 
 def _untimed(group: PlanningGroup, path: Sequence[Sequence[float]]) -> ShownMotion:
-    """A path of position rows, filled in evenly and shown at an even pace."""
+    """Sample a path of position rows evenly, to be shown at an even speed."""
     rows = group.chart_path(list(configurations_of(group, path)))
     lengths = np.abs(np.diff(rows, axis=0)).max(axis=1, initial=0.0)
     arc = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -176,7 +174,7 @@ class Poses:
 
 
 def poses(group: PlanningGroup, configurations: Sequence[Configuration] | Configurations) -> Poses:
-    """Forward kinematics of every joint and of the tip at n configurations (nq,)."""
+    """Place every joint and the tip at n configurations (nq,)."""
     joints = tuple(range(1, group.model.njoints))
     expanded = _expanded(group, configurations)
     placements = np.empty((len(expanded), len(joints) + 1, 7))
@@ -191,7 +189,7 @@ def _joints_and_tip(group: PlanningGroup, tip: int) -> FrameTable:
 
 
 def link_placements(group: PlanningGroup, configurations: Configurations, links: tuple[str, ...]) -> np.ndarray:
-    """Placements of some links at configurations (n, nq), shape (n, links, 3, 4) [m, world]."""
+    """Return placements of some links at configurations (n, nq), shape (n, links, 3, 4) [m, world]."""
     expanded = _expanded(group, configurations)
     rows = placed_links(group, expanded, links).reshape(-1, 7)
     return frames(rows[:, :3], rows[:, 3:]).reshape(len(expanded), len(links), 3, 4)
@@ -203,7 +201,7 @@ def _expanded(group: PlanningGroup, configurations: Sequence[Configuration] | Co
 
 
 def placed_links(group: PlanningGroup, expanded: ModelConfigurations, links: tuple[str, ...]) -> np.ndarray:
-    """Position and quaternion of some links at configurations of the model (n, model.nq): (n, links, 7) [m, world]."""
+    """Return positions and quaternions of links at the model's configurations (n, model.nq), (n, links, 7) [world]."""
     placed = np.empty((len(expanded), len(links), 7))
     place_frames(joints_of(group), _links(group, links), AT_ORIGIN, np.ascontiguousarray(expanded), placed)
     return placed
@@ -216,7 +214,7 @@ def _links(group: PlanningGroup, links: tuple[str, ...]) -> FrameTable:
 
 
 def _carried(group: PlanningGroup, frame: int) -> tuple[int, np.ndarray]:
-    """The joint that carries a frame, and the frame's placement there, shape (3, 4) [m]."""
+    """Return the joint that carries a frame, and the frame's placement in it, shape (3, 4) [m]."""
     there = group.model.frames[frame]
     return int(there.parentJoint), there.placement.homogeneous[:3]
 

@@ -1,4 +1,4 @@
-"""The life of the planner over the timeline of steps: words, steps, trees, and the motion as it was optimised."""
+"""Draw the planner's work over the timeline of steps: its log, steps, trees, and the motion as it was optimised."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ STEP_COLORS = {
     StepKind.TREE: (150, 150, 150, 255),
 }
 """Colour by kind of step (RGBA)."""
-RELAX_COLOR = (190, 160, 250, 255)  # of a step of the optimisation (RGBA)
+OPTIMIZE_COLOR = (190, 160, 250, 255)  # of the optimisation (RGBA)
 POINT_RADIUS = 0.006  # radius of the point of a step, at size 1 [m]
 OTHER_COLOR = (200, 200, 200, 255)
 
 
 def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
-    """One line per event, with the milliseconds since the planning began, and one for how it ended."""
+    """Draw a line of the log per event, with the milliseconds since the planning began, and one with the outcome."""
     planes = [plane.name for plane in reply.guide_planes]
     lines = [_line(event, 1e3 * seconds, planes) for event, seconds in zip(log.events, log.seconds, strict=True)]
     numbers = [number for number, _ in log.numbered()]
@@ -63,7 +63,7 @@ def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
 
 
 def step_points(log: EventLog, tip: np.ndarray, size: float) -> Iterator[Chunk]:
-    """The tip (n, 3) [m, world] after each step, coloured by kind of step."""
+    """Draw the tip (n, 3) [m, world] after each step, coloured by kind of step."""
     steps = log.steps()
     colors = [STEP_COLORS.get(step.kind, OTHER_COLOR) for _, step in steps]
     if colors:
@@ -73,7 +73,6 @@ def step_points(log: EventLog, tip: np.ndarray, size: float) -> Iterator[Chunk]:
 
 
 def _line(event: LoggedEvent, milliseconds: float, planes: Sequence[str]) -> tuple[str, str, tuple[int, int, int, int]]:
-    """Level, text and colour of an event; `planes` are the guide planes' names."""
     level, text, color = _describe(event, planes)
     return level, f"{milliseconds:8.1f} ms  {text}", color
 
@@ -90,17 +89,16 @@ def _describe(event: LoggedEvent, planes: Sequence[str]) -> tuple[str, str, tupl
         sizes = " and ".join(map(str, event.sizes))
         return "INFO", f"trees of {sizes} nodes", STEP_COLORS[StepKind.TREE]
     if isinstance(event, PathRelaxed):
-        return "DEBUG", f"relax: objective {event.objective:.4g}", RELAX_COLOR
+        return "DEBUG", f"relax: objective {event.objective:.4g}", OPTIMIZE_COLOR
     return "DEBUG", f"{event.kind.value}: {event.message}", STEP_COLORS.get(event.kind, OTHER_COLOR)
 
 
 MOST_WAYPOINTS = 24  # points by which a motion that is being optimised is shown
 TREE_COLOR = (150, 170, 200, 140)
-RELAXED_COLOR = (190, 160, 250, 255)
 
 
 def trees(group: PlanningGroup, grown: Sequence[tuple[int, LoggedTrees]]) -> Iterator[Chunk]:
-    """The tip's motion along the edges of trees as they grew; each tree has the first of its `GROWTH_STEPS` numbers."""
+    """Draw the tip's motion along the edges of trees as they grew, in `GROWTH_STEPS` steps from each one's first."""
     steps: list[int] = []
     strips: list[np.ndarray] = []
     counts: list[int] = []
@@ -123,14 +121,14 @@ def trees(group: PlanningGroup, grown: Sequence[tuple[int, LoggedTrees]]) -> Ite
 
 
 def tree_edges(group: PlanningGroup, points: ChartPoints, parents: np.ndarray) -> np.ndarray:
-    """The tip at both ends of the edges to the first `MAX_NODES` nodes of a tree, shape (edges, 2, 3) [m, world]."""
+    """Return the tip at both ends of the edges among a tree's first `MAX_NODES` nodes, (edges, 2, 3) [m, world]."""
     tips = _tips(group, points[:MAX_NODES])  # a parent comes before its children
     children = np.flatnonzero(parents[:MAX_NODES] >= 0)
     return np.stack([tips[parents[children]], tips[children]], axis=1)
 
 
 def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> Iterator[Chunk]:
-    """The tip's way along a motion after steps of its optimisation, each with its number on the timeline."""
+    """Draw the tip's path along a motion after steps of its optimisation, each with its number on the timeline."""
     if not paths:
         return
     chosen = evenly(len(paths), MAX_ITERATIONS)
@@ -142,7 +140,7 @@ def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> I
     columns = make_columns(
         rr.LineStrips3D,
         strips=strips,
-        colors=[RELAXED_COLOR] * len(strips),
+        colors=[OPTIMIZE_COLOR] * len(strips),
         radii=np.full(len(strips), 0.003 * group.size),
     )
     yield timed("/planner/relaxed", [times], columns)

@@ -1,4 +1,7 @@
-"""The recordings of plans and judgements, `.rrd` files: motion, curves, obstacles, words, and the planner's life."""
+"""Record plans and judgements, as `.rrd` files: motion, curves, obstacles, documents, field, and the planner's work.
+
+`run.py` calls `record_plan` and `record_judgement`; a new entity has to be placed in a view (`view.py`), too.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ from guidefield.recorder.view import Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartRates, Configuration, Configurations
 
-CLEAR = 0.10  # distance [m] from which the segment to the closest obstacle is drawn in plain green
+CLEAR_DISTANCE = 0.10  # distance [m] from which the segment to the closest obstacle is drawn in plain green
 PLOTTED = 600  # numbers in a plot of all joints, about
 LEAST_PLOTTED = 40  # rows in such a plot, if there are as many
 OBSTACLE_COLOR = (94, 184, 255, 255)
@@ -52,7 +55,7 @@ WAYPOINT_COLOR = (120, 220, 160, 255)
 
 
 def _plot_clearance(profile: ClearanceProfile, required: float) -> Iterator[Chunk]:
-    """Distance to obstacles and to the robot itself over the motion, and what was asked for [m]; the potential [m]."""
+    """Plot distances to obstacles and between links along the motion with the required one [m]; the potential [m]."""
     times = path_times(profile.times)
     names, colors = ["to obstacles", "to itself"], [OBSTACLE_COLOR, SELF_COLOR]
     distances = [profile.obstacle_distance, profile.self_distance]
@@ -65,7 +68,7 @@ def _plot_clearance(profile: ClearanceProfile, required: float) -> Iterator[Chun
 
 
 def _draw_closest_pair(profile: ClearanceProfile, size: float) -> Chunk:
-    """The segment between the robot and the obstacle closest to it, over the motion: red where it is short."""
+    """Draw the segment between the robot and the obstacle closest to it along the motion: red where it is short."""
     there = np.array([pair is not None for pair in profile.obstacle_pair])
     there &= np.isfinite(profile.witness).all(axis=(1, 2)) & np.isfinite(profile.obstacle_distance)
     labels = [
@@ -73,7 +76,7 @@ def _draw_closest_pair(profile: ClearanceProfile, size: float) -> Chunk:
         for distance, pair, shown in zip(profile.obstacle_distance, profile.obstacle_pair, there, strict=True)
         if shown and pair is not None
     ]
-    hues = 0.36 * np.clip(profile.obstacle_distance[there] / CLEAR, 0.0, 1.0)
+    hues = 0.36 * np.clip(profile.obstacle_distance[there] / CLEAR_DISTANCE, 0.0, 1.0)  # from red, 0, to green
     columns = make_columns(
         rr.LineStrips3D,
         there.astype(int),
@@ -121,7 +124,7 @@ def _plot_step_potential(steps: Sequence[tuple[int, Step]]) -> Iterator[Chunk]:
 
 
 def _palette(count: int) -> list[Color]:
-    """Colours (RGBA) that can be told apart as thin lines on a dark ground."""
+    """Return colours (RGBA) that can be told apart as thin lines on a dark ground."""
     colors: list[Color] = []
     for number in range(count):
         hue, lightness = (0.56 + number / count) % 1.0, 0.66 if number % 2 else 0.60
@@ -143,7 +146,7 @@ def _values(path: str, times: rr.TimeColumn, values: np.ndarray) -> Chunk:
 
 @memoized_by_value(256)
 def _lines(path: str, names: tuple[str, ...], colors: tuple[Color, ...]) -> Chunk:
-    """Names and colours of curves: those of the same joints are in many recordings."""
+    """Return the names and colours of curves, memoized because many recordings have the same joints."""
     return still(path, rr.SeriesLines(names=names, colors=colors))
 
 
@@ -191,7 +194,7 @@ def record_plan(place: RecordingPlace, run: PlanRun, log: EventLog) -> None:
 def record_judgement(place: RecordingPlace, run: JudgedRun, given: GivenMotion, planned: GivenMotion | None) -> None:
     """Write the recording of a motion that was judged, as `record_plan`; "full" adds the field to the summary.
 
-    A motion that it was to follow, if there is one, is laid over it.
+    The planned motion that it was to follow, if there is one, is drawn over it.
     """
     group, reply, measured = run.group, run.reply, run.measured
     assert measured is not None, "a motion that is judged is measured"
@@ -211,7 +214,7 @@ def record_judgement(place: RecordingPlace, run: JudgedRun, given: GivenMotion, 
 
 
 def _lay_over(group: PlanningGroup, given: GivenMotion, planned: GivenMotion) -> Iterator[Chunk]:
-    """The tip's way along a planned motion, and how far each joint is from it at the same time."""
+    """Draw the tip's path along a planned motion, and plot how far each joint is from it at the same time."""
     names = group.position_names
     times = np.union1d(given.scheduled.times, planned.scheduled.times)
     times = times[evenly(len(times), max(PLOTTED // len(names), LEAST_PLOTTED))]
@@ -234,13 +237,13 @@ class _MotionView:
     @classmethod
     def of(cls, place: RecordingPlace, run: Run, motion: ShownMotion, landmarks: np.ndarray) -> _MotionView:
         at = poses(run.group, motion.configurations)
-        drawn = bodies.prepared(run.group.robot, place.bodies)
+        drawn = bodies.load_drawn(run.group.robot, place.bodies)
         ends = robot_entities.extent(run.group, drawn, motion.configurations[[0, -1]])
         robot = np.concatenate([at.placements[:, :, :3].reshape(-1, 3), ends])
         return cls(run, motion, at, drawn, choose_eye(at.tip, robot, landmarks, run.scene.obstacles, run.group.size))
 
     def bodies(self, at_fault: Collection[str]) -> Iterator[Chunk]:
-        yield from bodies.highlighted(self.run.group.robot, at_fault)
+        yield from bodies.highlight(self.run.group.robot, at_fault)
         if (ghosts := robot_entities.ghosts(self.run.group, self.drawn, self.motion)) is not None:
             yield ghosts
 
@@ -268,7 +271,7 @@ class _MotionView:
         yield from self.field_at(times, motion.configurations[rows], path_times(motion.times[rows]))
 
     def field_at(self, times: np.ndarray | None, qs: Configurations, column: rr.TimeColumn) -> Iterator[Chunk]:
-        """The field on the robot at configurations (n, nq) of times (n,), None for before all, and a picture."""
+        """Draw the field on the robot at configurations (n, nq) of times (n,), None: at first, and a picture of it."""
         if self.run.scene.obstacles:
             yield from robot_entities.charges(self.run.group, self.run.scene, times, qs, column)
             yield from robot_entities.picture_of_plane(self.run.scene, self.at.tip, origin_of(self.run.group))

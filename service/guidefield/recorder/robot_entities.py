@@ -1,4 +1,4 @@
-"""The robot in a recording: its links over time, its tip, ghosts, and the field's forces on it."""
+"""Draw the robot in a recording: its links over time, its tip, ghosts, and the field's forces on it."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ LONGEST_ARROW = 0.25  # length of the arrow of the largest force of a recording,
 FORCE_DECADES = 2.0  # powers of ten of force that the colours of points and the lengths of arrows tell apart
 RESOLUTION = 80  # pixels along the longer side of the picture
 EVALUATED_EVERY = 3  # distance of the pixels at which the field is evaluated where no wall is near [pixels]
-NOTHING = build(messages.Scene(name="nothing"))
+EMPTY_SCENE = build(messages.Scene(name="nothing"))  # of which a robot's field is only that of its links
 ARROW_COLOR = (255, 140, 60, 255)
-POINT_RADIUS = 0.007
+POINT_RADIUS = 0.007  # radius of a charged point, at size 1 [m]
 
 WEAK, STRONG = np.array([70.0, 110.0, 220.0]), np.array([255.0, 70.0, 50.0])
 """Colours of the weakest and the strongest force on a point (RGB)."""
@@ -53,7 +53,7 @@ WEAK, STRONG = np.array([70.0, 110.0, 220.0]), np.array([255.0, 70.0, 50.0])
 def charges(
     group: PlanningGroup, scene: Scene, times: np.ndarray | None, configurations: Configurations, column: rr.TimeColumn
 ) -> Iterator[Chunk]:
-    """The robot's charged points in their links, coloured by the scene's force on them, and the force on each link.
+    """Draw the robot's charged points in their links, coloured by the scene's force on them, and each link's force.
 
     The scene's force on a point of weight w is -w grad Phi; arrows are its sum over each link and the repulsion by
     other links. Both are on a scale of `FORCE_DECADES` powers of ten below the largest. Configurations (n, nq) are at
@@ -69,7 +69,7 @@ def charges(
         own = joints == joint
         shown = make_columns(rr.Points3D, np.full(len(points), own.sum()), colors=colors[:, own].ravel())
         yield timed(in_its_frame.entity_path, [column], shown)
-    of_links = RobotField(group, NOTHING)
+    of_links = RobotField(group, EMPTY_SCENE)
     on_links = np.array([of_links.evaluate(q).wrenches[:, :3] for q in configurations])[:, moved]
     on_links += np.stack([forces[:, joints == joint].sum(axis=1) for joint in moved], axis=1)
     origins = np.stack([points[:, joints == joint].mean(axis=1) for joint in moved], axis=1)
@@ -87,9 +87,9 @@ def _points_of_joints(group: PlanningGroup) -> list[Chunk]:
 
 
 def picture_of_plane(scene: Scene, tip: np.ndarray, origin: Origin) -> Iterator[Chunk]:
-    """The field in the plane that fits the tip's way (n, 3) best: as a picture with the way on it, and at its place.
+    """Draw the field in the plane that fits the tip's path (n, 3) best: as a picture with the path, and in the scene.
 
-    Nothing is drawn of a scene without charge. The field's tables are those kept for a place nearby, the origin.
+    Nothing is drawn of a scene without charge. The field's single-precision tables are those about the origin.
     """
     plane = planes_along(tip)[0]
     drawn = field_slice(scene, plane, RESOLUTION, origin, EVALUATED_EVERY)
@@ -109,7 +109,7 @@ def picture_of_plane(scene: Scene, tip: np.ndarray, origin: Origin) -> Iterator[
 
 
 def _share(strength: np.ndarray) -> np.ndarray:
-    """From 0 to 1 on a logarithmic scale of `FORCE_DECADES` below the largest."""
+    """Map strengths to 0 to 1 on a logarithmic scale of `FORCE_DECADES` below the largest."""
     largest = max(float(strength.max(initial=0.0)), 1e-30)
     share: np.ndarray = np.clip(1.0 + np.log10(np.maximum(strength, 1e-30) / largest) / FORCE_DECADES, 0.0, 1.0)
     return share
@@ -124,7 +124,7 @@ def _colors(share: np.ndarray) -> np.ndarray:
 
 
 def _arrows(forces: np.ndarray, origins: np.ndarray, column: rr.TimeColumn, robot_size: float) -> Chunk:
-    """Forces (n, k, 3) as arrows from their origins (n, k, 3) [m, world], at n times."""
+    """Draw forces (n, k, 3) as arrows from their origins (n, k, 3) [m, world], at n times."""
     sizes = np.linalg.norm(forces, axis=2, keepdims=True)
     vectors = robot_size * LONGEST_ARROW * _share(sizes) * forces / np.maximum(sizes, 1e-30)
     columns = make_columns(
@@ -144,7 +144,7 @@ AXES = 0.08  # length of the axes of the tip's frame, at size 1 [m]
 
 
 def tip_axes(group: PlanningGroup) -> Chunk:
-    """The axes of the tip's frame."""
+    """Draw the axes of the tip's frame."""
     return _axes_of(group.tip, AXES * group.size)
 
 
@@ -154,7 +154,7 @@ def _axes_of(link: str, length: float) -> Chunk:
 
 
 def link_motion(group: PlanningGroup, links: Sequence[str], at: Poses, times: np.ndarray, timeline: str) -> Chunk:
-    """The frames of links and the tip's: one entity with those that joints move, over time, and those fixed to them.
+    """Draw the frames of links and of the tip: one entity with those that joints move, and those fixed to them.
 
     Times (n,) rise; they are seconds on `PATH_TIME`, or the planner's steps on `STEP`.
     """
@@ -175,14 +175,14 @@ def link_motion(group: PlanningGroup, links: Sequence[str], at: Poses, times: np
 
 @memoized_for_alike
 def _fixed_frames(group: PlanningGroup, links: tuple[str, ...]) -> tuple[list[str], list[str], np.ndarray]:
-    """Names of the frames of links and of those that they are fixed to, and how they lie there, shape (links, 7)."""
+    """Return the names of links' frames and of those that they are fixed to, and placements there, (links, 7)."""
     frames = [group.model.frames[frame_index(group.model, link)] for link in links]
     fixed = np.array([pin.SE3ToXYZQUAT(frame.placement) for frame in frames]).reshape(-1, 7)
     return [link_frame(link) for link in links], [moved_frame(group, frame.parentJoint) for frame in frames], fixed
 
 
 def ghosts(group: PlanningGroup, drawn: Drawn, motion: ShownMotion) -> Chunk | None:
-    """Sketches of the robot evenly along its way in joint space, bright at the start, dark at the end; None without.
+    """Draw sketches of the robot evenly along its path in joint space, bright at first, dark at the end; None without.
 
     A part that has hardly moved since it was last drawn isn't drawn again: it would only flicker.
     """
@@ -206,7 +206,7 @@ def ghosts(group: PlanningGroup, drawn: Drawn, motion: ShownMotion) -> Chunk | N
 
 
 def extent(group: PlanningGroup, drawn: Drawn, configurations: Configurations) -> np.ndarray:
-    """Corners (m, 3) [m, world] of the boxes about the links that move, at configurations (n, nq)."""
+    """Return corners (m, 3) [m, world] of the boxes about the links that move, at configurations (n, nq)."""
     placed = link_placements(group, configurations, drawn.links)
     corners = [np.empty((0, 3))]
     for link, sketch in drawn.sketch:
@@ -218,7 +218,7 @@ def extent(group: PlanningGroup, drawn: Drawn, configurations: Configurations) -
 
 
 def spread_along(configurations: Configurations, count: int) -> list[int]:
-    """Rows of configurations (n, nq), first and last included, about evenly far along the way."""
+    """Return rows of configurations (n, nq), first and last included, about evenly spaced along the path."""
     steps = np.linalg.norm(np.diff(configurations, axis=0), axis=1)
     arc = np.concatenate([[0.0], np.cumsum(steps)])
     if arc[-1] == 0.0:
@@ -227,5 +227,5 @@ def spread_along(configurations: Configurations, count: int) -> list[int]:
 
 
 def moved_frame(group: PlanningGroup, joint: int) -> str:
-    """Name of the frame that a joint moves, by Pinocchio's index; 0 is the world's."""
+    """Return the name of the frame that a joint moves, by Pinocchio's index; 0 is the world's."""
     return joint_frame(group.model.names[joint]) if joint else WORLD

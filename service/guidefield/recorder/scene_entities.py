@@ -1,4 +1,4 @@
-"""The scene in a recording: obstacles in colours that can be told apart, guide planes as panes with their names."""
+"""Draw the scene in a recording: obstacles, guide planes, poses to reach, and the place of a failure."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ GOLDEN_ANGLE = 0.381966
 FAILURE_COLOR = (255, 220, 215, 255)
 GOAL_COLOR = (120, 220, 160, 255)
 FLOOR_COLOR = (118, 122, 130, 255)
-PLANE_HUES = (0.52, 0.60)
-PANE_ALPHA = 40
+PLANE_HUES = (0.52, 0.60)  # hues of the first and the last guide plane
+PANE_ALPHA = 40  # opacity of guide planes, of 255
 SEE_THROUGH_ALPHA = 70  # opacity of an obstacle that stands between the eye and the path, of 255
 
 
 def obstacles(
     all_of_them: Sequence[Obstacle], see_through: Collection[str], at_fault: Collection[str]
 ) -> Iterator[Chunk]:
-    """Obstacles as solid bodies: one entity for all primitives of a kind, one for all walls, one for each other.
+    """Draw obstacles as solid bodies: an entity for all primitives of a kind, one for all polygons, one for each other.
 
-    Those that move, are at fault (red) or hide the path from the first view (translucent) have entities of their own,
-    `/obstacles/single/<name>`, too; clouds are the points that they are.
+    Obstacles that move, are at fault (red) or hide the path from the first view (translucent) have entities of their
+    own, `/obstacles/single/<name>`, too; clouds are drawn as points.
     """
     alike: dict[type, list[tuple[Obstacle, Color]]] = {}
     walls: list[tuple[Obstacle, Color]] = []
@@ -54,7 +54,7 @@ def obstacles(
             points = rr.Points3D(obstacle.cloud.points, radii=[obstacle.cloud.radius], colors=[color])
             yield still(single(obstacle.name), points)
             continue
-        drawn = surface.shaded(obstacle.vertices, obstacle.triangles)
+        drawn = surface.shade(obstacle.vertices, obstacle.triangles)
         alpha = SEE_THROUGH_ALPHA if obstacle.name in see_through else color[3]
         yield still(single(obstacle.name), bodies.mesh(drawn, (*color[:3], alpha)))
     for kind, members in alike.items():
@@ -68,7 +68,7 @@ def obstacles(
 
 
 def _walls(members: Sequence[tuple[Obstacle, Color]]) -> Chunk:
-    """Flat obstacles as one mesh, lit from both sides, and their names in the order of its triangles."""
+    """Draw polygons as one mesh, lit from both sides, with their names in the order of its triangles."""
     parts = []
     for one, color in members:
         corners = one.vertices[one.triangles].reshape(-1, 3).astype(np.float32)
@@ -81,12 +81,12 @@ def _walls(members: Sequence[tuple[Obstacle, Color]]) -> Chunk:
 
 
 def single(name: str) -> str:
-    """The entity of an obstacle that has its own."""
+    """Return the entity of an obstacle that has its own."""
     return entity("obstacles", "single", name)
 
 
 def moving(all_of_them: Sequence[Obstacle], times: np.ndarray) -> Iterator[Chunk]:
-    """The moving obstacles, relative to where they are drawn, at times (n,) [s] of the trajectory."""
+    """Draw moving obstacles, relative to where they are drawn at first, at times (n,) [s] of the trajectory."""
     for one in all_of_them:
         if one.motion is None:
             continue
@@ -96,7 +96,7 @@ def moving(all_of_them: Sequence[Obstacle], times: np.ndarray) -> Iterator[Chunk
 
 
 def obstacle_color(obstacle: Obstacle, number: int) -> Color:
-    """Colour of the scene's obstacle of that number (RGBA): muted, and unlike its neighbours'."""
+    """Return the colour of a scene's obstacle by its number (RGBA): muted, and unlike its neighbours'."""
     if isinstance(obstacle.message, messages.HalfSpace):
         return FLOOR_COLOR
     lightness, saturation = (0.60, 0.30) if number % 2 else (0.70, 0.28)
@@ -104,7 +104,7 @@ def obstacle_color(obstacle: Obstacle, number: int) -> Color:
 
 
 def guide_planes(planes: Sequence[messages.GuidePlane], size: float) -> Iterator[Chunk]:
-    """Guide planes as translucent panes with outlines and names, all of them one entity."""
+    """Draw guide planes as translucent panes with outlines and names, all of them one entity."""
     if not planes:
         return
     shares = np.linspace(0.0, 1.0, len(planes)) if len(planes) > 1 else [0.0]
@@ -135,7 +135,7 @@ def guide_planes(planes: Sequence[messages.GuidePlane], size: float) -> Iterator
 
 
 def goals(request: PlanRequest, size: float) -> Iterator[Chunk]:
-    """The poses that the tip is to reach, if goals are poses: their axes and their names."""
+    """Draw the poses that the tip is to reach, if goals are poses: their axes and their names."""
     named = [("goal", request.goal), *((f"steps[{index}]", step.goal) for index, step in enumerate(request.steps))]
     for name, asked in named:
         if isinstance(asked, PoseGoal):
@@ -150,7 +150,7 @@ def _goal(called: str, asked: PoseGoal, size: float) -> Chunk:
 
 
 def failure(reply: MotionReply, tip: np.ndarray, size: float) -> Chunk:
-    """The place of a failure: a mark at the tip (3,) [m, world], and in a few words what happened."""
+    """Draw the place of a failure: a mark at the tip (3,) [m, world], and its reason in a few words."""
     pair = reply.status.details.get("pair")
     between = f": {pair[0]} - {pair[1]}" if isinstance(pair, list | tuple) and len(pair) == 2 else ""
     words = f"{reply.status.name.replace('_', ' ').lower()}{between}"
@@ -177,4 +177,4 @@ PRIMITIVES: dict[type, tuple[str, Callable[[list[Any], np.ndarray], Callable[...
     coal.Sphere: ("balls", _balls),
     coal.Cylinder: ("cylinders", _cylinders),
 }
-"""Name of the entity and what draws it, by kind of Coal shape; placements are rows of position and quaternion."""
+"""Name of the entity and the function that draws it, by Coal shape; placements are rows of position and quaternion."""

@@ -1,8 +1,9 @@
-"""Recordings in a store, without what all runs share, and those that leave it: one file that anybody can open.
+"""Write recordings for a store without parts that runs share, make whole ones of these, and read their messages back.
 
-A stored recording lacks its robot's meshes, which lie once beside all runs, its layout, which follows from it, and a
-large scene, whose file is named by its content and has its obstacles, drawn, and its message. Each recording holds on
-to that by a hard link beside itself, so that the file goes with the last recording that needs it.
+A stored recording lacks its robot's meshes, of which there is one file for all runs, its layout, and a large scene,
+whose file is named by its content and has its obstacles, drawn, and its message. Each recording has a hard link to that
+file beside itself, so that the file system deletes it with the last recording that needs it. Recordings of earlier
+versions must stay readable: names of entities and components, and endings, stay.
 """
 
 from __future__ import annotations
@@ -60,21 +61,21 @@ from guidefield.versions import parse_versions
 from guidefield.whole_file import link_shared, remove_unshared
 
 LEFT_OUT = "/left_out"  # entity with the names of the parts that a stored recording lacks
-LINK = ".drawn"  # ending of a stored recording's link to the file of its scene; the store deletes it with the recording
+LINK = ".drawn"  # ending of a stored recording's link to the file of its scene: `SCENE_LINK` of `stores/recordings.py`
 
 _log = logging.getLogger(__name__)
 
 
 def left_out(meshes: str, eye: Eye, timeline: str, *, scene_too: bool) -> Chunk:
-    """Stand for what a stored recording lacks: the named file of meshes, the layout, perhaps its scene."""
+    """Make the chunk that names the parts a stored recording lacks: file of meshes, layout, perhaps the scene."""
     at = np.concatenate([eye.position, eye.target])
     return still(LEFT_OUT, rr.AnyValues(meshes=meshes, eye=at, timeline=timeline, scene_apart=[scene_too]))
 
 
 def self_contained(recording: Path, folder: Path) -> bytes:
-    """A run's recording with its scene, its robot's meshes, kept prepared in a folder, and its layout, as one file.
+    """Return a run's recording with its scene, its layout and its robot's meshes, from a folder, as one file.
 
-    Without the file of scene or meshes it is whole but for them: its summary and the log say so.
+    If a file of scene or meshes is missing or damaged, the recording lacks that; its summary and the log say so.
 
     Raises:
         OSError: if the recording can't be read.
@@ -99,7 +100,7 @@ def self_contained(recording: Path, folder: Path) -> bytes:
 
 
 def _with(chunks: Sequence[Chunk], what: str, read: Callable[[], list[Chunk]]) -> list[Chunk]:
-    """Add what is read to the chunks of a recording, or a warning where it can't be read."""
+    """Add the chunks that are read to those of a recording, or a warning if they can't be read."""
     try:
         return [*chunks, *read()]
     except UNREADABLE as error:
@@ -109,7 +110,7 @@ def _with(chunks: Sequence[Chunk], what: str, read: Callable[[], list[Chunk]]) -
 
 @dataclass(frozen=True)
 class Recorded:
-    """The messages in a recording, to the last bit, and the versions of packages, Python and ``processor``."""
+    """The exact messages in a recording, and the versions of packages, Python and ``processor``."""
 
     request: MotionRequest
     reply: MotionReply
@@ -152,20 +153,20 @@ def _values(chunk: Chunk, component: str) -> list[Any]:
     return list(row)
 
 
-FOLDER = "runs-scenes"  # name of the folder of these files, beside that of the robots
-UNUSED_S = 3600.0  # age from which a file without a link goes [s]
+FOLDER = "runs-scenes"  # name of the folder of scenes' files, beside that of the robots
+UNUSED_S = 3600.0  # age from which a scene's file without a link is deleted [s]
 
 
 @dataclass(frozen=True, eq=False)
 class SharedScene:
-    """The part of a recording that is the same for many runs, by the hash of all that it is made of."""
+    """The scene of a recording, which many runs may share."""
 
-    digest: str
-    is_large: bool
+    digest: str  # hash of the scene and of the code that draws it
+    is_large: bool  # whether it has a file of its own in a store
     chunks: Callable[[], Sequence[Chunk]]
 
     def link(self, recording: Path, bodies: Path) -> bool:
-        """Link a recording to the file, made if need be beside its robots; False where the disk has no such links."""
+        """Link a recording to the scene's file, which is made if need be; False if the disk has no hard links."""
         folder, link = bodies.with_name(FOLDER), recording.with_suffix(LINK)
 
         def content() -> bytes:
@@ -185,12 +186,12 @@ class SharedScene:
 def shared_scene(
     scene: Scene, request: MotionRequest, see_through: Collection[str], at_fault: Collection[str]
 ) -> SharedScene:
-    """Return the scene of a run as its recording shows it; the request's goes in too where it is large."""
+    """Return the scene of a run as its recording shows it, with the request's message of it if that is large."""
     seen, hit = (scene.names.intersection(names) for names in (see_through, at_fault))
     size, content = _content(scene)
     message = large_scene(request)
     names = f"{sorted(seen)} {sorted(hit)}".encode()
-    digest = hashlib.sha256(_readers())
+    digest = hashlib.sha256(_drawing_code())
     for part in (content, b"" if message is None else encode(message), names):
         digest.update(hashlib.sha256(part).digest())
 
@@ -212,7 +213,7 @@ def _draw_small(scene: Scene, see_through: frozenset[str], at_fault: frozenset[s
 
 @memoized
 def _content(scene: Scene) -> tuple[int, bytes]:
-    """Size of a scene's obstacles [bytes] and a hash of all that they are drawn by, which motions are not."""
+    """Return the size of a scene's message [bytes] and a hash of what is drawn of it: all but obstacles' motions."""
     moving = [index for index in scene.others if scene.obstacles[index].motion is not None]
     declared = list(scene.message.obstacles)
     for index in moving:
@@ -222,8 +223,8 @@ def _content(scene: Scene) -> tuple[int, bytes]:
 
 
 @functools.cache
-def _readers() -> bytes:
-    """The code that draws: a file drawn by another version has another name."""
+def _drawing_code() -> bytes:
+    """Return the code that draws, so that a file drawn by another version has another name."""
     files = (__file__, bodies.__file__, scene_entities.__file__, surface.__file__)
     return b"".join([rr.__version__.encode(), *(Path(file).read_bytes() for file in files)])
 

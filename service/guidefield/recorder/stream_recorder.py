@@ -1,4 +1,7 @@
-"""The recording of a stream: how robot and obstacles moved, where the robot would have stood, latency and reasons."""
+"""Record a stream: how robot and obstacles moved, where the robot would have stopped, latency and reasons.
+
+`stream/shown.py` writes it from a journal, `stream/live.py` sends it to a viewer in parts.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +31,13 @@ PLOTS = (
 
 @dataclass(frozen=True, eq=False)
 class MovingBody:
-    """An obstacle that was seen."""
+    """An observed obstacle."""
 
     obstacle: Obstacle  # its shape, in its own frame
-    times: np.ndarray  # position and quaternion (x, y, z, w), shape (n, 7) [m, world], at times (n,) [s]
-    placements: np.ndarray
-    appears: np.ndarray  # when it was there and had not been before (k,), and was no more (m,) [s]
-    gone: np.ndarray
+    times: np.ndarray  # of its observations, shape (n,) [s]
+    placements: np.ndarray  # position and quaternion (x, y, z, w) then, shape (n, 7) [m, world]
+    appears: np.ndarray  # times at which it appeared, shape (k,) [s]
+    gone: np.ndarray  # times at which it was removed, shape (m,) [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,23 +45,23 @@ class StreamMotion:
     """The motion of a stream as its recording shows it, by the client's clock."""
 
     times: np.ndarray  # of the updates, shape (n,) [s]
-    rows: np.ndarray  # where the robot was then, and would have stood, in position columns, shape (n, k) [rad or m]
-    stops: np.ndarray
-    horizon: np.ndarray  # from each update to that stop, and how long it was worked on, shape (n,) [s]
-    latency: np.ndarray
-    reasons: Sequence[tuple[float, str]]  # time, and why there was no piece, in words
-    moving: Sequence[MovingBody]  # what was seen
+    rows: np.ndarray  # the robot's configuration then, in position columns, shape (n, k) [rad or m]
+    stops: np.ndarray  # its configuration at the proven stop, in the same columns
+    horizon: np.ndarray  # time from each update to that stop, shape (n,) [s]
+    latency: np.ndarray  # time of working on each update, shape (n,) [s]
+    reasons: Sequence[tuple[float, str]]  # times of updates without a piece, and why, in words
+    moving: Sequence[MovingBody]
 
 
 def stream_recording(name: str, group: PlanningGroup, scene: Scene, motion: StreamMotion) -> bytes:
-    """The recording of a stream among what rests, with all that a viewer needs: the content of an `.rrd` file."""
+    """Return the self-contained recording of a stream in a scene at rest: the content of an `.rrd` file."""
     still, views = stream_scene(group, scene, motion)
     return encode_recording(name, [*still, *stream_chunks(group, motion)], views)
 
 
 def stream_scene(group: PlanningGroup, scene: Scene, motion: StreamMotion) -> tuple[list[Chunk], rrb.Blueprint]:
-    """Draw what rests, and the robot's meshes; lay out the views for an eye that sees a motion."""
-    drawn = bodies.prepared(group.robot, bodies.cache_folder())
+    """Draw the scene at rest, and the robot's meshes; lay out views with an eye for a motion."""
+    drawn = bodies.load_drawn(group.robot, bodies.cache_folder())
     at = poses(group, configurations_of(group, motion.rows.tolist()))
     robot = at.placements[:, :, :3].reshape(-1, 3)
     eye = choose_eye(at.tip, robot, np.empty((0, 3)), scene.obstacles, group.size)
@@ -67,8 +70,8 @@ def stream_scene(group: PlanningGroup, scene: Scene, motion: StreamMotion) -> tu
 
 
 def stream_chunks(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
-    """Draw what moves, and the figures."""
-    links = bodies.prepared(group.robot, bodies.cache_folder()).links
+    """Draw the robot, its stops and observed obstacles over time, and the plots."""
+    links = bodies.load_drawn(group.robot, bodies.cache_folder()).links
     at = poses(group, configurations_of(group, motion.rows.tolist()))
     yield robot_entities.link_motion(group, links, at, motion.times, PATH_TIME)
     yield from _stops(group, motion)
@@ -97,7 +100,7 @@ def _moving(number: int, one: MovingBody) -> Iterator[Chunk]:
         cloud = one.obstacle.cloud
         drawn: Any = rr.Points3D(cloud.points, radii=[cloud.radius], colors=[color])
     else:
-        drawn = bodies.mesh(surface.shaded(one.obstacle.vertices, one.obstacle.triangles), color)
+        drawn = bodies.mesh(surface.shade(one.obstacle.vertices, one.obstacle.triangles), color)
     for time in one.appears.tolist():
         yield from_time(path, time, drawn)
     if len(one.gone):

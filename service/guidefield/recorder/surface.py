@@ -1,4 +1,4 @@
-"""Triangles ready to be drawn: from a collision shape, from a mesh file, or thinned out to a sketch."""
+"""Make triangle meshes with normals and colours to draw: of a collision shape, a mesh file, or as a coarse sketch."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from guidefield.robot.model.collision_shapes import triangulation
 
 CREASE = np.radians(40.0)  # faces that meet at less than this angle are shaded as one smooth surface [rad]
 SKETCH_CREASE = np.radians(85.0)  # the same for sketches, which have few and coarse faces [rad]
-MERGED_DIGITS = 6  # decimals of a metre to which vertices are the same
+MERGED_DIGITS = 6  # decimals of a metre to which merged vertices are equal
 SKETCH_VERTICES = 32  # most vertices of a body in a sketch
 SIDES = 48  # sides of a drawn cylinder
 SAME_EXTENT, SAME_AREA = 1e-3, 0.05
-"""Two readings of a file are the same if they differ by at most these shares: polygons may be cut differently."""
+"""Our reading and trimesh's are the same if they differ by at most these shares: polygons may be cut differently."""
 TEXTURE_SIZE = 512  # longest side of a texture, in pixels
 GREY = (204, 204, 208, 255)  # colour of a body that has none of its own (RGBA)
 
@@ -33,29 +33,29 @@ GREY = (204, 204, 208, 255)  # colour of a body that has none of its own (RGBA)
 class Surface:
     """A triangle mesh with normals."""
 
-    vertices: np.ndarray  # shape (v, 3) [m] and unit normals, float32
+    vertices: np.ndarray  # shape (v, 3), float32 [m]
     triangles: np.ndarray  # vertex indices, shape (t, 3), uint32, counter-clockwise from outside
-    normals: np.ndarray
+    normals: np.ndarray  # unit normals of the vertices, shape (v, 3), float32
     colors: np.ndarray | None = None  # RGBA per vertex, shape (v, 4), uint8; None where the whole body has one colour
 
     def move(self, placement: Any) -> Surface:
-        """The surface in another frame, given its placement there (pinocchio.SE3)."""
+        """Return the surface in another frame, given its placement there (pinocchio.SE3)."""
         rotation = placement.rotation.T.astype(np.float32)
         vertices = self.vertices @ rotation + placement.translation.astype(np.float32)
         return Surface(vertices, self.triangles, self.normals @ rotation, self.colors)
 
     def grow(self, by: float) -> Surface:
-        """The surface with its vertices moved out along their normals [m]."""
+        """Return the surface with its vertices moved out along their normals [m]."""
         return Surface(self.vertices + np.float32(by) * self.normals, self.triangles, self.normals, self.colors)
 
     def colored(self, color: Sequence[int]) -> Surface:
-        """The surface in one colour (RGBA)."""
+        """Return the surface in one colour (RGBA)."""
         colors = np.full((len(self.vertices), 4), color, np.uint8)
         return Surface(self.vertices, self.triangles, self.normals, colors)
 
 
-def shaded(vertices: np.ndarray, triangles: np.ndarray, crease: float = CREASE) -> Surface:
-    """A surface of vertices (v, 3) [m] and triangles (t, 3), smooth but for edges of at least a crease angle [rad]."""
+def shade(vertices: np.ndarray, triangles: np.ndarray, crease: float = CREASE) -> Surface:
+    """Return a surface of vertices (v, 3) [m] and triangles (t, 3), smooth except at edges of a crease angle [rad]."""
     places, merged = np.unique(np.round(vertices, MERGED_DIGITS), axis=0, return_inverse=True)
     corners = merged.reshape(-1)[np.asarray(triangles)]
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
@@ -70,7 +70,7 @@ def shaded(vertices: np.ndarray, triangles: np.ndarray, crease: float = CREASE) 
 
 
 def join(surfaces: list[Surface]) -> Surface:
-    """Several surfaces as one; they are all coloured, or none is."""
+    """Return several surfaces as one; they are all coloured, or none is."""
     counts = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
     colors = [surface.colors for surface in surfaces if surface.colors is not None]
     return Surface(
@@ -82,27 +82,27 @@ def join(surfaces: list[Surface]) -> Surface:
 
 
 def of_shape(shape: Any) -> Surface:
-    """The surface of a Coal shape in its own frame; raises ValueError if there is no way to draw it."""
+    """Return the surface of a Coal shape in its own frame; raises ValueError if it can't be drawn."""
     for kind, outline in OUTLINES.items():
         if isinstance(shape, kind):
-            return shaded(*outline(shape))
+            return shade(*outline(shape))
     raise ValueError(f"a {type(shape).__name__} can't be drawn")
 
 
 def sketch(surface: Surface) -> Surface:
-    """The hull of few of a surface's points, evenly spread: enough to show a pose; a flat surface as it is."""
+    """Return the hull of few of a surface's points, evenly spread, to show a pose; a flat surface unchanged."""
     try:
         hull = convex_hull(_spread_points(surface.vertices.astype(float), SKETCH_VERTICES))
     except FlatError:
         return surface
-    return shaded(*hull, crease=SKETCH_CREASE)
+    return shade(*hull, crease=SKETCH_CREASE)
 
 
 def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> Surface | bytes:
-    """Read a mesh file of any kind by our reader, scaled (3,), with colours by trimesh, where it reads the same.
+    """Read a mesh file, scaled (3,), by our reader; colours are trimesh's if that reads the same shape.
 
-    Returns a coloured surface, in one RGBA if that is given; or, where the file has textures that count, the whole
-    of it as a GLB file with small ones. Raises ValueError if there is nothing to draw in it.
+    Returns a coloured surface, in one RGBA if `override` has one; or, if the file has textures and there is none, the
+    content of a GLB file with small textures. Raises ValueError if there is nothing to draw in it.
     """
     try:
         plain = mesh_files.read_mesh(path, scale)
@@ -112,14 +112,14 @@ def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> 
     for mesh in meshes:
         mesh.apply_scale(scale * mesh_files.unit_of(path))
     if not _same_extent(meshes, plain):
-        return shaded(plain.vertices, plain.triangles).colored(GREY if override is None else override)
+        return shade(plain.vertices, plain.triangles).colored(GREY if override is None else override)
     if override is None and any(_texture(mesh) is not None for mesh in meshes):
         return _as_glb(meshes)
     return join([_colored(mesh, override) for mesh in meshes])
 
 
 def _file_meshes(path: Path) -> list[trimesh.Trimesh]:
-    """The meshes of a file, each where the file has it; none where trimesh can't make sense of it."""
+    """Return the meshes of a file in its frame; none if trimesh can't read it."""
     try:
         parts = trimesh.load_scene(path).dump()
     except (KeyError, IndexError, AttributeError, TypeError, ValueError, ImportError):  # of its readers, for odd files
@@ -154,12 +154,12 @@ def _as_glb(meshes: list[trimesh.Trimesh]) -> bytes:
 
 def _colored(mesh: trimesh.Trimesh, override: Sequence[int] | None) -> Surface:
     if override is not None:
-        return shaded(mesh.vertices, mesh.faces).colored(override)
+        return shade(mesh.vertices, mesh.faces).colored(override)
     visual = mesh.visual
     if isinstance(visual, trimesh.visual.TextureVisuals):
-        return shaded(mesh.vertices, mesh.faces).colored(visual.material.main_color)
+        return shade(mesh.vertices, mesh.faces).colored(visual.material.main_color)
     if visual.kind is None:
-        return shaded(mesh.vertices, mesh.faces).colored(GREY)
+        return shade(mesh.vertices, mesh.faces).colored(GREY)
     # Colours by face or by corner don't survive merging: flat shading leaves them unchanged.
     triangles = np.arange(3 * len(mesh.faces), dtype=np.uint32).reshape(-1, 3)
     by_face = visual.kind == "face"
@@ -178,7 +178,7 @@ def _texture(mesh: trimesh.Trimesh) -> Any:
 
 
 def _spread_points(points: np.ndarray, count: int) -> np.ndarray:
-    """At most a number of the points (n, 3), each the farthest from those before it."""
+    """Choose at most a number of the points (n, 3), each the farthest from those before it."""
     distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
     chosen = []
     for _ in range(min(count, len(points))):
@@ -188,7 +188,7 @@ def _spread_points(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _smooth_corners(corners: np.ndarray, areas: np.ndarray, crease: float) -> np.ndarray:
-    """Corners that share a vertex and a normal, as labels (3 t,) from 0: those joined across edges that aren't creases.
+    """Label corners (3 t,) from 0: those joined across edges that aren't creases share a vertex and a normal.
 
     Triangles (t, 3) are of merged vertices, with area vectors (t, 3); an edge is sharp from an angle on [rad].
     """

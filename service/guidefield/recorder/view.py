@@ -1,4 +1,7 @@
-"""The first view of a recording: an eye from where the scene hides least of the motion, and a layout of tabs."""
+"""The first view of a recording: the eye from which obstacles hide least of the motion, and a layout of tabs.
+
+Entities are named as `recorder.py` and the files of entities write them; tabs and plots without any are left out.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ LOG_COLUMNS = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
 SWITCHED_OFF = {path: rrb.EntityBehavior(visible=False) for path in ("/robot/collision", "/robot/spheres")}
 """Entities that are hidden at first: the shapes that are judged, and their bounding spheres."""
 BACKGROUND = (13, 16, 17)  # colour around the picture of the field (RGB), as that of the viewer
-SO_FAR = rrb.VisibleTimeRanges(
+STEPS_SO_FAR = rrb.VisibleTimeRanges(
     timeline=STEP, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seq=0)
 )
 """All steps up to the one at the cursor."""
@@ -28,7 +31,7 @@ SO_FAR = rrb.VisibleTimeRanges(
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """A position and a target (3,) [m, world], and the names of obstacles that hide part of the tip's way."""
+    """A position and a target (3,) [m, world], and the names of obstacles that hide part of the tip's path."""
 
     position: np.ndarray
     target: np.ndarray
@@ -36,7 +39,7 @@ class Eye:
 
 
 def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
-    """The layout of a recording, begun on a timeline; tabs and plots of entities that aren't present are left out."""
+    """Lay out a recording, shown along a timeline; tabs and plots of entities that aren't present are left out."""
     tabs = [_overview(eye, present)]
     if "/planner/log" in present:
         tabs.append(_planner(eye, present))
@@ -46,7 +49,7 @@ def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
 
 
 def blueprint(views: Any, timeline: str) -> rrb.Blueprint:
-    """The layout of some views, with all panels collapsed, playing a timeline."""
+    """Lay out some views, with all panels collapsed, playing a timeline."""
     return rrb.Blueprint(
         views,
         rrb.BlueprintPanel(state="collapsed"),
@@ -84,7 +87,7 @@ def _planner(eye: Eye, present: Set[str]) -> rrb.Horizontal:
     if "/planner/potential" in present:
         words.append(_plot("/planner/potential", "Potential by step [m] (choose the timeline 'step')", legend=False))
     shown = ["/robot/visual/**", "/robot/at_fault/**", "/planner/**", "/path/planned", "/path/goal", "/path/failure"]
-    so_far = {path: SO_FAR for path in ("/planner/tip", "/planner/connect/tree") if path in present}
+    so_far = {path: STEPS_SO_FAR for path in ("/planner/tip", "/planner/connect/tree") if path in present}
     steps = scene_view("Steps (choose the timeline 'step')", eye, shown, so_far)
     return rrb.Horizontal(
         steps, rrb.Vertical(*words, row_shares=[2.0, 1.0][: len(words)]), column_shares=[1.4, 1.0], name="Planner"
@@ -135,7 +138,7 @@ def _plot(origin: str, name: str, contents: Sequence[str] = ("/**",), *, legend:
 
 
 def scene_view(name: str, eye: Eye, contents: list[str], overrides: dict[str, Any]) -> rrb.Spatial3DView:
-    """A view of what stands around and of other entities from an eye, with overrides by entity."""
+    """Make a view of obstacles, guide planes and other entities from an eye, with overrides by entity."""
     return rrb.Spatial3DView(
         origin="/",
         name=name,
@@ -145,25 +148,25 @@ def scene_view(name: str, eye: Eye, contents: list[str], overrides: dict[str, An
     )
 
 
-AZIMUTHS = 16
+AZIMUTHS = 16  # number of horizontal directions that are tried
 ELEVATIONS = (0.35, 0.65)  # angles above the horizon that are tried [rad]
 PREFERRED_AZIMUTH = 1.96  # best azimuth of the eye from the direction of the motion [rad]: to its side, a little behind
 TRIED_AT_ONCE = 4  # eyes whose rays are cast together, those of preferred directions first
 PREFERENCE = 1.2  # share of hidden points that the preferred direction makes up for
 DISTANCE = 1.9  # distance of the eye, as a multiple of the radius of its target
 SMALLEST_RADIUS = 0.35  # smallest radius of the target, at size 1 [m]
-SAMPLES = 8  # points of the tip's way that are looked for
+SAMPLES = 8  # points of the tip's path that should be visible
 MOST_TRIANGLES = 1500  # triangles that may hide something; of more, the largest
-HIDING_SHARE = 0.1  # share of the tip's way that an obstacle hides before it is drawn translucent
+HIDING_SHARE = 0.1  # share of these points from which on an obstacle that hides them is drawn translucent
 
 
 def choose_eye(
     tip: np.ndarray, robot: np.ndarray, landmarks: np.ndarray, obstacles: Sequence[Obstacle], size: float = 1.0
 ) -> Eye:
-    """Choose from where to look at a motion, by the tip's way (n, 3) [m, world] and what obstacles hide of it.
+    """Choose the eye of a view by the tip's path (n, 3) [m, world] and what obstacles hide of it.
 
-    Points of the robot (m, 3) and landmarks (k, 3), where the motion was to lead, are to be in the picture too. The
-    eye is as far as the size of the robot asks for.
+    Points of the robot (m, 3) and landmarks (k, 3), such as guide planes, are to be in the picture too. `size`, that of
+    the robot, scales distances.
     """
     seen = np.vstack([tip, robot, landmarks])
     lowest, highest = seen.min(axis=0), seen.max(axis=0)
@@ -188,7 +191,7 @@ def choose_eye(
 
 
 def _directions(heading: float) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors (e, 3) from the target to the eye, and how much each is preferred, from 0 to 1, shape (e,)."""
+    """Return unit vectors (e, 3) from the target to the eye, and how much each is preferred, at most 1, shape (e,)."""
     azimuths = np.linspace(-np.pi, np.pi, AZIMUTHS, endpoint=False)
     elevation, azimuth = (angles.ravel() for angles in np.meshgrid(ELEVATIONS, azimuths, indexing="ij"))
     level, flat = np.cos(elevation), heading + azimuth
@@ -198,7 +201,7 @@ def _directions(heading: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _occluders(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (t, 3, 3) of all obstacles but clouds, mostly gaps, the largest first, and their obstacles (t,)."""
+    """Return triangles (t, 3, 3) of all obstacles but clouds, the largest first, and their obstacles' indices (t,)."""
     solid = [index for index, obstacle in enumerate(obstacles) if obstacle.cloud is None]
     if not solid:
         return np.empty((0, 3, 3)), np.empty(0, int)
@@ -229,7 +232,7 @@ def _hits(eyes: np.ndarray, points: np.ndarray, corners: np.ndarray) -> np.ndarr
 
 
 def _hiding(hits: np.ndarray, owners: np.ndarray, obstacles: Sequence[Obstacle]) -> frozenset[str]:
-    """Names of the obstacles some triangle of which, one of (t,), hides many of the points (n, t)."""
+    """Return the names of obstacles that hide many of the points, by which triangles hide which (n, t)."""
     cutting = np.flatnonzero(hits.any(axis=0))
     shares = {index: hits[:, owners == index].any(axis=1).mean() for index in np.unique(owners[cutting]).tolist()}
     return frozenset(obstacles[index].name for index, share in shares.items() if share > HIDING_SHARE)

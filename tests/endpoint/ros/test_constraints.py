@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.endpoint.ros.constraints import goal_of, path_constraints_of
 from guidefield.endpoint.ros.refusals import FRAME_TRANSFORM_FAILURE, Refused
-from guidefield.endpoint.ros.scene_updates import updated, with_state
+from guidefield.endpoint.ros.scene_updates import apply_scene, with_state
 from guidefield.errors import Status
 from guidefield.messages.conditions import LineConstraint, OrientationCone, PlaneConstraint
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
@@ -315,7 +315,7 @@ class TestPaths:
 
 
 def updated_with_box() -> Any:
-    return updated(START, scene(thing("box", [primitive(BOX, 0.1, 0.1, 0.1)], [pose(0.5, 0.2, 0.3)])))
+    return apply_scene(START, scene(thing("box", [primitive(BOX, 0.1, 0.1, 0.1)], [pose(0.5, 0.2, 0.3)])))
 
 
 def _inside(shape: tuple[float, ...], local: np.ndarray) -> bool:

@@ -6,10 +6,16 @@ from typing import Any
 
 import pytest
 
-from guidefield.endpoint.ros.motion_plan import AskedPlan, asked_plan, asked_solutions, plan_response, with_solutions
+from guidefield.endpoint.ros.motion_plan import (
+    RequestedPlan,
+    plan_response,
+    read_plan_request,
+    request_solutions,
+    with_solutions,
+)
 from guidefield.endpoint.ros.refusals import Refused, moveit_code
 from guidefield.endpoint.ros.robot_messages import duration
-from guidefield.endpoint.ros.scene_updates import updated
+from guidefield.endpoint.ros.scene_updates import apply_scene
 from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.errors import Status
 from guidefield.messages import codec
@@ -51,7 +57,7 @@ BALL = 2
 
 
 def asked(**fields: Any) -> PlanRequest:
-    return asked_plan(plan_request(**fields), START).request
+    return read_plan_request(plan_request(**fields), START).request
 
 
 def reply(code: Status = Status.SUCCESS, **fields: Any) -> PlanReply:
@@ -81,14 +87,14 @@ def reply(code: Status = Status.SUCCESS, **fields: Any) -> PlanReply:
 class TestChoices:
     """Several goals of which some are poses."""
 
-    def several(self) -> AskedPlan:
+    def several(self) -> RequestedPlan:
         shapes, poses = [primitive(BALL, 0.01)] * 2, [pose(0.5, 0.0, 0.4), pose(3.0, 0.0, 0.4)]
         goals = [constraints(positions=[within(TIP, shapes, poses)]), constraints([joint("panda_joint1", 0.3)])]
-        return asked_plan(plan_request(goal_constraints=goals, allowed_planning_time=3.0), START)
+        return read_plan_request(plan_request(goal_constraints=goals, allowed_planning_time=3.0), START)
 
     def test_configurations_are_looked_for_at_each_pose(self):
         asked = self.several()
-        (looked_for,) = asked_solutions(asked)
+        (looked_for,) = request_solutions(asked)
         assert [one.position for one in looked_for.poses] == [(0.5, 0.0, 0.4), (3.0, 0.0, 0.4)]
         assert looked_for.poses[0].orientation_tolerance == (None, None, None)
         assert (looked_for.tip, looked_for.group, looked_for.allowed_time) == (TIP, ARM, 3.0)
@@ -119,7 +125,7 @@ class TestRequests:
         assert (found.group, found.guide_planes, found.robot) == (ARM, [], "panda")
 
     def test_joints_that_nobody_told_are_named(self):
-        found = asked_plan(plan_request(), Snapshot(START.robot, BENT))
+        found = read_plan_request(plan_request(), Snapshot(START.robot, BENT))
         assert found.notes[0] == "neither /joint_states nor `start_state` tells panda_finger_joint1: taken at rest"
 
     def test_scene_held_things_and_who_may_touch_go_with_it(self):
@@ -129,8 +135,8 @@ class TestRequests:
             entry_values=[new("moveit_msgs/msg/AllowedCollisionEntry", enabled=row) for row in ([0, 1], [1, 0])],
         )
         rod = held("panda_hand", thing("rod", [primitive(2, 0.02)], frame="panda_hand"))
-        now = updated(START, scene(thing("crate", [primitive(2, 0.1)]), allowed_collision_matrix=matrix))
-        found = asked_plan(plan_request(start_state=state(attached=[rod])), now).request
+        now = apply_scene(START, scene(thing("crate", [primitive(2, 0.1)]), allowed_collision_matrix=matrix))
+        found = read_plan_request(plan_request(start_state=state(attached=[rod])), now).request
         assert [one.name for one in found.scene.obstacles] == ["crate"]
         assert [one.obstacle.name for one in found.attached_objects] == ["rod"]
         assert found.allowed_collisions == [("crate", "rod")]
@@ -145,7 +151,7 @@ class TestRequests:
         assert again.scene.obstacles == found.scene.obstacles
 
     def test_factors_that_are_unset_mean_1_and_the_message_says_so(self):
-        found = asked_plan(plan_request(max_velocity_scaling_factor=0.25), START)
+        found = read_plan_request(plan_request(max_velocity_scaling_factor=0.25), START)
         assert (found.request.max_velocity_scaling_factor, found.request.max_acceleration_scaling_factor) == (0.25, 1.0)
         assert "`max_acceleration_scaling_factor` is unset and means 1" in found.notes
 
@@ -168,7 +174,7 @@ class TestRequests:
         assert asked(start_state=state({"panda_joint1": 0.1})).start_velocities == {}
 
     def test_what_is_not_used_is_told(self):
-        found = asked_plan(plan_request(pipeline_id="ompl", planner_id="RRT", num_planning_attempts=10), START)
+        found = read_plan_request(plan_request(pipeline_id="ompl", planner_id="RRT", num_planning_attempts=10), START)
         assert "`pipeline_id`, `planner_id`, `num_planning_attempts` not used" in found.notes
 
     @pytest.mark.parametrize(
@@ -224,7 +230,7 @@ class TestRequests:
 
 class TestResponses:
     def answer(self, of: PlanReply) -> Any:
-        found = plan_response(asked_plan(plan_request(), START), of, 0.5)
+        found = plan_response(read_plan_request(plan_request(), START), of, 0.5)
         name = "moveit_msgs/srv/GetMotionPlan_Response"
         return TYPES.read(TYPES.write(TYPES.new(name, **found), name), name).motion_plan_response
 

@@ -3,7 +3,16 @@
 import struct
 import time
 
-from guidefield.endpoint.ros.names import LATCHED_QOS, MOST_NAMED, Attachment, Entity, Kind, Node, Seen, Strangers
+from guidefield.endpoint.ros.names import (
+    LATCHED_QOS,
+    MOST_NAMED,
+    Attachment,
+    Entity,
+    Kind,
+    MismatchReport,
+    Node,
+    RemoteEntity,
+)
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 
@@ -41,21 +50,23 @@ def test_a_token_is_read_as_it_is_written():
     node = Node(2, "aac3178e146ba6f1fc6e6a4085e77f21", "listener")
     chatter = Entity(Kind.CLIENT, "a/chatter", "std_msgs/msg/String", HASH)
     token = node.token_of(10, chatter)
-    assert Seen.read(token) == Seen("listener", "SC", "a/chatter", "std_msgs::msg::dds_::String_", HASH)
+    assert RemoteEntity.read(token) == RemoteEntity("listener", "SC", "a/chatter", "std_msgs::msg::dds_::String_", HASH)
     inside = token.replace("/%/listener/", "/%robots%arm/listener/")
-    assert Seen.read(inside) == Seen("robots/arm/listener", "SC", "a/chatter", "std_msgs::msg::dds_::String_", HASH)
+    assert RemoteEntity.read(inside) == RemoteEntity(
+        "robots/arm/listener", "SC", "a/chatter", "std_msgs::msg::dds_::String_", HASH
+    )
     for other in (node.token(), f"{token}/x", token.replace("@ros2_lv", "@other"), ""):
-        assert Seen.read(other) is None
+        assert RemoteEntity.read(other) is None
 
 
 def test_who_has_another_version_of_a_type_is_named_once():
     ours = Entity(Kind.SERVICE, "adds", "example_interfaces/srv/AddTwoInts", HASH)
     heard = Entity(Kind.SUBSCRIPTION, "chatter", "std_msgs/msg/String", HASH)
     told: list[str] = []
-    strangers = Strangers([ours, heard], told.append)
+    strangers = MismatchReport([ours, heard], told.append)
 
     def look(kind: Kind, name: str, type_name: str, type_hash: str, node: str = "asks") -> None:
-        strangers.look(Node(0, "1a", node).token_of(3, Entity(kind, name, type_name, type_hash)))
+        strangers.check(Node(0, "1a", node).token_of(3, Entity(kind, name, type_name, type_hash)))
 
     for kind, name in ((Kind.CLIENT, "adds"), (Kind.SERVICE, "adds"), (Kind.CLIENT, "other")):
         look(kind, name, ours.type_name, HASH)

@@ -9,7 +9,7 @@ import pytest
 
 from guidefield.endpoint.ros.collision_objects import object_of
 from guidefield.endpoint.ros.refusals import Refused
-from guidefield.endpoint.ros.scene_updates import ADD, APPEND, MOVE, REMOVE, heard, updated, with_state
+from guidefield.endpoint.ros.scene_updates import ADD, APPEND, MOVE, REMOVE, apply_joint_state, apply_scene, with_state
 from guidefield.endpoint.ros.services import GEOMETRY, MATRIX, OBJECT_NAMES, SETTINGS, scene_response
 from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.errors import Status
@@ -26,7 +26,7 @@ QUARTER = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
 
 def after(*messages: Any, before: Snapshot = START) -> Snapshot:
     for message in messages:
-        before = updated(before, message)
+        before = apply_scene(before, message)
     return before
 
 
@@ -140,7 +140,9 @@ class TestHeld:
         (one,) = taken.attached()
         assert (one.link, one.touch_links, one.obstacle.name) == ("panda_hand", ["panda_leftfinger"], "rod")
         assert one.placement.position == pytest.approx((0, 0, 0.15), abs=1e-9)
-        moved = heard(taken, new("sensor_msgs/msg/JointState", name=["panda_joint1", "nobody"], position=[1.0, 2.0]))
+        moved = apply_joint_state(
+            taken, new("sensor_msgs/msg/JointState", name=["panda_joint1", "nobody"], position=[1.0, 2.0])
+        )
         let_go = after(scene(robot_state=let), before=moved)
         assert let_go.held == {}
         turn = pin.SE3(pin.utils.rotate("z", 1.0 - BENT["panda_joint1"]), np.zeros(3))
@@ -237,7 +239,7 @@ class TestTold:
         given = thing("a", [BOX, BALL], [pose(0.1, 0, 0), pose(0, 1, 0)], pose=pose(1, 2, 3, QUARTER), meshes=[mesh],
                       planes=[new("shape_msgs/msg/Plane", coef=[0.0, 0.0, 1.0, 0.2])])  # fmt: skip
         now = after(scene(given, thing("b", [BALL])), scene(robot_state=state(attached=[rod]), name="mine"))
-        again = updated(START, self.told(now))
+        again = apply_scene(START, self.told(now))
         assert (again.name, again.whole) == ("mine", pytest.approx(now.whole))
         assert [one.name for one in again.scene().obstacles] == [one.name for one in now.scene().obstacles]
         assert places_of_all(again) == pytest.approx(places_of_all(now), abs=1e-9)

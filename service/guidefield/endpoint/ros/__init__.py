@@ -1,1 +1,1 @@
-"""ROS 2 nodes on rmw_zenoh ask the service as they ask MoveIt: MoveIt's services and topics, on the same engine."""
+"""MoveIt's services and topics for ROS 2 nodes on rmw_zenoh, answered by the same engine; `node.py` offers them."""

@@ -19,8 +19,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from guidefield.endpoint.ros.options import Distribution
 
-MOST_BYTES = 8 * 2**20  # largest payload that is examined: as objects it takes tens of times as much
-MOST_ENTRIES = 2_000_000  # most entries of one sequence that are examined
+MOST_BYTES = 8 * 2**20  # largest payload that is read; its objects take tens of times as much memory
+MOST_ENTRIES = 2_000_000  # number of entries of the largest sequence that is read
 
 _NUMBERS = {
     "bool": np.bool_, "byte": np.uint8, "int8": np.int8, "uint8": np.uint8, "int16": np.int16, "uint16": np.uint16,
@@ -37,8 +37,8 @@ PACKAGES = (
     "unique_identifier_msgs",
     "action_msgs",
 )
-"""Packages whose messages are as rosbags has them."""
-_UNLIKE_ZERO = {("geometry_msgs/msg/Quaternion", "w"): 1.0}  # fields whose value is not zero where nobody gives one
+"""Packages whose messages are taken from rosbags; all others stand in `moveit.msg`."""
+_DEFAULTS = {("geometry_msgs/msg/Quaternion", "w"): 1.0}  # default values of fields other than zero
 
 
 class Unreadable(ValueError):
@@ -46,10 +46,10 @@ class Unreadable(ValueError):
 
 
 class Types:
-    """The types of a distribution, with what reads and writes them.
+    """The types of a distribution; reads and writes their messages.
 
     Args:
-        known: Those that rosbags has of it; `PACKAGES` of them are taken.
+        known: Rosbags' types of it, of which `PACKAGES` are taken.
         messages: Fields of each other message, by its package and name.
         services: Fields of each service's request and response.
         actions: Fields of each action's goal, result and feedback.
@@ -78,19 +78,19 @@ class Types:
 
     @property
     def names(self) -> list[str]:
-        """Every type, those of which a service is made too."""
+        """Return the names of all types, with those of services' parts."""
         return list(self._store.fielddefs)
 
     def fields(self, name: str) -> list[tuple[str, Any]]:
-        """The fields of a type in order, each with rosbags' description of what it holds."""
+        """Return the fields of a type in order, each with rosbags' description of its type."""
         return list(self._store.fielddefs[name][1])
 
     def type_hash(self, name: str) -> str:
-        """The hash by which nodes tell versions of a type, ``RIHS01_`` and 64 digits."""
+        """Return the hash by which nodes distinguish versions of a type, ``RIHS01_`` and 64 digits."""
         return self._store.hash_rihs01(name)
 
     def new(self, name: str, /, **given: Any) -> Any:
-        """A message with some of its fields; all others are zero, empty or false, and a quaternion the identity.
+        """Make a message with some of its fields; all others are zero, empty or false, and a quaternion the identity.
 
         A message within it may be given as a dict of its fields.
         """
@@ -101,10 +101,7 @@ class Types:
         return self._store.types[name](*values)
 
     def read(self, payload: bytes, name: str) -> Any:
-        """The message that a payload holds.
-
-        Raises Unreadable if it holds none of that type, or is longer than `MOST_BYTES`.
-        """
+        """Read a message from a payload; raises Unreadable if it is none of that type, or larger than `MOST_BYTES`."""
         if len(payload) > MOST_BYTES:
             raise Unreadable(f"the payload has {len(payload)} bytes, at most {MOST_BYTES} are read")
         try:
@@ -113,11 +110,10 @@ class Types:
             raise Unreadable(f"the payload is no {name}: {error}") from None
 
     def write(self, message: Any, name: str) -> bytes:
-        """The bytes of a message, with their header, little-endian."""
+        """Return the bytes of a message, with their header, little-endian."""
         return bytes(self._store.serialize_cdr(message, name, little_endian=True))
 
     def _fields_of(self, name: str) -> dict[str, _Field]:
-        """The fields of a type by name, in their order, found once."""
         if name not in self._made:
             self._made[name] = {field: self._field(name, field, kind) for field, kind in self.fields(name)}
         return self._made[name]
@@ -125,33 +121,33 @@ class Types:
     def _field(self, name: str, field: str, kind: Any) -> _Field:
         node, inner = kind
         if node == Nodetype.NAME:
-            return _Field(functools.partial(self.new, inner), functools.partial(self._made_of, inner))
+            return _Field(functools.partial(self.new, inner), functools.partial(self._to_message, inner))
         if node == Nodetype.BASE:
             zero = "" if inner[0] == "string" else _NUMBERS[inner[0]]().item()
-            value = _UNLIKE_ZERO.get((name, field), zero)
-            return _Field(lambda: value, _as_it_is)
+            value = _DEFAULTS.get((name, field), zero)
+            return _Field(lambda: value, _identity)
         element, count = inner
         if element[0] == Nodetype.BASE and element[1][0] != "string":
             numbers = _NUMBERS[element[1][0]]
             most = count if node == Nodetype.ARRAY else 0
             return _Field(lambda: np.zeros(most, numbers), lambda value: np.asarray(value, numbers))
         if element[0] == Nodetype.NAME:
-            return _Field(list, lambda values: [self._made_of(element[1], value) for value in values])
-        return _Field(list, _as_it_is)
+            return _Field(list, lambda values: [self._to_message(element[1], value) for value in values])
+        return _Field(list, _identity)
 
-    def _made_of(self, name: str, value: Any) -> Any:
+    def _to_message(self, name: str, value: Any) -> Any:
         return self.new(name, **value) if isinstance(value, dict) else value
 
 
 @dataclass(frozen=True)
 class _Field:
-    """What a field of a message has where nobody gives a value, and a value as it holds it."""
+    """A field of a message."""
 
-    blank: Callable[[], Any]
-    fitting: Callable[[Any], Any]
+    blank: Callable[[], Any]  # makes its default value
+    fitting: Callable[[Any], Any]  # converts a given value to its type
 
 
-def _as_it_is(value: Any) -> Any:
+def _identity(value: Any) -> Any:
     return value
 
 
@@ -223,15 +219,15 @@ def _read_definitions() -> tuple[dict[str, str], dict[str, tuple[str, str]]]:
 
 
 MESSAGES, SERVICES = _read_definitions()
-"""Fields, one a line, of each message that rosbags doesn't have, or has otherwise, and of each service's two messages.
+"""Definitions, from `moveit.msg`, of messages that rosbags doesn't have, or has otherwise, and of services' messages.
 
-By package and name; they stand in `moveit.msg`, each below a line with its name.
+By package and name, each a text with a field per line.
 """
 
 
 @functools.cache
 def types_of(distribution: Distribution) -> Types:
-    """The types of a distribution."""
+    """Return the types of a distribution."""
     return Types(STORES[distribution], MESSAGES, SERVICES)
 
 
@@ -241,4 +237,4 @@ STORES = {
     Distribution.LYRICAL: Stores.ROS2_LYRICAL,
     Distribution.ROLLING: Stores.ROS2_LYRICAL,
 }
-"""Tables of each distribution that rosbags has; Rolling has those of the last one until there is a next."""
+"""Rosbags' types of each distribution; Rolling has those of the newest one."""

@@ -1,4 +1,4 @@
-"""Objects of the planning scene: moveit_msgs/CollisionObject to shapes that we judge, and back.
+"""Convert objects of the planning scene: moveit_msgs/CollisionObject to obstacles of ours, and back.
 
 An object has a pose, and shapes and named frames in it. The message's poses are in the object's, and that is in the
 frame of its header. A plane is solid on the side that its normal points away from.
@@ -21,7 +21,7 @@ from guidefield.geometry.placements import wire_pose
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
 
 BOX, SPHERE, CYLINDER = 1, 2, 3  # kinds of shape_msgs/SolidPrimitive that are served; a cone is 4, a prism 5
-LONGEST_NAME = 200  # of an object, in characters: a shape's name has its number behind it
+LONGEST_NAME = 200  # characters of an object's name, to which its shapes' names add "/" and a number
 
 Shape = Box | Sphere | Cylinder | Mesh | HalfSpace
 
@@ -31,27 +31,27 @@ class SceneObject:
     """An object of the scene."""
 
     pose: Any  # in the world, or in the link that holds it; pinocchio.SE3
-    shapes: tuple[tuple[Shape, Any], ...]  # each without a name and at the origin, and where it is in the object
+    shapes: tuple[tuple[Shape, Any], ...]  # each without a name and at the origin, and its place in the object
     frames: MappingProxyType[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # named frames in it
 
     def obstacles(self, name: str) -> Iterator[Obstacle]:
-        """Its shapes as obstacles, in the frame of its pose; named as the object, and numbered where they are many."""
+        """Return its shapes as obstacles, in the frame of its pose; named as by `names`."""
         for one, (shape, there) in zip(self.names(name), self.shapes, strict=True):
             yield _place(shape, one, self.pose * there)
 
     def names(self, name: str) -> list[str]:
-        """What the obstacles of an object of this name are called."""
+        """Return the names of its shapes as obstacles: the object's for one shape, numbered for several."""
         return [name] if len(self.shapes) == 1 else [f"{name}/{number}" for number in range(len(self.shapes))]
 
 
 def object_of(obstacle: str, objects: Collection[str]) -> str | None:
-    """Which of some objects an obstacle is a shape of; None if it is of none."""
+    """Return the object of which an obstacle is a shape; None if it is of none."""
     name = obstacle.rpartition("/")[0]
     return next((one for one in (obstacle, name) if one in objects), None)
 
 
 def shapes_of(message: Any, where: str) -> tuple[tuple[Shape, Any], ...]:
-    """The shapes of a CollisionObject, and where they are in the object; a pose that isn't given is the identity.
+    """Return the shapes of a CollisionObject, and their places in it; a pose that isn't given is the identity.
 
     Raises Refused if a kind or a size isn't served.
     """
@@ -70,7 +70,7 @@ def shapes_of(message: Any, where: str) -> tuple[tuple[Shape, Any], ...]:
 
 
 def frames_of(message: Any, where: str) -> MappingProxyType[str, Any]:
-    """The named frames of a CollisionObject; raises Refused if names and poses aren't equally many."""
+    """Return the named frames of a CollisionObject; raises Refused if names and poses aren't equally many."""
     names, poses = message.subframe_names, message.subframe_poses
     if len(names) != len(poses):
         raise ObjectRefused(f"`{where}.subframe_names` has {len(names)} entries, `subframe_poses` {len(poses)}")
@@ -79,14 +79,14 @@ def frames_of(message: Any, where: str) -> MappingProxyType[str, Any]:
 
 
 def checked_id(name: str, where: str) -> str:
-    """The name itself, if an object can have it; else raises Refused."""
+    """Return the name itself, if an object can have it; else raise Refused."""
     if not 0 < len(name) <= LONGEST_NAME:
         raise ObjectRefused(f"`{where}.id` must have 1 to {LONGEST_NAME} characters, got {name[:64]!r}")
     return name
 
 
 def primitive(message: Any, where: str) -> Shape:
-    """The shape of a shape_msgs/SolidPrimitive.
+    """Return the shape of a shape_msgs/SolidPrimitive.
 
     Raises Refused if it is a cone or a prism, or a size isn't positive.
     """
@@ -126,7 +126,7 @@ def _indices(triangle: Any) -> tuple[int, int, int]:
 def _plane(message: Any, where: str) -> Shape:
     a, b, c, d = (number(value, f"{where}.coef[{index}]") for index, value in enumerate(message.coef.tolist()))
     length = math.hypot(a, b, c)
-    if length < 1e-6:
+    if length < 1e-6:  # no plane of use has so short a normal
         raise ObjectRefused(f"`{where}.coef` has no normal")
     return HalfSpace(name="-", normal=(a / length, b / length, c / length), offset=-d / length)
 

@@ -1,8 +1,7 @@
-"""MoveIt's constraints as goals and path constraints of ours.
+"""Convert MoveIt's constraints to goals and path constraints of ours, never looser than the message allows.
 
-What is asked for here is never looser than what the message allows: whatever reaches the goal, or keeps the path
-constraints, satisfies MoveIt's too. Where a region has no exact counterpart the largest one inside it is taken whose
-proof is short; the functions say which.
+A motion that reaches our goal, or keeps our path constraints, satisfies MoveIt's too. If a region has no exact
+counterpart, a smaller one inside it is taken; the functions say which, and why it is inside.
 """
 
 from __future__ import annotations
@@ -25,28 +24,27 @@ from guidefield.messages.scene import Box, Sphere
 from guidefield.messages.values import Vector3
 
 EULER, ROTATION_VECTOR = 0, 1  # how an orientation's error is measured: intrinsic x, y, z angles, or a rotation vector
-ANY_TURN = math.pi  # a tolerance of so much leaves an angle free [rad]
-MOST_REGIONS = 64  # of one position constraint: for each of them configurations are looked for
+ANY_TURN = math.pi  # a tolerance from which on an angle is free [rad]
+MOST_REGIONS = 64  # regions of one position constraint, for each of which configurations are searched
 FREE: Tolerance3 = (None, None, None)
 
 Goal = JointsGoal | JointSetGoal | PoseGoal
 
 
 @dataclass(frozen=True)
-class AskedGoal:
-    """A goal, the frame that it is about (None: joints alone), and what to tell of it."""
+class RequestedGoal:
+    """A goal of a request."""
 
-    goal: Goal  # the goal; where there are several, the first of them
-    tip: str | None  # the frame
-    notes: tuple[str, ...] = ()  # what was read otherwise than it stands there
-    # the other ones where any of several will do and some are poses, which our requests don't have
-    others: tuple[AskedGoal, ...] = ()
+    goal: Goal  # the goal; of several alternatives the first
+    tip: str | None  # the frame that it is about; None: joints alone
+    notes: tuple[str, ...] = ()  # sentences about values that were changed
+    others: tuple[RequestedGoal, ...] = ()  # further alternatives, if some are poses, which our requests can't hold
 
 
-def goal_of(constraints: Sequence[Any], group: Sequence[str], start: Snapshot) -> AskedGoal:
-    """The goal of a request: any one of its constraints, and of a position's regions.
+def goal_of(constraints: Sequence[Any], group: Sequence[str], start: Snapshot) -> RequestedGoal:
+    """Return the goal of a request: any one of its constraints, and of a position's regions.
 
-    Raises Refused if they aren't served; names the field.
+    Raises Refused, with the name of the field, if they aren't served.
     """
     if not constraints:
         raise GoalRefused("`goal_constraints` is empty")
@@ -58,12 +56,12 @@ def goal_of(constraints: Sequence[Any], group: Sequence[str], start: Snapshot) -
     notes = tuple(dict.fromkeys(note for one in goals for note in one.notes))
     positions = [one.goal.positions for one in goals if isinstance(one.goal, JointsGoal)]
     if len(goals) > 1 and len(positions) == len(goals):
-        return AskedGoal(JointSetGoal(positions), None, notes)
-    return AskedGoal(goals[0].goal, goals[0].tip, notes, tuple(goals[1:]))
+        return RequestedGoal(JointSetGoal(positions), None, notes)
+    return RequestedGoal(goals[0].goal, goals[0].tip, notes, tuple(goals[1:]))
 
 
 def path_constraints_of(message: Any, group: Sequence[str], start: Snapshot) -> list[PathConstraint]:
-    """What frames have to keep all along; raises Refused if it isn't served; names the field."""
+    """Return path constraints of ours; raises Refused, with the name of the field, if one isn't served."""
     where = "path_constraints"
     _require_no_view(message, where)
     for index, one in enumerate(message.joint_constraints):
@@ -80,7 +78,7 @@ def path_constraints_of(message: Any, group: Sequence[str], start: Snapshot) -> 
     return found
 
 
-def _goals(message: Any, group: Sequence[str], start: Snapshot, where: str) -> list[AskedGoal]:
+def _goals(message: Any, group: Sequence[str], start: Snapshot, where: str) -> list[RequestedGoal]:
     _require_no_view(message, where)
     positions, turns = message.position_constraints, message.orientation_constraints
     if message.joint_constraints:
@@ -97,8 +95,8 @@ def _goals(message: Any, group: Sequence[str], start: Snapshot, where: str) -> l
     return _pose_goals(positions[0] if positions else None, turns[0] if turns else None, group, start, where)
 
 
-def _joint_goal(constraints: Sequence[Any], group: Sequence[str], start: Snapshot, where: str) -> AskedGoal:
-    """Each joint's position, brought within its limits as MoveIt does; other joints stay as at the start."""
+def _joint_goal(constraints: Sequence[Any], group: Sequence[str], start: Snapshot, where: str) -> RequestedGoal:
+    """Return each joint's position, brought within its limits as MoveIt does; other joints stay as at the start."""
     positions, notes = {}, []
     for index, one in enumerate(constraints):
         at = f"{where}.joint_constraints[{index}]"
@@ -108,7 +106,7 @@ def _joint_goal(constraints: Sequence[Any], group: Sequence[str], start: Snapsho
         if not lower <= value <= upper:
             notes.append(f"`{at}` is beyond the limits of {one.joint_name}; taken is {value:g}")
         positions[one.joint_name] = value
-    return AskedGoal(JointsGoal(dict(positions)), None, tuple(notes))
+    return RequestedGoal(JointsGoal(dict(positions)), None, tuple(notes))
 
 
 def _interval(one: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple[float, float]:
@@ -128,7 +126,7 @@ def _interval(one: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple
     return position - below, position + above
 
 
-def _pose_goals(position: Any, turn: Any, group: Sequence[str], start: Snapshot, where: str) -> list[AskedGoal]:
+def _pose_goals(position: Any, turn: Any, group: Sequence[str], start: Snapshot, where: str) -> list[RequestedGoal]:
     link = (position or turn).link_name
     _link(link, start, where)
     R_world_goal, turned = np.eye(3), FREE
@@ -136,7 +134,7 @@ def _pose_goals(position: Any, turn: Any, group: Sequence[str], start: Snapshot,
         R_world_goal, turned = _turn_goal(turn, group, start, f"{where}.orientation_constraints[0]")
     if position is None:
         at, quaternion = wire_pose(pin.SE3(R_world_goal, np.zeros(3)))
-        return [AskedGoal(PoseGoal(at, quaternion, FREE, turned), link)]
+        return [RequestedGoal(PoseGoal(at, quaternion, FREE, turned), link)]
     field = f"{where}.position_constraints[0]"
     offset = vector(position.target_point_offset, f"{field}.target_point_offset")
     goals = []
@@ -147,17 +145,17 @@ def _pose_goals(position: Any, turn: Any, group: Sequence[str], start: Snapshot,
             half, within = _with_lever(float(np.linalg.norm(offset)), half, turned, field)
             lever = axes @ offset
         at, quaternion = wire_pose(pin.SE3(axes, there.translation - lever))
-        goals.append(AskedGoal(PoseGoal(at, quaternion, _inside(half, axes.T @ there.rotation), within), link))
+        goals.append(RequestedGoal(PoseGoal(at, quaternion, _inside(half, axes.T @ there.rotation), within), link))
     return goals
 
 
 def _with_lever(length: float, half: np.ndarray, turned: Tolerance3, at: str) -> tuple[np.ndarray, Tolerance3]:
-    """Half sizes of a box for a link's origin, and tolerances of its rotation, so that a point of it stays in a region.
+    """Shrink a region's half sizes (3,) and a link's rotation tolerances so that a point of the link stays in it.
 
-    The origin's box is the region moved by the point's offset at the wanted rotation. Where the link is turned by an
-    angle from that, the point moves by at most 2 sin(angle / 2) times its distance from the origin; a rotation vector
-    within the tolerances is at most as long as both together. So the box loses this on every side, and where that
-    would be more than half of the least half size, the tolerances shrink until it is as much.
+    The box for the link's origin is the region moved by the point's offset at the wanted rotation. If the link is
+    rotated from that by an angle, the point moves by at most 2 sin(angle / 2) times its distance `length` from the
+    origin; a rotation vector within the tolerances is at most as long as their norm. So the box loses this on every
+    side; if that were more than half of the least half size, the tolerances shrink until it isn't.
     """
     bounds = [tolerance for tolerance in turned if tolerance is not None]
     if len(bounds) < len(turned):
@@ -175,9 +173,9 @@ def _with_lever(length: float, half: np.ndarray, turned: Tolerance3, at: str) ->
 
 
 def _inside(half: np.ndarray, turned: np.ndarray) -> Tolerance3:
-    """Half sizes along the goal's axes of a box inside one that is turned so to them; exact where the axes agree.
+    """Return half sizes along the goal's axes of a box inside a rotated one; exact if the axes agree.
 
-    With the same axes in another order the half sizes change places. Else a cube: its corners are at most sqrt(3) times
+    With the same axes in another order the half sizes change places. Else it is a cube, whose corners are sqrt(3) times
     its half side from the middle.
     """
     axes = np.abs(turned)
@@ -189,12 +187,12 @@ def _inside(half: np.ndarray, turned: np.ndarray) -> Tolerance3:
 
 
 def _turn_goal(turn: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple[np.ndarray, Tolerance3]:
-    """The wanted rotation in the world, and the tolerance of the rotation vector r from it.
+    """Return the wanted rotation in the world, and the tolerance of the rotation vector r from it.
 
     A rotation vector's tolerances are taken unchanged. Euler angles are at most the angle of the whole rotation, up
-    to a quarter turn: so a cube of rotation vectors whose longest is as long as the least tolerance. Where the angle
-    about z is free, the other two are at most the tilt of z, and 1 - cos of that is at most (r_x^2 + r_y^2) / 2: so a
-    square for r_x and r_y.
+    to a quarter turn: so it is a cube of rotation vectors whose longest is as long as the least tolerance. If the angle
+    about z is free, the other two are at most the tilt of z, and 1 - cos of that is at most (r_x^2 + r_y^2) / 2: so it
+    is a square for r_x and r_y.
     """
     wanted, tolerances = _turn(turn, group, start, at)
     if min(tolerances) >= ANY_TURN:
@@ -223,7 +221,7 @@ def _turn(turn: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple[np
 
 
 def _half_sizes(shape: Any) -> np.ndarray:
-    """The half sizes (3,) of the largest box known inside a volume: a box's own, of a ball a cube's, a prism's else."""
+    """Return half sizes (3,) of a box inside a volume: the box itself, in a sphere a cube, in a cylinder a prism."""
     if isinstance(shape, Box):
         return np.array(shape.size) / 2.0
     if isinstance(shape, Sphere):
@@ -233,7 +231,7 @@ def _half_sizes(shape: Any) -> np.ndarray:
 
 
 def _volumes(one: Any, group: Sequence[str], start: Snapshot, at: str) -> list[tuple[Any, Any]]:
-    """The volumes of a PositionConstraint, of which any one will do, and where each is in the world."""
+    """Return the alternative volumes of a PositionConstraint, each behind its place in the world, pinocchio.SE3."""
     _link(one.link_name, start, at)
     region = one.constraint_region
     if region.meshes:
@@ -259,9 +257,9 @@ def _volumes(one: Any, group: Sequence[str], start: Snapshot, at: str) -> list[t
 
 
 def _kept_region(one: Any, group: Sequence[str], start: Snapshot, at: str) -> list[PathConstraint]:
-    """A region that a link's origin stays in.
+    """Return constraints that keep a link's origin in a region.
 
-    Planes for a box, a line and a plane for a cylinder, exactly; for a ball the planes of the cube inside.
+    For a box they are planes, for a cylinder a line and a plane, exactly; for a sphere the planes of the cube inside.
     """
     if np.any(vector(one.target_point_offset, f"{at}.target_point_offset") != 0.0):
         raise GoalRefused(f"`{at}.target_point_offset` isn't served along the path: name an existing link")
@@ -280,12 +278,13 @@ def _kept_region(one: Any, group: Sequence[str], start: Snapshot, at: str) -> li
 
 
 def _kept_orientation(turn: Any, group: Sequence[str], start: Snapshot, at: str) -> list[PathConstraint]:
-    """Cones for the axes of a link.
+    """Return cones for the axes of a link.
 
-    With one angle free, about the link's z, the cone of this axis whose half angle is the lesser tolerance of the other
-    two: within it both Euler angles are at most that. With none free two cones, of the axes z and x: where each
-    strays by at most h, the whole rotation is at most 2 asin(sqrt(2) sin(h / 2)), for the sum of 1 - cos of both is at
-    least 1 - cos of the rotation; and every angle, Euler's or a rotation vector's, is at most the rotation's.
+    If the angle about the link's z is free, it is the cone of this axis whose half angle is the smaller tolerance of
+    the other two: within it both Euler angles are at most that. If none is free, they are two cones, of the axes z and
+    x: if each deviates by at most h, the whole rotation is at most 2 asin(sqrt(2) sin(h / 2)), because the sum of
+    1 - cos of both is at least 1 - cos of the rotation; and every angle, Euler's or a rotation vector's, is at most the
+    rotation's.
     """
     wanted, tolerances = _turn(turn, group, start, at)
     if min(tolerances) >= ANY_TURN:
@@ -314,7 +313,7 @@ def _require_open(tolerance: float, at: str) -> None:
 
 
 def _fixed(frame: str, group: Sequence[str], start: Snapshot, field: str) -> Any:
-    """Where a frame is in the world, pinocchio.SE3, if it stands still while the group moves."""
+    """Return a frame's place in the world, pinocchio.SE3; raises Refused if it moves with the group."""
     there, link = start.frame(frame, field)
     if link is not None and start.robot.moves(link, group):
         raise FrameRefused(

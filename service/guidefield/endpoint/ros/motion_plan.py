@@ -1,4 +1,7 @@
-"""`plan_kinematic_path`: a moveit_msgs/GetMotionPlan as a plan request of ours, and the reply as its response."""
+"""The service `plan_kinematic_path`: a moveit_msgs/GetMotionPlan to a plan request of ours, our reply to its response.
+
+If goals are alternative poses, `services.py` asks for configurations at them first: requests of ours have one pose.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from guidefield.endpoint.ros.constraints import AskedGoal, goal_of, path_constraints_of
+from guidefield.endpoint.ros.constraints import RequestedGoal, goal_of, path_constraints_of
 from guidefield.endpoint.ros.refusals import GoalRefused, Refused, StateRefused, moveit_code, number
 from guidefield.endpoint.ros.robot_messages import error_code, robot_state, robot_trajectory
 from guidefield.endpoint.ros.scene_updates import with_state
@@ -22,26 +25,25 @@ from guidefield.messages.plan_reply import PlanReply
 from guidefield.messages.requests import InverseKinematics, PlanRequest, TargetPose
 from guidefield.messages.values import LONGEST_TIME
 
-UNSET_TIME = 1.0  # the planning time where a request has none, as in MoveIt [s]
-RESTING = 1e-3
+UNSET_TIME = 1.0  # the planning time if a request has none, as in MoveIt [s]
+REST_SPEED = 1e-3
 """A joint slower than this at the start is at rest: velocities that a robot measures are never 0 [rad/s or m/s]."""
-SOLUTIONS = 8  # how many configurations are looked for at each of several poses
+SOLUTIONS = 8  # number of configurations that are searched at each of several poses
 
 
 @dataclass(frozen=True)
-class AskedPlan:
-    """What is asked."""
+class RequestedPlan:
+    """A GetMotionPlan as it is read."""
 
     request: PlanRequest  # as a plan request of ours
     start: Snapshot  # robot and scene when it begins
     group: str  # the group's name
-    notes: tuple[str, ...]  # what was read otherwise than it stands there
-    # goals of which any one will do, where some are poses; empty where the request has them all
-    choices: tuple[AskedGoal, ...] = ()
+    notes: tuple[str, ...]  # sentences about values that were changed or ignored
+    choices: tuple[RequestedGoal, ...] = ()  # alternative goals with poses among them; empty if the request holds all
 
 
-def asked_plan(message: Any, now: Snapshot) -> AskedPlan:
-    """What a GetMotionPlan asks for; raises Refused if it isn't served; names the field."""
+def read_plan_request(message: Any, now: Snapshot) -> RequestedPlan:
+    """Read a GetMotionPlan; raises Refused, with the name of the field, if it isn't served."""
     asked = message.motion_plan_request
     group = now.robot.group(asked.group_name)
     _require_served(asked)
@@ -68,13 +70,13 @@ def asked_plan(message: Any, now: Snapshot) -> AskedPlan:
         allowed_planning_time=allowed,
     )
     notes = (*_start_notes(start), *goal.notes, *time_notes, *velocity_notes, *acceleration_notes, *_ignored(asked))
-    return AskedPlan(request, start, asked.group_name, notes, (goal, *goal.others) if goal.others else ())
+    return RequestedPlan(request, start, asked.group_name, notes, (goal, *goal.others) if goal.others else ())
 
 
-def asked_solutions(asked: AskedPlan) -> list[InverseKinematics]:
-    """Requests for configurations at the poses of several goals, one for each link.
+def request_solutions(asked: RequestedPlan) -> list[InverseKinematics]:
+    """Return requests for configurations at the poses of alternative goals, one for each link.
 
-    Our requests have one pose at most, and as many configurations as wanted: MoveIt's planners draw such samples, too.
+    MoveIt's planners sample such configurations, too.
     """
     request = asked.request
     poses: dict[str, list[TargetPose]] = {}
@@ -100,8 +102,8 @@ def asked_solutions(asked: AskedPlan) -> list[InverseKinematics]:
     ]
 
 
-def with_solutions(asked: AskedPlan, found: Sequence[InverseKinematicsReply]) -> AskedPlan:
-    """What is asked, with the configurations at those poses, and those that were asked for, as its goal.
+def with_solutions(asked: RequestedPlan, found: Sequence[InverseKinematicsReply]) -> RequestedPlan:
+    """Return the plan with the found configurations, and alternative goals of joints, as its goal.
 
     Raises Refused if there are none.
     """
@@ -117,8 +119,8 @@ def with_solutions(asked: AskedPlan, found: Sequence[InverseKinematicsReply]) ->
     )
 
 
-def plan_response(asked: AskedPlan, reply: PlanReply, seconds: float) -> dict[str, Any]:
-    """Return the response of a reply; a trajectory stands in it where there is a whole, certified one."""
+def plan_response(asked: RequestedPlan, reply: PlanReply, seconds: float) -> dict[str, Any]:
+    """Return the response of a reply; it has a trajectory only if that is whole and certified."""
     code = moveit_code(reply.status.code)
     answer = {
         "trajectory_start": robot_state(asked.start),
@@ -132,7 +134,7 @@ def plan_response(asked: AskedPlan, reply: PlanReply, seconds: float) -> dict[st
     return {"motion_plan_response": answer}
 
 
-def display(asked: AskedPlan, response: dict[str, Any]) -> dict[str, Any]:
+def display(asked: RequestedPlan, response: dict[str, Any]) -> dict[str, Any]:
     """Return the moveit_msgs/DisplayTrajectory of the response with a trajectory."""
     answer = response["motion_plan_response"]
     return {
@@ -178,8 +180,7 @@ def _planning_time(seconds: float) -> tuple[float, tuple[str, ...]]:
     if seconds <= 0.0:
         return UNSET_TIME, (f"`allowed_planning_time` is unset and means {UNSET_TIME:g} s",)
     if seconds > LONGEST_TIME:
-        told = f"`allowed_planning_time` must be at most {LONGEST_TIME:g} s, got {seconds:g}"
-        raise Refused(told)
+        raise Refused(f"`allowed_planning_time` must be at most {LONGEST_TIME:g} s, got {seconds:g}")
     return seconds, ()
 
 
@@ -191,7 +192,7 @@ def _start_velocities(state: Any, group: Sequence[str]) -> dict[str, float]:
     moving = {}
     for name, value in zip(names, values, strict=False):
         velocity = number(value, f"{field} of {name[:64]}", StateRefused)
-        if abs(velocity) < RESTING:
+        if abs(velocity) < REST_SPEED:
             continue
         if name not in group:
             raise StateRefused(

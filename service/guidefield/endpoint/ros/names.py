@@ -1,7 +1,8 @@
 """Names of ROS entities on Zenoh: data keys, liveliness tokens of which ROS makes its graph, and attachments.
 
-After the design document of rmw_zenoh: a service or topic has the key ``<domain>/<name>/<type>/<hash>``, and each node,
-publisher, subscription and service declares a token below ``@ros2_lv``. In tokens a slash of a name is a percent sign.
+As in the design document of rmw_zenoh, which has to be kept to the letter: a service or topic has the key
+``<domain>/<name>/<type>/<hash>``, and each node, publisher, subscription and service declares a token below
+``@ros2_lv``. In tokens a slash of a name is a percent sign.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 GRAPH = "@ros2_lv"  # the first chunk of every token
-DEFAULT_QOS = "::,10:,:,:,,"  # reliable, volatile, the last ten: what rmw_zenoh leaves out is its default
-LATCHED_QOS = ":1:,1:,:,:,,"  # reliable, transient local, the last one: who comes later gets it, too
+DEFAULT_QOS = "::,10:,:,:,,"  # reliable, volatile, the last ten: empty entries are rmw_zenoh's defaults
+LATCHED_QOS = ":1:,1:,:,:,,"  # reliable, transient local, the last one, which later subscribers get, too
 
 
 class Kind(enum.StrEnum):
@@ -39,12 +40,12 @@ class Entity:
 
     @property
     def on_zenoh(self) -> str:
-        """The name of its type in keys and tokens, such as ``moveit_msgs::srv::dds_::GetMotionPlan_``."""
+        """Return the name of its type in keys and tokens, such as ``moveit_msgs::srv::dds_::GetMotionPlan_``."""
         package, kind, name = self.type_name.split("/")
         return f"{package}::{kind}::dds_::{name}_"
 
     def key(self, domain: int) -> str:
-        """The key of its data in a domain."""
+        """Return the key of its data in a domain."""
         return f"{domain}/{self.name}/{self.on_zenoh}/{self.type_hash}"
 
 
@@ -57,11 +58,11 @@ class Node:
     name: str
 
     def token(self) -> str:
-        """The token of the node itself."""
+        """Return the token of the node itself."""
         return f"{self._base(0, Kind.NODE)}/%/%/{self.name}"
 
     def token_of(self, number: int, entity: Entity) -> str:
-        """The token of one of its entities, which are numbered from 1."""
+        """Return the token of one of its entities, which are numbered from 1."""
         return (
             f"{self._base(number, entity.kind)}/%/%/{self.name}"
             f"/%{entity.name.replace('/', '%')}/{entity.on_zenoh}/{entity.type_hash}/{entity.qos}"
@@ -72,8 +73,8 @@ class Node:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What a token of another node says."""
+class RemoteEntity:
+    """An entity of another node, as its token describes it."""
 
     node: str
     kind: str
@@ -82,8 +83,8 @@ class Seen:
     type_hash: str
 
     @classmethod
-    def read(cls, token: str) -> Seen | None:
-        """What a token says; None where it is a node's, or none of ROS."""
+    def read(cls, token: str) -> RemoteEntity | None:
+        """Read a token; None if it is a node's, or none of ROS."""
         chunks = token.split("/")
         if len(chunks) != 13 or chunks[0] != GRAPH:
             return None
@@ -93,28 +94,28 @@ class Seen:
         )
 
 
-MOST_NAMED = 100  # how many strangers the log names
+MOST_NAMED = 100  # number of entities that the log names at most
 _COUNTERPARTS = {Kind.SERVICE: Kind.CLIENT, Kind.SUBSCRIPTION: Kind.PUBLISHER, Kind.PUBLISHER: Kind.SUBSCRIPTION}
 
 
-class Strangers:
-    """Looks at the tokens of other nodes, and names each kind of stranger once."""
+class MismatchReport:
+    """Reports, once each, entities of other nodes with the name of one of ours, but another version of its type."""
 
-    def __init__(self, ours: Iterable[Entity], told: Callable[[str], object]) -> None:
+    def __init__(self, ours: Iterable[Entity], report: Callable[[str], object]) -> None:
         self._ours = {(_COUNTERPARTS[one.kind].value, one.name): one for one in ours}
-        self._told = told
-        self._named: set[Seen] = set()
+        self._report = report
+        self._named: set[RemoteEntity] = set()
 
-    def look(self, token: str) -> None:
-        """Look at a token."""
-        seen = Seen.read(token)
+    def check(self, token: str) -> None:
+        """Check a token of another node."""
+        seen = RemoteEntity.read(token)
         own = None if seen is None else self._ours.get((seen.kind, seen.name))
         if seen is None or own is None or (seen.on_zenoh, seen.type_hash) == (own.on_zenoh, own.type_hash):
             return
         if seen in self._named or len(self._named) >= MOST_NAMED:
             return
         self._named.add(seen)
-        self._told(
+        self._report(
             f"node {seen.node[:64]!r} has {seen.name} as {seen.on_zenoh[:64]} of {seen.type_hash[:16]}…, here it is"
             f" {own.on_zenoh} of {own.type_hash[:16]}…: they don't meet; `--ros-distro` must be the node's distribution"
         )
@@ -127,19 +128,19 @@ _ID_BYTES = 16
 
 @dataclass(frozen=True)
 class Attachment:
-    """Who sent something, and its number."""
+    """The attachment of a message: its sender's identifier, and its number."""
 
     number: int
     sender: bytes
 
     @classmethod
     def read(cls, payload: bytes) -> Attachment | None:
-        """What bytes say; None if they are no attachment."""
+        """Read an attachment; None if bytes are none."""
         if len(payload) != _LAYOUT.size:
             return None
         number, _, length, sender = _LAYOUT.unpack(payload)
         return cls(number, sender) if length == _ID_BYTES else None
 
     def write(self) -> bytes:
-        """The bytes, with the present time."""
+        """Return its bytes, with the present time."""
         return _LAYOUT.pack(self.number, time.time_ns(), _ID_BYTES, self.sender)

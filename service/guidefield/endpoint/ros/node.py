@@ -1,10 +1,9 @@
-"""The ROS node that the service is: queries and samples in, exactly one answer to each query, topics out.
+"""The ROS node of the service: it answers each query exactly once, hears joint states and scenes, publishes topics.
 
-Theory of operation. Zenoh's callbacks only sort. What a query asks is read, translated, asked of the engine and
-answered by a thread of this node's own, which waits for the engine; there is one for each query that may be under way,
-and one more query hears that the service is busy. Answers go out by threads of an `Outbox`. What can't be read is
-answered by an error and logged, at most once a second. A node whose types are of another version doesn't reach this
-one: the log names it.
+Theory of operation. Zenoh's callbacks only sort. A thread of this node reads a query, translates it, waits for the
+engine and answers; at most `MOST_UNDER_WAY` queries have one, and further ones are answered as busy. Threads of an
+`Outbox` send answers. A payload that can't be read is answered by an error and logged, at most once in
+`COMPLAINT_INTERVAL_S`. A node whose types are of another version doesn't reach this one: the log names it.
 """
 
 from __future__ import annotations
@@ -24,13 +23,13 @@ from typing import Any
 import zenoh
 import zenoh.ext
 
-from guidefield.endpoint.link import UNLESS_TOLD
+from guidefield.endpoint.link import DEFAULT_SETTINGS
 from guidefield.endpoint.ros.cdr import Types, Unreadable, types_of
-from guidefield.endpoint.ros.names import GRAPH, LATCHED_QOS, Attachment, Entity, Kind, Node, Strangers
+from guidefield.endpoint.ros.names import GRAPH, LATCHED_QOS, Attachment, Entity, Kind, MismatchReport, Node
 from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
 from guidefield.endpoint.ros.refusals import Refused, moveit_code
-from guidefield.endpoint.ros.scene_updates import heard, updated
-from guidefield.endpoint.ros.services import Answered, Ask, Service, Services
+from guidefield.endpoint.ros.scene_updates import apply_joint_state, apply_scene
+from guidefield.endpoint.ros.services import Ask, Service, ServiceAnswer, Services
 from guidefield.endpoint.ros.snapshot import KnownRobot, KnownScene, Snapshot
 from guidefield.errors import Status, convert_exception
 from guidefield.messages.identities import Asker
@@ -40,11 +39,11 @@ from guidefield.robot.urdf.xml import read_xml
 
 _log = logging.getLogger(__name__)
 
-NAME = "guidefield"
-MOST_UNDER_WAY = 64  # how many queries may be under way
-MOST_UPDATES = 64  # how many scenes that were published may wait
-LAST_ANSWERS = 5.0  # how long the last answers may take to be read at the end [s]
-COMPLAINTS_EVERY = 1.0  # what can't be read is logged at most so often [s]
+NAME = "guidefield"  # of the node
+MOST_UNDER_WAY = 64  # number of queries that may be under way
+MOST_UPDATES = 64  # number of published scenes that may wait
+LAST_ANSWERS = 5.0  # longest time for the last answers to be read at the end [s]
+COMPLAINT_INTERVAL_S = 1.0  # shortest time between two logged faults of messages [s]
 PUBLISHED = {
     "display_planned_path": "moveit_msgs/msg/DisplayTrajectory",
     "guidefield/plans": "std_msgs/msg/String",
@@ -89,33 +88,33 @@ class RosNode:
         self._updates = ThreadPoolExecutor(1, thread_name_prefix="guidefield-ros-scene")
         self._free, self._free_updates = threading.Semaphore(MOST_UNDER_WAY), threading.Semaphore(MOST_UPDATES)
         self._outbox = Outbox()
-        self._complained = -COMPLAINTS_EVERY
+        self._complained = -COMPLAINT_INTERVAL_S
 
     def offer(self) -> None:
-        """Be there for other nodes."""
+        """Declare the node, its services and its topics."""
         node = Node(self._domain, str(self._session.zid()), NAME)
         self._declare_token(node.token())
         entities = [*self._offer_services(), *self._offer_topics(), *self._listen()]
         for number, entity in enumerate(entities, 1):
             self._declare_token(node.token_of(number, entity))
-        self._watch(Strangers(entities, _log.warning))
+        self._watch(MismatchReport(entities, _log.warning))
         if self._description is not None:
             self._publish("robot_description", {"data": self._description})
 
     def withdraw(self) -> None:
-        """Be there no more; queries under way are still answered."""
+        """Undeclare the node, its services and topics; queries under way are still answered."""
         self._declared.close()
 
     def finish(self) -> None:
-        """Wait for the last answers; their source must come to an end."""
+        """Wait for the last answers; the pool that makes them must have ended or be ending."""
         self._updates.shutdown(wait=True)
         self._threads.shutdown(wait=True)
         self._outbox.close(LAST_ANSWERS)
 
-    def _watch(self, strangers: Strangers) -> None:
+    def _watch(self, report: MismatchReport) -> None:
         def look(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.PUT:
-                strangers.look(str(sample.key_expr))
+                report.check(str(sample.key_expr))
 
         tokens = self._session.liveliness().declare_subscriber(f"{GRAPH}/{self._domain}/**", look, history=True)
         self._declared.callback(tokens.undeclare)
@@ -173,7 +172,7 @@ class RosNode:
     def _hear_joints(self, sample: zenoh.Sample) -> None:
         with self._complaining(str(sample.key_expr)):
             message = self._types.read(sample.payload.to_bytes(), "sensor_msgs/msg/JointState")
-            self._known.update(lambda now: heard(now, message))
+            self._known.update(lambda now: apply_joint_state(now, message))
 
     def _hear_scene(self, sample: zenoh.Sample) -> None:
         if not self._free_updates.acquire(blocking=False):
@@ -185,13 +184,13 @@ class RosNode:
         try:
             with self._complaining(str(sample.key_expr)):
                 message = self._types.read(sample.payload.to_bytes(), "moveit_msgs/msg/PlanningScene")
-                self._known.update(lambda now: updated(now, message))
+                self._known.update(lambda now: apply_scene(now, message))
         finally:
             self._free_updates.release()
 
     @contextlib.contextmanager
     def _complaining(self, what: str) -> Iterator[None]:
-        """Log what is wrong with a sample: nobody waits for an answer."""
+        """Log the fault of a sample, which nobody answers."""
         try:
             yield
         except (Unreadable, Refused) as error:
@@ -201,7 +200,7 @@ class RosNode:
 
     def _complain(self, sentence: str) -> None:
         now = time.monotonic()
-        if now - self._complained >= COMPLAINTS_EVERY:
+        if now - self._complained >= COMPLAINT_INTERVAL_S:
             self._complained = now
             _log.warning("%s", sentence)
 
@@ -217,10 +216,10 @@ class RosNode:
         try:
             payload = b"" if query.payload is None else query.payload.to_bytes()
             message = self._types.read(payload, f"{service.type_name}_Request")
-            answered = self._answered(service, message, received)
+            answered = self._make_answer(service, message, received)
             self._answer(service, key, query, answered)
-            for topic, told in answered.published.items():
-                self._publish(topic, told)
+            for topic, published in answered.published.items():
+                self._publish(topic, published)
         except Unreadable as error:
             self._complain(f"{key}: {error}")
             self._post(query, 0, partial(_send_error, query, str(error)))
@@ -230,25 +229,25 @@ class RosNode:
         finally:
             self._free.release()
 
-    def _answered(self, service: Service, message: Any, received: float) -> Answered:
+    def _make_answer(self, service: Service, message: Any, received: float) -> ServiceAnswer:
         try:
             return service.answer(message, received)
         except Refused as refused:
             code, sentence = refused.code, refused.message
         except Exception as error:
-            told = convert_exception(error)
-            if told is not error:
+            known = convert_exception(error)
+            if known is not error:
                 _log.exception("%s failed by itself", service.name)
-            code, sentence = moveit_code(told.code), f"{told.code.name}: {told.message}"
+            code, sentence = moveit_code(known.code), f"{known.code.name}: {known.message}"
         if service.with_error is None:
             self._complain(f"{service.name}: {sentence}")
         return service.refuse(code, sentence)
 
-    def _answer(self, service: Service, key: str, query: zenoh.Query, answered: Answered) -> None:
+    def _answer(self, service: Service, key: str, query: zenoh.Query, answered: ServiceAnswer) -> None:
         payload = self._write(answered, service)
         self._post(query, len(payload), partial(_send, query, key, payload))
 
-    def _write(self, answered: Answered, service: Service) -> bytes:
+    def _write(self, answered: ServiceAnswer, service: Service) -> bytes:
         name = f"{service.type_name}_Response"
         return self._types.write(self._types.new(name, **answered.response), name)
 
@@ -276,16 +275,16 @@ def _send_error(query: zenoh.Query, sentence: str) -> None:
 
 
 def ros_node(settings: RosSettings, session: zenoh.Session, model: RobotModel, ask: Ask) -> RosNode:
-    """A node on a session, that isn't offered yet; raises RobotInvalid if the robot can't be offered over ROS."""
+    """Return a node on a session, not offered yet; raises RobotInvalid if the robot can't be offered over ROS."""
     robot = KnownRobot(settings.robot, model)
     known = KnownScene(Snapshot(robot))
     return RosNode(session, settings.domain, types_of(settings.distribution), known, ask, _description(model))
 
 
 def client_config(endpoint: str) -> zenoh.Config:
-    """The configuration of a session that is a client of a router, or of another node, at an endpoint."""
+    """Return the configuration of a session that is a client of a router, or of another node, at an endpoint."""
     config = zenoh.Config()
-    for key, value in UNLESS_TOLD.items():
+    for key, value in DEFAULT_SETTINGS.items():
         config.insert_json5(key, value)
     config.insert_json5(*LATCHING)
     config.insert_json5("mode", '"client"')
@@ -295,7 +294,7 @@ def client_config(endpoint: str) -> zenoh.Config:
 
 @contextlib.contextmanager
 def session_for(settings: RosSettings, own: zenoh.Session) -> Iterator[zenoh.Session]:
-    """The session in which nodes are met: the service's own, or one that is a router's client.
+    """Lend the session in which nodes are reached: the service's own, or one that is a router's client.
 
     Raises zenoh.ZError if the router can't be reached.
     """
@@ -307,7 +306,7 @@ def session_for(settings: RosSettings, own: zenoh.Session) -> Iterator[zenoh.Ses
 
 
 def _description(model: RobotModel) -> str | None:
-    """The robot's URDF as its file has it; of one that a client stored the text names files of this machine."""
+    """Return the URDF as its file has it; None for a client's robot, whose text names files of this machine."""
     if model.source.urdf_path is None:
         _log.warning("robot %s was stored by a client: /robot_description isn't published", model.name)
         return None

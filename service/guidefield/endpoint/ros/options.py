@@ -1,13 +1,13 @@
-"""Settings of the offer to ROS 2 nodes."""
+"""Settings with which a service is offered to ROS 2 nodes; without any import of ROS's types."""
 
 from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
 
-IDENTITY = "ros"  # the user that all nodes are together
+IDENTITY = "ros"  # the one user as whom all nodes ask
 LATCHING = ("timestamping/enabled", "true")
-"""What Zenoh's configuration needs, so that a message is kept for who comes later."""
+"""The setting of Zenoh with which a latched message is kept for later subscribers."""
 
 
 class Distribution(enum.StrEnum):

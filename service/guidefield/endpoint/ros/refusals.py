@@ -1,4 +1,4 @@
-"""Refusals over ROS, by MoveIt's error codes and a sentence that names the field; checked numbers and poses."""
+"""Refusals of ROS messages, with MoveIt's error codes and a sentence that names the field; checked numbers, poses."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from guidefield.errors import Status
 from guidefield.geometry.placements import wire_pose
 from guidefield.messages.values import LARGEST
 
-SOURCE = "guidefield"  # who speaks, in every error code
-
-
+SOURCE = "guidefield"  # the source in every error code
 FRAME_TRANSFORM_FAILURE = -21  # the one of MoveIt's error codes that is used and is no `Status`
 
 
@@ -60,7 +58,7 @@ class FrameRefused(Refused):
 
 
 def moveit_code(status: int) -> Status:
-    """MoveIt's code for a status of ours: the same where MoveIt has it, else the nearest more general one."""
+    """Return MoveIt's code for a status of ours: the same if MoveIt has it, else the nearest more general one."""
     if status in _SHARED:
         return Status(status)
     return Status.PLANNING_FAILED if status in _PLANNING else Status.FAILURE
@@ -71,32 +69,28 @@ _PLANNING = {Status.STUCK_IN_MINIMUM, Status.GUIDE_PLANE_UNREACHABLE, Status.CLE
 
 
 def require_no_constraints(constraints: Any, where: str) -> None:
-    """Refuse a moveit_msgs/Constraints with anything in it, where none are served.
-
-    Raises:
-        Refused: names the field.
-    """
+    """Raise Refused, with the name of the field, if a moveit_msgs/Constraints has any constraint."""
     for field in ("joint_constraints", "position_constraints", "orientation_constraints", "visibility_constraints"):
         if getattr(constraints, field):
             raise GoalRefused(f"`{where}.{field}` isn't served")
 
 
 def number(value: float, field: str, kind: type[Refused] = Refused) -> float:
-    """A number, if it is finite and within what can be computed with; else raises Refused."""
+    """Return a number if it is finite and at most `LARGEST`; else raise Refused."""
     if not abs(value) <= LARGEST:
         raise kind(f"`{field}` must be a finite number within {LARGEST:g}, got {value}")
     return float(value)
 
 
 def vector(message: Any, field: str) -> np.ndarray:
-    """A geometry_msgs Point or Vector3, shape (3,); raises Refused if a number isn't finite."""
+    """Return a geometry_msgs Point or Vector3, shape (3,); raises Refused if a number isn't finite."""
     return np.array([number(getattr(message, axis), f"{field}.{axis}") for axis in "xyz"])
 
 
 def rotation(message: Any, field: str) -> np.ndarray:
-    """The rotation matrix (3, 3) of a geometry_msgs Quaternion of any length.
+    """Return the rotation matrix (3, 3) of a geometry_msgs Quaternion of any length.
 
-    Of one that is all zero it is the identity, as in MoveIt; raises Refused if a number isn't finite.
+    If all its numbers are zero, it is the identity, as in MoveIt; raises Refused if a number isn't finite.
     """
     x, y, z, w = (number(getattr(message, axis), f"{field}.{axis}") for axis in "xyzw")
     norm = math.hypot(x, y, z, w)
@@ -107,7 +101,7 @@ def rotation(message: Any, field: str) -> np.ndarray:
 
 
 def placement(pose: Any, field: str) -> Any:
-    """The pinocchio.SE3 of a geometry_msgs Pose; raises Refused if a number isn't finite."""
+    """Return the pinocchio.SE3 of a geometry_msgs Pose; raises Refused if a number isn't finite."""
     return pin.SE3(rotation(pose.orientation, f"{field}.orientation"), vector(pose.position, f"{field}.position"))
 
 

@@ -1,4 +1,4 @@
-"""States, trajectories and error codes as messages of ROS; joint states in bags."""
+"""Make states, trajectories and error codes as messages of ROS; read joint states from bags."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ JOINT_STATES = "sensor_msgs/msg/JointState"
 
 
 def read_bag(path: Path, topic: str, joints: Sequence[str]) -> JointStates:
-    """Read where some joints were from a bag of ROS 1 or 2: of each message that has all of them, by its header's time.
+    """Read joints' positions from a bag of ROS 1 or 2: of each message that has all of them, at its header's time.
 
     Raises:
         UnknownObject: if there is no such bag.
@@ -94,12 +94,12 @@ def read_bag(path: Path, topic: str, joints: Sequence[str]) -> JointStates:
             for connection, stamp, data in reader.messages(found):
                 message: Any = reader.deserialize(data, connection.msgtype)
                 seen |= dict.fromkeys(message.name)
-                told = dict(zip(message.name, message.position.tolist(), strict=False))  # without positions: none
-                if not all(joint in told for joint in joints):
+                named = dict(zip(message.name, message.position.tolist(), strict=False))  # without positions: none
+                if not all(joint in named for joint in joints):
                     continue
                 at = message.header.stamp.sec * NANO + message.header.stamp.nanosec
-                times.append((at or stamp) / NANO)
-                positions.append([told[joint] for joint in joints])
+                times.append((at or stamp) / NANO)  # a header without a time: when the bag recorded it
+                positions.append([named[joint] for joint in joints])
     except (AnyReaderError, Bag1Error, Bag2Error, OSError, ValueError, OverflowError, struct.error) as error:
         raise MalformedRequest(f"{path.name!r} is no bag that can be read: {error}", path=str(path)) from None
     if not times:

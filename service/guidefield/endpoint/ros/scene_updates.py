@@ -1,4 +1,4 @@
-"""Changes by a moveit_msgs/PlanningScene, with MoveIt's meanings: objects, held objects, allowed collisions."""
+"""Apply messages to a snapshot of robot and scene, as MoveIt does: PlanningScene, RobotState and JointState."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from guidefield.endpoint.ros.refusals import FrameRefused, ObjectRefused, Refuse
 from guidefield.endpoint.ros.snapshot import AttachedThing, Matrix, Snapshot
 
 ADD, REMOVE, APPEND, MOVE = range(4)  # operations of a CollisionObject
-MOST_OBJECTS = 10_000  # objects in a scene
+MOST_OBJECTS = 10_000  # number of objects in a scene
 
 
-def updated(before: Snapshot, message: Any) -> Snapshot:
-    """Robot and scene after a PlanningScene: with `is_diff` changed by it, else as it says.
+def apply_scene(before: Snapshot, message: Any) -> Snapshot:
+    """Return robot and scene after a PlanningScene, which changes them if `is_diff`, else replaces them.
 
     Raises Refused if something in it isn't served; then nothing of it counts.
     """
@@ -43,10 +43,10 @@ def updated(before: Snapshot, message: Any) -> Snapshot:
 
 
 def with_state(before: Snapshot, state: Any, where: str) -> Snapshot:
-    """Robot and scene with a moveit_msgs/RobotState: joints that it leaves out keep their values.
+    """Return robot and scene with a moveit_msgs/RobotState: joints that it leaves out keep their values.
 
-    What is held is as before and changed by the message if that is a diff, else as the message says; a state that says
-    nothing at all changes nothing; raises Refused if a joint, a link or an object in it isn't served.
+    If the message is a diff, it changes the held objects, else it replaces them; an empty state changes nothing. Raises
+    Refused if a joint, a link or an object in it isn't served.
     """
     if not state.is_diff and not state.joint_state.name and not state.attached_collision_objects:
         _require_single(state, where)
@@ -63,8 +63,8 @@ def with_state(before: Snapshot, state: Any, where: str) -> Snapshot:
     return after
 
 
-def heard(before: Snapshot, message: Any) -> Snapshot:
-    """Robot and scene after a sensor_msgs/JointState: joints that the robot doesn't have, or that follow, don't count.
+def apply_joint_state(before: Snapshot, message: Any) -> Snapshot:
+    """Return robot and scene after a sensor_msgs/JointState; unknown joints and mimic joints are ignored.
 
     Raises Refused if a value isn't finite.
     """
@@ -128,7 +128,7 @@ def _thing(message: Any, frame: Any, where: str) -> SceneObject:
 
 
 def _appended(present: SceneObject, more: SceneObject) -> SceneObject:
-    """An object with the shapes of another one, which keep their place in the world."""
+    """Return an object with the shapes of another one too, which keep their place in the world."""
     onto = present.pose.inverse() * more.pose
     shapes = tuple((shape, onto * there) for shape, there in more.shapes)
     return dataclasses.replace(present, shapes=(*present.shapes, *shapes))
@@ -180,7 +180,7 @@ def _with_held(before: Snapshot, message: Any, where: str) -> Snapshot:
 
 
 def _let_go(before: Snapshot, message: Any, where: str) -> Snapshot:
-    """Without what is held: it stands in the scene then, unless something of its name does."""
+    """Release held objects into the scene, where one of the same name stays."""
     name, link = message.object.id, message.link_name
     gone = [id_ for id_, one in before.held.items() if name in ("", id_) and link in ("", one.link)]
     if not gone and name:

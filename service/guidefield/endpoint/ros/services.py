@@ -1,6 +1,7 @@
-"""MoveIt's services: each reads its request, asks the engine in the same fair queue as everybody, and says its answer.
+"""MoveIt's services: each reads its request, asks the engine through the common queue, and makes its response.
 
-Messages to be sent are dicts of their fields here; what isn't given is zero, empty or false.
+Messages to be sent are dicts of their fields here; what isn't given is zero, empty or false. A new service is a line in
+`Services.all` with its definition in `moveit.msg`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from guidefield.endpoint.ros.refusals import (
     require_no_constraints,
 )
 from guidefield.endpoint.ros.robot_messages import NANO, error_code, header, robot_state
-from guidefield.endpoint.ros.scene_updates import updated, with_state
+from guidefield.endpoint.ros.scene_updates import apply_scene, with_state
 from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot
 from guidefield.errors import Status
 from guidefield.geometry.placements import se3, wire_pose
@@ -40,14 +41,11 @@ from guidefield.messages.requests import Clearance, ForwardKinematics, InverseKi
 from guidefield.messages.values import LONGEST_TIME, Reply
 from guidefield.pool.waiting import Answer
 
-UNSET_TIME = 1.0  # how long is searched for a solution where a request doesn't say it [s]
+UNSET_TIME = 1.0  # time for inverse kinematics if a request has none [s]
 
 
-def asked_solution(message: Any, now: Snapshot) -> tuple[InverseKinematics, Snapshot]:
-    """Return what a GetPositionIK asks for: a request of ours, and robot and scene.
-
-    Raises Refused if it isn't served; names the field.
-    """
+def read_ik_request(message: Any, now: Snapshot) -> tuple[InverseKinematics, Snapshot]:
+    """Read a GetPositionIK: a request of ours, and robot and scene; raises Refused, with the field, if not served."""
     asked = message.ik_request
     group = now.robot.group(asked.group_name)
     start = with_state(now, asked.robot_state, "ik_request.robot_state")
@@ -84,10 +82,10 @@ def solution_response(link: str, start: Snapshot, solution: Mapping[str, float])
     }
 
 
-def asked_places(message: Any, now: Snapshot) -> tuple[ForwardKinematics, str, Any]:
-    """Return what a GetPositionFK asks for: a request of ours, the frame of the poses, and its place, pinocchio.SE3.
+def read_fk_request(message: Any, now: Snapshot) -> tuple[ForwardKinematics, str, Any]:
+    """Read a GetPositionFK: a request of ours, the frame of the poses, and that frame's place, pinocchio.SE3.
 
-    Raises Refused if it isn't served; names the field.
+    Raises Refused, with the name of the field, if it isn't served.
     """
     if not message.fk_link_names:
         raise LinkRefused("`fk_link_names` is empty")
@@ -133,9 +131,9 @@ ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)  # kinds of bodies in a cont
 (SETTINGS, STATE, ATTACHED, OBJECT_NAMES, GEOMETRY, OCTOMAP, TRANSFORMS, MATRIX, PADDING, COLORS) = (
     1 << bit for bit in range(10)
 )
-"""Components of a planning scene that can be asked for; none means all."""
+"""Components of a planning scene that can be requested; none means all."""
 Ask = Callable[[keys.Query, float], Future[Answer]]
-"""Has a query answered that arrived at a time, by `time.monotonic()` [s]."""
+"""Has a query answered that arrived at a time, by `time.monotonic()` [s]: `Endpoint.ask`."""
 
 _R = TypeVar("_R", bound=Reply)
 
@@ -165,8 +163,8 @@ def scene_response(now: Snapshot, components: int) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Answered:
-    """A response, and messages to be published by topic once it is on its way: who asked doesn't wait for them."""
+class ServiceAnswer:
+    """A response, and messages by topic that are published after it."""
 
     response: dict[str, Any]
     published: Mapping[str, dict[str, Any]] = field(default_factory=dict)
@@ -178,14 +176,14 @@ class Service:
 
     name: str  # without the first slash
     type_name: str  # its type
-    # the response to a request that came at a time, by `time.monotonic()` [s]; raises Refused
-    answer: Callable[[Any, float], Answered]
-    # the response with an error code; None: it has no place for one, and the reason is logged
+    # makes the response to a request that came at a time, by `time.monotonic()` [s]; raises Refused
+    answer: Callable[[Any, float], ServiceAnswer]
+    # makes the response with an error code; None: it has no place for one, and the reason is logged
     with_error: Callable[[dict[str, Any]], dict[str, Any]] | None = None
 
-    def refuse(self, code: int, sentence: str) -> Answered:
+    def refuse(self, code: int, sentence: str) -> ServiceAnswer:
         """Return the response of a request that isn't served."""
-        return Answered({} if self.with_error is None else self.with_error(error_code(code, sentence)))
+        return ServiceAnswer({} if self.with_error is None else self.with_error(error_code(code, sentence)))
 
 
 class Services:
@@ -223,10 +221,10 @@ class Services:
             raise Refused(f"{error.name}: {error.message}", moveit_code(error.code))
         return msgspec.msgpack.decode(answer, type=kind)
 
-    def _plan(self, message: Any, received: float) -> Answered:
-        asked = motion_plan.asked_plan(message, self._known.now)
+    def _plan(self, message: Any, received: float) -> ServiceAnswer:
+        asked = motion_plan.read_plan_request(message, self._known.now)
         if asked.choices:
-            looked_for = motion_plan.asked_solutions(asked)
+            looked_for = motion_plan.request_solutions(asked)
             found = [self._engine("kinematics", one, InverseKinematicsReply, received) for one in looked_for]
             asked = motion_plan.with_solutions(asked, found)
         reply = self._engine("plan", asked.request, PlanReply, received)
@@ -234,23 +232,23 @@ class Services:
         published = {"guidefield/plans": {"data": _figures(reply)}}
         if "trajectory" in response["motion_plan_response"]:
             published["display_planned_path"] = motion_plan.display(asked, response)
-        return Answered(response, published)
+        return ServiceAnswer(response, published)
 
-    def _solution(self, message: Any, received: float) -> Answered:
-        request, start = asked_solution(message, self._known.now)
+    def _solution(self, message: Any, received: float) -> ServiceAnswer:
+        request, start = read_ik_request(message, self._known.now)
         reply = self._engine("kinematics", request, InverseKinematicsReply, received)
         (found,), (reason,) = reply.configurations, reply.reasons
         if not found:
             raise Refused(reason, Status.NO_IK_SOLUTION)
         solution = {joint: value for joint, value in found[0].items() if not isinstance(value, list)}
-        return Answered(solution_response(str(request.tip), start, solution))
+        return ServiceAnswer(solution_response(str(request.tip), start, solution))
 
-    def _places(self, message: Any, received: float) -> Answered:
-        request, frame, there = asked_places(message, self._known.now)
+    def _places(self, message: Any, received: float) -> ServiceAnswer:
+        request, frame, there = read_fk_request(message, self._known.now)
         reply = self._engine("kinematics", request, ForwardKinematicsReply, received)
-        return Answered(places_response(request.frames, frame, there, reply))
+        return ServiceAnswer(places_response(request.frames, frame, there, reply))
 
-    def _validity(self, message: Any, received: float) -> Answered:
+    def _validity(self, message: Any, received: float) -> ServiceAnswer:
         now = self._known.now
         if message.group_name:
             now.robot.group(message.group_name)
@@ -267,14 +265,14 @@ class Services:
         reply = self._engine("kinematics", request, ClearanceReply, received)
         assert reply.contacts is not None, "they were asked for"
         (pairs,) = reply.contacts
-        return Answered({"valid": not pairs, "contacts": [_contact(state, pair) for pair in pairs]})
+        return ServiceAnswer({"valid": not pairs, "contacts": [_contact(state, pair) for pair in pairs]})
 
-    def _apply(self, message: Any, _received: float) -> Answered:
-        self._known.update(lambda now: updated(now, message.scene))
-        return Answered({"success": True})
+    def _apply(self, message: Any, _received: float) -> ServiceAnswer:
+        self._known.update(lambda now: apply_scene(now, message.scene))
+        return ServiceAnswer({"success": True})
 
-    def _scene(self, message: Any, _received: float) -> Answered:
-        return Answered(scene_response(self._known.now, message.components.components))
+    def _scene(self, message: Any, _received: float) -> ServiceAnswer:
+        return ServiceAnswer(scene_response(self._known.now, message.components.components))
 
 
 def _contact(state: Snapshot, pair: list[str]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Robot and scene as ROS nodes described them at one moment; a value that is replaced, never changed."""
+"""Robot and scene as ROS nodes described them at one moment: an immutable value, of which the newest is kept."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from guidefield.messages.values import Placement
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import Joint, RobotModel
 
-WORLD = "world"  # the frame of obstacles, where the robot has no link of that name: that of its root
+WORLD = "world"  # a name of the root's frame, in which obstacles are, unless the robot has a link of that name
 
 
 class KnownRobot:
     """A robot as messages of ROS name it.
 
-    Raises RobotInvalid if a joint of it has several coordinates, which these messages have no place for.
+    Raises RobotInvalid if a joint has several coordinates, which these messages have no place for.
     """
 
     def __init__(self, name: str, model: RobotModel) -> None:
@@ -46,24 +46,24 @@ class KnownRobot:
         self.rest = {joint: float(rest[joint]) for joint in self.joints}  # type: ignore[arg-type]
 
     def group(self, name: str) -> list[str]:
-        """The joints of a group; raises Refused if there is none of that name."""
+        """Return the joints of a group; raises Refused if there is none of that name."""
         if name not in self.model.groups:
             groups = ", ".join(self.model.groups) or "no group"
             raise Refused(f"`group_name` {name[:64]!r} is unknown; there is {groups}", Status.INVALID_GROUP_NAME)
         return list(self.model.groups[name])
 
     def require_link(self, name: str, field: str) -> str:
-        """The name itself, if it is a link's; else raises Refused."""
+        """Return the name itself, if it is a link's; else raise Refused."""
         if name not in self.links:
             raise LinkRefused(f"`{field}` {name[:64]!r} is no link of {self.name}: {', '.join(self.links)}")
         return name
 
     def is_root(self, frame: str) -> bool:
-        """Whether a frame is the world's: the root link, nothing, or `WORLD`."""
+        """Return whether a frame is the world's: an empty name, the root link, or `WORLD`."""
         return frame in ("", self.root) or (frame == WORLD and WORLD not in self.links)
 
     def moves(self, link: str, joints: Iterable[str]) -> bool:
-        """Whether a link moves when some joints do, and those that follow them."""
+        """Return whether a link moves when some joints do, with their mimic joints."""
         driven = set(joints)
         driven |= {name for name, one in self.followers.items() if one.mimic is not None and one.mimic.driver in driven}
         model = self.model.model
@@ -71,14 +71,14 @@ class KnownRobot:
         return any(model.names[joint] in driven for joint in above if joint)
 
     def placements(self, positions: Mapping[str, float], links: Iterable[str]) -> list[Any]:
-        """Where links are in the world, pinocchio.SE3 each, at joint values by name [rad or m]."""
+        """Return links' places in the world, pinocchio.SE3 each, at joint values by name [rad or m]."""
         model = self.model.model
         data = model.createData()
         pin.forwardKinematics(model, data, configuration_from_wire(self.model, dict(positions)))
         return [pin.SE3(pin.updateFramePlacement(model, data, self.model.frame_id(link))) for link in links]
 
     def limits(self, joint: str) -> tuple[float, float]:
-        """The least and the largest value of a joint [rad or m]; infinite where it turns on and on."""
+        """Return the least and the largest value of a joint [rad or m]; infinite if it has no limits."""
         one = self.joints[joint]
         lower, upper = float(one.lower[0]), float(one.upper[0])
         return (lower, upper) if math.isfinite(lower) and math.isfinite(upper) else (-math.inf, math.inf)
@@ -89,14 +89,14 @@ MOST_NAMES = 2_000  # names in a matrix
 
 @dataclass(frozen=True)
 class Matrix:
-    """Who may touch whom."""
+    """An allowed collision matrix, by names of links and objects."""
 
-    pairs: MappingProxyType[frozenset[str], bool]
-    defaults: MappingProxyType[str, bool]
+    pairs: MappingProxyType[frozenset[str], bool]  # whether two may touch
+    defaults: MappingProxyType[str, bool]  # whether one may touch those without an entry in `pairs`
 
     @classmethod
     def read(cls, message: Any, where: str) -> Matrix:
-        """The matrix of a moveit_msgs/AllowedCollisionMatrix; raises Refused if it isn't square."""
+        """Read a moveit_msgs/AllowedCollisionMatrix; raises Refused if it isn't square."""
         names, rows = message.entry_names, message.entry_values
         alone, allowed = message.default_entry_names, message.default_entry_values
         if len(names) > MOST_NAMES:
@@ -116,7 +116,7 @@ class Matrix:
         return cls(MappingProxyType(pairs), MappingProxyType(defaults))
 
     def allows(self, first: str, second: str) -> bool:
-        """Whether two may touch."""
+        """Return whether two may touch; without an entry, if the defaults of those that have one allow it."""
         pair = self.pairs.get(frozenset((first, second)))
         if pair is not None:
             return pair
@@ -124,7 +124,7 @@ class Matrix:
         return bool(known) and all(known)
 
     def allowed(self, names: Collection[str]) -> list[tuple[str, str]]:
-        """The pairs of some names that may touch."""
+        """Return the pairs of some names that may touch."""
         if not any(self.defaults.values()):
             there = set(names)
             some = (tuple(sorted(pair)) for pair, may in self.pairs.items() if may and pair <= there)
@@ -143,18 +143,16 @@ class Matrix:
         }
 
 
-NOBODY = Matrix(MappingProxyType({}), MappingProxyType({}))  # nobody may touch anybody
-
-
-SCENE = "planning_scene"  # the name of the scene in requests; the whole scene goes with each
+NONE_ALLOWED = Matrix(MappingProxyType({}), MappingProxyType({}))  # no pair may touch
+SCENE = "planning_scene"  # the name of the scene in requests, each of which has the whole scene
 
 
 @dataclass(frozen=True)
 class AttachedThing:
-    """An object that a link holds: its pose is in the link's frame."""
+    """An object that a link holds."""
 
     link: str
-    thing: SceneObject
+    thing: SceneObject  # its pose is in the link's frame
     touch_links: tuple[str, ...] = ()
 
 
@@ -162,35 +160,35 @@ class AttachedThing:
 class Snapshot:
     """Robot and scene at one moment."""
 
-    robot: KnownRobot  # which robot
-    positions: Mapping[str, float] = field(default_factory=dict)  # values that were heard, by joint [rad or m]
-    objects: Mapping[str, SceneObject] = field(default_factory=dict)  # what stands in the scene, by id
-    held: Mapping[str, AttachedThing] = field(default_factory=dict)  # what links hold, by id
-    matrix: Matrix = NOBODY  # who may touch whom
+    robot: KnownRobot
+    positions: Mapping[str, float] = field(default_factory=dict)  # received values, by joint [rad or m]
+    objects: Mapping[str, SceneObject] = field(default_factory=dict)  # objects of the scene, by id
+    held: Mapping[str, AttachedThing] = field(default_factory=dict)  # objects that links hold, by id
+    matrix: Matrix = NONE_ALLOWED
     colors: Mapping[str, Any] = field(default_factory=dict)  # of objects, as they came
     name: str = ""  # of the scene
-    _places: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    _places: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)  # of links, computed once
 
     @property
     def whole(self) -> dict[str, float]:
-        """A value for each joint: those that were never heard are at rest."""
+        """Return a value for each joint; joints whose value was never received have that of the robot's rest."""
         return {**self.robot.rest, **self.positions}
 
     @property
     def unheard(self) -> list[str]:
-        """Joints whose values nobody told."""
+        """Return the joints whose value was never received."""
         return [joint for joint in self.robot.joints if joint not in self.positions]
 
     def link(self, name: str) -> Any:
-        """Where a link is in the world, pinocchio.SE3."""
+        """Return a link's place in the world, pinocchio.SE3."""
         if name not in self._places:
             (self._places[name],) = self.robot.placements(self.whole, [name])
         return self._places[name]
 
     def frame(self, name: str, field: str) -> tuple[Any, str | None]:
-        """Where a frame is in the world, and the link with which it moves.
+        """Return a frame's place in the world, pinocchio.SE3, and the link with which it moves, None if it rests.
 
-        Raises Refused if nothing is called so.
+        Raises Refused, with the name of the `field`, if no frame has that name.
         """
         if self.robot.is_root(name):
             return pin.SE3.Identity(), None
@@ -209,18 +207,18 @@ class Snapshot:
         return inside, None
 
     def scene(self) -> Scene:
-        """The objects as our requests have them; raises Refused if two shapes have the same name."""
+        """Return the objects as a scene of our requests; raises Refused if two shapes have the same name."""
         try:
             return Scene(SCENE, obstacles=[o for name, thing in self.objects.items() for o in thing.obstacles(name)])
         except ValueError as error:
             raise ObjectRefused(f"the planning scene: {error}") from None
 
     def attached(self) -> list[AttachedObject]:
-        """What links hold, as our requests have it; raises Refused if a plane is to be held."""
+        """Return held objects as our requests have them; raises Refused if one is a plane."""
         return [one for name, held in self.held.items() for one in _attached(name, held)]
 
     def allowed(self) -> list[tuple[str, str]]:
-        """Pairs that may touch, by names of links and obstacles."""
+        """Return the pairs that may touch, by names of links and obstacles."""
         shapes = {name: thing.names(name) for name, thing in self.objects.items()}
         shapes |= {name: held.thing.names(name) for name, held in self.held.items()}
         names = {link: [link] for link in self.robot.links} | shapes
@@ -241,7 +239,7 @@ def _attached(name: str, held: AttachedThing) -> Iterator[AttachedObject]:
 
 
 class KnownScene:
-    """The snapshot of now: any thread reads it, and one after the other replaces it."""
+    """Holds the newest snapshot, which any thread may read or replace."""
 
     def __init__(self, first: Snapshot) -> None:
         self._now = first
@@ -249,10 +247,10 @@ class KnownScene:
 
     @property
     def now(self) -> Snapshot:
-        """The snapshot of now."""
+        """Return the newest snapshot."""
         return self._now
 
     def update(self, change: Callable[[Snapshot], Snapshot]) -> None:
-        """Replace it by what it becomes; where that raises, it stays."""
+        """Replace the snapshot by a changed one; if `change` raises, it stays."""
         with self._changing:
             self._now = change(self._now)

@@ -1,12 +1,11 @@
 """A client of a ros2_control controller's FollowJointTrajectory: it sends a certified trajectory, and watches it.
 
-An action is three services and two topics below its name. Versions of its types are known by their hashes: the token
-of the controller's service says which one it speaks. Messages are heard by Zenoh's threads and handled by the caller's,
-one after the other.
+An action is three services and two topics below its name. Versions of its types differ in their hashes: the token of
+the controller's service says which one it has. Zenoh's threads receive messages, the caller's handles them in order.
 
-Where the robot is on the certified curve is found by the place that the controller desires: the nearest one on the
-curve that isn't before the last. So no clocks are compared; how far the robot is from there is to be within the
-tolerance.
+The robot's place on the certified curve is the point that is nearest to the controller's desired position, and not
+before the last one: so no clocks are compared. The robot's distance from that point must be within the tolerance.
+`guidefield execute` (`cli/executing.py`) uses it.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ import numpy as np
 import zenoh
 
 from guidefield.endpoint.ros.cdr import MESSAGES, SERVICES, STORES, Types, Unreadable
-from guidefield.endpoint.ros.names import GRAPH, Attachment, Entity, Kind, Node, Seen
+from guidefield.endpoint.ros.names import GRAPH, Attachment, Entity, Kind, Node, RemoteEntity
 from guidefield.endpoint.ros.node import client_config
 from guidefield.endpoint.ros.options import Distribution
 from guidefield.errors import GuidefieldError, MalformedRequest, NoService, TimedOut, UnknownObject, strip_source
@@ -49,10 +48,10 @@ _POINTS = tuple(f"trajectory_msgs/{{}}JointTrajectoryPoint {{}}{name}" for name 
 
 @dataclass(frozen=True)
 class Version:
-    """What versions of control_msgs differ in: a limit of effort in tolerances, indices in feedback (6.3 and later)."""
+    """The differences between versions of control_msgs."""
 
-    effort: bool
-    index: bool
+    effort: bool  # whether tolerances have a limit of effort
+    index: bool  # whether feedback has indices, from 6.3 on
 
 
 VERSIONS = tuple(Version(*each) for each in itertools.product((False, True), repeat=2))
@@ -60,7 +59,7 @@ VERSIONS = tuple(Version(*each) for each in itertools.product((False, True), rep
 
 @functools.cache
 def action_types(version: Version) -> Types:
-    """The types of a version."""
+    """Return the types of a version."""
     effort = "\nfloat64 effort" if version.effort else ""
     messages = {
         **MESSAGES,
@@ -91,40 +90,38 @@ CODES = {
 }
 """Codes of a result."""
 
-# codes of an answer of action_msgs/srv/CancelGoal; others: it is canceling, or over
-CANCEL_REFUSED, UNKNOWN_GOAL = 1, 2
-
-AT_START = 0.01  # a robot that is farther from the first row isn't moved [rad or m]
-LOOK_EVERY = 0.05  # how often the caller looks whether anything came [s]
-AHEAD = 0.5  # how much farther along the curve the controller is searched for than it can have got [s]
-OFF_CURVE = 1e-3  # a controller that desires a place farther from the certified curve draws another one [rad or m]
+CANCEL_REFUSED, UNKNOWN_GOAL = 1, 2  # codes of action_msgs/srv/CancelGoal; with others it is canceling, or over
+START_TOLERANCE = 0.01  # a robot that is farther from the first row isn't moved [rad or m]
+CHECK_INTERVAL_S = 0.05  # interval at which the caller checks for messages [s]
+SEARCH_AHEAD_S = 0.5  # time along the curve that the search for the controller's place goes beyond the elapsed time [s]
+CURVE_TOLERANCE = 1e-3  # a controller whose desired position is farther from the curve follows another one [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
 class MotionToExecute:
-    """A certified trajectory, and places along the curve that is drawn of it."""
+    """A certified trajectory, and samples of its curve."""
 
     joints: tuple[str, ...]
     message: Mapping[str, Any]  # JointTrajectory as plain data
     tolerance: Sequence[float]  # of each joint [rad or m]
-    times: np.ndarray  # of close places along the curve, shape (n,) [s]
-    places: np.ndarray  # shape (n, k) [rad or m]
+    times: np.ndarray  # of close samples of the curve, shape (n,) [s]
+    places: np.ndarray  # positions of the k joints then, shape (n, k) [rad or m]
 
 
 @dataclass
 class ExecutionOutcome:
-    """What came of a motion."""
+    """The outcome of a motion."""
 
-    states: JointStates  # where the robot was, by the time along the curve at first, then by the controller's clock
+    states: JointStates  # measured positions; times begin on the curve's clock, and go on by the controller's
     ended: str = "silent"  # how the goal ended: succeeded, canceled, aborted, silent
     reason: str = ""
-    # beyond the tolerance: time [s], joint, and how far off [rad or m]
+    # positions beyond the tolerance: time on the curve [s], joint, and distance [rad or m]
     violations: list[tuple[float, str, float]] = field(default_factory=list)
-    off_curve: float = 0.0  # how far a place that the controller desired was from the curve at most [rad or m]
+    off_curve: float = 0.0  # largest distance of a desired position from the curve [rad or m]
 
     @property
     def is_fine(self) -> bool:
-        """Whether it succeeded, within the tolerance."""
+        """Return whether it succeeded, within the tolerance."""
         return self.ended == "succeeded" and not self.violations
 
 
@@ -132,9 +129,10 @@ class ControllerClient:
     """A client of a controller that follows joint trajectories.
 
     Args:
-        session: Where nodes are met.
+        session: A Zenoh session that reaches the nodes.
         domain: ROS domain.
         name: Of the controller, with its namespace if it has one.
+        patience: Longest time without an expected message [s].
 
     Raises:
         UnknownObject: if there is no such controller.
@@ -153,12 +151,12 @@ class ControllerClient:
     def follow(self, motion: MotionToExecute, say: Callable[[str], None]) -> ExecutionOutcome:
         """Have the controller follow a motion until it ends.
 
-        An interrupt cancels it, and watches it to its end. Whatever else ends this call cancels it, even before the
-        controller has accepted it.
+        An interrupt cancels it, and watches it to its end. Any other exception cancels it, even before the controller
+        has accepted it.
 
         Args:
-            motion: From where the robot is.
-            say: Told what happens, in sentences.
+            motion: Begins where the robot is.
+            say: Takes sentences about the progress.
 
         Raises:
             NoService: if the link is lost.
@@ -187,13 +185,13 @@ class ControllerClient:
                 raise
         return watch.outcome()
 
-    def _find(self) -> list[Seen]:
+    def _find(self) -> list[RemoteEntity]:
         action, until, others = f"{self.name}{SUFFIX}/_action/", time.monotonic() + self._patience, set[str]()
         while True:
             tokens = [
                 str(one.ok.key_expr) for one in self._session.liveliness().get(f"{GRAPH}/{self._domain}/**") if one.ok
             ]
-            seen = [one for one in map(Seen.read, tokens) if one is not None]
+            seen = [one for one in map(RemoteEntity.read, tokens) if one is not None]
             own = [one for one in seen if one.name.startswith(action)]
             if any(one.name == f"{action}send_goal" and one.kind == Kind.SERVICE.value for one in own):
                 return own
@@ -208,9 +206,9 @@ class ControllerClient:
                     controller=self.name,
                     available=sorted(others),
                 )
-            time.sleep(LOOK_EVERY)
+            time.sleep(CHECK_INTERVAL_S)
 
-    def _version_of(self, offered: Sequence[Seen], type_name: str, kind: Kind, name: str) -> Types:
+    def _version_of(self, offered: Sequence[RemoteEntity], type_name: str, kind: Kind, name: str) -> Types:
         whole = f"{self.name}{SUFFIX}/_action/{name}"
         told = [one.type_hash for one in offered if one.name == whole and one.kind == kind.value]
         for version in VERSIONS:
@@ -255,7 +253,7 @@ class ControllerClient:
                     continue
                 for joint, first in zip(motion.joints, motion.places[0].tolist(), strict=True):
                     place = float(told[joint])
-                    if not abs(place - first) <= AT_START:  # neither is what is no number
+                    if not abs(place - first) <= START_TOLERANCE:  # neither is what is no number
                         raise MalformedRequest(
                             f"the robot isn't at the start of the motion: joint {joint!r} is at {place:.6g}, not at"
                             f" {first:.6g}",
@@ -287,9 +285,8 @@ class ControllerClient:
                 timeout=timeout,
             )
         except zenoh.ZError as error:
-            raise NoService(
-                f"controller {self.name!r} isn't reached: {strip_source(error)}", controller=self.name
-            ) from None
+            unreached = f"controller {self.name!r} isn't reached: {strip_source(error)}"
+            raise NoService(unreached, controller=self.name) from None
 
     def _ask(self, name: str, type_name: str, fields: Mapping[str, Any]) -> Any:
         for reply in self._request(name, type_name, self._patience, fields):
@@ -297,8 +294,8 @@ class ControllerClient:
                 try:
                     return self._sending.read(reply.ok.payload.to_bytes(), f"{type_name}_Response")
                 except Unreadable as error:
-                    told = f"controller {self.name!r} answers {name} with what can't be read: {error}"
-                    raise MalformedRequest(told, controller=self.name) from None
+                    unreadable = f"controller {self.name!r} answers {name} with what can't be read: {error}"
+                    raise MalformedRequest(unreadable, controller=self.name) from None
         return None
 
     def _send(self, motion: MotionToExecute, goal_id: bytes) -> bool:
@@ -326,7 +323,7 @@ class ControllerClient:
         self._request("get_result", name, timeout, {"goal_id": _uuid(goal_id)}, take)
 
     def _cancel(self, goal_id: bytes) -> str:
-        """Have the controller cancel a motion, which it may accept only now; return a sentence about it.
+        """Have the controller cancel a motion, whose goal it may accept only now; return a sentence about it.
 
         Raises:
             TimedOut: if it doesn't answer, or knows no such motion all the while.
@@ -343,10 +340,10 @@ class ControllerClient:
                 return "canceling" if answer.return_code != CANCEL_REFUSED else "the controller refuses to cancel"
             if time.monotonic() > until:
                 raise TimedOut(f"controller {self.name!r} knows no such motion to cancel: it hasn't accepted it yet")
-            time.sleep(LOOK_EVERY)
+            time.sleep(CHECK_INTERVAL_S)
 
     def _cancel_unwatched(self, goal_id: bytes, say: Callable[[str], None]) -> None:
-        """Cancel a motion that nobody will watch; say so if that fails, if anybody hears it."""
+        """Cancel a motion that isn't watched any more; say so if that fails."""
         try:
             self._cancel(goal_id)
         except GuidefieldError as error:
@@ -357,7 +354,7 @@ class ControllerClient:
         heard = time.monotonic()
         while time.monotonic() - heard < self._patience:
             with contextlib.suppress(queue.Empty):
-                what, message = self._heard.get(timeout=LOOK_EVERY)
+                what, message = self._heard.get(timeout=CHECK_INTERVAL_S)
                 if what == "states":
                     continue
                 heard = time.monotonic()
@@ -389,10 +386,12 @@ def controller_at(endpoint: str, domain: int, name: str, patience: float) -> Ite
 
 
 class _Watch:
+    """Follows the robot along the curve by the controller's feedback."""
+
     def __init__(self, motion: MotionToExecute) -> None:
         self._motion = motion
-        self._at = 0.0  # index of the place on the curve, and the share of the way to the next one
-        self._first: tuple[float, float] | None = None  # time on the curve at the first feedback, and on its clock [s]
+        self._at = 0.0  # place on the curve: index of a sample, and the share of the way to the next one
+        self._first: tuple[float, float] | None = None  # of the first feedback: time on the curve, and its stamp [s]
         self._times, self._rows = list[float](), list[list[float]]()
         self._outcome, self._is_outside, self._told_curve = ExecutionOutcome(JointStates((), (), ())), False, False
 
@@ -403,12 +402,12 @@ class _Watch:
                 f"the controller's feedback has no joint {lacking!r}; it has {', '.join(names)}", joint=lacking
             )
         order = [names.index(joint) for joint in motion.joints]
-        told = [np.asarray(one.positions) for one in (feedback.desired, feedback.actual)]
-        if any(len(one) != len(names) or not np.isfinite(one[order]).all() for one in told):
+        rows = [np.asarray(one.positions) for one in (feedback.desired, feedback.actual)]
+        if any(len(one) != len(names) or not np.isfinite(one[order]).all() for one in rows):
             raise MalformedRequest(
                 "the controller's feedback isn't a finite position of each joint, desired and actual"
             )
-        desired, actual = (one[order] for one in told)
+        desired, actual = (one[order] for one in rows)
         stamp = feedback.header.stamp.sec + 1e-9 * feedback.header.stamp.nanosec or time.monotonic()
         place, off = self._go_on(desired, stamp)
         there = float(np.interp(self._at, np.arange(len(motion.times)), motion.times))
@@ -416,7 +415,7 @@ class _Watch:
         self._times.append(self._first[0] + stamp - self._first[1])
         self._rows.append(actual.tolist())
         self._outcome.off_curve = max(self._outcome.off_curve, off)
-        if off > OFF_CURVE and not self._told_curve:
+        if off > CURVE_TOLERANCE and not self._told_curve:
             self._told_curve = True
             return f"the controller draws another curve than the certified one: {off:.3g} from it at {there:.3f} s"
         return self._look(np.abs(actual - place), there)
@@ -437,13 +436,13 @@ class _Watch:
         )
 
     def _go_on(self, desired: np.ndarray, stamp: float) -> tuple[np.ndarray, float]:
-        """Go on to the nearest place on the curve, shape (k,); return it, and how far it is [rad or m].
+        """Move on to the place on the curve nearest to the desired one; return it, shape (k,), and its distance.
 
-        It is searched for as far as the controller may have got since the last feedback, `AHEAD` more.
+        The search ends `SEARCH_AHEAD_S` beyond the time since the last feedback.
         """
         times, places, first = self._motion.times, self._motion.places, int(self._at)
         passed = 0.0 if self._first is None else self._first[0] + stamp - self._first[1] - self._times[-1]
-        last = int(np.searchsorted(times, times[first] + max(passed, 0.0) + AHEAD, side="right"))
+        last = int(np.searchsorted(times, times[first] + max(passed, 0.0) + SEARCH_AHEAD_S, side="right"))
         if first >= len(places) - 1:
             return places[-1], float(np.abs(desired - places[-1]).max())
         near = places[first : max(last, first + 1) + 1]

@@ -1,4 +1,4 @@
-"""A query that waits for its one answer."""
+"""A Zenoh query that waits for its one answer: its key, user, encoding and payload read, its answer sent once."""
 
 from __future__ import annotations
 
@@ -22,22 +22,19 @@ from guidefield.pool.waiting import Answer
 JSON_NAMES = ("", "zenoh/bytes", "zenoh/string", "application/json", "text/json")
 """Zenoh encodings that mean JSON: its own default ones too."""
 FILE = "application/octet-stream"  # the Zenoh encoding of a recording or proof
-RETRY_AFTER = 1.0  # time after which a client may ask again whose answers wait to be read [s]
-LONGEST_CLIENT = 64  # part of a client's name that counts [bytes]
-REMEMBERED_KEYS = 1_000  # the largest number of keys that are remembered as they were split
+RETRY_AFTER = 1.0  # time after which a client with too many unread answers may ask again [s]
+LONGEST_CLIENT = 64  # length of a client's name; the rest is ignored [bytes]
+REMEMBERED_KEYS = 1_000  # size of the caches of parsed keys
 
 _log = logging.getLogger(__name__)
 
 Post = Callable[[Asker, int, Callable[[], None]], bool]
-"""Has an answer sent to who asked, of a size [bytes]; returns whether it will be."""
+"""Has an answer of a size [bytes] sent to a client; returns whether it will be: `Outbox.post`."""
 
 
-def encoding_of(told: object) -> Encoding:
-    """Return the encoding of a payload, by Zenoh's name of it; None: Zenoh's default.
-
-    Raises MalformedRequest if that isn't understood.
-    """
-    name = str(told or "").partition(";")[0]
+def encoding_of(declared: object) -> Encoding:
+    """Return the encoding of a payload by Zenoh's name of it, None: the default; raises MalformedRequest if unknown."""
+    name = str(declared or "").partition(";")[0]
     if name in JSON_NAMES:
         return Encoding.JSON
     if name == Encoding.MSGPACK:
@@ -55,7 +52,7 @@ def _split(key: str) -> tuple[str, tuple[str, ...]]:
     return split_user(chunks[2:])
 
 
-class Asked:
+class PendingQuery:
     """A query that waits for its one answer; `count` takes the outcome: answered, refused or dropped."""
 
     def __init__(self, query: zenoh.Query, key: str, instance: str, count: Callable[[str], None], post: Post) -> None:
@@ -71,12 +68,12 @@ class Asked:
         """Read the query.
 
         Args:
-            let_in: Is told all but the payload, and how long that is [bytes], and raises what the query is refused
-                with. The payload is copied after that: while a long one is, nobody else is answered.
+            let_in: Takes the query without its payload, and the payload's size [bytes]; raises the error with which it
+                is refused. The payload is copied only after that, because nothing else is answered meanwhile.
 
         Raises:
-            MalformedRequest: if its encoding is unknown, or its key has wildcards or names nobody who can be a user.
-            RequestTooLarge: if its payload is too long to be looked at.
+            MalformedRequest: if its encoding is unknown, or its key has wildcards or an invalid user.
+            RequestTooLarge: if its payload is too large.
         """
         query = self._query
         self._encoding = encoding_of(query.encoding)
@@ -102,7 +99,7 @@ class Asked:
             self.answer(answer)
 
     def answer(self, answer: Answer) -> None:
-        """Have the answer sent, unless one was sent; an error instead if too much waits for this client."""
+        """Have the answer sent, unless one was sent; an error instead if too many bytes wait for this client."""
         if not self._open.acquire(blocking=False):
             return
         outcome = "answered" if answer[0] else "refused"
@@ -116,11 +113,11 @@ class Asked:
 
     def fail(self, error: Exception) -> None:
         """Answer with an error, which is logged unless it is one of ours."""
-        told = convert_exception(error)
-        if told is not error:
+        converted = convert_exception(error)
+        if converted is not error:
             _log.error("a query failed by itself", exc_info=error)
         try:
-            self.answer(self._encode_error(told))
+            self.answer(self._encode_error(converted))
         except Exception:  # Zenoh refuses to send: there is nobody to tell
             _log.exception("an error could not be sent")
 

@@ -9,7 +9,7 @@ from typing import Self
 
 import pytest
 
-from guidefield.endpoint.asked import Asked
+from guidefield.endpoint.pending_query import PendingQuery
 from guidefield.errors import MalformedRequest, QuotaExceeded, RequestTooLarge, ServerBusy
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
@@ -58,8 +58,8 @@ class _Query:
         self.errors.append((payload, encoding))
 
 
-def _asked(query: _Query, counted: list[str] | None = None) -> Asked:
-    return Asked(query, query.key_expr, "local", (counted if counted is not None else []).append, _send_at_once)  # type: ignore[arg-type]
+def _asked(query: _Query, counted: list[str] | None = None) -> PendingQuery:
+    return PendingQuery(query, query.key_expr, "local", (counted if counted is not None else []).append, _send_at_once)  # type: ignore[arg-type]
 
 
 def _send_at_once(_asker: Asker, _size: int, send: Callable[[], None]) -> bool:
@@ -140,7 +140,7 @@ def test_a_client_with_too_much_unread_is_told_so_and_at_last_nothing() -> None:
                 send()
             return size <= most
 
-        Asked(query, query.key_expr, "local", counted.append, post).answer((True, b"large"))  # type: ignore[arg-type]
+        PendingQuery(query, query.key_expr, "local", counted.append, post).answer((True, b"large"))  # type: ignore[arg-type]
         assert query.replies == []
         assert [json.loads(payload)["name"] for payload, _ in query.errors] == ([name] if name else [])
         assert counted == ["refused" if name else "dropped"]
