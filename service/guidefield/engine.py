@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from guidefield.scene.anchor import Anchor
     from guidefield.scene.scene import BuiltScenes, Scene
     from guidefield.stream.path_planner import TakeOver
-    from guidefield.stream.state import Watching
+    from guidefield.stream.state import StreamWatcher
     from guidefield.stream.stream import CertifiedStream
 
 Lend = Callable[[Kind, str, str], "Engine"]
@@ -394,7 +394,7 @@ class Engine:
         return self._load_robot(name)
 
     def stream(
-        self, request: StreamOpen, taking: TakeOver | None = None, watching: Watching | None = None
+        self, request: StreamOpen, taking: TakeOver | None = None, watching: StreamWatcher | None = None
     ) -> CertifiedStream:
         """Open a stream in this process; its observer may store it.
 

@@ -48,7 +48,7 @@ class Judged:
         self.judge = Judge(self.opened.world, self.opened.bounds, request.min_clearance, tolerances)
         self.obstacles = Obstacles(self.scene, self.opened.assumption, self.opened.bodies_met)
         for one in obstacles:
-            self.obstacles.take(self.obstacles.prepared(one, "$.obstacles[0]", ()))
+            self.obstacles.take(self.obstacles.prepare(one, "$.obstacles[0]", ()))
 
     def random_commit(self, rng: np.random.Generator, begins: float = 0.0) -> Commit:
         """A commit at speed."""

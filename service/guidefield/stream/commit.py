@@ -1,4 +1,7 @@
-"""Commits: a piece of constant jerk and the hardest braking after it, as one motion to a stop."""
+"""Commits: a piece of constant jerk and the hardest braking after it, as one motion to a stop.
+
+The judge proves the curve of a commit, clients get its `trajectory`: both have to be the same motion.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,9 @@ from guidefield.messages.streams import PieceTrajectory
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoint
 
-SAME_TIME = 1e-9  # knots that are closer are one [s]; see `ROUNDED`
-STANDING = 1e-6  # a motion that stands from its beginning on is judged for so long [s]
-ROUNDED = 16  # nor are two of them closer than this many steps of a double at the client's clock
+SAME_TIME = 1e-9  # knots that are closer than this become one [s]; so do those within `ROUNDED`
+ROUNDED = 16  # steps of a double at the client's clock
+STANDING = 1e-6  # duration for which a motion that stands from its beginning on is judged [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,16 +29,16 @@ class Commit(ReadOnly):
     """A motion that ends in a stop."""
 
     number: int
-    begins: float  # when it begins, by the client's clock [s]
-    brakes: float  # when its braking begins [s]
-    stops: float  # when the robot stands [s]
+    begins: float  # its begin, by the client's clock [s]
+    brakes: float  # begin of its braking [s]
+    stops: float  # time from which the robot stands [s]
     start: np.ndarray  # value, velocity and acceleration at its beginning, shape (nv, 3)
-    phases: np.ndarray  # of each coordinate, shape (nv, k, 5), times from `begins`, as `profiles` has them
-    counts: np.ndarray  # how many each has, shape (nv,)
-    ends: ChartPoint  # where the robot stands in the end, shape (nv,)
-    follows: int = 0
-    goal: int = 0
-    at_goal: bool = False
+    phases: np.ndarray  # of each coordinate, shape (nv, k, 5), times from `begins`, as kernels/stream/way.py has them
+    counts: np.ndarray  # number of phases of each coordinate, shape (nv,)
+    ends: ChartPoint  # configuration in which the robot stands in the end, shape (nv,)
+    follows: int = 0  # number of the commit that it follows
+    goal: int = 0  # number of its goal
+    at_goal: bool = False  # whether it ends there
 
     @classmethod
     def standing(cls, z: ChartPoint, time: float, number: int = 0, goal: int = 0) -> Commit:
@@ -64,7 +67,7 @@ class Commit(ReadOnly):
 
     @property
     def _bounds_of_pieces(self) -> np.ndarray:
-        """The knots; of one that stands there is a piece, too."""
+        """The knots; a commit that stands has a piece, too."""
         return self.knots if len(self.knots) > 1 else np.array([0.0, STANDING])
 
     @property
@@ -105,7 +108,7 @@ class Commit(ReadOnly):
 
 
 def join_commits(commits: Sequence[Commit]) -> Commit:
-    """The motion of commits each of which is left for the next one when that begins; all of the last one."""
+    """The motion of several commits: each up to the begin of the next one, and all of the last one."""
     first, last = commits[0], commits[-1]
     if first is last:
         return first
@@ -130,7 +133,7 @@ def join_commits(commits: Sequence[Commit]) -> Commit:
 
 @dataclass(frozen=True, eq=False)
 class JointBounds(ReadOnly):
-    """What every commit keeps."""
+    """The limits of every commit."""
 
     lower: np.ndarray  # least values, shape (nv,) [rad or m]
     upper: np.ndarray  # largest values, shape (nv,)
@@ -138,7 +141,7 @@ class JointBounds(ReadOnly):
 
     @property
     def columns(self) -> np.ndarray:
-        """They all, as `broken_limit` takes them, shape (nv, 5)."""
+        """All limits as `broken_limit` takes them, shape (nv, 5)."""
         return np.column_stack([self.lower, self.upper, self.rates])
 
 
@@ -153,7 +156,8 @@ def plan_commit(
 ) -> Commit:
     """The commit of a piece from a state (nv, 3) towards velocities (nv,); it has no number yet.
 
-    Coordinates aren't led beyond goals (nv,), which may be infinite. It begins at a time and lasts so long [s].
+    Coordinates aren't led beyond goals (nv,), which may be infinite. The piece has a begin and a duration [s]; `within`
+    is the share of each limit that is left for rounding.
     """
     count = len(velocities)
     phases, counts, ends = np.zeros((count, MOST_PHASES, 5)), np.zeros(count, np.int64), np.zeros(count)

@@ -1,4 +1,7 @@
-"""The cheapest schedule along a path among moving obstacles, within a tube about it."""
+"""The cheapest schedule along a path among moving obstacles, within a tube about it; flights from what comes close.
+
+The search over the tube is kernels/stream/dodge.py's; `STREAM` has the numbers. Results are proposals to the judge.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +23,12 @@ from guidefield.stream.shapes import read_only_views
 
 
 @dataclass(frozen=True, eq=False)
-class Aim(ReadOnly):
+class PathTarget(ReadOnly):
     """The next target along a path."""
 
-    direction: np.ndarray  # from where the robot could stand, shape (nv,)
-    place: float  # how far along the path that is, in time at full speed [s]
-    # what is aimed at, if it is not to be passed: the path's end, or where to wait, shape (nv,); else None
+    direction: np.ndarray  # from the configuration in which the robot could stand, shape (nv,)
+    place: float  # place on the path next to that, in time at full speed [s]
+    # the target, if it is not to be passed: the path's end, or a place to wait at, shape (nv,); else None
     last: ChartPoint | None
     left: float  # the rest of the path, in time at full speed [s]
 
@@ -36,10 +39,10 @@ class TimedPath:
     Args:
         points: Shape (m, nv), m > 1.
         speeds: Velocity limits, shape (nv,).
-        times: When to be at each point [s], shape (m,); None: as soon as one likes.
+        times: Earliest time at each point [s], shape (m,); None: any.
 
     Attributes:
-        begins: How far along each is [s], shape (m,).
+        begins: Place of each point along the path [s], shape (m,).
     """
 
     def __init__(self, points: ChartPoints, speeds: np.ndarray, times: np.ndarray | None = None) -> None:
@@ -50,13 +53,13 @@ class TimedPath:
 
     @property
     def goal(self) -> ChartPoint:
-        """Where it ends, shape (nv,)."""
+        """Its end, shape (nv,)."""
         end: ChartPoint = self.points[-1]
         return end
 
     @property
     def length(self) -> float:
-        """How long it is [s]."""
+        """Its length [s]."""
         return float(self.begins[-1])
 
     def at(self, place: float) -> ChartPoint:
@@ -70,7 +73,7 @@ class TimedPath:
         return point
 
     def due(self, time: float) -> float:
-        """How far along it one may be at a time [s]; infinite once all of it is due."""
+        """The farthest place that is allowed at a time [s]; infinite once all of it is due."""
         k = int(np.searchsorted(self.times, time, side="right"))
         if k >= len(self.times):
             return np.inf
@@ -79,23 +82,23 @@ class TimedPath:
         share = (time - self.times[k - 1]) / (self.times[k] - self.times[k - 1])
         return float(self.begins[k - 1] + share * (self.begins[k] - self.begins[k - 1]))
 
-    def aim(self, stand: ChartPoint, since: float, ahead: float, due: float = np.inf) -> Aim:
-        """Where to aim.
+    def aim(self, stand: ChartPoint, since: float, ahead: float, due: float = np.inf) -> PathTarget:
+        """Choose the next target.
 
         Args:
-            stand: Where the robot could stand at the soonest, shape (nv,).
+            stand: The configuration in which the robot could stand at the soonest, shape (nv,).
             since: The place [s] from which on the nearest one is searched for; 0: on all of the path.
-            ahead: How far ahead of that to aim [s].
-            due: How far along one may be [s].
+            ahead: Distance of the target from the nearest place [s].
+            due: The farthest place that is allowed [s].
         """
         place = self.nearest(stand, since, min(due, since + 2.0 * ahead if since > 0.0 else np.inf))
         beyond = place + ahead
         if due < min(beyond, self.length):
             target = self.at(max(due, place))
-            return Aim(target - stand, place, target, self.length - place)
+            return PathTarget(target - stand, place, target, self.length - place)
         last = beyond >= self.length
         target = self.goal if last else self.at(beyond)
-        return Aim(target - stand, place, self.goal if last else None, self.length - place)
+        return PathTarget(target - stand, place, self.goal if last else None, self.length - place)
 
     def rest(self, stand: ChartPoint, place: float, until: float = np.inf) -> ChartPoints:
         """From where the robot could stand, shape (nv,), along the path from a place to another one [s], (k, nv)."""
@@ -117,26 +120,26 @@ class TimedPath:
         return max(since, float(places[np.argmin(away)]))
 
 
-PROBED = 4e-3  # how far a coordinate is moved to find how pressure changes with it [rad, or m at size 1]
+PROBE_STEP = 4e-3  # step of a coordinate for the differences of `pressure_slope` [rad, or m at size 1]
 
 
-def pressures(lanes: BatchCollision, boxes: np.ndarray, zs: ChartPoints, near: float) -> np.ndarray:
-    """How closely boxes (k, 16), nearer than `near`, surround a robot at chart points (n, nv), shape (n,) [m²]."""
+def measure_pressures(lanes: BatchCollision, boxes: np.ndarray, zs: ChartPoints, near: float) -> np.ndarray:
+    """Half the squares of what boxes (k, 16) lack of a distance `near`, summed, at chart points (n, nv): (n,) [m²]."""
     lacks = np.maximum(near - lanes.gaps(boxes, zs, near), 0.0)
     surrounding: np.ndarray = 0.5 * (lacks * lacks).sum(axis=1)
     return surrounding
 
 
 def pressure_slope(lanes: BatchCollision, boxes: np.ndarray, z: ChartPoint, near: float) -> np.ndarray:
-    """The gradient of that at a chart point (nv,), shape (nv,): by differences, as distances have edges."""
-    steps = PROBED * lanes.world.group.sizes
+    """The gradient of the pressure at a chart point (nv,), shape (nv,): by differences, as distances have edges."""
+    steps = PROBE_STEP * lanes.world.group.sizes
     probes = np.concatenate([z + np.diag(steps), z - np.diag(steps)])
-    above, below = pressures(lanes, boxes, cast(ChartPoints, probes), near).reshape(2, -1)
+    above, below = measure_pressures(lanes, boxes, cast(ChartPoints, probes), near).reshape(2, -1)
     slope: np.ndarray = (above - below) / (2.0 * steps)
     return slope
 
 
-def flights(gradient: np.ndarray, speeds: np.ndarray, rng: np.random.Generator) -> Iterator[np.ndarray]:
+def draw_flights(gradient: np.ndarray, speeds: np.ndarray, rng: np.random.Generator) -> Iterator[np.ndarray]:
     """Velocities (nv,) down the gradient (nv,) first, then in random directions that lead down as well.
 
     Args:
@@ -157,9 +160,9 @@ def flights(gradient: np.ndarray, speeds: np.ndarray, rng: np.random.Generator) 
 class ScheduledPath(ReadOnly):
     """A path with times among what moves."""
 
-    cost: float  # what it costs among what moves: the time of arrival, and of distance that lacks on it [s]
+    cost: float  # the time of arrival, and `STREAM.dear` times the distances that are too small along it [s]
     points: ChartPoints  # shape (m, nv), m > 1
-    times: np.ndarray  # when to be there, since its beginning [s], shape (m,)
+    times: np.ndarray  # time at each point, since its beginning [s], shape (m,)
 
 
 def draw_sides(count: int, speeds: np.ndarray) -> np.ndarray:
@@ -174,7 +177,7 @@ def draw_sides(count: int, speeds: np.ndarray) -> np.ndarray:
 
 
 def choose_sides(lanes: BatchCollision, drifting: DriftingObstacles, way: TimedPath, drawn: np.ndarray) -> np.ndarray:
-    """Where to sidestep from a path: `drawn` (k, nv), back, and away from what comes close; shape (d, nv)."""
+    """Choose sidesteps from a path: `drawn` (k, nv), back, and away from obstacles that come close; shape (d, nv)."""
     back, speeds, near = way.at(0.0) - way.at(STREAM.back), way.speeds, STREAM.pressed * lanes.world.group.size
     directions = [back / speeds]
     for after, place in STREAM.aside:
@@ -190,7 +193,7 @@ def build_tube(
 ) -> Tube:
     """The tube about a path with sides (d, nv), for a given number of steps.
 
-    `taken` tells of (n, nv) where the robot can't be, (n,).
+    `taken` says of chart points (n, nv) whether the robot can't be there, (n,).
     """
     places = [way.at(min(STREAM.step * k, way.length)) for k in range(math.ceil(way.length / STREAM.step) + 1)]
     places.extend([way.goal] * STREAM.stays)
@@ -209,7 +212,7 @@ def schedule_path(
     """Find the cheapest timed path in a tube, with the rest of the path behind it.
 
     Args:
-        kept: What to keep from each on the move, where the robot waits, and at the end at least; shape (3, k) [m].
+        kept: Distances to keep from each obstacle on the move, while waiting, and at the end, shape (3, k) [m].
     """
     steps, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
     boxes, balls = max(STREAM.few, len(drifting.boxes)), max(STREAM.plain, len(lanes.robot.bodies.cover) // BALL_ROW)
@@ -225,7 +228,7 @@ def schedule_path(
 
 
 def _along(way: TimedPath, tube: Tube, steps: ChartPoints, reached: np.ndarray) -> tuple[ChartPoints, np.ndarray]:
-    """Where to be when, with the corners of the path between its places: straight past them isn't free."""
+    """The points and times of a schedule, with the corners of the path between them: straight past them isn't free."""
     places, columns = np.divmod(reached, tube.taken.shape[1])
     at = np.minimum(tube.step * places, way.length)
     points, times = [steps[:1]], [np.zeros(1)]

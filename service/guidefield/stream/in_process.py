@@ -24,10 +24,10 @@ class Stream(CertifiedStream):
     """Certified motion among obstacles that move: what is seen goes in, pieces come out, each with a proven stop.
 
     The caller's clock drives it: it reads none, counts its work, and gives the same pieces for the same updates, bit
-    for bit. It is not for two threads. The page about streams says what is promised, and what is not.
+    for bit. It is not for two threads. docs/stream.md says what is promised, and what is not.
 
     Args:
-        request: What is asked, a `StreamOpen` or the same as a dict; or its fields by name.
+        request: A `StreamOpen` or the same as a dict; or its fields by name.
         fields: As in `StreamOpen`.
 
     Raises:

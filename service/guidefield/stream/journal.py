@@ -1,9 +1,9 @@
-"""A stream's journal: everything that it is asked and answers, in files that can each be replayed to the last bit.
+"""A stream's journal: all its queries and answers, in files that can each be replayed to the last bit.
 
-Theory of operation. A file begins with what the stream was opened with and with what it goes on from there, and has one
-entry after the other: so the oldest files can be dropped. The stream's own thread hands entries over and waits for
-nothing; another thread, which gives way to it, writes them. Where that one can't keep up, or the disk refuses, a file
-ends, and the next one begins when there is room again.
+A file begins with what the stream was opened with and a snapshot that it goes on from, and has one entry after the
+other: so the oldest files can be dropped. The stream's own thread hands entries over and waits for nothing; another
+thread, which gives way to it, writes them. If that one can't keep up, or the disk refuses, the file ends, and the next
+one begins when there is memory or disk again. Names and tags of fields are in the files.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from guidefield.messages.replies import ErrorReply, make_error_reply
 from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.stores.files import checked_name
 from guidefield.stream.path_planner import lower_priority
-from guidefield.stream.state import Snapshot, Watching, decode_part, encode_part
+from guidefield.stream.state import Snapshot, StreamWatcher, decode_part, encode_part
 
 ENDING = ".stream"  # of the files
-FILE_BYTES = 8 << 20  # a file whose entries are as large ends, and another one begins [bytes]
-MOST_FILES = 16  # this many files are kept of a stream; the oldest go first
-MOST_WAITING = 2_000  # this many entries may wait to be written
-TRIED_AGAIN = 10.0  # so long after the disk refused another file is begun [s]
-LONGEST_ENTRY = 1 << 30  # a longer entry is none [bytes]
+FILE_BYTES = 8 << 20  # size of entries at which a file ends, and another one begins [bytes]
+MOST_FILES = 16  # files kept of a stream; the oldest are dropped first
+MOST_WAITING = 2_000  # entries that may wait to be written; with more the file ends
+RETRY_AFTER = 10.0  # time from a refusal of the disk to the begin of another file [s]
+LONGEST_ENTRY = 1 << 30  # a length beyond this means that the file is damaged [bytes]
 _LENGTH = struct.Struct("<I")
 
 _log = logging.getLogger(__name__)
 
 
 class Begun(msgspec.Struct, frozen=True, tag="begun"):
-    """What a file begins with."""
+    """The first entry of a file."""
 
     request: StreamOpen
     user: str
@@ -50,13 +50,13 @@ class Begun(msgspec.Struct, frozen=True, tag="begun"):
 
 
 class Updated(msgspec.Struct, frozen=True, tag="updated"):
-    """An update, and what came of it."""
+    """An update, and its outcome."""
 
     update: StreamUpdate
-    noted: bool
-    took: bool
-    wall: float  # when it came, since the file's beginning [s]
-    seconds: float  # how long it was worked on [s]
+    noted: bool  # whether it was taken without an answer, because a newer one was there
+    took: bool  # whether a planned path was taken over by it
+    wall: float  # its arrival, since the file's beginning [s]
+    seconds: float  # time of work on it [s]
     piece: Piece | None = None
     state: StreamState | None = None
     refused: ErrorReply | None = None
@@ -73,7 +73,7 @@ class Updated(msgspec.Struct, frozen=True, tag="updated"):
         wall: float,
         seconds: float,
     ) -> Updated:
-        """The report of an update to a watcher, with when it came and how long it was worked on [s]."""
+        """The report of an update to a watcher, with its arrival and the time of work on it [s]."""
         piece = answer if isinstance(answer, Piece) else None
         state = answer if isinstance(answer, StreamState) else None
         error = None if refused is None else make_error_reply(refused)
@@ -81,13 +81,13 @@ class Updated(msgspec.Struct, frozen=True, tag="updated"):
 
 
 class SoughtGoal(msgspec.Struct, frozen=True, tag="sought"):
-    """Configurations of a goal are looked for."""
+    """A search for configurations of a goal begins."""
 
     goal: StreamGoal
 
 
 class Aimed(msgspec.Struct, frozen=True, tag="aimed"):
-    """The goal is what was looked for as the n-th; null: to stand."""
+    """The goal is that of the n-th search; null: to stand."""
 
     number: int | None
 
@@ -102,12 +102,12 @@ _encoder = msgspec.msgpack.Encoder(enc_hook=encode_part)
 _decoder = msgspec.msgpack.Decoder(Entry, dec_hook=decode_part)
 
 
-class Journal(Watching):
-    """Writes a stream's journal; one of a stream's watchers.
+class Journal(StreamWatcher):
+    """A watcher of a stream that writes its journal.
 
     Args:
-        file_bytes: Another file begins once the entries of one are as large [bytes].
-        most_files: This many are kept, and as many times `file_bytes` when another one begins.
+        file_bytes: As `FILE_BYTES`.
+        most_files: As `MOST_FILES`; together they have at most as many times `file_bytes` when another one begins.
     """
 
     def __init__(
@@ -124,8 +124,8 @@ class Journal(Watching):
         self._entries: queue.Queue[Any] = queue.Queue(MOST_WAITING)
         self._index = 0
         self._began = self._updated_at = time.monotonic()
-        self._written = 0, 0  # which file, and how much; who writes alone says so
-        self._broken = True  # nothing is begun
+        self._written = 0, 0  # index of the file, and bytes of its entries; set by the writing thread alone
+        self._broken = True  # no file is begun
         self._again = self._began
         self._thread = threading.Thread(target=self._write_all, name="guidefield-journal", daemon=True)
         self._thread.start()
@@ -206,11 +206,11 @@ class Journal(Watching):
                             self._written = self._written[0], self._written[1] + len(written) + _LENGTH.size
                         if self._entries.empty():
                             file.flush()
-                except Exception as error:  # the stream goes on, and so does who writes
+                except Exception as error:  # the stream goes on, and so does this thread
                     _log.warning(
                         "a stream's journal can't be written: %s", error, exc_info=not isinstance(error, OSError)
                     )
-                    self._broken, self._again = True, time.monotonic() + TRIED_AGAIN
+                    self._broken, self._again = True, time.monotonic() + RETRY_AFTER
                     if file is not None:
                         _close(file)
                     file = None
@@ -262,11 +262,11 @@ def entries_of(file: Path) -> Iterator[Entry]:
             yield _decoder.decode(payload)
 
 
-MOST_KEPT = 8  # this many streams are kept of a user, one that is open among them
+MOST_KEPT = 8  # streams kept of a user, an open one among them
 
 
 def file_bytes(most: int | None) -> int:
-    """How large a file of a journal may be, where all that is kept of a user's streams may take so much [bytes]."""
+    """The size of a journal's files [bytes], given that of all journals of a user; None: unlimited."""
     return FILE_BYTES if most is None else min(FILE_BYTES, most // (MOST_KEPT * MOST_FILES))
 
 
@@ -299,7 +299,7 @@ def kept_files(streams: Path, name: str) -> list[Path]:
 
 
 def none_kept(name: str) -> UnknownObject:
-    """The message where nothing is kept of a stream."""
+    """Make the error that nothing is kept of a stream."""
     return UnknownObject(f"nothing is kept of a stream {name!r}", stream=name)
 
 

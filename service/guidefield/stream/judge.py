@@ -42,7 +42,7 @@ from guidefield.stream.commit import STANDING, Commit, JointBounds
 from guidefield.stream.settings import STREAM
 from guidefield.stream.shapes import read_only_views, solid_parts
 
-UNHALVED = 1e12  # accuracy to which any bound will do: where it is within a limit, no closer one is searched for
+UNHALVED = 1e12  # an accuracy that any bound has: if that is within a limit, no closer one is searched for
 
 
 class CommitReason(enum.Enum):
@@ -57,12 +57,12 @@ class CommitReason(enum.Enum):
 
 @dataclass(frozen=True)
 class CommitVerdict:
-    """The judge's answer about a commit, and where it is refused."""
+    """The judge's answer about a commit, with the place of a refusal."""
 
     reason: CommitReason
     evaluations: int
-    pair: int  # of those that the search counts, the robot's own first; of a limit the coordinate; -1: none is known
-    time: float  # where it was refused, by the client's clock [s]
+    pair: int  # index of the pair, the robot's own first; of a limit the coordinate; -1: none is known
+    time: float  # the time of the refusal, by the client's clock [s]
 
     @property
     def free(self) -> bool:
@@ -75,26 +75,26 @@ class ClosedSurface(NamedTuple):
 
     obstacle: int
     solid: Solid
-    pose: np.ndarray | None  # where it rests, shape (3, 4) [m]; None of one that moves
+    pose: np.ndarray | None  # its pose at rest, shape (3, 4) [m]; None of one that moves
 
 
 class SeenObstacles(NamedTuple):
     """The obstacles of a stream as the proof reads them."""
 
     bodies: ObstacleBodies
-    movers: MovingObstacles  # how those move that were declared
-    reserved: MovingObstacles  # the same, of which more is kept: what they may cover in a time in reserve
+    movers: MovingObstacles  # the motion of those that were declared
+    reserved: MovingObstacles  # the same with larger margins: by what they may cover in the reserved time
     left_out: np.ndarray  # pairs with obstacles that may touch, as `PairTable` has them, shape (k,)
     closed: tuple[ClosedSurface, ...]
-    error: float  # what distances from them may be off [m]
+    error: float  # largest error of distances from them [m]
 
 
 class Judge:
     """A judge with its memory; not for two threads.
 
     Args:
-        keep: What to keep from obstacles [m].
-        tolerances: How far the robot may be off, by coordinate, shape (nv,) [rad or m].
+        keep: Distance to keep from obstacles [m].
+        tolerances: Largest deviation of the robot from its piece, by coordinate, shape (nv,) [rad or m].
         in_space: Limits of speed in space.
     """
 
@@ -123,8 +123,8 @@ class Judge:
         """Judge a commit among obstacles.
 
         Args:
-            most: How many segments are judged at most.
-            since: From when on [s]; None: from its beginning.
+            most: Largest number of segments that are judged.
+            since: Begin of the judged part [s]; None: its beginning.
         """
         stops = commit.stops - commit.begins
         coordinate = broken_limit(commit.phases, commit.counts, commit.start, self._limits, stops)
@@ -137,7 +137,7 @@ class Judge:
         verdict = np.zeros(VERDICT)
         verdict[[KINDS, MARGIN, ERROR, END]] = EVERY_KIND, self._keep, self._error + seen.error, np.inf
         verdict[RESOLUTION] = RESOLUTION_FLOOR * self._group.size
-        # what is refused mostly is at the end, where obstacles may have come closest: that is examined before all
+        # most refusals are at the end, where obstacles may have come closest: that is examined first
         count = self._search(moving, stops, stops + STANDING, most, verdict)
         if verdict[REASON] == FREE and stops > begin:
             count = self._search(moving, begin, stops, most, verdict)
@@ -167,10 +167,7 @@ class Judge:
         return max(shares)
 
     def bound_travel(self, commit: Commit, seen: SeenObstacles, since: float, until: float, parts: int = 16) -> float:
-        """How far any point of the robot comes between two times by a commit, at most [m].
-
-        Off by its tolerances or not.
-        """
+        """Bound how far any point of the robot moves between two times of a commit, tolerances included [m]."""
         begin = max(0.0, since - commit.begins)
         moving, exact = (self._moving(commit, seen, off, seen.movers) for off in (self._tolerances, self._exact))
         return float(bound_travel(moving, exact.curve, begin, max(begin, until - commit.begins), parts))

@@ -1,4 +1,4 @@
-"""A stream shown in a running Rerun viewer while it goes on."""
+"""A stream shown in a running Rerun viewer while it goes on; neither waits for the other."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from guidefield.recorder.live_view import Channel, Part
 from guidefield.recorder.stream_recorder import stream_chunks, stream_scene
 from guidefield.stream.journal import Updated
 from guidefield.stream.shown import RobotMotions, SeenBodies, motion_of
-from guidefield.stream.state import Watching
+from guidefield.stream.state import StreamWatcher
 from guidefield.stream.stream import CertifiedStream
 
 SHOWN_INTERVAL_S = 0.1  # time between two parts of the recording that are sent [s]
-MAX_WAITING = 2_000  # updates that wait for a viewer that takes nothing; then the stream isn't shown any more
+MAX_WAITING = 2_000  # updates kept for a viewer that takes none: with more, the stream isn't shown any more
 
 _log = logging.getLogger(__name__)
 
 
-class LiveStream(Watching):
-    """Shows a stream in a viewer; one of its watchers.
+class LiveStream(StreamWatcher):
+    """A watcher of a stream that shows it in a viewer.
 
     Args:
-        address: Where the viewer listens.
+        address: The viewer's.
         stream: The stream, which has had no update yet.
     """
 

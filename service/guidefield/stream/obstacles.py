@@ -1,4 +1,7 @@
-"""The obstacles of a stream: shapes made once, and observed places, rewritten in the same arrays."""
+"""The obstacles of a stream: their shapes, made once, and their observed places, rewritten in the same arrays.
+
+The judge reads these arrays (`SeenObstacles`), the planner boxes that stand for them (`DriftingObstacles`).
+"""
 
 from __future__ import annotations
 
@@ -52,25 +55,25 @@ class TrackedObstacle:
 
 @dataclass(frozen=True)
 class Assumption:
-    """What is assumed of how obstacles move."""
+    """The assumption on the motion of obstacles."""
 
-    # how far velocities may be from those observed; None: largest speeds hold, whatever was observed
+    # largest deviation of velocities from the observed ones; None: largest speeds hold, whatever was observed
     deviation: Deviation | None
     min_clearance: float  # the distance kept beyond that [m]
-    clock_error: float  # how far times of observations may be off [s]
+    clock_error: float  # largest error of times of observations [s]
 
 
 @dataclass(frozen=True, eq=False)
 class DriftingObstacles(ReadOnly):
-    """What moves, for planning."""
+    """The moving obstacles as boxes, for planning."""
 
-    boxes: np.ndarray  # rounded boxes that stand for it, shape (k, 16) [m, world]
-    drifts: np.ndarray  # the velocity of each as it was observed, shape (k, 3) [m/s]
-    rates: np.ndarray  # how fast each grows for the judge, shape (k,) [m/s]
-    margins: np.ndarray  # what the judge wants to be kept beyond that, shape (k,) [m]
+    boxes: np.ndarray  # rounded boxes that stand for them, shape (k, 16) [m, world], as `StreamShape.boxes`
+    drifts: np.ndarray  # the observed velocity of each, shape (k, 3) [m/s]
+    rates: np.ndarray  # speed at which each grows for the judge, shape (k,) [m/s]
+    margins: np.ndarray  # distance that the judge keeps beyond that, shape (k,) [m]
 
     def after(self, time: float) -> np.ndarray:
-        """Where the boxes are after a time [s], shape (k, 16)."""
+        """The boxes after a time [s], shape (k, 16)."""
         boxes = self.boxes.copy()
         boxes[:, [3, 7, 11]] += time * self.drifts
         return boxes
@@ -82,7 +85,7 @@ class Obstacles:
 
     scene: Scene
     assumption: Assumption
-    pairs: Callable[[str], np.ndarray]  # which of the moving bodies meet an obstacle of a name, shape (m,)
+    pairs: Callable[[str], np.ndarray]  # whether each moving body must not touch an obstacle of a name, shape (m,)
     origin: Vector3 = ORIGIN  # point of the world that the scene is seen from [m]; observations are of the world
     known: dict[str, TrackedObstacle] = field(default_factory=dict)
 
@@ -91,8 +94,8 @@ class Obstacles:
         self._remade = True
         self._met_changed = True
 
-    def prepared(self, declared: StreamObstacle, path: str, links: Iterable[str]) -> TrackedObstacle:
-        """A shape that may be taken; nothing is by now.
+    def prepare(self, declared: StreamObstacle, path: str, links: Iterable[str]) -> TrackedObstacle:
+        """Build a shape for `take`, without taking it.
 
         Raises:
             SceneInvalid: if it can't be used, or the name is taken.
@@ -171,7 +174,7 @@ class Obstacles:
         self._remade = True
 
     def observe(self, seen: Observation) -> bool:
-        """Take an observation of one that is declared, unless a later one is known; whether it wasn't there before."""
+        """Take an observation, unless a later one is known; return whether its obstacle wasn't there before."""
         one = self.known[seen.name]
         if one.seen is not None and seen.time < one.seen.time:
             return False
@@ -181,7 +184,7 @@ class Obstacles:
         return fresh
 
     def lose(self, name: str) -> None:
-        """Take it that an obstacle that is declared is gone."""
+        """Note that a declared obstacle is gone."""
         one = self.known[name]
         self._met_changed |= one.seen is not None
         one.seen, one.gone = None, True
@@ -193,7 +196,7 @@ class Obstacles:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was odd about shapes but harmless; each names its obstacle."""
+        """Harmless peculiarities of shapes; each names its obstacle."""
         return tuple(warning for one in self.known.values() for warning in one.warnings)
 
     @property
@@ -202,7 +205,7 @@ class Obstacles:
         return [*self.scene.names, *self.known]
 
     def see(self, reserve: float) -> SeenObstacles:
-        """What is there, also with what obstacles cover in a time [s] in reserve; the same arrays each time."""
+        """The observed obstacles, also with what they may cover in a reserved time [s]; the same arrays each time."""
         self._bring_up_to_date()
         np.add(self._movers.margins, reserve * self._movers.growths, out=self._reserved)
         return self._seen
@@ -228,7 +231,7 @@ class Obstacles:
         boxes = boxes._replace(axes=axes, centres=centres, halves=halves)
         self._bodies = ObstacleBodies(boxes, roots, table.tables(), np.zeros(3), movers_of)
         self._error = rounding_of(self._bodies.parts) + ARITHMETIC * float(np.abs(boxes.nodes).max(initial=0.0))
-        # each goes on from where it was seen last, for ever
+        # each goes on from its last observed place, for ever
         endless = np.array([one.endless for one in shapes], np.int64)
         twists, speeds = np.zeros((2 * count, 6)), np.zeros(2 * count)
         times, poses = np.zeros(2 * count), np.zeros((2 * count, 12))
@@ -280,7 +283,7 @@ class Obstacles:
                 yield index, one, None
 
     def _write(self) -> None:
-        """Write what was seen since into the arrays."""
+        """Write new observations into the arrays."""
         found = [
             (index, one.seen)
             for index, one in enumerate(self.known.values())
@@ -314,7 +317,7 @@ class Obstacles:
         self._placed = None
 
     def boxes(self, times: Iterable[float]) -> np.ndarray:
-        """Rounded boxes that stand for what was seen, where it is predicted at some times [s], shape (k, 16)."""
+        """Rounded boxes of the observed obstacles where they are predicted at some times [s], shape (k, 16)."""
         self._bring_up_to_date()
         kept = self._there[self._boxes_of]
         if not kept.any():
@@ -333,7 +336,7 @@ class Obstacles:
         return np.concatenate(rows)
 
     def drifting(self, now: float) -> DriftingObstacles:
-        """What represents what was seen, and how it goes on from a time [s]."""
+        """The observed obstacles from a time on [s], for planning."""
         boxes = self.boxes([now])
         if not len(boxes):
             return DriftingObstacles(boxes, np.empty((0, 3)), np.empty(0), np.empty(0))

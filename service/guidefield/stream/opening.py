@@ -1,4 +1,7 @@
-"""The values of a request to open a stream: the robot in its scene at rest, its limits and tolerances."""
+"""Read the request that opens a stream: the robot in its scene at rest, its limits and tolerances.
+
+What isn't served by streams is refused here, by the name of its field.
+"""
 
 from __future__ import annotations
 
@@ -30,30 +33,30 @@ from guidefield.stream.shapes import require_one_axis
 
 @dataclass(frozen=True, eq=False)
 class StreamSetup:
-    """A stream's robot and what it keeps."""
+    """A stream's robot, limits and conditions."""
 
     request: StreamOpen
     group: PlanningGroup
     world: World
     bounds: JointBounds
     cartesian_limits: tuple[CartesianLimit, ...]
-    start: ChartPoint  # where it stands, shape (nv,)
+    start: ChartPoint  # the configuration in which it stands, shape (nv,)
     assumption: Assumption
     warnings: tuple[str, ...]
-    touching: tuple[str, ...]  # what touches at the start; a sentence for each pair, which is among the warnings too
+    touching: tuple[str, ...]  # a sentence for each pair in contact at the start, among the warnings too
 
     def bodies_met(self, name: str) -> np.ndarray:
-        """Whether each body that moves must not touch an obstacle of a name, shape (m,)."""
+        """Return whether each moving body must not touch an obstacle of a name, shape (m,)."""
         names, allowed = self.world.body_names, [frozenset(pair) for pair in self.request.allowed_collisions]
         moving = self.world.pairs.moving.tolist()
         return np.array([frozenset((names[body], name)) not in allowed for body in moving], bool)
 
 
 def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: Sequence[str] = ()) -> StreamSetup:
-    """The values of a request.
+    """Read a request.
 
     Args:
-        coarse: Warnings about how it was told.
+        coarse: Warnings about its coordinates, if they are far from the origin.
 
     Raises:
         GuidefieldError: if it is ill-posed, or asks for what isn't served; by name.

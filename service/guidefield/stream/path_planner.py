@@ -1,4 +1,7 @@
-"""Paths to a goal: checked in every cycle, and planned in a thread beside it."""
+"""Paths to a goal: checked in every cycle, planned in a thread beside it, and taken over by one of three rules.
+
+They are free at samples only: the judge proves pieces. `FixedDelay` and `AtRecordedTimes` make a stream repeatable.
+"""
 
 from __future__ import annotations
 
@@ -43,20 +46,20 @@ from guidefield.stream.obstacles import DriftingObstacles
 from guidefield.stream.settings import STREAM, ClearanceRule
 
 FAR = 0.3  # distances are measured up to this [m], at size 1
-NOTHING = DriftingObstacles(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))  # nothing moves
+NOTHING = DriftingObstacles(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))  # no moving obstacles
 
 _T = TypeVar("_T")
 
-YIELDING = 10  # by how much what is done beside the cycle is nicer than the cycle, where a clock decides
-INSIDE = 0.005  # by so much what is grown is less than an end is away from it [m], at size 1
+YIELDING = 10  # niceness of the planning thread, as Linux counts, where a clock decides when a path is taken over
+INSIDE = 0.005  # subtracted from the distance of an end, to keep grown obstacles off it [m], at size 1
 
 
 class PathPlanner:
-    """Plans and checks paths by samples, among what rests and what drifts; with memory of its own: not for two threads.
+    """A planner of paths, by samples, among obstacles at rest and drifting; with its own memory: not for two threads.
 
     Args:
-        least: What to keep from what rests at least [m]; beyond that it is `STREAM.resting` as a rule.
-        tolerance: How far each coordinate may be off [rad or m]: what that sweeps is kept as well.
+        least: Least distance from obstacles at rest [m]; paths keep `STREAM.resting` beyond it as a rule.
+        tolerance: Largest deviation of each coordinate [rad or m]: the distance that it sweeps is kept as well.
     """
 
     def __init__(self, group: PlanningGroup, world: World, bounds: JointBounds, least: float, tolerance: float) -> None:
@@ -70,20 +73,20 @@ class PathPlanner:
         self.size = group.size
 
     def gaps(self, boxes: np.ndarray, z: ChartPoint) -> np.ndarray:
-        """What may be kept from boxes (k, 16) at coordinates z (nv,), shape (k,) [m]: less than how far they are."""
+        """Distances from boxes (k, 16) at coordinates z (nv,), shape (k,) [m], less `INSIDE`: these can be kept."""
         kept: np.ndarray = self.lanes.gaps(boxes, z[None], FAR * self.size)[0] - INSIDE * self.size
         return kept
 
     def is_goal_free(self, drifting: DriftingObstacles, z: ChartPoint) -> bool:
-        """Whether coordinates (nv,) keep from what moves what an end has to, now and as far as flights are foreseen."""
+        """Return whether coordinates (nv,) keep `STREAM.ending` from what moves, now and in `STREAM.foreseen`."""
         kept = STREAM.ending.from_each(drifting.rates, self.size) + drifting.margins
         soon = (drifting.boxes, drifting.after(STREAM.foreseen))
         return all(bool((self.lanes.gaps(boxes, z[None], FAR * self.size) >= kept).all()) for boxes in soon)
 
     def choose_clearance(self, most: float, ends: list[ChartPoint]) -> float:
-        """What to keep from what rests [m]: `most` at size 1 beyond the least, or less where an end (nv,) is closer.
+        """Choose the distance from obstacles at rest [m]: `most` beyond the least; less if an end (nv,) is closer.
 
-        What the robot may be off by there is kept as well, unless an end is closer than that.
+        The bound of the robot's deviation there is kept as well, unless an end is closer than that.
         """
         zs, off = np.array(ends), self.bound_error(ends)
         beyond = [*(off + share * most * self.size for share in STREAM.closer), 0.0]
@@ -91,7 +94,7 @@ class PathPlanner:
         return next((one for one in kept if not self.lanes.touching(zs, one).any()), kept[-1])
 
     def bound_error(self, ends: list[ChartPoint]) -> float:
-        """How far the robot may be off at some points (nv,) [m]."""
+        """Bound the deviation of any point of the robot at some configurations (nv,) [m]."""
         group, data, tolerances = self._group, self._data, np.full((1, len(ends[0])), self._tolerance)
         most = 0.0
         for z in ends:
@@ -101,16 +104,16 @@ class PathPlanner:
         return most
 
     def find_free(self, zs: ChartPoints) -> np.ndarray:
-        """Which of chart points (n, nv) keep from what rests, and touch nothing of the robot itself, shape (n,)."""
+        """Return which chart points (n, nv) keep `STREAM.resting`, and are free of self-contact, shape (n,)."""
         return ~self.lanes.touching(zs, self._least + STREAM.resting * self.size)
 
     def count_kept(self, z: ChartPoint) -> int:
-        """How many of `STREAM.leaving` are kept from what rests at coordinates z (nv,), and from the robot itself."""
+        """Count the distances of `STREAM.leaving` that are kept at coordinates z (nv,), also from the robot itself."""
         kept = [self._least + one * self.size for one in STREAM.leaving]
         return next((k for k, one in enumerate(kept) if self.lanes.touching(z[None], one).any()), len(kept))
 
     def is_free(self, drifting: DriftingObstacles, kept: ClearanceRule, clearance: float, points: ChartPoints) -> bool:
-        """Tell if a path (m, nv), straight from point to point, is free, with a clearance from what rests [m]."""
+        """Return whether a path (m, nv), straight from point to point, is free; the clearance is from what rests [m]."""
         lanes = self._among(drifting, kept, points[0], points[-1])
         return lanes.free_until(points, STREAM.resolution, clearance) == len(points) - 1
 
@@ -136,7 +139,7 @@ class PathPlanner:
         return way
 
     def schedule(self, drifting: DriftingObstacles, points: ChartPoints) -> ScheduledPath:
-        """Where to be when on a path (m, nv) among what moves, or beside it, and what that costs."""
+        """Schedule a path (m, nv) among what moves, on it or beside it; with its cost."""
         way = TimedPath(points, self._speeds)
         if way.length == 0.0 or not len(drifting.boxes):
             return ScheduledPath(way.length, points, way.begins)
@@ -182,24 +185,24 @@ class PathPlanner:
 class PlannedPath:
     """The outcome of planning."""
 
-    way: ScheduledPath | None  # the path, where to be on it when; None: none was found
-    nowhere: bool
+    way: ScheduledPath | None  # the cheapest, or the one that is followed; None: none was found
+    nowhere: bool  # whether none was found
 
 
 @dataclass(frozen=True)
 class PathOrder:
     """A path that is being planned."""
 
-    due: float  # when it is taken over, by the client's clock [s]
-    goal: ChartPoint  # where it leads, shape (nv,)
+    due: float  # the time at which it is taken over, by the client's clock [s]
+    goal: ChartPoint  # its end, shape (nv,)
     found: Future[PlannedPath]
 
 
 class BackgroundPlanner:
-    """Plans paths beside the cycle, one at a time, in a thread of its own.
+    """A planner of paths beside the cycle, one at a time, in a thread of its own.
 
     Args:
-        niceness: By how much the thread gives way to others, where the system knows priorities of threads.
+        niceness: Of the thread, where the system knows priorities of threads.
     """
 
     def __init__(self, paths: PathPlanner, niceness: int = 0) -> None:
@@ -257,7 +260,7 @@ class BackgroundPlanner:
 
 
 def lower_priority(niceness: int = YIELDING) -> None:
-    """Have this thread be nicer than the others of its process by so much, as Linux counts."""
+    """Set the niceness of this thread against the others of its process, as Linux counts."""
     if niceness and sys.platform == "linux":  # elsewhere a process has one priority for all of its threads
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), niceness)
 
@@ -268,7 +271,7 @@ def find_goals(
     """The configurations that a goal means, free of what rests and of themselves, shape (k, nv).
 
     Args:
-        near: Where the robot is, shape (nv,): of whole turns the nearest are taken.
+        near: The robot's configuration, shape (nv,): of whole turns the nearest are taken.
 
     Raises:
         InvalidGoal: if it names joints that don't move, or no configuration of it is within limits and free.
@@ -312,18 +315,18 @@ def _configuration(goal: JointsGoal | JointSetGoal, index: int, group: PlanningG
 
 
 class TakeOver(Protocol):
-    """Decides in each cycle whether the path that was ordered is taken over."""
+    """A rule that decides in each cycle whether the ordered path is taken over."""
 
     @property
     def niceness(self) -> int:
-        """By how much the thread that plans gives way to others."""
+        """Niceness of the planning thread."""
 
     def takes(self, ordered: PathOrder, now: float) -> bool:
         """Whether to take it over at an update's time [s]; if it isn't found yet, it is waited for."""
 
 
 class FixedDelay:
-    """Takes a path over a fixed time after it was ordered: the same updates get the same pieces."""
+    """Take a path over a fixed time after it was ordered: the same updates get the same pieces."""
 
     niceness = 0
 
@@ -333,7 +336,7 @@ class FixedDelay:
 
 
 class WhenReady:
-    """Takes a path over as soon as it is found: nobody ever waits for it.
+    """Take a path over as soon as it is found: nothing ever waits for it.
 
     Attributes:
         last: Time of the last update at which one was taken over [s]; None: there was none.
@@ -353,7 +356,7 @@ class WhenReady:
 
 
 class AtRecordedTimes:
-    """Takes paths over at the updates at which they were taken over before.
+    """Take paths over at the updates at which they were taken over before.
 
     Args:
         times: Of these updates [s].

@@ -1,4 +1,4 @@
-"""A journal of a stream done again: whether the same pieces come of it, to the last bit."""
+"""Replay a file of a stream's journal, and compare the answers with the recorded ones, to the last bit."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Opens = Callable[[StreamOpen, TakeOver], CertifiedStream]  # opens a stream in t
 
 @dataclass(frozen=True)
 class Replay:
-    """What came of it."""
+    """The result of a replay."""
 
     updates: int
     pieces: int
     first: float | None = None  # time of the first update that is answered otherwise [s]; None: all are as they were
-    was: Piece | StreamState | str | None = None
-    now: Piece | StreamState | str | None = None
+    was: Piece | StreamState | str | None = None  # that answer as it was recorded; of a refusal its message
+    now: Piece | StreamState | str | None = None  # and as it is now
 
     @property
     def same(self) -> bool:
@@ -35,7 +35,7 @@ class Replay:
 
 
 def read(file: Path) -> tuple[Begun, list[Entry]]:
-    """What a file of a journal begins with, and its other entries.
+    """The first entry of a journal's file, and the others.
 
     Raises:
         MalformedRequest: if it isn't one, or one of another version.
@@ -54,11 +54,11 @@ def read(file: Path) -> tuple[Begun, list[Entry]]:
 
 
 def replay(file: Path, opens: Opens) -> Replay:
-    """Do a file of a journal again.
+    """Replay a file of a journal.
 
     Raises:
         MalformedRequest: if it isn't one.
-        GuidefieldError: if what it was opened with is refused now.
+        GuidefieldError: if the request of its stream is refused now.
     """
     begun, entries = read(file)
     times = [one.update.time for one in entries if isinstance(one, Updated) and one.took]

@@ -69,7 +69,7 @@ class StreamShape(ReadOnly):
 
     @property
     def reach(self) -> float:
-        """How far a point of it is from the frame's origin, at most [m]; infinite of a half-space."""
+        """Largest distance of a point of it from the frame's origin [m]; infinite of a half-space."""
         balls = self.parts.balls.reshape(-1, BALL_ROW)[self.parts.links.reshape(-1, LINK)[:, LEFT] < 0]
         return float((np.linalg.norm(balls[:, :3], axis=1) + balls[:, 3]).max())
 
@@ -133,7 +133,7 @@ def _balls_of_cloud(points: np.ndarray, radius: float) -> Parts:
     return Parts(**{name: made[name] for name in Parts._fields})
 
 
-CLOUD_BOXES = 128  # about this many boxes stand for a cloud in planning
+CLOUD_BOXES = 128  # boxes that stand for a cloud in planning, at most
 
 
 def _clusters(points: np.ndarray, radius: float) -> np.ndarray:
@@ -161,7 +161,7 @@ def _below(plane: np.ndarray) -> np.ndarray:
     return row
 
 
-MOST_PARTS = 8  # most parts of a mesh, which stand for it: nothing asks its triangles
+MOST_PARTS = 8  # most parts of a mesh, which stand for its triangles in proofs
 
 
 @memoized_for_alike

@@ -1,4 +1,4 @@
-"""The recording of a stream for a viewer, made of the files of its journal."""
+"""The recording of a stream, from the files of its journal: the robot along its pieces, and the observed obstacles."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def record(files: Sequence[Path], opens: Opens, recording: Path) -> None:
     """Write the recording of a journal's files, for a viewer.
 
     Raises:
-        MalformedRequest: as `recorded`.
+        MalformedRequest: as `render`.
         OSError: if a file can't be read, or the recording can't be written.
     """
     write_whole(recording, render(files, opens), durable=False)
@@ -87,7 +87,7 @@ ARRAYS = ("times", "rows", "stops", "horizon", "latency")
 
 
 def motion_of(motions: RobotMotions, updated: Sequence[Updated], moving: Sequence[MovingBody]) -> StreamMotion:
-    """Return the motion of a robot over updates, among what was seen."""
+    """Return the motion of a robot over updates, among the observed obstacles."""
     rows, stops, horizon = [], [], []
     for one in updated:
         now = one.update.time
@@ -121,7 +121,7 @@ def _require_same_joints(file: Path, begun: Begun, updated: Sequence[Updated], s
 
 
 class RobotMotions:
-    """Commits and pieces by number, and where the robot is along them."""
+    """Commits and pieces by number, and the robot's place along them."""
 
     def __init__(self, group: PlanningGroup, commits: Sequence[Commit]) -> None:
         self._group = group
@@ -136,7 +136,7 @@ class RobotMotions:
             self._last = piece.number
 
     def at(self, one: Updated, now: float) -> np.ndarray:
-        """Position columns (k,) at a time [s]: as the client told, or as the piece has it that is executed."""
+        """Position columns (k,) at a time [s], by the piece that is executed, as the client or the clock says."""
         number = one.update.executing if one.update.executing is not None else self._find_begun(now)
         piece = self._pieces.get(number)
         if piece is None:
@@ -145,11 +145,11 @@ class RobotMotions:
         return _along(piece, now)
 
     def end(self, one: Updated) -> int:
-        """Number of what is executed to its end if nothing follows."""
+        """Number of the piece that is executed to its end if nothing follows."""
         return self._last if one.state is None else one.state.executing
 
     def at_end(self, number: int) -> np.ndarray:
-        """Position columns (k,) where that ends."""
+        """Position columns (k,) at the end of a piece."""
         piece = self._pieces.get(number)
         if piece is not None:
             return np.array(piece.trajectory.positions[-1])
@@ -157,7 +157,7 @@ class RobotMotions:
         return np.array(self._group.wire_positions(commit.ends))
 
     def stops(self, number: int) -> float:
-        """When that ends [s]."""
+        """The end of a piece [s]."""
         piece = self._pieces.get(number)
         return piece.stops if piece is not None else self._commits.get(number, self._commits[max(self._commits)]).stops
 
@@ -189,8 +189,8 @@ class _TrackedBody:
     declared: StreamObstacle
     there: bool = False
     observations: list[Observation] = field(default_factory=list)
-    appears: list[float] = field(default_factory=list)  # when it was there and had not been before [s]
-    gone: list[float] = field(default_factory=list)  # when it wasn't there any more [s]
+    appears: list[float] = field(default_factory=list)  # times at which it appeared [s]
+    gone: list[float] = field(default_factory=list)  # times at which it disappeared [s]
 
     def lose(self, now: float) -> None:
         if self.there:
@@ -209,7 +209,7 @@ class _TrackedBody:
 
 
 class SeenBodies:
-    """What was seen, each as it was declared last, from file to file."""
+    """The observed obstacles, each as it was declared last, from file to file."""
 
     def __init__(self, declared: Sequence[StreamObstacle] = ()) -> None:
         self._known: dict[str, _TrackedBody] = {}
@@ -234,14 +234,14 @@ class SeenBodies:
                     self._known[observation.name].see(observation, update.time)
 
     def forget(self) -> None:
-        """Forget where all was seen, but not what is there."""
+        """Forget all observations, but not which obstacles are there."""
         for one in self._known.values():
             one.observations.clear()
             one.appears.clear()
             one.gone.clear()
 
     def bodies(self, origin: Vector3) -> list[MovingBody]:
-        """List what was seen, in the frame of an origin [m, world]."""
+        """List the observed obstacles, in the frame of an origin [m, world]."""
         return [_body(one, origin) for one in self._known.values() if one.observations or one.gone]
 
     def _declare(self, shape: StreamObstacle) -> _TrackedBody:
@@ -250,7 +250,7 @@ class SeenBodies:
         return known
 
     def _go_on(self, begun: Begun) -> None:
-        """Take what a file goes on from: the one before may have ended sooner."""
+        """Take the snapshot of a file: the one before may have ended sooner."""
         there = set()
         for one in begun.snapshot.obstacles:
             known = self._declare(one.declared)

@@ -1,4 +1,7 @@
-"""The state of a stream: a table of phases, what moves it from one to the next and what each keeps; as data."""
+"""The state of a stream: its phases, the events that lead from one to another, the data of each; and its watchers.
+
+A `Snapshot` is stored in journals: names of its fields are in the files.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from guidefield.stream.commit import Commit
 from guidefield.stream.dodging import TimedPath
 from guidefield.stream.path_planner import PathOrder
 
-MAX_COMMITS = 64  # most commits that are remembered: the one that is executed and the last ones
+MAX_COMMITS = 64  # most commits that are remembered: the executed one and the last ones
 
 
 class Phase(enum.Enum):
@@ -30,7 +33,7 @@ class Phase(enum.Enum):
 
 
 class Event(enum.Enum):
-    """What moves a stream from one phase to the next. Updates alone don't."""
+    """Events that lead a stream from one phase to another; updates alone don't."""
 
     AIM = "aim"  # a goal was found
     STAND = "stand"  # there is no goal any more
@@ -41,13 +44,13 @@ class Event(enum.Enum):
 
 
 ASKED = {Event.AIM: Phase.FOLLOWING, Event.STAND: Phase.STANDING, Event.STOP: Phase.HALTED, Event.CLOSE: Phase.CLOSED}
-"""What clients ask for leads to the same phase from each that isn't closed."""
+"""A client's queries lead to the same phase from each that isn't closed."""
 
 
 class PhaseRule(NamedTuple):
-    """What a stream has in a phase, and where it goes on from there."""
+    """The data of a phase, and the phases that follow it."""
 
-    # fields of `State` beside those that every phase has; what a phase hasn't is dropped when it begins
+    # fields of `State` beside those that every phase has; others are dropped when it begins
     kept: frozenset[str]
     next: dict[Event, Phase]
 
@@ -66,7 +69,7 @@ class Pursuit(msgspec.Struct, eq=False):
 
     goals: np.ndarray  # its configurations, (k, nv)
     way: TimedPath | None = None  # the path that is followed; None: nothing is known of one
-    place: float = 0.0  # how far along it is [s]
+    place: float = 0.0  # the robot's place along it [s]
     refused: int = 0  # updates without a piece, one after the other
     unfound: bool = False  # whether no path was found at the last planning
 
@@ -81,12 +84,12 @@ class State(msgspec.Struct, eq=False):
     commits: dict[int, Commit]
     phase: Phase
     last: int  # number of the commit that was sent last
-    current: int  # number of the one that is executed in the end
+    current: int  # number of the one that is executed to its stop
     now: float  # the client's time [s]; -inf: no update came yet
-    fresh: bool  # whether something was seen for the first time by an update that was not answered
-    sought: int  # goals that were looked for
+    fresh: bool  # whether something was observed for the first time by an update without an answer
+    sought: int  # number of searches for goals
     goal: int  # number of the goal
-    planned: float  # when a path was planned last [s]; -inf: none was
+    planned: float  # the time of the last order of a path [s]; -inf: none was
     pursuit: Pursuit | None
     ordered: PathOrder | None  # the path that is being planned
 
@@ -168,7 +171,7 @@ class State(msgspec.Struct, eq=False):
 
 
 class KeptObstacle(msgspec.Struct, frozen=True):
-    """An obstacle that a stream knows: what it was declared as, where it was seen last, and whether it is gone."""
+    """An obstacle of a stream: its declaration, its last observation, and whether it is gone."""
 
     declared: StreamObstacle
     seen: Observation | None
@@ -176,7 +179,7 @@ class KeptObstacle(msgspec.Struct, frozen=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True):
-    """What a stream goes on from."""
+    """All that a stream goes on from."""
 
     state: State
     random: str
@@ -209,13 +212,13 @@ def random_state(rng: np.random.Generator) -> str:
 
 def restore_random(rng: np.random.Generator, state: str) -> None:
     """Have random numbers go on from a state."""
-    told = msgspec.json.decode(state)
-    told["state"] = {name: int(value) for name, value in told["state"].items()}
-    rng.bit_generator.state = told
+    words = msgspec.json.decode(state)
+    words["state"] = {name: int(value) for name, value in words["state"].items()}
+    rng.bit_generator.state = words
 
 
-class Watching:
-    """Hears of a stream, and does nothing about it; none of these may take long, or raise."""
+class StreamWatcher:
+    """A watcher of a stream that does nothing; methods of others may not take long, or raise."""
 
     def begin_update(self) -> None:
         """An update came, and is worked on."""
@@ -232,30 +235,26 @@ class Watching:
         """An update was worked on.
 
         Args:
-            answer: What was answered; None where it was noted, or refused.
+            answer: None where it was noted, or refused.
         """
 
     def seek(self, goal: StreamGoal) -> None:
-        """Configurations of a goal are looked for."""
+        """A search for configurations of a goal begins."""
 
     def aimed(self, number: int | None) -> None:
-        """The goal is another one: what was looked for as the n-th; None: to stand."""
+        """The goal is another one: that of the n-th search; None: to stand."""
 
     def halted(self) -> None:
         """A stop was asked for."""
 
     def may_rest(self, snapshot: Callable[[], Snapshot], *, planning: bool) -> None:
-        """What the stream goes on from can be had.
-
-        Args:
-            snapshot: That; a path that is being planned is given up then, and planned again.
-        """
+        """A snapshot can be taken; a path that is being planned is given up then, and planned again."""
 
 
-class Watchers(Watching):
+class Watchers(StreamWatcher):
     """Several watchers as one."""
 
-    def __init__(self, *watchers: Watching) -> None:
+    def __init__(self, *watchers: StreamWatcher) -> None:
         def tell(name: str) -> Callable[..., None]:
             calls = [getattr(one, name) for one in watchers]
 

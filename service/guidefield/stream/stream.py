@@ -1,4 +1,8 @@
-"""A stream in one process, driven by the caller's clock: what is seen goes in, certified pieces come out."""
+"""A stream in one process, driven by the caller's clock: observations go in, certified pieces come out.
+
+Each update is a cycle: take observations, follow the path to the goal by a proven piece, else flee from what comes
+close, else say why there is none. No piece is sent that the judge hasn't proven together with its stop.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +39,7 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
 from guidefield.stream.commit import Commit, join_commits, plan_commit
-from guidefield.stream.dodging import TimedPath, flights, pressure_slope, pressures
+from guidefield.stream.dodging import TimedPath, draw_flights, measure_pressures, pressure_slope
 from guidefield.stream.judge import CommitReason, CommitVerdict, Judge, SeenObstacles
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import read_opening
@@ -58,8 +62,8 @@ from guidefield.stream.state import (
     Pursuit,
     Snapshot,
     State,
+    StreamWatcher,
     Watchers,
-    Watching,
     random_state,
     restore_random,
 )
@@ -67,9 +71,8 @@ from guidefield.stream.state import (
 _A = TypeVar("_A", bound=Piece | StreamState | None)
 
 GOAL_TOLERANCE = 1e-6  # a configuration this close to a goal has reached it [rad or m]
-TRAVELLED_IN = 20  # in this many parts it is added up how far the robot goes before what appears can have come
-SLACK = 1e-6  # joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]
-
+TRAVELLED_IN = 20  # parts in which the travel of the robot is bounded, before what appears can have come
+SLACK = 1e-6  # deviation of joints that is allowed beyond the tolerance, for rounded numbers [rad or m]
 
 KERNELS = (
     search,
@@ -79,23 +82,23 @@ KERNELS = (
     rrt_connect,
     shortcut,
     way,
-)  # what the first update would wait for, 30 to 60 ms: loaded when a stream opens
+)  # loaded when a stream opens: else its first update would wait for them, 30 to 60 ms
 
 
 @dataclass(frozen=True)
 class GoalSearch:
-    """Configurations of a goal that are looked for."""
+    """A search for configurations of a goal."""
 
     number: int
-    found: Future[ChartPoints]  # they, shape (k, nv)
+    found: Future[ChartPoints]  # the configurations, shape (k, nv)
 
 
 class CertifiedStream:
     """A stream of pieces, each of which ends in a proven stop. It reads no clock: the same updates get the same bits.
 
     Args:
-        taking: When paths that are planned beside the cycle are taken over; None: counted, by `planning_time`.
-        watching: Who hears what it is asked and answers; None: nobody.
+        taking: The rule by which paths planned beside the cycle are taken over; None: after `planning_time`.
+        watching: A watcher of its queries and answers; None: none.
 
     Raises:
         GuidefieldError: if the request is ill-posed.
@@ -107,7 +110,7 @@ class CertifiedStream:
         robot: RobotModel,
         scene: Scene,
         taking: TakeOver | None = None,
-        watching: Watching | None = None,
+        watching: StreamWatcher | None = None,
     ) -> None:
         for kernels in (*KERNELS, *([carried_rates] if request.cartesian_limits else [])):
             load(kernels)
@@ -125,7 +128,7 @@ class CertifiedStream:
         self._planner = BackgroundPlanner(beside, self._taking.niceness)
         self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met, self.origin)
         for index, one in enumerate(request.obstacles):
-            self._obstacles.take(self._obstacles.prepared(one, f"$.obstacles[{index}]", asked.group.robot.links))
+            self._obstacles.take(self._obstacles.prepare(one, f"$.obstacles[{index}]", asked.group.robot.links))
         tolerances = np.full(asked.group.nv, request.tracking_tolerance)
         self._judge = Judge(asked.world, asked.bounds, request.min_clearance, tolerances, asked.cartesian_limits)
         self._rng = np.random.default_rng(request.seed)
@@ -133,7 +136,7 @@ class CertifiedStream:
         self._state = State.at_rest(asked.start)
         self._seeking = 0
         self._pieces: deque[Piece] = deque(maxlen=MAX_COMMITS)
-        self._watching = Watching()
+        self._watching = StreamWatcher()
         if request.goal is not None:
             try:
                 self.aim_for(request.goal)
@@ -143,10 +146,10 @@ class CertifiedStream:
             except BaseException:
                 self.close()
                 raise
-        self._watching = watching or Watching()
+        self._watching = watching or StreamWatcher()
         self._rest_if_wanted()
 
-    def watch(self, watching: Watching) -> None:
+    def watch(self, watching: StreamWatcher) -> None:
         """Have one more watcher hear of it."""
         self._watching = Watchers(self._watching, watching)
 
@@ -157,7 +160,7 @@ class CertifiedStream:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was odd about the request, and about shapes that were declared since, but harmless."""
+        """Harmless peculiarities of the request, and of shapes that were declared since."""
         return (*self._opened.warnings, *self._obstacles.warnings)
 
     def __enter__(self) -> CertifiedStream:
@@ -194,9 +197,9 @@ class CertifiedStream:
         return self.take_goal(None if goal is None else self.seek(goal))
 
     def seek(self, goal: StreamGoal | dict[str, Any]) -> GoalSearch:
-        """Have the configurations of a goal looked for beside the cycle, from where the robot will stand.
+        """Search for the configurations of a goal beside the cycle, from where the robot will stand.
 
-        What is given back has to be taken, in the order in which it was asked for, also where it failed.
+        Each search has to be given to `take_goal`, in the order of the calls, also if it failed.
         """
         self._state.require_open()
         asked: StreamGoal = codec.convert(goal, StreamGoal) if isinstance(goal, dict) else goal
@@ -244,7 +247,7 @@ class CertifiedStream:
         return self._report(update, self._answer_update, noted=False)
 
     def _report(self, update: StreamUpdate, work: Callable[[StreamUpdate], _A], *, noted: bool) -> _A:
-        """What comes of an update, which observers hear of."""
+        """Work on an update, and tell the watchers of it."""
         self._watching.begin_update()
         ordered = self._state.ordered
         try:
@@ -288,7 +291,7 @@ class CertifiedStream:
         return self._find_piece(_Cycle(now, now + self.request.latency, executed, broken, seen))
 
     def _find_break(self, now: float) -> CommitVerdict | None:
-        """Why what is executed from now on is no longer proven, where an obstacle is new; None: it is, or none is."""
+        """The refusal of what is executed from now on; None: it is still proven, or no obstacle is new."""
         fresh, self._state.fresh = self._state.fresh, False
         if not fresh or now >= self._state.commits[self._state.current].stops:
             return None
@@ -303,7 +306,7 @@ class CertifiedStream:
         base: Commit,
         verdict: CommitVerdict | None = None,
     ) -> StreamState:
-        """The state where there is no piece: what came into the way of what is executed comes before all else."""
+        """The state where there is no piece; an obstacle before the executed piece comes before other reasons."""
         if broken is not None:
             return self._tell_state(now, "appeared", broken, base)
         return self._tell_state(now, reason, verdict, base)
@@ -331,7 +334,7 @@ class CertifiedStream:
             self._watching.may_rest(self.snapshot, planning=self._state.phase is Phase.PLANNING)
 
     def snapshot(self) -> Snapshot:
-        """What it goes on from. A path that is being planned is given up, and planned again in the next cycle."""
+        """Return all that it goes on from; a path that is being planned is given up, and planned again later."""
         state = self._state
         if state.phase is Phase.PLANNING and state.pursuit is not None:
             state.enter(Event.TAKE)
@@ -351,23 +354,23 @@ class CertifiedStream:
         self._obstacles.known.clear()
         for index, one in enumerate(kept.obstacles):
             links = self.group.robot.links
-            self._obstacles.take(self._obstacles.prepared(one.declared, f"$.obstacles[{index}]", links))
+            self._obstacles.take(self._obstacles.prepare(one.declared, f"$.obstacles[{index}]", links))
             if one.seen is not None:
                 self._obstacles.observe(one.seen)
             self._obstacles.known[one.declared.obstacle.name].gone = one.gone
 
     def judged(self, time: float) -> CommitVerdict:
-        """Whether what is executed is still proven from a time on [s], by what was seen last.
+        """Judge whether what is executed is still proven from a time on [s], by the last observations.
 
-        That is what the last update said, with the piece that answered it, if there was one.
+        These are the last update's; the piece that answered it counts, if there was one.
         """
         executed = join_commits(self._state.find_executed(time))
         return self._judge.judge(executed, self._obstacles.see(STREAM.reserve), STREAM.evaluations, since=time)
 
     def _take_observations(self, update: StreamUpdate) -> bool:
-        """Take what an update says of obstacles; whether one is new."""
+        """Take an update's observations; return whether an obstacle is new."""
         declared = [
-            self._obstacles.prepared(one, f"$.declare[{index}]", self.group.robot.links)
+            self._obstacles.prepare(one, f"$.declare[{index}]", self.group.robot.links)
             for index, one in enumerate(update.declare)
         ]
         self._obstacles.require(declared, update)
@@ -411,7 +414,7 @@ class CertifiedStream:
             )
 
     def _stand_elsewhere(self, z: ChartPoint, base: Commit) -> Commit:
-        """The robot stands, and not where its piece had it: it goes on from there, z of shape (nv,)."""
+        """Go on from z (nv,), where the robot stands although its piece ended elsewhere."""
         stood = Commit.standing(z, self._state.now, base.number, self._state.goal)
         self._state.stand_at(stood)
         return stood
@@ -423,7 +426,7 @@ class CertifiedStream:
         still = self._make_commit(cycle, state, np.zeros(self.group.nv), None)
         pursuit = self._state.pursuit
         found = self._follow(cycle, pursuit, state, still)
-        # who comes to the goal stands there first: what leads there is proven
+        # a robot that comes to the goal stands there first: the piece that leads there is proven
         arriving = cycle.reason == "at_goal" and cycle.now < cycle.base.stops
         if (found is None and not arriving) or cycle.threatened:
             found = self._flee(cycle, state, still) or found
@@ -484,7 +487,7 @@ class CertifiedStream:
         return None
 
     def _is_threatened(self, cycle: _Cycle, end: ChartPoint, way: TimedPath, place: float, share: float) -> bool:
-        """Whether what is foreseen comes close to where a piece ends (nv,), and to where the path leads by then.
+        """Return whether what is foreseen comes close to a piece's end (nv,), and to where the path leads by then.
 
         The piece ends at a place of the path [s].
         """
@@ -492,7 +495,7 @@ class CertifiedStream:
         then = min(place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
         places = (end, way.at(max(then, place)))
         near = STREAM.threat * self.group.size
-        return bool((pressures(self._paths.lanes, boxes, np.array(places), near) > 0.0).all())
+        return bool((measure_pressures(self._paths.lanes, boxes, np.array(places), near) > 0.0).all())
 
     def _flee(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
         """A proven piece away from what is predicted to come close, or None."""
@@ -501,12 +504,12 @@ class CertifiedStream:
             return None
         near = STREAM.near * self.group.size
         lanes = self._paths.lanes
-        before = float(pressures(lanes, boxes, still.ends[None], near)[0])
+        before = float(measure_pressures(lanes, boxes, still.ends[None], near)[0])
         if before <= 0.0:
             return None
-        directions = flights(pressure_slope(lanes, boxes, still.ends, near), self._speeds, self._rng)
+        directions = draw_flights(pressure_slope(lanes, boxes, still.ends, near), self._speeds, self._rng)
         commits = [self._make_commit(cycle, state, velocities, None) for velocities in directions]
-        after = pressures(lanes, boxes, np.array([one.ends for one in commits]), near).tolist()
+        after = measure_pressures(lanes, boxes, np.array([one.ends for one in commits]), near).tolist()
         tried = [(now, k, one) for k, (now, one) in enumerate(zip(after, commits, strict=True)) if now < before]
         return self._choose_flight(cycle, tried, reserved=False)
 
@@ -516,7 +519,7 @@ class CertifiedStream:
         if before == len(STREAM.leaving):
             return None
         tried: list[tuple[float, int, Commit]] = []
-        for velocities in flights(np.zeros(self.group.nv), self._speeds, self._rng):
+        for velocities in draw_flights(np.zeros(self.group.nv), self._speeds, self._rng):
             for towards_it in (velocities, -velocities):
                 commit = self._make_commit(cycle, state, towards_it, None)
                 after = self._paths.count_kept(commit.ends)
@@ -536,7 +539,7 @@ class CertifiedStream:
         return None
 
     def _prove(self, cycle: _Cycle, commit: Commit, reserved: bool) -> bool:
-        """Whether a commit is proven; the cycle keeps the first refusal."""
+        """Return whether a commit is proven; the cycle keeps the first refusal."""
         verdict = self._judge.judge(commit, cycle.seen, STREAM.evaluations, reserved=reserved)
         cycle.evaluations = verdict.evaluations
         if verdict.free and not self._is_seen_far_enough(cycle, commit):
@@ -546,7 +549,7 @@ class CertifiedStream:
         return verdict.free
 
     def _is_seen_far_enough(self, cycle: _Cycle, commit: Commit) -> bool:
-        """Whether what isn't observed yet can't reach the robot before it stands."""
+        """Return whether an obstacle that isn't observed yet can't reach the robot before it stands."""
         asked = self.request
         if asked.appear_distance is None:
             return True
@@ -556,7 +559,7 @@ class CertifiedStream:
         return gone + come < asked.appear_distance
 
     def _update_way(self, cycle: _Cycle, pursuit: Pursuit, stand: ChartPoint) -> TimedPath:
-        """The path that is followed, after what was planned is taken over and what has to be is ordered."""
+        """The path to follow; takes a planned one over, and orders the next one, if it is time."""
         state, goal = self._state, self._choose_goal(cycle, pursuit, stand)
         if (ordered := state.ordered) is not None and self._taking.takes(ordered, cycle.now):
             found = ordered.found.result()
@@ -616,7 +619,7 @@ class CertifiedStream:
         return nearest
 
     def _is_same(self, z: ChartPoint, goal: ChartPoint) -> bool:
-        """Whether a chart point (nv,) is a goal (nv,), or whole turns from it where that is the same configuration."""
+        """Return whether a chart point (nv,) is a goal (nv,), but for whole turns of joints that turn without end."""
         return bool((np.abs(self.group.unwrapped(goal, z) - z) <= GOAL_TOLERANCE).all())
 
     def _is_free(self, way: TimedPath, place: float, stand: ChartPoint) -> bool:
@@ -667,7 +670,7 @@ class CertifiedStream:
         )
 
     def pair_of(self, verdict: CommitVerdict) -> tuple[str, str] | None:
-        """What a judgement couldn't tell apart: a link, and a link or an obstacle; None where that isn't the reason."""
+        """The bodies that a verdict couldn't prove apart: a link, and a link or an obstacle; None for other reasons."""
         if verdict.pair < 0 or verdict.reason is CommitReason.LIMITS:
             return None
         names, own = self._opened.world.body_names, self._opened.world.pairs.own
@@ -686,7 +689,7 @@ def _search_goals(
 
 
 class _Cycle:
-    """What an update is answered from, and what comes of it."""
+    """The data of one update's answer: the executed commits and observations; and the reasons so far."""
 
     def __init__(
         self, now: float, begins: float, executed: list[Commit], broken: CommitVerdict | None, seen: SeenObstacles
