@@ -58,7 +58,7 @@ def test_spheres_and_boxes_hold_what_they_are_about() -> None:
 
     alone = check_bounds(robot_alone(robot("panda")))
     assert {f"panda_link{k}" for k in range(1, 8)} < set(alone)
-    among = check_bounds(World.build(group("panda"), random_scene(np.random.default_rng(4))))
+    among = check_bounds(World.build(group("panda"), random_scene(np.random.default_rng(4), rounds=2)))
     assert {"many points", "the tree of obstacles", "the tree of distances"} < set(among)
     assert max(*alone.values(), *among.values()) < SINGLE
 
