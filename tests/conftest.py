@@ -35,11 +35,16 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(tryfirst=True)  # before what is chosen by marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with most to say come first, journeys, which wait much, in turn with others: small ones fill the end."""
+    """Files with most to say come first, those that wait for processes in turn with others: small ones fill the end."""
     for item in items:
         if "journeys" in item.path.parts:
             item.add_marker("journey")
+    waiting = {item.path for item in items if "journeys" in item.path.parts or _starts_processes(item)}
     files = sorted({item.path for item in items}, key=lambda path: (-path.stat().st_size, path))
-    kinds = [[path for path in files if ("journeys" in path.parts) is journey] for journey in (True, False)]
+    kinds = [[path for path in files if (path in waiting) is waits] for waits in (True, False)]
     turns = {path: turn for kind in kinds for turn, path in enumerate(kind)}
-    items.sort(key=lambda item: (turns[item.path], "journeys" not in item.path.parts))
+    items.sort(key=lambda item: (turns[item.path], item.path not in waiting))
+
+
+def _starts_processes(item: pytest.Item) -> bool:
+    return hasattr(getattr(item, "module", None), "subprocess")
