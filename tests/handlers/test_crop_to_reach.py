@@ -56,20 +56,28 @@ def leave_whole(monkeypatch: pytest.MonkeyPatch, asked: str) -> None:
         monkeypatch.setattr(module, asked, lambda _: False)
 
 
+def require_same_among_all(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, cropped_for: str, off: float, closer: float, **asked: Any
+) -> None:
+    """Ask in what the robot can meet and in all: motions are off each other by so much, clearances [m] by so much."""
+    met = ask(scene, **asked)
+    leave_whole(monkeypatch, cropped_for)
+    whole = ask(scene, **asked)
+    assert met.status.name == whole.status.name == "SUCCESS"
+    assert met.certificate.collision_free
+    np.testing.assert_allclose(met.trajectory.times, whole.trajectory.times, atol=off)
+    np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=off)
+    assert met.clearance.pair == whole.clearance.pair
+    assert met.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=closer)
+
+
 @pytest.fixture(scope="module")
 def yard() -> Scene:
     return ground()
 
 
 def test_answers_are_those_among_all_of_it(yard: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    met = ask(yard)
-    leave_whole(monkeypatch, "has_large")
-    whole = ask(yard)
-    assert met.status.name == whole.status.name == "SUCCESS"
-    np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=1e-3)
-    assert met.certificate.collision_free
-    assert met.clearance.pair == whole.clearance.pair
-    assert met.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=2e-4)
+    require_same_among_all(yard, monkeypatch, "has_large", 1e-3, 2e-4)
 
 
 def test_what_is_touched_is_named_as_among_all_of_it(yard: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,16 +151,9 @@ def test_answers_among_very_many_are_those_among_all(seed: int, monkeypatch: pyt
     scene = shelves(seed)
     near = min(scene.obstacles, key=lambda one: float(np.linalg.norm(one.placement.translation))).name
     allowed = [["panda_hand", scene.obstacles[0].name], ["panda_link4", near], ["panda_hand", near]]
-    asked = {"allowed_collisions": allowed, "seed": seed}
-    met = ask(scene, **asked)
     assert len(nearest_obstacles(scene, reach_ball(group("panda")) or Ball(0, 0, 0, 0)).chosen) < len(scene.obstacles)
-    leave_whole(monkeypatch, "has_many")
-    whole = ask(scene, **asked)
-    assert met.status.name == whole.status.name == "SUCCESS"
-    assert met.certificate.collision_free
-    np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=1e-9)
-    assert met.clearance.pair == whole.clearance.pair
-    assert met.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=1e-9)
+    asked = {"allowed_collisions": allowed, "seed": seed}
+    require_same_among_all(scene, monkeypatch, "has_many", 1e-9, 1e-9, **asked)
 
 
 def of(scene: Scene) -> Conditions:
@@ -181,19 +182,11 @@ def crowd(seed: int) -> Scene:
 @pytest.mark.parametrize("seed", range(2))
 def test_answers_among_many_that_move_are_those_among_all(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = crowd(seed)
-    asked = {"allowed_collisions": [["panda_hand", "c0"], ["panda_hand", "p7"]], "seed": seed}
-    met = ask(scene, **asked)
     left = crop_to_reach(of(scene), Deadline()).scene
     assert left.moves
     assert len(left.obstacles) < 0.5 * len(scene.obstacles)
-    leave_whole(monkeypatch, "has_many")
-    whole = ask(scene, **asked)
-    assert met.status.name == whole.status.name == "SUCCESS"
-    assert met.certificate.collision_free
-    np.testing.assert_allclose(met.trajectory.times, whole.trajectory.times, atol=1e-9)
-    np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=1e-9)
-    assert met.clearance.pair == whole.clearance.pair
-    assert met.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=1e-6)
+    asked = {"allowed_collisions": [["panda_hand", "c0"], ["panda_hand", "p7"]], "seed": seed}
+    require_same_among_all(scene, monkeypatch, "has_many", 1e-9, 1e-6, **asked)
 
 
 def test_of_what_is_large_a_part_is_met_where_something_moves_too(yard: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,13 +195,7 @@ def test_of_what_is_large_a_part_is_met_where_something_moves_too(yard: Scene, m
     left = crop_to_reach(of(scene), Deadline()).scene
     assert left.moves
     assert left.resting.obstacles[0].faces == left.at(1.0).obstacles[0].faces < 0.5 * yard.obstacles[0].faces
-    met = ask(scene)
-    leave_whole(monkeypatch, "has_large")
-    whole = ask(scene)
-    assert met.status.name == whole.status.name == "SUCCESS"
-    assert met.certificate.collision_free
-    np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=1e-3)
-    assert met.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=2e-4)
+    require_same_among_all(scene, monkeypatch, "has_large", 1e-3, 2e-4)
 
 
 def test_what_is_touched_among_very_many_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

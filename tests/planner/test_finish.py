@@ -14,22 +14,18 @@ from guidefield.messages import scene as messages
 from guidefield.planner import finish as module, optimized_motion
 from guidefield.planner.finish import REPAIRS, STOPPING, certify_found_path, finish
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import subdivide
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.passages import REACHED
 from guidefield.planner.optimize.settings import (
     BALANCED,
-    OPTIMIZATION,
     OptimizationSettings,
     closer,
     free,
-    guided,
-    guided_of_many,
     in_few_pieces,
 )
 from guidefield.planner.optimized_motion import LOOKS
 from guidefield.planner.path_so_far import PathSoFar, time_path_ignoring_jerk
-from guidefield.planner.task.problem import Objective, Problem
+from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages, make_refusal
 from guidefield.prove.certificate import certify
 from guidefield.prove.verdict import Reason
@@ -104,34 +100,6 @@ def test_an_optimised_guided_motion_crosses_its_plane_where_its_knot_says() -> N
         finished.trajectory.duration
         < certify_found_path(made, PathSoFar(path, crossings), Stages(made)).trajectory.duration
     )
-
-
-def test_the_optimisation_begins_with_straight_ways_between_planes(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path, crossings = guided_over_the_wall()
-    at = crossings[0]
-    wandering = subdivide(path, 0.05)
-    to = int(np.argmin(np.linalg.norm(wandering - path[at], axis=1)))
-    wandering[1:-1] += 0.01 * np.resize([1.0, -1.0], len(wandering) - 2)[:, None]
-    wandering[to] = path[at]
-    begun: list[np.ndarray] = []
-
-    def noted(problem: Problem, way: np.ndarray) -> Trajectory:
-        begun.append(way)
-        return time_path_ignoring_jerk(problem, way)
-
-    monkeypatch.setattr(module, "time_path_ignoring_jerk", noted)
-    assert finish(made, PathSoFar(wandering, {0: to}, proven=False), Stages(made)).verdict.free
-    (way,) = begun
-    assert len(way) < 0.5 * len(wandering)
-    assert np.abs(way - path[at]).max(axis=1).min() < 1e-6, "in single precision"
-
-
-@pytest.mark.parametrize("objective", Objective)
-def test_guided_motions_keep_a_higher_floor_and_none_a_lower_one(objective: Objective) -> None:
-    settings = OPTIMIZATION[objective]
-    for made in (guided(settings), guided_of_many(settings)):
-        assert settings.floor < made.floor <= made.farthest_floor
-        assert made.farthest_floor >= settings.farthest_floor
 
 
 def test_what_is_refused_round_corners_is_drawn_closer_and_stops_at_them_in_the_end(

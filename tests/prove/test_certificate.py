@@ -215,18 +215,6 @@ def test_contact_within_a_motion_whose_ends_are_free_is_found():
     assert verdict.evaluations < 100
 
 
-def test_the_first_bad_piece_is_named():
-    arm = group("panda")
-    world = world_of(arm, [box("pole", (0.01, 0.01, 1.5), (0.3, 0, 0.75))])
-    points = np.tile(rest(arm), (5, 1))
-    points[:, 0] = -1.2, -0.9, -0.6, 0.6, 0.9
-    pieces = np.stack([points[:-1], points[1:]], axis=1)
-    verdict = certify(world, pieces)
-    assert verdict.piece == 2
-    assert certify(world, pieces[:2]).free
-    assert certify(world, pieces[3:]).free
-
-
 def test_a_motion_that_is_none_is_judged_too():
     world = panda_in("bookshelf")
     q = rest(world.group)

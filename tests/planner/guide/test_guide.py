@@ -7,7 +7,7 @@ import pytest
 
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.guide.guide import cross_plane
+from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
 from guidefield.planner.guide.guided_path import reach_point
 from guidefield.planner.guide.rounds import ON_PLANE
 from guidefield.scene.guide_plane import build
@@ -19,34 +19,28 @@ def plane_at(x: float, half: float = 0.1, y: float = 0.0, z: float = 0.5) -> mes
     return messages.GuidePlane(name="GP", vertices=corners)
 
 
-@pytest.mark.parametrize("scene", ["bookshelf", "wall_with_window"])
-def test_every_plane_is_crossed_in_order_and_every_step_is_free(scene: str) -> None:
-    made = problem("panda", scene)
+@pytest.mark.parametrize(
+    ("scene", "minimizer"),
+    [
+        *((scene, None) for scene in ("bookshelf", "wall_with_window", "seed_e_L_3_planar", "seed_e_L_6_planar")),
+        *((scene, "univariate") for scene in ("seed_a_gates", "seed_d_passage_3", "seed_a_gates_universal")),
+    ],
+)
+def test_every_plane_is_crossed_in_order_and_every_step_is_free(scene: str, minimizer: str | None) -> None:
+    seed = scene.startswith("seed")
+    made = seed_problem(scene) if seed else problem("panda", scene)
     q = made.q_start
-    assert len(made.guide_planes) >= 2
+    assert made.guide_planes
     for index, plane in enumerate(made.guide_planes):
-        crossing = cross_plane(made, q, plane, index)
+        crossing = cross_plane(made, q, plane, index, *((ATTEMPTS[minimizer](made.group),) if minimizer else ()))
         assert crossing.status is Status.SUCCESS, crossing.message
         np.testing.assert_array_equal(crossing.path[0], q)
+        assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.02 if seed else 0.01)
         q = crossing.path[-1]
         tip = made.kinematics.tip_position(q)
         assert abs(plane.signed_height(tip)) <= ON_PLANE
         assert plane.contains(tip)
-        assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.01)
-
-
-@pytest.mark.parametrize("title", ["seed_e_L_3_planar", "seed_e_L_6_planar"])
-def test_a_snake_on_a_plane_goes_round_the_corner_of_a_tube(title: str) -> None:
-    made = seed_problem(title)
-    q = made.q_start
-    for index, plane in enumerate(made.guide_planes):
-        crossing = cross_plane(made, q, plane, index)
-        assert crossing.status is Status.SUCCESS, crossing.message
-        assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.02)
-        q = crossing.path[-1]
-        tip = made.kinematics.tip_position(q)
-        assert abs(plane.signed_height(tip)) <= ON_PLANE
-        assert tip[2] == 0.0
+        assert tip[2] == 0.0 or "planar" not in scene
 
 
 @pytest.mark.parametrize("name", ["ur5", "xarm7", "kinova"])

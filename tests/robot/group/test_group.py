@@ -11,7 +11,7 @@ from guidefield.errors import InvalidGroup, UnknownFrame
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.followers import follow
-from tests.robots import ARMS, box_arm, group, grouped, random_configuration, rest, robot
+from tests.robots import ARMS, group, random_configuration, rest, robot
 
 HERE = pin.SE3.Identity()
 
@@ -125,20 +125,3 @@ def test_links_and_fixed_joints_may_share_names() -> None:
         pin.framesForwardKinematics(arm.model, data, whole)
         there = data.oMf[arm.model.getFrameId(planned.tip, pin.BODY)]
         assert Kinematics(planned).frame_placement(planned.expand(q), planned.tip_id).isApprox(there, 1e-12)
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_the_rows_of_a_path_say_which_way_a_body_turns(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    body = grouped(box_arm("floating x", 2))
-    zs = rng.normal(size=(4, body.nv))
-    zs[:, 3:6] *= rng.uniform(0.0, 6.0, (4, 1)) / np.linalg.norm(zs[:, 3:6], axis=1, keepdims=True)
-    zs[0, 3:6] *= 0.5  # whoever reads the first row takes the shorter way to it
-    rows = body.wire_path(zs)
-    read = [zs[0]]
-    for row in rows[1:]:
-        read.append(body.unwrapped(body.chart(np.array(row)), read[-1]))
-    for z in zs:
-        assert np.abs(np.array(read) - z).max(axis=1).min() < 1e-6
-    turns = np.linalg.norm(np.diff(np.array(read)[:, 3:6], axis=0), axis=1)
-    assert turns.max() < np.pi
