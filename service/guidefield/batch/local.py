@@ -1,7 +1,4 @@
-"""Answer a batch over worker processes of this machine, or render its recordings over them.
-
-`answer_one` is the work of one request, on a cluster too; cli/batch.py writes what is yielded to results.py.
-"""
+"""Answer a batch over worker processes of this machine, or render its recordings; `answer_one` is for clusters, too."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Read from a request what belongs to its planning group: start, limits, path constraints, execution.
-
-Plans, certify requests and streams share it. Errors name the field by its path; their sentences are for users.
-"""
+"""Read the parts of requests and streams that are about the planning group: start, limits, constraints, execution."""
 
 from __future__ import annotations
 

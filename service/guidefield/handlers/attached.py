@@ -1,7 +1,4 @@
-"""Attach the objects of a request to the robot: each becomes a link, with its shape, collision pairs and inertia.
-
-Its warnings, errors and names in replies are those of the request's `attached_objects`.
-"""
+"""Attach a request's objects to the robot: each becomes a link, with its shape, collision pairs and inertia."""
 
 from __future__ import annotations
 

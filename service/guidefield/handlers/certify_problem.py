@@ -1,7 +1,4 @@
-"""From a certify request to the planner's `GivenProblem`: the curve through its rows, and its conditions.
-
-What is ill-posed is refused here, by name; given_columns.py reads the columns.
-"""
+"""From a certify request to a `GivenProblem`, its curve and conditions; what is ill-posed is refused here, by name."""
 
 from __future__ import annotations
 

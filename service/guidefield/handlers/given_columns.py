@@ -179,7 +179,6 @@ def require_quaternions(joint: Joint, given: np.ndarray, field: str) -> None:
 
 
 def _unwrap_rotations(joint: Joint, given: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Chart coordinates, shape (n, nv), of the values (n, nq) of a joint that turns freely."""
     found = [chart.to_chart(joint, given[0], reference)]
     for values in given[1:]:
         found.append(chart.unwrapped(joint, chart.to_chart(joint, values, reference), found[-1]))

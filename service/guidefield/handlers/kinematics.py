@@ -360,7 +360,6 @@ def _frame_table(robot: RobotModel, names: tuple[str, ...]) -> FrameTable:
 
 
 def _or_nan(distances: Sequence[float]) -> np.ndarray:
-    """Distances, not a number where they are infinite: there is no such pair."""
     found = np.array(distances, float)
     found[np.isinf(found)] = np.nan
     return found

@@ -1,7 +1,4 @@
-"""From a plan request to the planner's problem, which is all that the planner knows, derived guide planes included.
-
-What is ill-posed is refused here, by the name of its field.
-"""
+"""From a plan request to the planner's problem; what is ill-posed is refused here, by the name of its field."""
 
 from __future__ import annotations
 

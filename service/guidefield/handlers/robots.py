@@ -130,7 +130,6 @@ def _finite(limits: Iterable[float]) -> list[float | None]:
 
 
 def _linked_pairs(model: RobotModel) -> list[list[str]]:
-    """Pairs of links of which some shapes are tested against each other, each once."""
     pairs = (
         sorted((model.link_of_geometry(pair.first), model.link_of_geometry(pair.second)))
         for pair in model.geometry.collisionPairs

@@ -1,7 +1,4 @@
-"""The situation between two steps of a sequence: the robot, the held objects, and the obstacles.
-
-It is the planner's `Situation` (planner/sequence/course.py); steps.py makes the next one of each.
-"""
+"""The situation between two steps, a `Situation` of planner/sequence/course.py: robot, held objects, obstacles."""
 
 from __future__ import annotations
 

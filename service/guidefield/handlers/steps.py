@@ -1,7 +1,4 @@
-"""The steps of a plan request as the planner's `Course`: each a plan request of its own, where the last one ended.
-
-Methods of `Course` are described in planner/sequence/course.py.
-"""
+"""A plan request's steps as the planner's `Course` (planner/sequence/course.py): each a plan request of its own."""
 
 from __future__ import annotations
 

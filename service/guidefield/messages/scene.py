@@ -1,7 +1,4 @@
-"""Obstacles, guide planes and scenes: one schema for the wire and for files.
-
-Bounds (`MOST_...`) are those of requests; field names and tags are the wire's and those of stored scenes.
-"""
+"""Obstacles, guide planes and scenes: one schema for the wire and for stored files; `MOST_...` are refused beyond."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Types of points and triangles in messages, and checks: their number, finite coordinates, valid indices.
-
-Checks use only the standard library, which the light client has: sums and integers of many at once.
-"""
+"""Points and triangles in messages, and fast checks of them by the standard library, which the light client has."""
 
 from __future__ import annotations
 

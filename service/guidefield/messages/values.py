@@ -1,7 +1,4 @@
-"""Bases of all messages, and the small values that they are made of: vectors, quaternions, placements, packed arrays.
-
-`LARGEST` and the other bounds here decide which numbers are refused, everywhere.
-"""
+"""Bases of all messages, the small values that they are made of, and the bounds of numbers (`LARGEST`) for all."""
 
 from __future__ import annotations
 

@@ -362,7 +362,6 @@ def find_end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]
 
 
 def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
-    """Chart points (m, nv) of the configurations that are free."""
     zs = np.array([problem.group.chart(q) for q in goal.configurations])
     free: ChartPoints = zs[_judge_before_deadline(problem, zs, _are_outside)]
     if not len(free):
@@ -401,7 +400,6 @@ def _judge_before_deadline(
 
 
 def _keep_goals_held_by_torques(problem: Problem, goals: ChartPoints) -> ChartPoints:
-    """Those of some goals (m, nv) at which torques hold the robot."""
     if problem.effort_limit is None:
         return goals
     faults = problem.effort_limit.faults(goals)

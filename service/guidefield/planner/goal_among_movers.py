@@ -93,8 +93,6 @@ def keep_schedule(
 
 @dataclass(frozen=True)
 class _Estimate:
-    """An estimated arrival along a path."""
-
     way: HeldPath
     arrival: float  # [s]
 

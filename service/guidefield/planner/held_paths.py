@@ -1,7 +1,4 @@
-"""Paths to goals among obstacles that move, which are left out, or held where they are at some times; and connections.
-
-goal_among_movers.py schedules these paths. `WAYS` (planner/schedule/slices.py) says how many are tried.
-"""
+"""Paths and connections to goals among moving obstacles that are left out, or held where they are at some times."""
 
 from __future__ import annotations
 
@@ -223,8 +220,6 @@ def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:
 
 @dataclass(frozen=True, eq=False)
 class _Holding(ReadOnly):
-    """Obstacles that move, held at rest."""
-
     name: str  # in words
     among: Problem  # among them
     time: float = np.inf  # when they are there [s]; infinite: they aren't there at all

@@ -86,8 +86,6 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
 
 @dataclass(frozen=True)
 class _EndWords:
-    """How an end is described."""
-
     status: Status
     stage: str
     field: str

@@ -96,8 +96,6 @@ def join_way_out(left: LeftContact, rest: CertifiedMotion) -> CertifiedMotion:
 
 
 class _WaysOut:
-    """Straight motions from rest to rest out of contacts at a start."""
-
     def __init__(self, problem: Problem, contacts: tuple[Contact, ...]) -> None:
         self._problem = problem
         self._distances = measure_distances(problem.world, touching_pairs(problem.world, contacts))

@@ -1,7 +1,4 @@
-"""The certificate of a plan's motion, or of the curve that a controller draws of it, and the rows that it is sent.
-
-Obstacles at rest and in motion are judged alike: a still scene is one that ends at 0.
-"""
+"""The certificate of a plan's motion, or of the curve that a controller draws; a still scene is one that ends at 0."""
 
 from __future__ import annotations
 

@@ -232,8 +232,6 @@ def certify_and_measure(trajectory: TimedMotion, problem: Conditions, deadline: 
 
 
 class _ClearanceQueries(NamedTuple):
-    """The queries along a motion."""
-
     times: np.ndarray  # of samples, shape (k,) [s]
     lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad, or m at size 1]
     coarse: np.ndarray  # those at which distances are asked for, shape (l,) [s]

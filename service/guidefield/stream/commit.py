@@ -54,7 +54,6 @@ class Commit(ReadOnly):
         return state
 
     def _states(self, since: np.ndarray) -> np.ndarray:
-        """The same at times from the beginning (t,), shape (t, nv, 4)."""
         states = np.empty((len(since), len(self.counts), 4))
         find_states(self.phases, self.counts, since, states)
         return states

@@ -1,7 +1,4 @@
-"""The cheapest schedule along a path among moving obstacles, within a tube about it; flights from what comes close.
-
-The search over the tube is kernels/stream/dodge.py's; `STREAM` has the numbers. Results are proposals to the judge.
-"""
+"""The cheapest schedule along a path among moving obstacles, within a tube about it; and flights. The judge proves."""
 
 from __future__ import annotations
 

@@ -304,7 +304,6 @@ def none_kept(name: str) -> UnknownObject:
 
 
 def _changed(folder: Path) -> float:
-    """When the newest file of a folder was written [s since 1970]."""
     try:
         return max((file.stat().st_mtime for file in files_of(folder)), default=folder.stat().st_mtime)
     except OSError:  # it was removed since

@@ -1,7 +1,4 @@
-"""The obstacles of a stream: their shapes, made once, and their observed places, rewritten in the same arrays.
-
-The judge reads these arrays (`SeenObstacles`), the planner boxes that stand for them (`DriftingObstacles`).
-"""
+"""The obstacles of a stream: shapes made once, observed places rewritten in the arrays that the judge reads."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Read the request that opens a stream: the robot in its scene at rest, its limits and tolerances.
-
-What isn't served by streams is refused here, by the name of its field.
-"""
+"""Read the request that opens a stream: robot, scene at rest, limits; what streams don't serve is refused here."""
 
 from __future__ import annotations
 

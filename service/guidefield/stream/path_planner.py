@@ -113,7 +113,7 @@ class PathPlanner:
         return next((k for k, one in enumerate(kept) if self.lanes.touching(z[None], one).any()), len(kept))
 
     def is_free(self, drifting: DriftingObstacles, kept: ClearanceRule, clearance: float, points: ChartPoints) -> bool:
-        """Return whether a path (m, nv), straight from point to point, is free; the clearance is from what rests [m]."""
+        """Return whether a path (m, nv), straight from point to point, is free, by a clearance from what rests [m]."""
         lanes = self._among(drifting, kept, points[0], points[-1])
         return lanes.free_until(points, STREAM.resolution, clearance) == len(points) - 1
 

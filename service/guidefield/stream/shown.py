@@ -167,7 +167,6 @@ class RobotMotions:
 
 
 def _along(piece: Piece, now: float) -> np.ndarray:
-    """Position columns (k,) of a piece at a time [s]."""
     told = piece.trajectory
     k = int(np.clip(np.searchsorted(told.times, now, side="right") - 1, 0, len(told.times) - 2))
     span = told.times[k + 1] - told.times[k]

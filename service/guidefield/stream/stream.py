@@ -260,7 +260,6 @@ class CertifiedStream:
         return answer
 
     def _has_taken(self, ordered: PathOrder | None) -> bool:
-        """Whether a path that was ordered was taken over since."""
         return ordered is not None and self._state.ordered is not ordered
 
     def _answer_update(self, update: StreamUpdate) -> Piece | StreamState:

@@ -90,8 +90,6 @@ def find_quickest_path(
 
 
 class _PathSearch:
-    """The ways that were found so far, each with its score."""
-
     def __init__(self, problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator) -> None:
         self._problem, self._start, self._goals, self._rng = problem, z_start, goals, rng
         self.found: list[tuple[float, ChartPoints]] = []

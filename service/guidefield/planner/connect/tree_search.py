@@ -277,8 +277,6 @@ def _zeros_on_cache_line(size: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _TreeMemory:
-    """Memory of two trees."""
-
     search: lane_nodes.TreeSearch
     words: Words
     path: ChartPoints  # where the path is written, shape (2 * capacity, nv)

@@ -1,7 +1,4 @@
-"""Projected: the `Minimizer` (rounds.py) for any joints; it descends on the manifold of configurations on a plane.
-
-The steps are kernels/guide/descent.py's; `settings_of` gives these constants to the kernels.
-"""
+"""Projected, a `Minimizer` (rounds.py) for any joints: it descends on the manifold of configurations on a plane."""
 
 from __future__ import annotations
 

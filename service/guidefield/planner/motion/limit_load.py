@@ -1,7 +1,4 @@
-"""The factor by which a motion's time has to be stretched to keep its limits, and the share of each limit that it uses.
-
-The first is for motions that are made, by `TOLERANCE`; the second for judging given ones, by `KEPT_SHARE`.
-"""
+"""The stretch of time by which a motion keeps its limits, and the share of each limit that a given motion uses."""
 
 from __future__ import annotations
 
@@ -161,7 +158,6 @@ def _quintic_shares(
     ranged: np.ndarray,
     jerk_limits: ChartRate | None,
 ) -> LimitUses:
-    """The largest shares of a motion of degree 5, whose accelerations have no steps."""
     velocities, accelerations, jerks = motion.rates()
     unlimited = np.ones(len(ranged), bool)
     return LimitUses(

@@ -1,7 +1,4 @@
-"""The motion from any velocity to rest, each joint by a profile of constant jerks, and the jerks that it takes.
-
-`reverse_motion` makes of it a run from rest to a velocity. in_motion.py uses both.
-"""
+"""The motion from any velocity to rest by constant jerks, each joint by itself, and reversed; for in_motion.py."""
 
 from __future__ import annotations
 

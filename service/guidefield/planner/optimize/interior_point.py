@@ -132,8 +132,6 @@ class Evaluation(NamedTuple):
 
 
 class _Derivatives(NamedTuple):
-    """The derivatives of a `ClearanceModel`, and their places."""
-
     gradient: np.ndarray
     pieces: np.ndarray
     basis: np.ndarray
@@ -144,8 +142,6 @@ class _Derivatives(NamedTuple):
 
 
 class _Memory(NamedTuple):
-    """For the derivatives of a model, as they are written and as they are seen."""
-
     written: _Derivatives
     seen: _Derivatives
 
@@ -284,7 +280,6 @@ class PenalizedObjective(ReadOnly):
         return (spline.step + spline.begin / spline.pieces) / self.unit
 
     def _barrier(self, spline: BSpline) -> float:
-        """The barrier of limits and times; infinite where the motion isn't strictly within."""
         of_times = time_barrier(self.question.times, spline.begin, spline.duration)
         of_limits: float = self.question.limit_barrier(spline.points, spline.step, self.question.limits)
         return of_limits + of_times

@@ -267,8 +267,6 @@ def optimize(
 
 
 class _Descended(NamedTuple):
-    """A motion after some weights of the limits' barrier."""
-
     look: Evaluation
     cost: float  # its objective
     ahead: BSpline  # a motion that the look promises to be better, by less than another look is worth
@@ -280,8 +278,6 @@ class _Descended(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Coarse(ReadOnly):
-    """A motion that is optimised as far as its pieces allow."""
-
     question: OptimizationProblem
     found: _Descended
     cost: float  # its objective, as a time [s]

@@ -1,7 +1,4 @@
-"""The robot of a problem as the barrier's kernels read it: points against obstacles, points against other links.
-
-Columns and order are those of `SampledRobot` (kernels/barrier/sampled_robot.py).
-"""
+"""The robot as the barrier's kernels read it (`SampledRobot`): points against obstacles and against other links."""
 
 from __future__ import annotations
 

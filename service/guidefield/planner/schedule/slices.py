@@ -1,7 +1,4 @@
-"""Obstacles that move, held where they are at some moments: for lanes by slices of time, and for paths among them.
-
-`SCHEDULE` and `WAYS` hold the numbers of schedule.py, goal_among_movers.py and held_paths.py, too.
-"""
+"""Obstacles that move, held where they are at some moments: for lanes by slices of time, and for paths among them."""
 
 from __future__ import annotations
 

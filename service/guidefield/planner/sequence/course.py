@@ -1,7 +1,4 @@
-"""Interfaces of a sequence's steps for its planner, and the times at which a held object may touch an obstacle.
-
-Handlers implement them: handlers/steps.py `Course`, handlers/situation.py `Situation`.
-"""
+"""Interfaces of a sequence's steps, which handlers implement; the times at which held objects may touch obstacles."""
 
 from __future__ import annotations
 

@@ -167,7 +167,6 @@ def _passages(parts: Sequence[StepPart], joined: JoinedMotion) -> tuple[Passage,
 
 
 def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[StepPart]) -> JoinedMotion:
-    """The motion that passes goals at knots."""
     bounds = [0, *passed, len(motion.times) - 1]
     goals = [one.goal for one in parts if one.goal is not None]
     passages = list[GoalPassage]()

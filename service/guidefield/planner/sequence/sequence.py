@@ -75,8 +75,6 @@ class StepResult(ReadOnly, Generic[S]):
 
 @dataclass(frozen=True, eq=False)
 class _StepMotion:
-    """The motion of a step that is not yet part of the whole."""
-
     motion: StepMotion
     trajectory: Trajectory
     embedding: Embedding
@@ -118,8 +116,6 @@ def plan_sequence(
 
 
 class _SequencePlanning(Generic[S]):
-    """A sequence that is being planned."""
-
     def __init__(
         self,
         course: Course[S],

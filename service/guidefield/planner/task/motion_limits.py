@@ -179,7 +179,6 @@ def _require_chain(group: PlanningGroup, carrier: int, name: str) -> None:
 
 
 def _shapes_of(group: PlanningGroup, link: str) -> list[int]:
-    """Indices of a link's shapes in a group's geometry."""
     names = {one.name for one in group.robot.geometry_choices if one.link == link}
     return [k for k, shape in enumerate(group.geometry.geometryObjects) if shape.name in names]
 

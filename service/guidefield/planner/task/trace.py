@@ -1,7 +1,4 @@
-"""Events that the planner tells an observer while it works, and the log of them, which recordings are drawn from.
-
-The values of `StepKind` are words of recordings. A packed log is read by the same version alone.
-"""
+"""Events that the planner tells an observer, and their log, from which recordings of the same version are drawn."""
 
 from __future__ import annotations
 
