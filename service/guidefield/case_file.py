@@ -37,7 +37,7 @@ from guidefield.scene import obstacle
 from guidefield.scene.anchor import Anchor
 from guidefield.whole_file import write_whole
 
-FORMAT = "guidefield cases 2"
+FORMAT = "guidefield cases 2"  # one of `FORMATS` of `referee/loading.py`
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -76,15 +76,15 @@ def make_cases(*motions: Motion) -> list[dict[str, Any]]:
 
     Raises OSError if a mesh of the robot can't be read any more.
     """
-    told: list[dict[str, Any]] = []
+    cases: list[dict[str, Any]] = []
     known: tuple[RobotSource, Placement, dict[str, Any]] | None = None
     for motion in motions:
         robot = motion.world.group.robot
         if known is None or known[:2] != (robot.source, motion.placement):
             placement = motion.placement if motion.anchor is None else motion.anchor.show_placement(motion.placement)
             known = robot.source, motion.placement, _describe_robot(robot, placement)
-        told.append(_make_case(motion, known[2]))
-    return told
+        cases.append(_make_case(motion, known[2]))
+    return cases
 
 
 def count_items(motion: Motion) -> int:
@@ -94,7 +94,7 @@ def count_items(motion: Motion) -> int:
     return len(scene.obstacles) + scene.faces + len(held) + sum(held) + len(motion.positions)
 
 
-def _make_case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
+def _make_case(motion: Motion, robot_fields: dict[str, Any]) -> dict[str, Any]:
     group, scene = motion.world.group, motion.world.scene
     robot = group.robot
     reference = configuration_to_wire(robot.joints, group.q_reference)
@@ -104,7 +104,7 @@ def _make_case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "anchor": ORIGIN if anchor is None else anchor.place,
-        "robot": robot_told,
+        "robot": robot_fields,
         "held": _to_plain(motion.held),
         "obstacles": _to_plain(obstacles),
         "reference": reference,
@@ -162,14 +162,14 @@ def _describe_robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
 def _list_limits(motion: Motion) -> dict[str, Any]:
     group = motion.world.group
     jerk = np.full(group.nv, np.inf) if motion.jerk_limits is None else motion.jerk_limits
-    told: dict[str, dict[str, Any]] = {}
+    limits: dict[str, dict[str, Any]] = {}
     limited = motion.limited or group
     for joint in group.joints:
         at = slice(joint.idx_v, joint.idx_v + joint.nv)
         rates = {"velocity": limited.velocity_limits[at], "acceleration": limited.acceleration_limits[at]}
         rates["jerk"] = jerk[at]
-        told[joint.name] = {kind: some.tolist() if np.isfinite(some).all() else None for kind, some in rates.items()}
-    return told
+        limits[joint.name] = {kind: some.tolist() if np.isfinite(some).all() else None for kind, some in rates.items()}
+    return limits
 
 
 def _list_unlimited_joints(robot: RobotModel) -> list[str]:
@@ -194,16 +194,16 @@ def _list_left_out_pairs(motion: Motion) -> list[list[str]]:
             reasons[frozenset((one.obstacle.name, link))] = "the link holds it, or may touch it"
     reasons |= {frozenset(pair): "they touch at the start, and part" for pair in motion.touching}
     joints = [shape.parentJoint for shape in world.group.geometry.geometryObjects]
-    told = {}
+    uncertified = {}
     for first in range(links):
         for second in range(first + 1, len(names)):
             rigid = joints[first] == (joints[second] if second < links else 0)
             pair = first, second
             if not rigid and (pair not in own if second < links else first not in moving or pair in left_out):
-                told[names[first], names[second]] = reasons.get(
+                uncertified[names[first], names[second]] = reasons.get(
                     frozenset((names[first], names[second])), "the request allows it"
                 )
-    return [[first, second, why] for (first, second), why in told.items()]
+    return [[first, second, why] for (first, second), why in uncertified.items()]
 
 
 @memoized

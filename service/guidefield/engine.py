@@ -282,9 +282,7 @@ class Engine:
     def prepare(self, request: requests.PlanRequest, deadline: Deadline) -> None:
         """Prepare the robot of a plan, as far as the deadline allows.
 
-        Raises:
-            RobotInvalid: if the robot can't be used.
-            DeadlineExpired: if the deadline passed before all is prepared.
+        Raises RobotInvalid if the robot can't be used; DeadlineExpired if the deadline passed before all is prepared.
         """
         from guidefield.collision.preparation import prepare
         from guidefield.handlers.plan import prepare_ahead
@@ -386,11 +384,7 @@ class Engine:
         return [replace(one, anchor=anchor) for one in made]
 
     def robot(self, name: str) -> RobotModel:
-        """Return the robot of a name.
-
-        Raises:
-            RobotInvalid: if there is none, or it can't be used.
-        """
+        """Return the robot of a name; raises RobotInvalid if there is none, or it can't be used."""
         return self._load_robot(name)
 
     def stream(

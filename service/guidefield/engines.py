@@ -67,11 +67,11 @@ class Engines:
         return self._add_shared(asking, owner, reply)
 
     def render(self, owner: str, run_id: str) -> None:
-        """Render the recording of a run from its log, if that is owed; raises OSError if the disk refuses."""
+        """Render the recording of a run from its log, if it has only a log; raises OSError if the disk refuses."""
         self._renderings.render(self.stores.of(owner).recordings, run_id)
 
     def recording(self, owner: str, run_id: str) -> bytes:
-        """Return the self-contained recording of a run, rendered if that is owed.
+        """Return the self-contained recording of a run, rendered if it has only a log.
 
         Raises UnknownObject if there is none, or it is damaged; raises OSError if the disk refuses.
         """

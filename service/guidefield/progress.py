@@ -43,7 +43,7 @@ class ProgressReporter:
         self._run_id = run_id
         self._received = received
         self._watcher = watcher
-        self._told = -math.inf
+        self._reported_at = -math.inf
         self._stage = "load"
         self._preparing: str | None = None
         self._plane: int | None = None
@@ -85,24 +85,24 @@ class ProgressReporter:
         return self._watcher.is_cancelled()
 
     def _tell_if_due(self) -> None:
-        if time.monotonic() - self._told >= MIN_PERIOD_S:
+        if time.monotonic() - self._reported_at >= MIN_PERIOD_S:
             self._tell()
 
     def _tell(self) -> None:
-        self._told = time.monotonic()
+        self._reported_at = time.monotonic()
         if not self._watcher.is_listened_to():
             return
         self._measure()
-        told = Progress(
+        message = Progress(
             run_id=self._run_id,
             stage=self._stage,
             plane=self._plane,
             clearance=self._clearance,
             best_clearance=self._best,
-            elapsed=self._told - self._received,
+            elapsed=self._reported_at - self._received,
             preparing=self._preparing,
         )
-        self._watcher.tell(codec.encode(told))
+        self._watcher.tell(codec.encode(message))
 
     def _measure(self) -> None:
         if self._world is None or self._q is None:

@@ -41,7 +41,7 @@ class Renderer:
         setup: Prepares the engines of the process.
         memory: The process is ended where it takes more [bytes].
         recordings: Finds a user's recordings.
-        note: Is told of each run whose log was rendered or given up.
+        note: Called with each run whose log was rendered or given up.
         patience: Time for which a run is left to the worker that answered it, if workers render their own [s].
     """
 

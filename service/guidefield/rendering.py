@@ -95,9 +95,7 @@ class Renderings:
 def render_recording(recordings: Recordings, run_id: str) -> bytes:
     """Return the self-contained recording of a run, rendered if only its log is kept; the folder may be read-only.
 
-    Raises:
-        UnknownObject: if there is none, or it is damaged.
-        OSError: if the disk refuses.
+    Raises UnknownObject if there is none, or it is damaged; OSError if the disk refuses.
     """
     try:
         Renderings().render(recordings, run_id)

@@ -122,10 +122,10 @@ class StreamConversation:
         try:
             stream = self._open_stream(journal)
         except Exception as error:
-            told = convert_exception(error)
-            if told is not error:
+            known = convert_exception(error)
+            if known is not error:
                 _log.exception("a stream could not be opened")
-            line.send(RefusedOpening(make_error_reply(told)))
+            line.send(RefusedOpening(make_error_reply(known)))
             return
         request = self.request
         line.send(

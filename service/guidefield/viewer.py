@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 
 LOOPBACK = "127.0.0.1"
-PORT = 9876  # where Rerun's viewer listens unless it is told otherwise
+PORT = 9876  # default port of Rerun's viewer
 START_TIME_S = 30.0  # time that a viewer has to listen [s]
 PROBE_TIME_S = 0.5  # time to connect to a viewer, and time that it has to answer [s]
 GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])  # HTTP/2's, with no settings
@@ -46,7 +46,7 @@ def find_viewer(say: Callable[[str], None], port: int = PORT) -> str:
     It goes on after this process.
 
     Args:
-        say: Is told where its page is.
+        say: Takes a sentence with the address of its page.
         port: Where it listens.
 
     Raises:

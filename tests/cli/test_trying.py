@@ -64,7 +64,7 @@ def test_an_obstacle_may_be_dragged_while_a_plan_is_asked_for(
         """A name at whose look-up another obstacle is dragged."""
 
         def __hash__(self) -> int:
-            if len(tried._wish.moved) == 1:
+            if len(tried._state.moved) == 1:
                 tried._move(obstacle.name, Placement(obstacle.position))
             return super().__hash__()
 
@@ -73,10 +73,10 @@ def test_an_obstacle_may_be_dragged_while_a_plan_is_asked_for(
         raise MalformedRequest("asked")
 
     monkeypatch.setattr(tried, "_engine", SimpleNamespace(answer=refuse))
-    tried._wish.moved = {LookedUp("box"): Placement((0.0, 0.0, 0.0))}
+    tried._state.moved = {LookedUp("box"): Placement((0.0, 0.0, 0.0))}
     tried._plan()
-    assert obstacle.name in tried._wish.moved
-    tried._wish.moved.clear()
+    assert obstacle.name in tried._state.moved
+    tried._state.moved.clear()
     assert [list(request.scene.move) for request in asked] == [["box"]]
 
 
@@ -92,7 +92,7 @@ def test_a_goal_out_of_reach_is_told(page: tuple[TryPage, str]) -> None:
 
 
 def _put_box_at_goal(tried: TryPage) -> None:
-    if not tried._wish.added:
+    if not tried._state.added:
         tried._add_box()
     tried._move("box 1", Placement(tuple(tried._handle.position.tolist())))
 
@@ -132,9 +132,9 @@ def test_a_browser_shows_the_page_and_plans(page: tuple[TryPage, str]) -> None:
 def test_names_are_shown_as_they_are(page: tuple[TryPage, str]) -> None:
     tried, _ = page
     name = "<img src=x>|`a`"
-    tried._wish.added.append(Box(name=name, size=(0.2, 0.2, 0.2), position=tuple(tried._handle.position.tolist())))
+    tried._state.added.append(Box(name=name, size=(0.2, 0.2, 0.2), position=tuple(tried._handle.position.tolist())))
     tried._plan()
-    tried._wish.added.pop()
+    tried._state.added.pop()
     assert "GOAL_IN_COLLISION" in tried._report.content
     assert name not in tried._report.content
     assert name in html.unescape(tried._report.content)

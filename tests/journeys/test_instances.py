@@ -22,7 +22,7 @@ from tests.journeys.service import (
 
 
 def test_a_free_instance_is_found_and_another_one_when_it_dies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.client.exchange.ASK_WITHIN", ANSWERED_WITHIN)
+    monkeypatch.setattr("guidefield.client.exchange.REPORT_TIMEOUT_S", ANSWERED_WITHIN)
     with (
         running_service(tmp_path / "a", "--workers", "1", "--name", "a") as a,
         running_service(tmp_path / "b", "--workers", "1", "--name", "b") as b,

@@ -1,4 +1,4 @@
-"""The command line: arguments in, exit code out."""
+"""The command line: `commands.py` declares the commands, each of which ends with an exit code."""
 
 from guidefield.cli.commands import app, main
 

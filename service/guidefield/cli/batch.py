@@ -1,4 +1,4 @@
-"""`guidefield batch`: answer the requests of a file on all cores or a cluster, with a progress bar."""
+"""`guidefield batch`: answer the requests of a file on all cores or a cluster, render recordings, show progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`guidefield certify`: its request, from a file or a kept run and from options; the referee's verdict beside it."""
+"""`guidefield certify`: make its request from a file or a kept run and from options; have the referee judge, too.
+
+Motion files are those that `arrays.py` writes, recordings, certify requests in JSON, and tables of other programs.
+"""
 
 from __future__ import annotations
 
@@ -25,17 +28,14 @@ from guidefield.messages.scene import Scene
 if TYPE_CHECKING:
     from guidefield.engine import Engine
 
-MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")  # suffixes of motion files
-
-TRAJECTORY_FIELDS = ("times", "positions", "velocities", "accelerations")
+MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")  # suffixes of motion files; any other argument is the id of a run
+TRAJECTORY_FIELDS = ("times", "positions", "velocities", "accelerations")  # fields of a motion in a file
 
 
 def read_fields(file: Path) -> dict[str, Any]:
     """Read the fields of a certify request from a file that ends with one of `MOTION_ENDINGS`.
 
-    Raises:
-        UnknownObject: if there is no such file.
-        MalformedRequest: if it holds no motion.
+    Raises UnknownObject if there is no such file; MalformedRequest if it holds no motion.
     """
     if file.suffix not in MOTION_ENDINGS:
         raise MalformedRequest(f"{file.name!r} must end with one of {', '.join(MOTION_ENDINGS)}", path=str(file))
@@ -106,8 +106,8 @@ def _read_npz(file: Path) -> dict[str, Any]:
 
 def _read_csv(file: Path) -> dict[str, Any]:
     with file.open(newline="", encoding="utf-8-sig") as text:
-        told = (line for line in text if not line.startswith("#"))
-        lines = [line for line in csv.reader(told, skipinitialspace=True) if line]
+        content = (line for line in text if not line.startswith("#"))
+        lines = [line for line in csv.reader(content, skipinitialspace=True) if line]
     if len(lines) < 2:
         raise ValueError("a head with the names of its columns and a row at least are expected")
     head = [name.strip() for name in lines[0]]
@@ -115,10 +115,10 @@ def _read_csv(file: Path) -> dict[str, Any]:
     kinds = [_parse_column(name) for name in head]
     found: dict[str, Any] = {}
     for name, kind in (("positions", "position"), ("velocities", "velocity"), ("accelerations", "acceleration")):
-        of = [k for k, (said, _) in enumerate(kinds) if said == kind and head[k] != "time"]
-        if of:
-            found[name] = [[row[k] for k in of] for row in table]
-            found.setdefault(f"{kind}_names", [kinds[k][1] for k in of])
+        columns = [k for k, (own, _) in enumerate(kinds) if own == kind and head[k] != "time"]
+        if columns:
+            found[name] = [[row[k] for k in columns] for row in table]
+            found.setdefault(f"{kind}_names", [kinds[k][1] for k in columns])
     if "time" in head:
         found["times"] = [row[head.index("time")] for row in table]
     return found
@@ -177,7 +177,7 @@ def split_xacro_arguments(xacro_args: Sequence[str]) -> dict[str, str | bool | i
 
 
 def read_scene_file(file: Path, **options: Any) -> Scene:
-    """Read the scene of a file of any kind with the options of `Scene.read`, and print what is odd about it."""
+    """Read the scene of a file of any kind with the options of `Scene.read`, and print its warnings."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         scene = Scene.read(file, **options)
@@ -227,9 +227,9 @@ def make_executed_request(
     found = find_run(run, data, name)
     if not (isinstance(found.reply, PlanReply) and isinstance(found.request, PlanRequest)):
         raise MalformedRequest(f"run {run!r} is no plan: it judged a motion that was given", run_id=run)
-    told = _read_states(Path(states), found.reply.position_names, topic)
-    first = told.times[0] if len(told.times) else 0.0
-    return judgement_of(found.request, found.reply, told, first + begin, allowed_time)
+    read = _read_states(Path(states), found.reply.position_names, topic)
+    first = read.times[0] if len(read.times) else 0.0
+    return judgement_of(found.request, found.reply, read, first + begin, allowed_time)
 
 
 def _read_states(file: Path, joints: Sequence[str], topic: str) -> JointStates:
@@ -260,7 +260,7 @@ def judging_engine(run: str, data: Path | None, name: str) -> Engine:
 def run_referee(
     engine: Engine, request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool
 ) -> bool:
-    """Have the referee certify a motion if asked, and write its file; return whether all verdicts are free.
+    """Write the referee's file, if one is named, and have it judge the motion if asked; return whether that is free.
 
     If the certificate is free and a verdict refuses the motion, one of them has a bug, and a line says so.
     """
@@ -279,8 +279,8 @@ def run_referee(
     for verdict in verdicts:
         typer.echo("\n".join(lines(verdict)))
     free = all(verdict.answer is Answer.FREE for verdict in verdicts)
-    told = {Answer.FREE, Answer.UNDECIDED, Answer.NOT_JUDGED}
-    if reply.status.name == "SUCCESS" and not all(verdict.answer in told for verdict in verdicts):
+    compatible = {Answer.FREE, Answer.UNDECIDED, Answer.NOT_JUDGED}
+    if reply.status.name == "SUCCESS" and not all(verdict.answer in compatible for verdict in verdicts):
         typer.echo("the certificate and the referee contradict each other: please report it with `--case FILE`")
     return free
 

@@ -1,7 +1,7 @@
-"""The commands of `guidefield`, and the one place that turns an outcome into an exit code.
+"""The commands of `guidefield` with their options, and errors as exit codes.
 
-Exit codes: 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for what the service would
-answer with an error.
+Exit codes: 0 for a plan or an answer, 1 if the reply is an honest "no", 2 for an error. Docstrings and help texts are
+what `--help` prints; names of commands and options are an interface.
 """
 
 from __future__ import annotations

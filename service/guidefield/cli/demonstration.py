@@ -1,4 +1,7 @@
-"""`guidefield demo`: start a service, have it plan, and store recordings for the viewer."""
+"""`guidefield demo`: start a service, have it plan, and store recordings; or run the demonstration of streams.
+
+Tests and `tools/attacks` use `REQUESTS`, too.
+"""
 
 from __future__ import annotations
 

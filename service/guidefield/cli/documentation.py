@@ -1,4 +1,7 @@
-"""`guidefield docs`: list the pages of the documentation, or show one, or a message, in the terminal."""
+"""`guidefield docs`: list the pages of the documentation, or show one, or a message, in the terminal.
+
+A new page of service/docs goes into `CHAPTERS`.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +27,8 @@ CHAPTERS = {
 }
 """Subjects of the pages in a reader's order."""
 
-_PACKAGE = "guidefield.docs"
-
-_LESS_OPTIONS = "FRX"  # options of `less`, as git sets them: colours, and no paging of what fits on the screen
+_PACKAGE = "guidefield.docs"  # into which service/docs is installed
+_LESS_OPTIONS = "FRX"  # options of `less`, as git sets them: colours, and no paging of a page that fits on the screen
 
 
 def list_subjects() -> tuple[str, ...]:

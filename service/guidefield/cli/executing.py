@@ -1,4 +1,4 @@
-"""`guidefield execute`: a certified motion of a run, sent to a controller of ros2_control and watched."""
+"""`guidefield execute`: send the certified motion of a run to a controller of ros2_control, watch it, judge it."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from guidefield.messages.requests import PlanRequest
 if TYPE_CHECKING:
     import numpy as np
 
-# chord error of the polyline on which the desired place of a controller is sought [rad or m]; it must stay far below
+# chord error of the polyline on which the controller's desired place is searched [rad or m]; it must stay far below
 # `CURVE_TOLERANCE` of `endpoint/ros/trajectory_action.py`
-FLAT = 1e-5
+CHORD_TOLERANCE = 1e-5
 
 
 def execute(
@@ -107,7 +107,7 @@ def execute(
 
 @contextlib.contextmanager
 def _signals_interrupt() -> Iterator[None]:
-    """Have the first signal that would end the process act as Ctrl-C: nobody else would stop the robot.
+    """Have the first signal that would end the process act as Ctrl-C, because the robot has to be stopped.
 
     A terminal that is closed, or systemd, sends a second one at once, which must not interrupt the cancelling.
     """
@@ -128,7 +128,7 @@ def _signals_interrupt() -> Iterator[None]:
 
 
 def _curve(rows: ExecutionFigures) -> tuple[np.ndarray, np.ndarray]:
-    """Close places along what is drawn, shape (n, k) [rad or m], and their times (n,) [s]."""
+    """Return times (n,) [s] and close samples, shape (n, k) [rad or m], of the curve that a controller follows."""
     import numpy as np  # it and the planner are loaded only here
 
     from guidefield.planner.motion.given_motion import GivenMotion
@@ -141,7 +141,7 @@ def _curve(rows: ExecutionFigures) -> tuple[np.ndarray, np.ndarray]:
     pieces = drawn.bezier()
     degree = pieces.shape[1] - 1
     bends = np.abs(np.diff(pieces, 2, axis=1)).max(axis=(1, 2), initial=0.0) * degree * (degree - 1) / 8.0
-    parts = np.maximum(np.ceil(np.sqrt(bends / FLAT)), 1.0)
+    parts = np.maximum(np.ceil(np.sqrt(bends / CHORD_TOLERANCE)), 1.0)
     knots = np.concatenate([[0.0], np.cumsum(parts)])
     moments = np.interp(np.arange(knots[-1] + 1.0), knots, times)
     return moments, np.array(drawn.evaluate(moments)[0])

@@ -1,4 +1,4 @@
-"""The runs, streams and files that a command line names: found, checked, fetched or recorded."""
+"""Find the runs, streams and files that a command line names; check, fetch or replay them; their common options."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def require_writable(file: Path | None) -> Path | None:
     return file
 
 
-ENDING = ".stream"
+ENDING = ".stream"  # suffix of the files of a stream's journal
 
 
 def stream_files(name: str, folder: Path) -> list[Path]:
@@ -90,7 +90,9 @@ def replay_stream(
     say: Callable[[str], None],
     made_by: Callable[[dict[str, str]], str],
 ) -> int:
-    """Replay the files of a journal, and say what came of each; return 0 if all is the same to the last bit, else 1.
+    """Replay the files of a journal, and say the outcome of each; return 0 if all is the same to the last bit, else 1.
+
+    `made_by` describes the versions of a file with another outcome, as the begin of a sentence.
 
     Raises:
         MalformedRequest: if a file isn't one of a stream.
@@ -119,7 +121,7 @@ def replay_stream(
 
 
 def record_stream(files: Sequence[Path], folder: Path, packages: Sequence[Path], recording: Path) -> None:
-    """Write the recording of a journal's files; raises MalformedRequest if one isn't such, or none has an update."""
+    """Write the recording of a journal's files; MalformedRequest if one isn't a journal's, or none has an update."""
     from guidefield.stream.replay import read
     from guidefield.stream.shown import record
 
@@ -156,11 +158,11 @@ RunName = Annotated[str, typer.Argument(help="Id of a kept run, or a recording's
 
 @dataclass(frozen=True)
 class FoundRun:
-    """A run that has ended; `versions` are those of the packages that made it, empty if they weren't recorded."""
+    """A run that has ended."""
 
     request: MotionRequest
     reply: MotionReply
-    versions: dict[str, str]
+    versions: dict[str, str]  # of packages that made it; empty if they weren't recorded
 
 
 def data_folder(data: Path | None, name: str) -> Path:
@@ -174,8 +176,8 @@ def open_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
     if (folder / FILE).is_file():
         return RunDatabase(folder).of(owner)
     if (folder / "runs").is_dir():
-        told = f"the runs in {folder} were kept by guidefield 0.1; `guidefield serve --data {folder}` takes them over"
-        raise UnknownObject(told, path=str(folder))
+        reason = f"the runs in {folder} were kept by guidefield 0.1; `guidefield serve --data {folder}` takes them over"
+        raise UnknownObject(reason, path=str(folder))
     raise UnknownObject(
         f"no service has kept runs in {folder}; --data names another folder, and a recording's file ends with .rrd",
         path=str(folder),
@@ -183,7 +185,7 @@ def open_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
 
 
 def owner_of(run: str) -> str:
-    """Return whose run is named: another user's is ``user:id``, and a recording's file is nobody's, so `PLAIN`'s."""
+    """Return the user of a named run: of ``user:id`` that user, of a plain id or a recording's file `PLAIN`."""
     owner, colon, _ = run.partition(":")
     return check_user(owner) if colon and owner != PLAIN and not run.endswith(".rrd") else PLAIN
 
@@ -226,7 +228,7 @@ def find_plan(run: str, data: Path | None, name: str) -> PlanReply:
 
 @contextlib.contextmanager
 def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
-    """Yield the self-contained recording of a run or stream; that of a stored one exists while the block runs."""
+    """Yield the file of a run's or stream's self-contained recording, a temporary one unless the argument is a file."""
     if run.endswith(".rrd"):
         file = Path(run)
         if not file.is_file():

@@ -1,4 +1,4 @@
-"""`guidefield runs`: list, render, compare and export the stored runs of a service, or a single recording."""
+"""`guidefield runs`: list, render, compare and export the stored runs of a service; a recording's file, too."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def render(
     data: Data = None,
     name: Service = "local",
 ) -> None:
-    """Render the recordings that are owed, the newest first; also while a service runs.
+    """Render the recordings that have only a log, the newest first; also while a service runs.
 
     Exit code 0 if all are rendered, 1 if some are lost, 2 where the disk refuses.
     """

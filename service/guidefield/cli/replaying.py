@@ -1,4 +1,7 @@
-"""`guidefield replay`: plan a run's request again; compare plans in a table, and bit for bit."""
+"""`guidefield replay`: plan or judge a run's request again, or replay a stream; compare answers bit for bit.
+
+`kept_runs.py` uses the table of two plans. A change of `PLAN_FIELDS` makes hashes that users noted incomparable.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ from guidefield.errors import GuidefieldError, MalformedRequest
 from guidefield.messages.replies import CertifyReply, PlanReply, Timing
 
 PLAN_FIELDS = ("status", "position_names", "velocity_names", "path", "trajectory", "guide_planes", "planner", "seed")
-"""The fields of a reply that are the plan itself; the others are measured, or name the run."""
+"""The fields of a reply that are the plan itself; the others are measured, prove it, or name the run."""
 
 
 def motion_hash(reply: PlanReply) -> str:
@@ -87,10 +90,9 @@ def _format_number(value: float | None, unit: float = 1.0) -> str:
     return "-" if value is None else f"{value * unit:.4g}"
 
 
-SHOWN_DIGITS = 16  # number of digits of a hash to show
-
+SHOWN_DIGITS = 16  # number of digits of a hash that are shown
 VERDICT_FIELDS = ("status", "curve", "certificate", "clearance", "self_clearance", "limits", "cartesian", "effort")
-"""The fields of a certify reply that are the verdict itself."""
+"""The fields of a certify reply that must be the same; `effort` are the joints' torques."""
 
 out = Console()
 
@@ -111,12 +113,12 @@ def replay(
 ) -> None:
     """Plan the request of a run again, or judge its motion; exit code 0 if that is the same to the last bit, else 1.
 
-    A run of another version of guidefield, or of another kind of processor, counts as any other: where its plan
-    differs, 1, and it is said which version planned it, and where. 2 where no plan came of it: there is no such run, or
-    its request is refused now.
+    If the answer differs, the output names the processor of the run if that is of another kind, and of a plan or stream
+    also its version of guidefield if that is another one. Exit code 2 if there is no such run, or its request is
+    refused now.
 
-    Robots and scenes that a client stored are looked for in the data folder. A stream is done again, each file that is
-    kept of it: whether the same pieces come of it.
+    Robots and scenes that a client stored are read from the data folder. Of a stream each stored file is replayed, and
+    its pieces are compared.
     """
     if files := stream_files(run, data_folder(data, name)):
         if record is not None:
@@ -182,7 +184,7 @@ def describe_version(before: dict[str, str]) -> str:
 
 
 def describe_versions(before: dict[str, str]) -> str:
-    """Say in a sentence which packages beside guidefield had other versions when a run was made."""
+    """Say in a sentence which packages, except guidefield, had other versions when a run was made."""
     from guidefield.versions import PACKAGE, versions
 
     if not before:

@@ -1,4 +1,7 @@
-"""`guidefield secure`: the files of a service that a network can reach, and one for each user; needs an extra."""
+"""`guidefield secure`: write certificates, passwords and Zenoh configurations of a service and its users.
+
+Needs ``guidefield[secure]``. Users may use all keys below their own; a key that onlookers may read is listed here.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +23,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from guidefield.errors import MalformedRequest
 from guidefield.messages.identities import base_key, check_user, shared_key
 
-VALIDITY = timedelta(days=3650)
-CLOCK_TOLERANCE = timedelta(hours=1)  # tolerance for clocks that are slow
+VALIDITY = timedelta(days=3650)  # of certificates
+CLOCK_TOLERANCE = timedelta(hours=1)  # time before now from which they are valid, for clocks that are slow
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Certificates:
 
     authority: bytes
     service: bytes
-    key: bytes
+    key: bytes  # of the service
 
 
 def make_certificates(hosts: Sequence[str]) -> Certificates:
@@ -81,15 +84,15 @@ def _make_host(host: str) -> x509.GeneralName:
 
 ASK_MESSAGES = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
 """Messages that a client sends to query and subscribe; flows of rules are the service's: it gets these on ingress."""
-ANSWER_MESSAGES = ["reply", "put", "declare_queryable", "liveliness_token"]  # messages that it gets
+ANSWER_MESSAGES = ["reply", "put", "declare_queryable", "liveliness_token"]  # messages that a client gets, on egress
 PRESENCE_MESSAGES = ["liveliness_token"]  # messages that declare a client's liveliness
 PUT_MESSAGES, PUT_DECLARATIONS = ["put"], ["declare_subscriber"]
 """Messages that a client sends for its own stream, and the service's subscription for them."""
-UPDATE_KEY = "streams/*/update"
+UPDATE_KEY = "streams/*/update"  # key of a stream's updates, below a user's
 SUBSCRIBE_MESSAGES, PUBLISHED_MESSAGES = ["declare_subscriber"], ["put"]  # messages that a subscriber sends and gets
 PUBLIC_KEYS = ("guidefield/*/alive", "guidefield/*/starting")
 """Keys that everybody may read: the liveliness of services."""
-LIST_KEYS = ("info", "robots", "scenes", "runs")
+LIST_KEYS = ("info", "robots", "scenes", "runs")  # keys that onlookers may read, below their own
 SHARED_KEYS = ("robots/$*:$*", "scenes/$*:$*", "runs/$*:$*", "runs/$*:$*/recording", "runs/$*:$*/proof")
 """Keys of shared things: with an owner before the name they are read-only, except for operators."""
 
@@ -173,7 +176,7 @@ READABLE, SECRET = 0o644, 0o600  # modes of files; those with a password or key 
 def write_files(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -> list[Path]:
     """Write certificates, passwords and Zenoh configurations into a folder, which is created, and return the files.
 
-    The service's configuration comes first, then those of the clients, which name the first host, then what it reads.
+    The service's configuration comes first, then those of the clients, with the first host, then the service's files.
 
     Raises:
         MalformedRequest: if a name can't be a user's, or two have the same, or a file is there already.
@@ -250,8 +253,8 @@ def _write_files(folder: Path, files: dict[str, tuple[bytes, int]]) -> list[Path
     folder.mkdir(parents=True, exist_ok=True)
     there = [name for name in files if (folder / name).exists()]
     if there:
-        told = f"{folder} holds {', '.join(there)} already; name another folder, or delete what is to be made anew"
-        raise MalformedRequest(told, path=str(folder))
+        reason = f"{folder} holds {', '.join(there)} already; name another folder, or delete what is to be made anew"
+        raise MalformedRequest(reason, path=str(folder))
     for name, (content, rights) in files.items():
         path = folder / name
         path.touch(mode=rights)

@@ -1,4 +1,8 @@
-"""Run a service in this process until a signal, which ends it in bounded time, or in a child process."""
+"""Run a service in this process until a signal, which ends it in bounded time, or in a child process.
+
+`guidefield serve` does the first; the demonstration, tests and benchmarks the second. A supervisor such as systemd is
+notified, too.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +76,7 @@ def _await_end(reading: int, stop: threading.Event, within: float) -> None:
     signal.setitimer(signal.ITIMER_REAL, within + DUMP_TIME_S)
     stop.set()
     if select.select([reading], [], [], within)[0]:
-        os._exit(128 + os.read(reading, 1)[0])  # as a shell tells of a process that a signal ended
+        os._exit(128 + os.read(reading, 1)[0])  # as a shell reports a process that a signal ended
     _log.error("not ended %g s after it was told to, and ended by force; where its threads stood:", within)
     faulthandler.dump_traceback()
     os._exit(FORCED_EXIT_CODE)
@@ -83,7 +87,7 @@ LOOPBACK = "127.0.0.1"
 
 @contextlib.contextmanager
 def free_port() -> Iterator[int]:
-    """A port that nobody else is given while a block runs; servers with ``SO_REUSEADDR`` can listen there."""
+    """Reserve a free port while a block runs; servers with ``SO_REUSEADDR`` can listen there."""
     with socket.socket() as held:
         held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         held.bind((LOOPBACK, 0))
@@ -99,8 +103,8 @@ def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None
     """Serve until SIGTERM or Ctrl-C asks for an orderly end; a second one ends the process at once.
 
     After a signal the process ends, at the latest after `settings.grace` and `END_TIME_S` by force, with the code
-    `ending.FORCED_EXIT_CODE`, and its workers with it. Sentences about start and end are announced unless standard
-    output would block.
+    `FORCED_EXIT_CODE`, and its workers with it. Sentences about start and end are announced unless standard output
+    would block.
     """
     logs.configure(logging.INFO, json=settings.json_logs)
     faulthandler.register(TRACE_SIGNAL)
@@ -179,7 +183,7 @@ def _await_ready(lines: Iterator[str], announce: Callable[[str], None]) -> None:
 
 
 READY, STOPPING = "ready", "stopping"
-"""Beginnings of the sentences in which a service says that it takes requests, and that it ends."""
+"""Beginnings of the sentences in which `endpoint/service.py` announces that it takes requests, and that it ends."""
 
 
 def notify_supervisor(sentence: str) -> None:
@@ -187,16 +191,16 @@ def notify_supervisor(sentence: str) -> None:
     where = os.environ.get("NOTIFY_SOCKET", "")
     if not where:
         return
-    told = [f"STATUS={' '.join(sentence.split())}"]
+    lines = [f"STATUS={' '.join(sentence.split())}"]
     if sentence.startswith(READY):
-        told.append("READY=1")
+        lines.append("READY=1")
     if sentence.startswith(STOPPING):
-        told.append("STOPPING=1")
+        lines.append("STOPPING=1")
     address = f"\0{where[1:]}" if where.startswith("@") else where
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         sender.setblocking(False)
         try:
-            sender.sendto("\n".join(told).encode(), address)
+            sender.sendto("\n".join(lines).encode(), address)
         except OSError:
             return  # it has ended, or doesn't read
 

@@ -1,4 +1,4 @@
-"""Tables of plans, verdicts and robots for a terminal."""
+"""Tables of plans, verdicts and robots for a terminal; the notebook shows the rows of plans and verdicts, too."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from guidefield.messages.replies import (
     Timing,
 )
 
-MAX_LISTED_GROUPS = 4  # the largest number of groups in a line of the list
+MAX_LISTED_GROUPS = 4  # number of groups of a robot that the list names at most
 
 
 def robots_table(reply: RobotsReply) -> RenderableType:

@@ -1,4 +1,7 @@
-"""The page of `guidefield show --web` without a run: goal and obstacles are dragged, and planned for at each change."""
+"""The page of `guidefield show --web` without a run: users drag the goal and obstacles, and each change is planned.
+
+It plans in this process, without a service; needs ``guidefield[web]``.
+"""
 
 from __future__ import annotations
 
@@ -28,29 +31,29 @@ from guidefield.scene.scene import build
 from guidefield.stores.scenes import PackagedScenes
 from guidefield.viewer import LOOPBACK
 
-FRAME_RATE = 30.0  # pictures of the motion in a second [1/s]
+FRAME_RATE = 30.0  # frames of the shown motion a second [Hz]
 PAUSE_S = 0.7  # pause before the motion is shown again [s]
 PLANNING_TIME_S = 10.0  # time that a plan may take [s]
 BOX_SIDE = 0.12  # side of an added box [m]
-FREE = (120, 220, 160)  # colour of the tip's way
+PATH_COLOR = (120, 220, 160)  # colour of the tip's path (RGB)
 MARKUP = frozenset("&<>|*`[]{}~#!\\\n")  # characters that Markdown may take for more than text
 TRANSLUCENT = 0.35  # opacity of obstacles before the robot
 
 
 @dataclass
-class Wish:
-    """What the page asks for at the moment."""
+class PageState:
+    """The problem that the page shows at the moment."""
 
     goal: PoseGoal
     start: dict[str, Any]
-    moved: dict[str, Placement] = field(default_factory=dict)
-    added: list[Box] = field(default_factory=list)
+    moved: dict[str, Placement] = field(default_factory=dict)  # placements of moved obstacles, by name
+    added: list[Box] = field(default_factory=list)  # boxes that the user added
 
 
 class TryPage:
     """The page of one robot in one scene; `run` plans whenever something has changed, and another thread plays motions.
 
-    Viser's threads change the wish, under a lock; only the thread of `run` asks the engine once that has begun.
+    Viser's threads change the `PageState`, under a lock; once `run` has begun, only its thread asks the engine.
 
     Raises RobotInvalid or SceneInvalid if there is no such robot or scene.
     """
@@ -64,14 +67,14 @@ class TryPage:
         self._reached: dict[str, Any] | None = None
         drawn = bodies.visual_bodies(self._model.source)[0] or bodies.collision_bodies(self._model)
         self._links = list(dict.fromkeys(body.link for body in drawn))
-        told: Any = self._engine.answer({"type": "robot", "robot": robot})
-        self._tip = told.tip
+        described: Any = self._engine.answer({"type": "robot", "robot": robot})
+        self._tip = described.tip
         start = configuration_to_wire(self._model.joints, self._model.rest)
         placed = self._place([start])[0]
         self._draw_robot(drawn, placed)
         self._draw_scene(placed)
         at = Placement(tuple(placed[-1, :3].tolist()), tuple(placed[-1, 3:].tolist()))
-        self._wish = Wish(PoseGoal(at.position, at.quaternion_xyzw), dict(start))
+        self._state = PageState(PoseGoal(at.position, at.quaternion_xyzw), dict(start))
         self._handle = server.scene.add_transform_controls(
             "/goal", scale=0.25, position=at.position, wxyz=_wxyz(placed[-1])
         )
@@ -87,7 +90,7 @@ class TryPage:
             self._plan()
 
     def _place(self, configurations: Sequence[dict[str, Any]]) -> np.ndarray:
-        """Positions and quaternions (x, y, z, w) of the drawn links and the tip, shape (n, links + 1, 7)."""
+        """Return positions and quaternions (x, y, z, w) of the drawn links and the tip, shape (n, links + 1, 7)."""
         asked = ForwardKinematics(self._robot, frames=[*self._links, self._tip], configurations=list(configurations))
         reply: Any = self._engine.answer(asked)
         return np.array([[(*one.position, *one.quaternion_xyzw) for one in row] for row in reply.placements])
@@ -150,7 +153,7 @@ class TryPage:
         w, *xyz = np.asarray(self._handle.wxyz).tolist()
         goal = PoseGoal(tuple(self._handle.position.tolist()), (*xyz, w))
         with self._lock:
-            self._wish.goal = goal
+            self._state.goal = goal
         self._changed.set()
 
     def _choose(self) -> None:
@@ -158,12 +161,12 @@ class TryPage:
             self._mover.remove()
             self._mover = None
         name = self._chosen.value
-        found = [one for one in (*self._message.obstacles, *self._wish.added) if one.name == name]
+        found = [one for one in (*self._message.obstacles, *self._state.added) if one.name == name]
         if not found:
             return
-        told: Any = found[0]
-        turned = getattr(told, "quaternion_xyzw", (0.0, 0.0, 0.0, 1.0))
-        at = self._wish.moved.get(name, Placement(told.position, turned))
+        obstacle: Any = found[0]
+        turned = getattr(obstacle, "quaternion_xyzw", (0.0, 0.0, 0.0, 1.0))
+        at = self._state.moved.get(name, Placement(obstacle.position, turned))
         self._mover = mover = self._server.scene.add_transform_controls(
             "/mover", scale=0.25, position=at.position, disable_rotations=True
         )
@@ -173,15 +176,15 @@ class TryPage:
     def _move(self, name: str, at: Placement) -> None:
         self._server.scene.get_handle_by_name(f"/scene/{name}").position = at.position
         with self._lock:
-            self._wish.moved[name] = at
+            self._state.moved[name] = at
         self._changed.set()
 
     def _add_box(self) -> None:
         with self._lock:
-            name = f"box {len(self._wish.added) + 1}"
-            at = np.add(self._wish.goal.position, (0.0, 2.5 * BOX_SIDE, 0.0))
+            name = f"box {len(self._state.added) + 1}"
+            at = np.add(self._state.goal.position, (0.0, 2.5 * BOX_SIDE, 0.0))
             box = Box(name=name, size=(BOX_SIDE,) * 3, position=tuple(at.tolist()))
-            self._wish.added.append(box)
+            self._state.added.append(box)
         self._server.scene.add_box(f"/scene/{name}", color=(240, 170, 90), dimensions=box.size, position=at)
         self._chosen.options = (*self._chosen.options, name)
         self._chosen.value = name
@@ -191,23 +194,23 @@ class TryPage:
         reached = self._reached
         if reached is not None:
             with self._lock:
-                self._wish.start = reached
+                self._state.start = reached
             self._changed.set()
 
     def _plan(self) -> None:
         with self._lock:
-            wish = replace(self._wish, moved=dict(self._wish.moved), added=list(self._wish.added))
-        names = {one.name for one in wish.added}
+            state = replace(self._state, moved=dict(self._state.moved), added=list(self._state.added))
+        names = {one.name for one in state.added}
         added: list[Obstacle] = [
-            Box(name=box.name, size=box.size, position=wish.moved.get(box.name, box).position) for box in wish.added
+            Box(name=box.name, size=box.size, position=state.moved.get(box.name, box).position) for box in state.added
         ]
         request = PlanRequest(
             robot=self._robot,
             scene=RequestScene(
-                base=self._scene, add=added, move={name: at for name, at in wish.moved.items() if name not in names}
+                base=self._scene, add=added, move={name: at for name, at in state.moved.items() if name not in names}
             ),
-            start=wish.start,
-            goal=wish.goal,
+            start=state.start,
+            goal=state.goal,
             guide_planes=[],
             min_clearance=1e-3 * self._clearance.value,
             allowed_planning_time=PLANNING_TIME_S,
@@ -224,7 +227,7 @@ class TryPage:
             self._frames, self._reached = [], None
             self._tell(f"**{reply.status.name}**: {_as_text(reply.status.message)}, in {1e3 * seconds:.0f} ms")
             return
-        self._show_plan(reply, wish.start)
+        self._show_plan(reply, state.start)
         closest = reply.clearance
         between = f" between {' and '.join(map(_as_text, closest.pair))}" if closest.pair else ""
         away = "no obstacle" if closest.minimum is None else f"{1e3 * closest.minimum:.0f} mm{between}"
@@ -245,7 +248,8 @@ class TryPage:
         named = [dict(zip(reply.position_names, row, strict=True)) for row in np.column_stack(columns).tolist()]
         placed = self._place([{**start, **one} for one in named])
         way = placed[:, -1, :3]
-        self._server.scene.add_line_segments("/way", np.stack([way[:-1], way[1:]], 1), colors=FREE, thickness=0.006)
+        segments = np.stack([way[:-1], way[1:]], 1)
+        self._server.scene.add_line_segments("/way", segments, colors=PATH_COLOR, thickness=0.006)
         self._reached = {**start, **named[-1]}
         self._frames = list(placed)
 

@@ -1,4 +1,7 @@
-"""The client for asyncio: it waits for nothing but what its caller awaits."""
+"""The client for asyncio, and its streams: the methods of `client.py` and `streams.py` as coroutines.
+
+Each method asks the same question (`questions.py`) as its counterpart: a new one goes into both classes.
+"""
 
 from __future__ import annotations
 
@@ -84,7 +87,7 @@ class AsyncClient:
         await self.close()
 
     async def close(self) -> None:
-        """Close the session, once all that is to be shown is."""
+        """Close the session, once all runs are shown."""
         await asyncio.to_thread(self._shown.close)
         await asyncio.to_thread(self._exchange.close)
 
@@ -156,17 +159,17 @@ class AsyncClient:
         clock: Callable[[], float] | None = None,
         **fields: Any,
     ) -> AsyncServiceStream:
-        """A stream of motion among obstacles that move, to be opened by ``async with``; as `Client.stream`."""
+        """Return a stream of motion among moving obstacles, to be opened by ``async with``; as `Client.stream`."""
         return AsyncServiceStream(self._exchange, request, fields, clock)
 
     def watching_scene(
         self, name: str, hear: Callable[[SceneChanged], None]
     ) -> contextlib.AbstractContextManager[None]:
-        """Hear what changes about a stored scene, as long as the block runs; the event loop calls `hear`."""
+        """Listen to the changes of a stored scene for as long as the block runs; the event loop calls `hear`."""
         return self._exchange.watching_scene(name, _call_in_loop(hear))
 
     def watching_run(self, run_id: str, hear: Callable[[Progress], None]) -> contextlib.AbstractContextManager[None]:
-        """Hear how far a run is that was asked for elsewhere; the event loop calls `hear`."""
+        """Listen to the progress of any run for as long as the block runs; the event loop calls `hear`."""
         return self._exchange.watching_run(run_id, _call_in_loop(hear))
 
     async def runs(
@@ -179,7 +182,7 @@ class AsyncClient:
         limit: int | None = None,
         after: str | None = None,
     ) -> RunsReply:
-        """The runs that are kept, newest first; the arguments are those of `Client.runs`."""
+        """List the runs that are kept, newest first; the arguments are those of `Client.runs`."""
         filters = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
         asked, joined = codec.convert(filters, ReadRuns), None
         while (question := questions.next_runs(asked, limit, joined)) is not None:
@@ -222,10 +225,10 @@ def _call_in_loop(hear: Callable[[_T], None]) -> Callable[[_T], None]:
 class AsyncServiceStream(StreamFacts):
     """`ServiceStream`, for asyncio; an asynchronous context manager, which opens and ends it.
 
-    `async for` waits for the pieces that a robot takes, until the stream has ended.
+    `async for` yields the pieces that a robot takes, until the stream has ended.
 
     Raises:
-        MalformedRequest: if that can't be asked for.
+        MalformedRequest: if the request isn't one.
     """
 
     def __init__(
@@ -250,7 +253,7 @@ class AsyncServiceStream(StreamFacts):
         await self.close()
 
     async def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> float:
-        """Send what is seen, as `ServiceStream.update`; waits for no answer. Its time [s]."""
+        """Send observations, as `ServiceStream.update`, without waiting for an answer; return their time [s]."""
         filled = self._link.complete_update(update, fields)
         if filled.declare or filled.gone:
             await asyncio.to_thread(self._link.send, filled)
@@ -268,7 +271,7 @@ class AsyncServiceStream(StreamFacts):
         return self._link.answer()
 
     async def __aiter__(self) -> AsyncIterator[Piece]:
-        """The pieces that a robot takes, as they come, until the stream has ended."""
+        """Yield the pieces that a robot takes, as they come, until the stream has ended."""
         while True:
             for piece in self._link.pieces():
                 yield piece
@@ -277,7 +280,7 @@ class AsyncServiceStream(StreamFacts):
             await self._next()
 
     async def aim_for(self, goal: StreamGoal | dict[str, Any] | None) -> int:
-        """Change the goal, as `ServiceStream.aim_for`; its number."""
+        """Change the goal, as `ServiceStream.aim_for`; return its number."""
         question, asked = self._link.aim(goal)
         aimed: StreamAimed = await _ask(self._exchange, question)
         self._link.set_goal(asked)

@@ -1,4 +1,4 @@
-"""The client that waits for its answers."""
+"""The client whose methods wait for their answers; `asynchronous.py` has its counterpart for asyncio."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from guidefield.messages.store_requests import ReadRuns
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # as `DEFAULT_LISTEN` of `endpoint/link.py`
 GIVE_UP_WITHIN = 2.0  # time to wait for the answer to a cancel when the caller is being interrupted [s]
 
 _R = TypeVar("_R")
@@ -112,13 +112,13 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Close the session, once all that is to be shown is."""
+        """Close the session, once all runs are shown."""
         self._shown.close()
         self._exchange.close()
 
     @property
     def instance(self) -> str:
-        """Name of the instance that is asked now."""
+        """Return the name of the instance that is asked now."""
         return self._exchange.instance
 
     def alive(self) -> bool:
@@ -236,7 +236,7 @@ class Client:
         clock: Callable[[], float] | None = None,
         **fields: Any,
     ) -> ServiceStream:
-        """A stream of motion among obstacles that move, to be opened by ``with``.
+        """Return a stream of motion among moving obstacles, to be opened by ``with``.
 
         Args:
             clock: The clock that all its times are of [s]; None: seconds since now.
@@ -249,7 +249,7 @@ class Client:
         return ServiceStream(self._exchange, request, fields, clock)
 
     def streams(self) -> list[str]:
-        """The streams that are open, of this user."""
+        """List the names of this user's open streams."""
         return self._ask(questions.streams()).streams
 
     def stream_recording(self, stream_id: str) -> bytes:
@@ -261,11 +261,11 @@ class Client:
         return self._ask(questions.stream_recording(stream_id))
 
     def robots(self) -> RobotsReply:
-        """The robots that can be named."""
+        """List the robots that can be named."""
         return self._ask(questions.robots())
 
     def robot(self, name: str) -> RobotReply:
-        """One robot: joints, limits, frames, groups, collision pairs.
+        """Describe one robot: joints, limits, frames, groups, collision pairs.
 
         Args:
             name: Its name, as `robots` lists them.
@@ -306,11 +306,11 @@ class Client:
         self._ask(questions.delete_robot(name))
 
     def scenes(self) -> list[str]:
-        """The scenes that can be named."""
+        """List the names of scenes that can be used."""
         return self._ask(questions.scenes()).scenes
 
     def scene(self, name: str, version: int | None = None) -> Scene:
-        """One scene.
+        """Return one scene.
 
         Args:
             name: Its name, as `scenes` lists them.
@@ -423,7 +423,7 @@ class Client:
         return joined
 
     def run(self, run_id: str) -> AnyRunReply:
-        """One run: its request, and its reply once there is one.
+        """Return one run: its request, and its reply once there is one.
 
         Raises:
             UnknownObject: if none of that name is kept.
@@ -439,7 +439,7 @@ class Client:
         self._ask(questions.delete_run(run_id))
 
     def recording(self, run_id: str) -> bytes:
-        """The recording of one run, to be written to an `.rrd` file.
+        """Return the recording of one run, to be written to an `.rrd` file.
 
         Raises:
             UnknownObject: if none of that name is kept, or it has no recording.
@@ -447,7 +447,7 @@ class Client:
         return self._ask(questions.recording(run_id))
 
     def proof(self, run_id: str) -> bytes:
-        """The proof of one run that was asked for with `proof`, to be written to an `.npz` file.
+        """Return the proof of one run that was requested with `proof`, to be written to an `.npz` file.
 
         Raises:
             UnknownObject: if none of that name is kept, or it has no proof.
@@ -463,7 +463,7 @@ class Client:
         self._ask(questions.unshare(kind, name))
 
     def info(self) -> InfoReply:
-        """Versions, the JSON Schema of every message, workers, queue, counters, latencies."""
+        """Return versions, the JSON Schema of every message, workers, queue, counters and latencies."""
         return self._ask(questions.info())
 
     def _ask(self, question: Question[_R]) -> _R:

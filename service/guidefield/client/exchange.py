@@ -36,7 +36,7 @@ from guidefield.messages.scene_changes import SceneChanged
 @dataclass(frozen=True)
 class _Load:
     workers: int
-    others: int
+    others: int  # number of other clients' questions
 
 
 class Loads:
@@ -78,9 +78,9 @@ class Loads:
         return (self._own[instance] + reported.others) / reported.workers
 
 
-REFRESHED_EVERY = 0.5
+MAX_REPORT_AGE_S = 0.5
 """Largest age of a report about other clients' questions [s]; this client's own are counted at once."""
-ASK_WITHIN = 1.0  # time that an instance has to report its load [s]
+REPORT_TIMEOUT_S = 1.0  # time that an instance has to report its load [s]
 
 
 class Instances:
@@ -92,7 +92,7 @@ class Instances:
         self.loads = Loads()
         self._living: set[str] = set()
         self._departures: Counter[str] = Counter()
-        self._refreshed = -REFRESHED_EVERY
+        self._refreshed = -MAX_REPORT_AGE_S
         self._changed = threading.Condition()
         self._tokens = session.liveliness().declare_subscriber("guidefield/*/alive", self._heard, history=True)
 
@@ -100,14 +100,14 @@ class Instances:
         """Request reports of all instances unless that was done just now; don't wait for them."""
         with self._changed:
             now = time.monotonic()
-            if len(self._living) < 2 or now - self._refreshed < REFRESHED_EVERY:
+            if len(self._living) < 2 or now - self._refreshed < MAX_REPORT_AGE_S:
                 return
             self._refreshed = now
         self._session.get(
             self._briefly,
             zenoh.handlers.Callback(self._take_report, indirect=False),
             encoding=Encoding.MSGPACK.value,
-            timeout=ASK_WITHIN,
+            timeout=REPORT_TIMEOUT_S,
         )
 
     def _take_report(self, reply: zenoh.Reply) -> InfoReply | None:
@@ -132,7 +132,7 @@ class Instances:
             return self._departures[name]
 
     def freest(self, but: frozenset[str], wait: float) -> str | None:
-        """Return the living instance with the least load per worker; any among equals."""
+        """Return the living instance, `but` some, with the least load per worker; any among equals."""
         with self._changed:
             self._changed.wait_for(lambda: self._living - but, wait)
             candidates = self._living - but
@@ -159,7 +159,7 @@ class Instances:
     def _infos(self) -> dict[str, InfoReply]:
         infos = {}
         encoding = Encoding.MSGPACK.value
-        for reply in self._session.get(self._briefly, encoding=encoding, timeout=ASK_WITHIN):
+        for reply in self._session.get(self._briefly, encoding=encoding, timeout=REPORT_TIMEOUT_S):
             if (report := self._take_report(reply)) is not None:
                 infos[_instance(reply.ok.key_expr)] = report
         return infos
@@ -206,8 +206,8 @@ class Exchange:
         self.client = uuid.uuid4().hex
         self._instances = Instances(session, user)
         self._current = instance
-        self._runs: OrderedDict[str, str] = OrderedDict()
-        self._stored: dict[str, str] = {}
+        self._runs: OrderedDict[str, str] = OrderedDict()  # instances by the id of a run, request or stream
+        self._stored: dict[str, str] = {}  # instances by the key of a scene or robot that this client stored
         self._present: dict[str, zenoh.LivelinessToken] = {}
         self._lock = threading.Lock()
 
@@ -237,7 +237,7 @@ class Exchange:
 
     @property
     def instance(self) -> str:
-        """The present instance."""
+        """Return the present instance."""
         if self._current is None:
             return self.await_instance(RETURN_TIME_S)
         return self._current
@@ -255,17 +255,17 @@ class Exchange:
 
         Raises MalformedRequest if its key can't be asked for.
         """
-        asking = _Asking(self, question)
-        asking.answer.set_running_or_notify_cancel()  # a caller may give up, the question stays on its way
+        asking = _PendingQuestion(self, question)
+        asking.answer.set_running_or_notify_cancel()  # a caller that gives up doesn't withdraw the question
         asking.send(self._choose_instance(question))
         return asking.answer
 
     def watching_run(
         self, run_id: str, hear: Callable[[Progress], None] | None
     ) -> contextlib.AbstractContextManager[None]:
-        """Subscribe a listener to the progress of a run, at any instance, in a thread of the session; None: nobody.
+        """Subscribe a listener to the progress of a run, at any instance, in a thread of the session; None: none.
 
-        A run of another user's, which is shared, has the user before its name.
+        A shared run of another user has the user before its name.
         """
         if hear is None:
             return contextlib.nullcontext()
@@ -359,19 +359,21 @@ class Exchange:
         return self._instances.loads.least(holders or living, self._current) or self.instance
 
 
-class _Asking:
+class _PendingQuestion:
+    """A question on its way, until its one answer."""
+
     def __init__(self, exchange: Exchange, question: Question[Any]) -> None:
         self.answer: Future[bytes] = Future()
         self._exchange = exchange
         self._question = question
         self._deadline = time.monotonic() + question.timeout
         self._tried: frozenset[str] = frozenset()
-        self._returns = self._departures = 0
+        self._returns = self._departures = 0  # attempts at the same instance, and losses of it that were counted
         self._instance = ""
-        self._brought: list[zenoh.Reply] = []
+        self._replies: list[zenoh.Reply] = []
 
     def send(self, instance: str) -> None:
-        self._instance, self._brought = instance, []
+        self._instance, self._replies = instance, []
         self._tried |= {instance}
         question = self._question
         try:
@@ -382,7 +384,7 @@ class _Asking:
         self._exchange.begin(question, instance)
         self._exchange.session.get(
             selector,
-            zenoh.handlers.Callback(self._brought.append, self._end, indirect=False),  # without a thread of its own
+            zenoh.handlers.Callback(self._replies.append, self._end, indirect=False),  # without a thread of its own
             payload=question.payload,
             encoding=Encoding.MSGPACK.value,
             attachment=self._exchange.client,
@@ -390,15 +392,15 @@ class _Asking:
         )
 
     def _end(self) -> None:
-        well = bool(self._brought) and self._brought[0].ok is not None
+        well = bool(self._replies) and self._replies[0].ok is not None
         self._exchange.end(self._question, self._instance, well=well)
-        if self._brought and self._brought[0].ok is not None:
-            self.answer.set_result(bytes(self._brought[0].ok.payload.to_bytes()))
+        if self._replies and self._replies[0].ok is not None:
+            self.answer.set_result(bytes(self._replies[0].ok.payload.to_bytes()))
             return
-        error = self._refusal() if self._brought else self._explain_silence()
+        error = self._refusal() if self._replies else self._explain_silence()
         refused = isinstance(error, ServerBusy | QuotaExceeded) and self._exchange.has_other(self._tried)
-        if not self._brought or refused:
-            # Not in Zenoh's own thread: to look for another instance takes its answers.
+        if not self._replies or refused:
+            # Not in Zenoh's own thread, which has to take other instances' reports.
             threading.Thread(target=self._ask_another, args=(error,), name=THREAD_NAME, daemon=True).start()
         else:
             self.answer.set_exception(error)
@@ -434,7 +436,7 @@ class _Asking:
         return NoService(words, instance=name, key=key)
 
     def _refusal(self) -> GuidefieldError:
-        payload = self._brought[0].err.payload.to_bytes()
+        payload = self._replies[0].err.payload.to_bytes()
         timeout, words = self._question.timeout, payload.decode(errors="replace")
         return refusal(payload) or NoService(f"no answer within {timeout:g} s ({words})", timeout=timeout)
 

@@ -1,4 +1,7 @@
-"""The questions of a client: key, message and kind of reply of each, without a network."""
+"""The questions of a client: key, payload and reader of the reply of each, without a network.
+
+Both clients make their methods of these; keys, parameters and messages are the wire's (`messages/served.py`).
+"""
 
 from __future__ import annotations
 
@@ -66,8 +69,8 @@ KinematicsReply = (
 ANSWER_TIMEOUT = 660.0
 """Time to wait for an answer to anything but a run; longer than the service lets a worker work [s]."""
 _DEFAULT_FILTERS = (None, LARGEST_PAGE)
-"""Values in a request for a list of runs that mean the same where they are left out."""
-PLAN_MARGIN = 90.0  # time to wait for a run beyond its allowed time; more than the service's own margin [s]
+"""Values in a request for a list of runs that are the defaults, and left out."""
+PLAN_MARGIN = 90.0  # time to wait for an answer beyond its allowed time; more than the service's own margin [s]
 _WORD = re.compile(r"[^/?#*$;]+")  # one chunk of a key, or the value of a parameter
 
 _R = TypeVar("_R")
@@ -77,19 +80,19 @@ _M = TypeVar("_M", bound=Reply)
 
 @dataclass(frozen=True)
 class Question(Generic[_R]):
-    """One thing to ask.
+    """A query to a service.
 
     Attributes:
         key: Below the instance's, with parameters.
-        read: Makes the reply of its payload.
-        payload: What is sent along.
-        timeout: How long the answer is waited for [s].
+        read: Decodes the reply.
+        payload: Its message, if any.
+        timeout: Time to wait for the answer [s].
         run_id: The run that it is about, if any.
-        request_id: Its own name, if it can be cancelled by one.
-        work: Whether it is answered by any instance alike, so that the freest does it.
+        request_id: The kinematics request or stream that it is about, if any.
+        work: Whether any instance can answer it, so that the least busy one does.
         needs: Keys of stored scenes and robots that it names.
-        stores, forgets: Key of the scene or robot that it has stored or forgotten.
-        repeatable: Whether it may be asked again after its answer was lost: the answer is the same then.
+        stores, forgets: Key of the scene or robot that it stores or deletes.
+        repeatable: Whether it may be sent again after its answer was lost, because the answer is the same then.
     """
 
     key: str
@@ -106,7 +109,7 @@ class Question(Generic[_R]):
 
     @property
     def own_id(self) -> str | None:
-        """The id of its run, request or stream, if any, whose instance further questions must ask."""
+        """Return the id of its run, request or stream, if any; further questions about that go to the same instance."""
         return self.run_id or self.request_id
 
 
@@ -145,12 +148,12 @@ def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[Kinemati
 
 
 def robots() -> Question[RobotsReply]:
-    """The robots that can be named."""
+    """List the robots that can be named."""
     return _make_reading("robots", RobotsReply)
 
 
 def robot(name: str) -> Question[RobotReply]:
-    """One robot."""
+    """Describe one robot."""
     return _make_reading(_key("robots", name), RobotReply)
 
 
@@ -174,12 +177,12 @@ def delete_robot(name: str) -> Question[Done]:
 
 
 def scenes() -> Question[ScenesReply]:
-    """The scenes that can be named."""
+    """List the scenes that can be named."""
     return _make_reading("scenes", ScenesReply)
 
 
 def scene(name: str, version: int | None = None) -> Question[SceneReply]:
-    """One scene, the newest version or one that is named."""
+    """Read one scene, the newest version or another one."""
     key = _key("scenes", name)
     return _make_reading(key if version is None else f"{key}?version={version}", SceneReply)
 
@@ -201,7 +204,7 @@ def change_scene(
 ) -> Question[Done]:
     """Change a stored scene; never sent again, since it would be changed twice.
 
-    Raises MalformedRequest if that is no change.
+    Raises MalformedRequest if an obstacle or placement isn't one.
     """
     diff = {"add": list(add), "move": dict(move), "remove": list(remove), "version": version}
     given = codec.convert({"type": "scene_diff", **diff}, SceneDiff)
@@ -220,10 +223,7 @@ def delete_scene(name: str) -> Question[Done]:
 
 
 def runs(filters: ReadRuns) -> Question[RunsReply]:
-    """List a page of the stored runs.
-
-    Raises MalformedRequest if something that is asked for can't stand in a query.
-    """
+    """List a page of the stored runs; raises MalformedRequest if a filter has characters that a query can't hold."""
     given = {name: value for name, value in msgspec.structs.asdict(filters).items() if value not in _DEFAULT_FILTERS}
     if ";" in given.get("text", ""):
         raise MalformedRequest("`text` can't be asked for with a semicolon in it", parameter="text")
@@ -232,7 +232,7 @@ def runs(filters: ReadRuns) -> Question[RunsReply]:
 
 
 def next_runs(filters: ReadRuns, limit: int | None, joined: RunsReply | None) -> Question[RunsReply] | None:
-    """Ask for the next page of a list of at most this many runs, given those before as one; None: it is complete."""
+    """Ask for the next page of a list of at most `limit` runs, after the joined ones; None if the list is complete."""
     rest = None if limit is None else limit - (0 if joined is None else len(joined.runs))
     if joined is not None and (rest == 0 or joined.next is None):
         return None
@@ -247,7 +247,7 @@ def join_runs(joined: RunsReply | None, page: RunsReply) -> RunsReply:
 
 
 def run(run_id: str) -> Question[AnyRunReply]:
-    """One run."""
+    """Read one run."""
     key = _key("runs", run_id)
 
     def read(payload: bytes) -> AnyRunReply:
@@ -277,12 +277,12 @@ def cancel_request(request_id: str) -> Question[Done]:
 
 
 def recording(run_id: str) -> Question[bytes]:
-    """The recording of one run."""
+    """Read the recording of one run."""
     return Question(f"{_key('runs', run_id)}/recording", bytes, run_id=run_id)
 
 
 def proof(run_id: str) -> Question[bytes]:
-    """The proof of one run."""
+    """Read the proof of one run."""
     return Question(f"{_key('runs', run_id)}/proof", bytes, run_id=run_id)
 
 
@@ -316,7 +316,7 @@ def open_stream(request: StreamOpen) -> Question[StreamReply]:
 
 
 def streams() -> Question[StreamsReply]:
-    """The streams that are open."""
+    """List the open streams."""
     return _make_reading("streams", StreamsReply)
 
 
@@ -329,7 +329,7 @@ def _about_stream(
 
 
 def read_stream(stream_id: str) -> Question[StreamReply]:
-    """One stream."""
+    """Read the state of one stream."""
     return _about_stream(stream_id, "", StreamReply)
 
 
@@ -361,7 +361,7 @@ def stop_stream(stream_id: str) -> Question[Done]:
 
 
 def stream_recording(stream_id: str) -> Question[bytes]:
-    """The recording of one stream."""
+    """Read the recording of one stream."""
     return Question(f"{_key('streams', stream_id)}/recording", bytes, request_id=stream_id)
 
 

@@ -1,4 +1,4 @@
-"""A Zenoh session that talks to the endpoints it is given, and to nobody else."""
+"""Open a client's Zenoh session, which connects to the given endpoints only, and explain why it has no link."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor"
 def open_session(settings: zenoh.Config, deadline: float) -> zenoh.Session:
     """Open a session, trying until a deadline.
 
-    Raises NoService if nobody listens there, or who does doesn't let us in.
+    Raises NoService if nobody listens there, or the listener rejects this client.
     """
     while True:
         try:
@@ -38,7 +38,7 @@ def open_session(settings: zenoh.Config, deadline: float) -> zenoh.Session:
 def explain_no_link(settings: zenoh.Config, reason: str) -> NoService:
     """Explain why no endpoint is linked: nobody listens, or the listener rejects this client.
 
-    Zenoh says the same of a wrong password as of a port where nobody is.
+    Zenoh gives the same error for a wrong password as for a port without a listener.
     """
     endpoints = _endpoints(settings)
     where = ", ".join(endpoints)
@@ -67,14 +67,14 @@ def _is_listening(endpoint: str) -> bool:
 
 
 def has_link(session: zenoh.Session) -> bool:
-    """Return whether a session has a link to anybody."""
+    """Return whether a session has a link to a service or a router."""
     return bool(list(session.info.peers_zid()) or list(session.info.routers_zid()))
 
 
 def read_user(settings: zenoh.Config) -> str:
     """Read the user that a configuration names in Zenoh's free metadata, ``metadata: {guidefield: {user}}``.
 
-    Raises MalformedRequest if nobody can be a user of that name.
+    Raises MalformedRequest if it can't be a user's name.
     """
     metadata = json.loads(settings.get_json("metadata"))
     ours = metadata.get("guidefield") if isinstance(metadata, dict) else None

@@ -1,4 +1,4 @@
-"""A client's runs in a Rerun viewer: their recordings are fetched and shown while the caller goes on."""
+"""Show a client's runs in a Rerun viewer: their recordings are fetched and sent there in a thread of its own."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class ShownRuns:
             self._showing.submit(self._show, reply.run_id, self._viewer)
 
     def close(self) -> None:
-        """Wait until all that is to be shown is."""
+        """Wait until all runs are shown."""
         self._showing.shutdown()
 
     def _show(self, run_id: str, viewer: str) -> None:

@@ -1,4 +1,7 @@
-"""A client's side of a stream, which waits for nothing: updates out, pieces in, and how its robot executes them."""
+"""A client's side of a stream, without waiting: it sends updates, takes pieces, and follows their execution.
+
+`streams.py` and `asynchronous.py` wait on top of it, each in its own way.
+"""
 
 from __future__ import annotations
 
@@ -31,30 +34,24 @@ MAX_WAITING_PIECES = 64  # the largest number of pieces that wait to begin; the 
 
 @dataclass(frozen=True)
 class Motion:
-    """The state of a robot, in the order of a stream's `position_names`.
+    """The state of a robot, in the order of a stream's `position_names`."""
 
-    Attributes:
-        positions: [rad or m].
-        velocities: [rad/s or m/s].
-        accelerations: [rad/s^2 or m/s^2].
-    """
-
-    positions: tuple[float, ...]
-    velocities: tuple[float, ...]
-    accelerations: tuple[float, ...]
+    positions: tuple[float, ...]  # [rad or m]
+    velocities: tuple[float, ...]  # [rad/s or m/s]
+    accelerations: tuple[float, ...]  # [rad/s^2 or m/s^2]
 
 
 class Execution:
-    """The motion of a robot that takes a stream's pieces.
+    """The motion of a robot that takes a stream's pieces; not for several threads at once.
 
-    A piece is executed from where it begins, if it is there before, and if then the piece is executed that it follows.
-    What no piece follows is executed to its end, where the robot stands. It is not for two threads.
+    A piece is executed from its begin, if it came before, and if the piece that it follows is executed then. Without
+    such a piece the robot executes its last one to the end, and stands there.
 
     Args:
-        start: Where it stands [rad or m].
+        start: Positions at which the robot stands first [rad or m].
 
     Attributes:
-        late: How many pieces came after they began.
+        late: Number of pieces that came after their begin.
     """
 
     def __init__(self, start: Sequence[float]) -> None:
@@ -125,15 +122,20 @@ class Execution:
 
 
 MAX_UNREAD_PIECES = 64  # the largest number of pieces that wait to be read; the oldest are dropped
-GONE_WITHIN = 6.0
-"""So long a service may be out of sight before its streams have ended, which it ends itself after that time without the
-client: a link may be cut for a moment [s]."""
+LOST_SERVICE_S = 6.0
+"""Time without the service after which its streams have ended, because a link may be cut for a moment [s].
+
+The service ends them after the same time without the client: `GRACE` of `endpoint/clients.py`.
+"""
 
 Answer = Piece | StreamState
 
 
 class StreamLink:
-    """A client's side of a stream; raises MalformedRequest if that can't be asked for."""
+    """A client's side of a stream; raises MalformedRequest if the request isn't one.
+
+    `changed` is called, in a thread of Zenoh, when a piece or state has come, or the stream has ended.
+    """
 
     def __init__(
         self,
@@ -162,7 +164,7 @@ class StreamLink:
         self.latest: Answer | None = None
         self.state: StreamState | None = None
         self.ended: StreamState | None = None
-        self.asked: float | None = None
+        self.asked: float | None = None  # time of the last update [s]
         self._pieces: deque[Piece] = deque(maxlen=MAX_UNREAD_PIECES)
 
     def start_opening(self) -> Question[StreamReply]:
@@ -192,7 +194,7 @@ class StreamLink:
         return self.start_opening()
 
     def silence(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         token, self._token = self._token, None
         for subscriber in (*self._subscribers, *(() if token is None else (token,))):
             subscriber.undeclare()
@@ -200,20 +202,20 @@ class StreamLink:
         self._schedule(None)
 
     def aim(self, goal: StreamGoal | dict[str, Any] | None) -> tuple[Question[StreamAimed], StreamGoal | None]:
-        """The question for another goal, and that goal."""
+        """Return the question for another goal, and that goal."""
         return questions.aim_stream(self.stream_id, goal)
 
     def set_goal(self, goal: StreamGoal | None) -> None:
-        """Take another goal."""
+        """Set the goal with which the stream would be opened again."""
         self.request = msgspec.structs.replace(self.request, goal=goal)
 
     def complete_update(self, update: StreamUpdate | dict[str, Any] | None, fields: dict[str, Any]) -> StreamUpdate:
         """Make an update of its fields; missing ones are the present time and the piece executed then.
 
         Raises:
-            MalformedRequest: if that is no update.
-            GuidefieldError: why the stream has ended, if it has.
-            StreamUnknown: if it isn't open, or closed.
+            MalformedRequest: if it is no update.
+            GuidefieldError: the error with which the stream has ended, if it has.
+            StreamUnknown: if the stream isn't open, or closed.
         """
         if self.ended is not None:
             raise self.reason()
@@ -230,7 +232,7 @@ class StreamLink:
         return cast(StreamUpdate, codec.convert(given, StreamUpdate))
 
     def send(self, update: StreamUpdate) -> None:
-        """Send an update. One that declares something waits until it is sent; any other is dropped on a busy link."""
+        """Send an update; on a busy link one that declares or removes obstacles waits, any other is dropped."""
         kept = bool(update.declare or update.gone)
         for one in update.declare:
             self._obstacles[one.obstacle.name] = one
@@ -249,7 +251,7 @@ class StreamLink:
         )
 
     def answer(self) -> Answer | None:
-        """The answer to the last update, or that the stream has ended; None: it isn't there yet."""
+        """Return the answer to the last update, or the state with which the stream ended; None: neither yet."""
         latest = self.latest
         if latest is None or self.asked is None:
             return self.ended
@@ -258,10 +260,7 @@ class StreamLink:
         return latest if latest.update is not None and latest.update >= self.asked else None
 
     def pieces(self) -> list[Piece]:
-        """The pieces that the robot takes, of those that came since they were asked for last.
-
-        Raises StreamUnknown if it isn't open yet.
-        """
+        """Return the pieces that came since the last call and that the robot takes; StreamUnknown if not open yet."""
         self._require_opened()
         with self._lock:
             found = list(self._pieces)
@@ -269,7 +268,7 @@ class StreamLink:
         return found
 
     def at(self, now: float) -> Motion:
-        """Where a robot that takes the pieces is at a time [s]; raises StreamUnknown if it isn't open yet."""
+        """Return the state of a robot that takes the pieces at a time [s]; StreamUnknown if not open yet."""
         self._require_opened()
         with self._lock:
             return self.execution.at(now)
@@ -282,7 +281,7 @@ class StreamLink:
             )
 
     def reason(self) -> GuidefieldError:
-        """Why it has ended."""
+        """Return the error with which it has ended."""
         if self.ended is None or self.ended.error is None:
             return StreamUnknown(f"stream {self.stream_id!r} isn't open", stream=self.stream_id)
         return make_error(self.ended.error)
@@ -304,14 +303,14 @@ class StreamLink:
         self._changed()
 
     def _watch(self, instance: str) -> None:
-        """End the stream when its service is gone, or is another one that knows nothing of it."""
+        """End the stream when its service is gone, or has restarted without it."""
         stream_id, gone = self.stream_id, False
 
         def heard(token: zenoh.Sample) -> None:
             nonlocal gone
             if token.kind == zenoh.SampleKind.DELETE:
                 gone = True
-                self._schedule(GONE_WITHIN, self._lost, stream_id, instance)
+                self._schedule(LOST_SERVICE_S, self._lost, stream_id, instance)
             elif gone:
                 gone = False
                 self._schedule(0.0, self._ask_again, stream_id, instance)
@@ -320,7 +319,7 @@ class StreamLink:
         self._token = self._exchange.session.liveliness().declare_subscriber(key, heard, history=True)
         if not self._exchange.is_there(instance):  # it went while it was answering
             gone = True
-            self._schedule(GONE_WITHIN, self._lost, stream_id, instance)
+            self._schedule(LOST_SERVICE_S, self._lost, stream_id, instance)
 
     def _schedule(self, after: float | None, call: Callable[..., None] = lambda: None, *given: str) -> None:
         """Schedule a call in a thread after a time [s] in place of the last scheduled one; None only cancels."""
@@ -334,18 +333,18 @@ class StreamLink:
             timer.start()
 
     def _lost(self, stream_id: str, instance: str) -> None:
-        told = f"service {instance!r} is gone, and stream {stream_id!r} with it: the robot stands at its last stop"
-        self._over(stream_id, NoService(told, instance=instance, stream=stream_id))
+        reason = f"service {instance!r} is gone, and stream {stream_id!r} with it: the robot stands at its last stop"
+        self._over(stream_id, NoService(reason, instance=instance, stream=stream_id))
 
     def _ask_again(self, stream_id: str, instance: str) -> None:
         try:
             self._exchange.ask(questions.read_stream(stream_id)).result()
         except StreamUnknown:
-            told = f"service {instance!r} was gone, and knows nothing of stream {stream_id!r} any more"
-            self._over(stream_id, StreamUnknown(told, instance=instance, stream=stream_id))
+            reason = f"service {instance!r} was gone, and knows nothing of stream {stream_id!r} any more"
+            self._over(stream_id, StreamUnknown(reason, instance=instance, stream=stream_id))
         except GuidefieldError:
             if not self._exchange.is_there(instance):
-                self._schedule(GONE_WITHIN, self._lost, stream_id, instance)
+                self._schedule(LOST_SERVICE_S, self._lost, stream_id, instance)
 
     def _over(self, stream_id: str, error: GuidefieldError) -> None:
         with self._lock:

@@ -1,4 +1,4 @@
-"""A stream that a service answers, for a client that waits."""
+"""A stream that a service answers, for a client that waits; `asynchronous.py` has its counterpart for asyncio."""
 
 from __future__ import annotations
 
@@ -20,38 +20,38 @@ from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamSta
 
 
 class StreamFacts:
-    """The state of a stream as its client knows it, without a question; the subclass that opens it sets its link."""
+    """The state of a stream as its client knows it, without asking the service; a subclass sets `_link`."""
 
     _link: StreamLink
 
     @property
     def stream_id(self) -> str:
-        """Its name."""
+        """Return its name."""
         return self._link.stream_id
 
     @property
     def position_names(self) -> list[str]:
-        """Names of the columns of its pieces."""
+        """Return the names of the columns of its pieces; none before it is open."""
         return [] if self._link.reply is None else list(self._link.reply.position_names)
 
     @property
     def now(self) -> float:
-        """The time of the client's clock [s]."""
+        """Return the time of the client's clock [s]."""
         return self._link.clock()
 
     @property
     def state(self) -> StreamState | None:
-        """The last received state; None: none yet."""
+        """Return the last received state; None: none yet."""
         return self._link.state
 
     @property
     def ended(self) -> StreamState | None:
-        """The state with which it ended; None: it is open, as far as is known."""
+        """Return the state with which it ended; None: it is open, as far as is known."""
         return self._link.ended
 
     @property
     def late(self) -> int:
-        """Number of pieces that came after their begin, and were ignored."""
+        """Return the number of pieces that came after their begin, and were ignored."""
         return self._link.execution.late
 
     def at(self, now: float) -> Motion:
@@ -67,9 +67,9 @@ _R = TypeVar("_R")
 class ServiceStream(StreamFacts):
     """A stream that a service answers; a context manager, which opens and ends it. `Client.stream` makes one.
 
-    It has the methods of `Stream`, but that an update isn't answered at once: `update` sends it, `answer` waits for
-    what comes, and iterating gives the pieces that came. It keeps count of which pieces a robot takes that executes
-    them by the client's clock: `at` says where it is. Any thread may use it.
+    It has the methods of `Stream`, except that an update isn't answered at once: `update` sends it, `answer` waits for
+    the answer, and iterating yields the pieces that came. It follows a robot that executes the pieces by the client's
+    clock: `at` returns its state. Any thread may use it.
 
     Args:
         exchange: Asks and is answered.
@@ -78,7 +78,7 @@ class ServiceStream(StreamFacts):
         clock: The client's clock [s]; None: seconds since now.
 
     Raises:
-        MalformedRequest: if that can't be asked for.
+        MalformedRequest: if the request isn't one.
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""An examination of this machine: faults that guidefield suffers from, each with advice."""
+"""Examine this machine for faults that guidefield suffers from, each with advice."""

@@ -1,4 +1,8 @@
-"""Examine this machine: processors, memory, disk, packages, kernels, clock, Zenoh on loopback, graphics."""
+"""Examine this machine: packages, processors, memory, disk, runs, kernels, clock, Zenoh on loopback, graphics.
+
+`guidefield doctor` prints the findings. Where a function measures, one named `…_found` judges, so that tests can give
+it other machines. A new subject is a line in `examination`.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +47,7 @@ from guidefield.stores.runs import DEFAULT_RETENTION
 
 
 class FindingState(enum.StrEnum):
-    """How something is."""
+    """The state of a subject."""
 
     FINE = "fine"
     REMARK = "remark"
@@ -63,22 +67,22 @@ class Finding:
 
 
 def fine(about: str, found: str) -> Finding:
-    """Nothing is to be done."""
+    """Return a finding about which nothing is to be done."""
     return Finding(about, FindingState.FINE, found)
 
 
 def remark(about: str, found: str, advice: str) -> Finding:
-    """Something could be better."""
+    """Return a finding that could be better."""
     return Finding(about, FindingState.REMARK, found, advice)
 
 
 def wrong(about: str, found: str, advice: str) -> Finding:
-    """Something has to be done."""
+    """Return a finding about which something has to be done."""
     return Finding(about, FindingState.WRONG, found, advice)
 
 
-ROOT = Path("/sys/fs/cgroup")
-OWN = Path("/proc/self/cgroup")
+ROOT = Path("/sys/fs/cgroup")  # folder of the control groups' files
+OWN = Path("/proc/self/cgroup")  # file that names the control groups of this process
 
 
 def processor_quota(root: Path = ROOT, own: Path = OWN) -> float | None:
@@ -95,7 +99,7 @@ def processor_quota(root: Path = ROOT, own: Path = OWN) -> float | None:
 
 
 def memory_limit(root: Path = ROOT, own: Path = OWN) -> int | None:
-    """How much memory may be used [bytes]; None without such a limit."""
+    """Return the memory that the control groups of this process allow [bytes]; None without such a limit."""
     found = [_read(folder / name) for folder in _folders(root, own) for name in ("memory.max", "memory.limit_in_bytes")]
     limits = [int(limit) for limit in found if limit.isdecimal() and int(limit) < 1 << 60]
     return min(limits, default=None)
@@ -120,18 +124,18 @@ def _read(file: Path) -> str:
         return ""
 
 
-MIN_PROCESSORS = 2  # with less a worker and whatever else runs, the service's own process too, wait for one another
+MIN_PROCESSORS = 2  # with fewer a worker and the service's own process wait for each other
 WIDE = ("avx512f", "avx2", "asimd")
 """Vector instructions that the kernels' sixteen lanes are made for, the widest first."""
 
 
 def cores() -> Finding:
-    """How many processors this process may use."""
+    """Count the processors that this process may use."""
     return cores_found(usable_processors(), processor_quota())
 
 
 def cores_found(allowed: int, quota: float | None) -> Finding:
-    """What is said about the processors, and how many may be used at once."""
+    """Judge the number of processors, and how many of them a container may use at once."""
     there = f"{allowed} to run on" + ("" if quota is None else f", the container may use {quota:g} at once")
     if quota is not None and quota < allowed:
         workers = max(1, int(quota))
@@ -142,7 +146,7 @@ def cores_found(allowed: int, quota: float | None) -> Finding:
 
 
 def vectors(cpuinfo: Path = Path("/proc/cpuinfo"), machine: str | None = None) -> Finding:
-    """Return the width of the processors' registers, by Linux' cpuinfo and the family of processors."""
+    """Examine the processors' vector instructions, by Linux' cpuinfo and the family of processors."""
     if cpuinfo.exists():
         text = cpuinfo.read_text()
         flags = set(" ".join(re.findall(r"^(?:flags|Features)\s*:(.*)$", text, re.MULTILINE)).split())
@@ -165,13 +169,13 @@ def vectors(cpuinfo: Path = Path("/proc/cpuinfo"), machine: str | None = None) -
 
 
 SERVICE_TAKES = 704 * 2**20
-"""The service's own process, and the one that renders recordings: 110 and 410 MiB were measured [bytes]."""
+"""Memory of the service's own process, and the one that renders recordings; 110 and 410 MiB were measured [bytes]."""
 WORKER_TAKES = 768 * 2**20
-"""A worker: 420 MiB were measured of a fresh one, 500 MiB after plans for two arms of meshes [bytes]."""
+"""Memory of a worker; a fresh one had 420 MiB, after plans for two arms of meshes 500 MiB [bytes]."""
 
 
 def memory() -> Finding:
-    """How much memory this process and its workers may have."""
+    """Examine the memory that a service and its workers may have."""
     there = psutil.virtual_memory()
     return memory_found(there.total, there.available, memory_limit(), usable_processors())
 
@@ -193,7 +197,7 @@ def memory_found(total: int, available: int, limit: int | None, workers: int) ->
 
 
 GIB = 2**30
-MIN_FREE_BYTES = GIB  # with less a few recordings fill the disk [bytes]
+MIN_FREE_BYTES = GIB  # free room that a data folder needs; with less a few recordings fill the disk
 
 
 def disk(data: Path) -> Finding:
@@ -244,7 +248,7 @@ def runs(data: Path) -> Finding:
 
 
 def kernels() -> Finding:
-    """Look whether the kernels' machine code is there, or can be kept."""
+    """Examine whether the kernels' machine code is there, or can be kept."""
     folder = cache_parent() / "guidefield"
     there = _there(folder)
     if not (there.is_dir() and _takes_files(there)):
@@ -286,7 +290,7 @@ def _there(path: Path) -> Path:
 
 
 def session() -> Finding:
-    """Look whether a query on loopback is answered, and whether a service's own port is free."""
+    """Examine whether a query on loopback is answered, and whether a service's own port is free."""
     try:
         seconds = measure_answer()
     except NoAnswer as error:
@@ -309,12 +313,12 @@ WHOLE, LIGHT = "guidefield", "guidefield-client"
 
 
 def packages() -> Finding:
-    """Look whether one distribution of ours is installed, and not both."""
+    """Examine whether one distribution of ours is installed, and not both."""
     return packages_found(_version(WHOLE), _version(LIGHT))
 
 
 def packages_found(whole: str | None, light: str | None) -> Finding:
-    """What is said about the versions of both that are installed; None where one isn't."""
+    """Judge the installed versions of both distributions; None for one that isn't installed."""
     if whole is not None and light is not None:
         return wrong(
             "packages",
@@ -331,13 +335,13 @@ def _version(name: str) -> str | None:
         return None
 
 
-DRIVERS = (Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d"))
-DEVICES = Path("/dev/dri")
+DRIVERS = (Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d"))  # folders that list Vulkan's drivers
+DEVICES = Path("/dev/dri")  # folder of the devices that draw
 WEB = "`guidefield show --web` shows recordings in a browser; the service needs no graphics"
 
 
 def graphics() -> Finding:
-    """Look whether the viewer can open a window."""
+    """Examine whether the viewer can open a window."""
     loaders = [name for name in ("vulkan", "GL") if ctypes.util.find_library(name)]
     drivers = [file.stem for folder in DRIVERS if folder.is_dir() for file in sorted(folder.glob("*.json"))]
     devices = [file.name for file in sorted(DEVICES.glob("renderD*"))] if DEVICES.is_dir() else []
@@ -347,7 +351,7 @@ def graphics() -> Finding:
 def graphics_found(
     environment: Mapping[str, str], loaders: list[str], drivers: list[str], devices: list[str]
 ) -> Finding:
-    """What is said about a display, libraries that load drivers, Vulkan's drivers, and devices that draw."""
+    """Judge a display by environment variables, libraries that load drivers, Vulkan's drivers, and devices."""
     display = environment.get("WAYLAND_DISPLAY") or environment.get("DISPLAY")
     if not display:
         return remark("graphics", "no display", WEB)
@@ -362,32 +366,32 @@ def graphics_found(
     return fine("graphics", f"display {display}, {', '.join((*drivers, *devices)) or loaders[0]}")
 
 
-UNSYNCHRONIZED = 5  # TIME_ERROR: what the system says of a clock that nothing sets
-SLACK = 86_400.0  # how far behind the newest file of ours it may be, whose time another machine may have set [s]
+UNSYNCHRONIZED = 5  # TIME_ERROR of adjtimex(2): nothing sets the clock
+CLOCK_TOLERANCE_S = 86_400.0  # time by which the clock may be behind files that another machine may have dated [s]
 
 
 def clock() -> Finding:
-    """Look whether the clock is set, and by something that keeps it right."""
+    """Examine whether the clock is set, and kept right."""
     ours = Path(guidefield.__file__).stat().st_mtime
     return clock_found(time.time(), ours, _system_state())
 
 
 def clock_found(now: float, ours: float, state: int) -> Finding:
-    """Judge a clock [s since 1970] by the time of guidefield's files and by adjtimex(2), negative without word."""
-    told = datetime.datetime.fromtimestamp(now, datetime.UTC).isoformat(sep=" ", timespec="seconds")
-    if now < ours - SLACK:
-        return wrong("clock", f"{told} is before guidefield was installed", "set it: `timedatectl set-time`, or NTP")
+    """Judge a clock [s since 1970] by the time of guidefield's files and the state of `_system_state`."""
+    date = datetime.datetime.fromtimestamp(now, datetime.UTC).isoformat(sep=" ", timespec="seconds")
+    if now < ours - CLOCK_TOLERANCE_S:
+        return wrong("clock", f"{date} is before guidefield was installed", "set it: `timedatectl set-time`, or NTP")
     if state == UNSYNCHRONIZED:
         return remark(
             "clock",
-            f"{told}, kept right by nothing",
+            f"{date}, kept right by nothing",
             "`timedatectl set-ntp true`, unless the host sets it: a clock that strays has certificates refused",
         )
-    return fine("clock", told)
+    return fine("clock", date)
 
 
 def _system_state() -> int:
-    """What adjtimex(2) says, asked without changing anything; negative where it isn't allowed, or isn't there."""
+    """Return the state of the clock by adjtimex(2), which changes nothing; negative if it isn't allowed or there."""
     asked = ctypes.create_string_buffer(256)  # struct timex, all 0: nothing is set
     adjtimex = getattr(ctypes.CDLL(None), "adjtimex", None)  # Linux's own
     return -1 if adjtimex is None else int(adjtimex(asked))

@@ -55,11 +55,9 @@ HEAVY_KEYS = ("plan", "certify", "kinematics", "robots")
 KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "streams", "info")
 """First chunks of keys under which queries are timed."""
 LATE, LATE_SHARE = 0.02, 0.03
-"""Delay after a request's time at which it is answered without its worker [s], and as a share of its time.
-
-So it is while the worker still loads and prepares; one that checks the deadline itself has longer to send its result:
-"""
+"""Delay after a request's time [s], and as a share of it, at which it is answered for a worker that still loads."""
 LATE_RESULT, LATE_RESULT_SHARE = 0.04, 0.045
+"""The same for a worker that checks the deadline itself, and needs time to send its result."""
 MAX_BRIEF_BYTES = 1 << 14  # largest query of kinematics that counts as brief
 LAST_ANSWERS = 5.0  # time for the last answers to be read at the end [s]
 
@@ -332,10 +330,10 @@ class Endpoint:
             task.add_done_callback(partial(self._tell_change, read))
         return answer
 
-    def _tell_progress(self, user: str, run_id: str, told: bytes) -> None:
-        self._publish(f"{base_key(self._setup.instance, user)}/runs/{run_id}/progress", told)
+    def _tell_progress(self, user: str, run_id: str, progress: bytes) -> None:
+        self._publish(f"{base_key(self._setup.instance, user)}/runs/{run_id}/progress", progress)
         if self._runs.of(user).is_shared(run_id):
-            self._publish(f"{shared_key(self._setup.instance)}/runs/{user}:{run_id}/progress", told)
+            self._publish(f"{shared_key(self._setup.instance)}/runs/{user}:{run_id}/progress", progress)
 
     def _tell_change(self, read: keys.Query, future: Future[Answer]) -> None:
         if future.cancelled() or future.exception() is not None or not future.result()[0]:
@@ -343,8 +341,9 @@ class Endpoint:
         done = codec.decode(future.result()[1], Done, read.encoding)
         self._tell_changed(read, SceneChanged(name=read.key[1], version=done.version, diff=keys.decode_diff(read)))
 
-    def _tell_changed(self, read: keys.Query, told: SceneChanged) -> None:
-        self._publish(f"{base_key(self._setup.instance, read.owner)}/scenes/{read.key[1]}/changes", codec.encode(told))
+    def _tell_changed(self, read: keys.Query, changed: SceneChanged) -> None:
+        key = f"{base_key(self._setup.instance, read.owner)}/scenes/{read.key[1]}/changes"
+        self._publish(key, codec.encode(changed))
 
 
 _kept_states = threading.local()

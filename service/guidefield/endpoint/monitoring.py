@@ -125,7 +125,7 @@ def _exposition(instance: str, brief: Callable[[], InfoReply]) -> Callable[[], t
     return lambda: (generate_latest(registry), CONTENT_TYPE_LATEST)
 
 
-def families(instance: str, told: InfoReply) -> Iterator[Any]:
+def families(instance: str, info: InfoReply) -> Iterator[Any]:
     """Make metric families, as prometheus-client has them, of what a service tells about itself.
 
     Raises ImportError if prometheus-client isn't installed.
@@ -140,28 +140,28 @@ def families(instance: str, told: InfoReply) -> Iterator[Any]:
             made.add_metric([instance, *own], *(value if isinstance(value, tuple) else (value,)))
         return made
 
-    yield family("Info", "", "The service", {(): {"version": told.version}})
-    states = {(state,): float(told.health.state == state) for state in ("starting", "ready", "ending")}
+    yield family("Info", "", "The service", {(): {"version": info.version}})
+    states = {(state,): float(info.health.state == state) for state in ("starting", "ready", "ending")}
     yield family("Gauge", "_health", "1 for the state that it is in", states, "state")
-    yield family("Gauge", "_uptime_seconds", "Since the start", {(): told.uptime})
-    yield family("Gauge", "_workers", "Worker processes", {(): told.workers})
-    yield family("Gauge", "_workers_busy", "Those of them that work on a request", {(): told.busy})
-    yield family("Gauge", "_queue_requests", "Requests that wait for a worker", {(): told.queue})
-    memory = {("service",): told.own_memory, ("workers",): told.memory}
+    yield family("Gauge", "_uptime_seconds", "Since the start", {(): info.uptime})
+    yield family("Gauge", "_workers", "Worker processes", {(): info.workers})
+    yield family("Gauge", "_workers_busy", "Those of them that work on a request", {(): info.busy})
+    yield family("Gauge", "_queue_requests", "Requests that wait for a worker", {(): info.queue})
+    memory = {("service",): info.own_memory, ("workers",): info.memory}
     yield family("Gauge", "_memory_bytes", "Resident memory", memory, "of")
-    if told.disk is not None:
-        yield family("Gauge", "_disk_free_bytes", "What is free on the data folder's disk", {(): told.disk.free})
-        yield family("Gauge", "_disk_total_bytes", "How large it is", {(): told.disk.total})
-    queries = {(name,): count for name, count in told.counters.items() if name in OUTCOMES}
+    if info.disk is not None:
+        yield family("Gauge", "_disk_free_bytes", "What is free on the data folder's disk", {(): info.disk.free})
+        yield family("Gauge", "_disk_total_bytes", "How large it is", {(): info.disk.total})
+    queries = {(name,): count for name, count in info.counters.items() if name in OUTCOMES}
     yield family("Counter", "_queries", "By what became of them", queries, "outcome")
-    events = {(name,): count for name, count in told.counters.items() if name not in OUTCOMES}
+    events = {(name,): count for name, count in info.counters.items() if name not in OUTCOMES}
     yield family("Counter", "_events", "Of other kinds", events, "event")
-    waiting = {(user, "waiting"): figures.waiting for user, figures in told.users.items()}
-    running = {(user, "running"): figures.running for user, figures in told.users.items()}
+    waiting = {(user, "waiting"): figures.waiting for user, figures in info.users.items()}
+    running = {(user, "running"): figures.running for user, figures in info.users.items()}
     yield family("Gauge", "_user_requests", "Of a user, that wait or run", waiting | running, "user", "state")
-    spent = {(user,): figures.processor for user, figures in told.users.items()}
+    spent = {(user,): figures.processor for user, figures in info.users.items()}
     yield family("Gauge", "_user_processor_seconds", "What a user got lately", spent, "user")
-    times = {(kind,): (_buckets(histogram), histogram.sum) for kind, histogram in told.latency.items()}
+    times = {(kind,): (_buckets(histogram), histogram.sum) for kind, histogram in info.latency.items()}
     yield family("Histogram", "_answer_seconds", "From a query's arrival to its answer", times, "kind")
 
 

@@ -211,11 +211,11 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
 
 
 @contextlib.contextmanager
-def _needed(told: str, *errors: type[Exception]) -> Iterator[None]:
+def _needed(failure: str, *errors: type[Exception]) -> Iterator[None]:
     try:
         yield
     except errors as error:
-        raise CannotStart(f"{told}: {strip_source(error)}") from None
+        raise CannotStart(f"{failure}: {strip_source(error)}") from None
 
 
 def _has_access_control(config: zenoh.Config) -> bool:

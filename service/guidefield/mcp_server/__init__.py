@@ -1,1 +1,1 @@
-"""Plans for the model of a Model Context Protocol client: asked over the service's own door, answered in words."""
+"""A server of the Model Context Protocol: a language model asks for plans, a service answers, in words and figures."""

@@ -1,4 +1,7 @@
-"""The server of the Model Context Protocol, over standard input and output; needs ``guidefield[mcp]``."""
+"""The server of the Model Context Protocol, over standard input and output; needs ``guidefield[mcp]``.
+
+`TOOLS` are its tools; names, descriptions and schemas are what models read, and none moves a robot.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +33,11 @@ from guidefield.messages.schemas import make_schemas_of
 class Tool:
     """A tool of a model."""
 
-    name: str  # its name
+    name: str
     what: str  # its purpose, for the model to read
     schema: dict[str, Any]  # JSON Schema of its arguments
     ask: Callable[[AsyncClient, dict[str, Any]], Awaitable[Any]]  # asks the service
-    describe: Callable[[Any], str]  # says the reply in words
+    describe: Callable[[Any], str]  # puts the reply into words
     figures: Callable[[Any], dict[str, Any]] = msgspec.to_builtins  # makes plain data of the reply
 
 
@@ -67,7 +70,7 @@ def _trajectory_figures(reply: PlanReply) -> dict[str, Any]:
 
 
 def _schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
-    """JSON Schema of a message, without the tag, which the tool's name represents."""
+    """Make the JSON Schema of a message without its tag, which the tool implies."""
     (root,), parts = make_schemas_of([kind])
     whole = dict(parts.pop(root["$ref"].rpartition("/")[2]))
     tag = kind.__struct_config__.tag_field
@@ -174,7 +177,7 @@ _log = logging.getLogger(__name__)
 
 
 class Service:
-    """The service that is asked, connected to when it is first needed, and again when it was not there."""
+    """The service that is asked; connected to at the first use, and at the next one if that failed."""
 
     def __init__(self, endpoints: tuple[str, ...], instance: str | None, config: Path | None, user: str | None) -> None:
         self._where = endpoints, instance, config, user
@@ -182,7 +185,7 @@ class Service:
         self._connecting = asyncio.Lock()
 
     async def client(self) -> AsyncClient:
-        """A connected client.
+        """Return a connected client.
 
         Raises:
             NoService: if nobody answers there.
@@ -204,8 +207,8 @@ class Service:
 
 
 def serve_stdio(endpoints: tuple[str, ...], instance: str | None, config: Path | None, user: str | None) -> None:
-    """Serve over standard input and output until the first ends; raises ImportError without the package mcp."""
-    import mcp.server.stdio  # noqa: F401 - said at once where it isn't there
+    """Serve over standard input and output until the input ends; raises ImportError without the package mcp."""
+    import mcp.server.stdio  # noqa: F401 - raises at once without it
 
     asyncio.run(_serve(Service(endpoints, instance, config, user)))
 
@@ -221,7 +224,7 @@ async def _serve(service: Service) -> None:
 
 
 def protocol_server(service: Service) -> Any:
-    """The protocol's server, which asks a service."""
+    """Return the protocol's server, which asks a service."""
     import mcp_types as types
     from mcp.server import Server
 
@@ -238,8 +241,8 @@ def protocol_server(service: Service) -> Any:
         return listed
 
     async def call_tool(_context: Any, params: Any) -> Any:
-        told, figures, failed = await _call_tool(service, known.get(params.name), params.name, params.arguments or {})
-        return types.CallToolResult(content=[types.TextContent(text=told)], structured_content=figures, is_error=failed)
+        text, figures, failed = await _call_tool(service, known.get(params.name), params.name, params.arguments or {})
+        return types.CallToolResult(content=[types.TextContent(text=text)], structured_content=figures, is_error=failed)
 
     return Server(
         "guidefield",
@@ -253,7 +256,7 @@ def protocol_server(service: Service) -> Any:
 async def _call_tool(
     service: Service, tool: Tool | None, name: str, given: dict[str, Any]
 ) -> tuple[str, dict[str, Any], bool]:
-    """What a tool answers, in words and figures, and whether that is an error; no exception leaves but cancelling."""
+    """Return a tool's answer in words and figures, and whether it is an error; raises nothing but cancellation."""
     try:
         if tool is None:
             raise MalformedRequest(f"there is no tool {name[:64]!r}; there are {', '.join(one.name for one in TOOLS)}")
@@ -269,7 +272,7 @@ async def _call_tool(
 
 
 def _refuse_other_arguments(tool: Tool, given: dict[str, Any]) -> None:
-    """Refuse arguments that the tool doesn't have, and the lack of one that it needs; the service judges the rest."""
+    """Refuse unknown arguments, missing ones and names that are no texts; the service checks all others."""
     known, needed = tool.schema["properties"], tool.schema.get("required", [])
     unknown = [name for name in given if name not in known]
     if unknown:

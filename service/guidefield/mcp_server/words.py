@@ -1,4 +1,7 @@
-"""Replies in words: what was found, how near it comes to what, and what to do where the answer is no."""
+"""Replies in words for a language model: outcome, clearances, limits, and advice if the answer is no.
+
+`ADVICE` has a line for each `Status` but success.
+"""
 
 from __future__ import annotations
 
@@ -22,51 +25,51 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.scene import Scene
 
-MOST_TOLD = 20  # of a batch this many are described in words; the figures of all stand beside them
+MOST_LINES = 20  # number of results in words at most; the figures have all of them
 
 
 def describe_plan(reply: PlanReply) -> str:
-    """A plan: outcome, motion, clearance, certificate, and where the whole trajectory is."""
-    told = [_outcome(reply.status)]
+    """Describe a plan: outcome, motion, clearance, certificate, and how to get the whole trajectory."""
+    sentences = [_outcome(reply.status)]
     if reply.metrics is not None:
-        told.append(
+        sentences.append(
             f"The motion takes {reply.metrics.duration:.2f} s over {len(reply.path)} waypoints; the tip moves"
             f" {reply.metrics.tip_path_length:.3f} m."
         )
-    told += [*_clearances(reply.clearance, reply.self_clearance), f"Certificate: {describe_certificate(reply)}."]
-    told += _loads(reply.cartesian, reply.effort)
+    sentences += [*_clearances(reply.clearance, reply.self_clearance), f"Certificate: {describe_certificate(reply)}."]
+    sentences += _loads(reply.cartesian, reply.effort)
     if reply.trajectory is not None:
-        told.append(f"`trajectory` with run_id {reply.run_id!r} gives its times, positions and velocities.")
-    return _join_sentences(told, reply.warnings)
+        sentences.append(f"`trajectory` with run_id {reply.run_id!r} gives its times, positions and velocities.")
+    return _join_sentences(sentences, reply.warnings)
 
 
 def describe_verdict(reply: CertifyReply) -> str:
-    """A verdict: free or where it is refused, clearance, and the limits that are used most."""
-    told = [_outcome(reply.status)]
+    """Describe a verdict: free or where it is refused, clearance, and the largest use of each limit."""
+    sentences = [_outcome(reply.status)]
     certificate = reply.certificate
     if not certificate.collision_free:
-        told.append(f"It is certified until {_place(certificate.free_until.row, certificate.free_until.time)}.")
+        sentences.append(f"It is certified until {_place(certificate.free_until.row, certificate.free_until.time)}.")
     if certificate.place is not None:
         pair = "" if certificate.pair is None else f" for {' and '.join(certificate.pair)}"
         where = _place(certificate.place.row, certificate.place.time)
-        told.append(f"It is refused{pair}: {certificate.reason}, at {where}.")
-    told += _clearances(reply.clearance, reply.self_clearance)
+        sentences.append(f"It is refused{pair}: {certificate.reason}, at {where}.")
+    sentences += _clearances(reply.clearance, reply.self_clearance)
     for name in reply.limits.__struct_fields__:
         use: LimitUse = getattr(reply.limits, name)
         if use.share is not None and use.joint is not None:
             beyond = ", which is beyond it" if use.share > 1.0 else ""
-            told.append(f"{use.joint} uses {100.0 * use.share:.1f} % of its {name} limit{beyond}.")
-    return _join_sentences([*told, *_loads(reply.cartesian, reply.effort)], reply.warnings)
+            sentences.append(f"{use.joint} uses {100.0 * use.share:.1f} % of its {name} limit{beyond}.")
+    return _join_sentences([*sentences, *_loads(reply.cartesian, reply.effort)], reply.warnings)
 
 
 def _loads(cartesian: list[CartesianUse], effort: EffortFigures | None) -> list[str]:
-    told = [f"{describe_speed(use)}." for use in cartesian]
+    sentences = [f"{describe_speed(use)}." for use in cartesian]
     strongest = None if effort is None else describe_effort(effort)
-    return told if strongest is None else [*told, f"{strongest}."]
+    return sentences if strongest is None else [*sentences, f"{strongest}."]
 
 
 def describe_clearance(reply: ClearanceReply) -> str:
-    """Distances, a line for each configuration."""
+    """Describe distances, a line for each configuration."""
     rows = zip(reply.minimum, reply.pair, reply.self_minimum, strict=True)
     lines = [
         f"Configuration {index}: {_distance(least, pair)}{_own(own)}." for index, (least, pair, own) in enumerate(rows)
@@ -75,7 +78,7 @@ def describe_clearance(reply: ClearanceReply) -> str:
 
 
 def describe_solutions(reply: InverseKinematicsReply) -> str:
-    """How many configurations reach each pose, and why none or not more do."""
+    """Describe how many configurations reach each pose, and why none or not more do."""
     rows = enumerate(zip(reply.configurations, reply.reasons, strict=True))
     lines = [
         f"Pose {index}: {len(found) or 'no'} configuration{'' if len(found) == 1 else 's'}"
@@ -88,15 +91,15 @@ def describe_solutions(reply: InverseKinematicsReply) -> str:
 
 
 def list_robots(reply: RobotsReply) -> str:
-    """The robots, each with its joints that can be planned for."""
+    """List the robots, each with its degrees of freedom, and those that can't be used."""
     good = [f"{one.name} ({one.dof})" for one in reply.robots if one.problem is None]
     bad = [f"{one.name}: {one.problem}" for one in reply.robots if one.problem is not None]
-    told = [f"{len(good)} robots, each with how many numbers its motion has: {', '.join(good)}."]
-    return _join_sentences([*told, *(f"Can't be used: {one}." for one in bad)], [], "\n")
+    sentences = [f"{len(good)} robots, each with how many numbers its motion has: {', '.join(good)}."]
+    return _join_sentences([*sentences, *(f"Can't be used: {one}." for one in bad)], [], "\n")
 
 
 def describe_robot(reply: RobotReply) -> str:
-    """A robot: its tip, groups, and joints with their limits."""
+    """Describe a robot: its tip, groups, and joints with their limits."""
     groups = [f"{name}: {', '.join(joints)}" for name, joints in reply.groups.items()]
     lines = [
         f"{reply.name}: goals are about the frame {reply.tip}.",
@@ -114,7 +117,7 @@ def describe_robot(reply: RobotReply) -> str:
 
 
 def describe_scene(scene: Scene) -> str:
-    """A scene: its obstacles and guide planes by name."""
+    """Describe a scene: its obstacles and guide planes by name."""
     obstacles = [f"{one.name} ({one.__struct_config__.tag})" for one in scene.obstacles]
     planes = [plane.name for plane in scene.guide_planes]
     return (
@@ -123,7 +126,7 @@ def describe_scene(scene: Scene) -> str:
 
 
 def describe_error(error: GuidefieldError) -> str:
-    """An error: its name, what is wrong, and what to do."""
+    """Describe an error: its name, what is wrong, and what to do."""
     after = error.details.get("retry_after")
     again = f" Ask again in {after:g} s." if isinstance(after, int | float) else ""
     return f"{error.code.name}: {error.message}. {advise(error.code)}{again}".strip()
@@ -134,13 +137,13 @@ def _outcome(status: Outcome) -> str:
 
 
 def _clearances(clearance: ClearanceFigures | None, own: SelfClearance | None) -> list[str]:
-    told = []
+    sentences = []
     if clearance is not None and clearance.minimum is not None:
         when = "" if clearance.time is None else f", at {clearance.time:.2f} s"
-        told.append(f"To obstacles: {_distance(clearance.minimum, clearance.pair)}{when}.")
+        sentences.append(f"To obstacles: {_distance(clearance.minimum, clearance.pair)}{when}.")
     if own is not None and own.minimum is not None:
-        told.append(f"To itself: {_distance(own.minimum, own.pair)}.")
-    return told
+        sentences.append(f"To itself: {_distance(own.minimum, own.pair)}.")
+    return sentences
 
 
 def _distance(least: float | None, pair: Iterable[str] | None) -> str:
@@ -167,12 +170,12 @@ def _limit(value: float | None, sign: str) -> str:
 
 
 def _first(lines: list[str]) -> list[str]:
-    more = len(lines) - MOST_TOLD
-    return lines if more <= 0 else [*lines[:MOST_TOLD], f"and {more} more"]
+    more = len(lines) - MOST_LINES
+    return lines if more <= 0 else [*lines[:MOST_LINES], f"and {more} more"]
 
 
-def _join_sentences(told: list[str], warnings: list[str], by: str = " ") -> str:
-    return by.join([*told, *(f"Warning: {warning}." for warning in warnings)])
+def _join_sentences(sentences: list[str], warnings: list[str], by: str = " ") -> str:
+    return by.join([*sentences, *(f"Warning: {warning}." for warning in warnings)])
 
 
 ADVICE = {
@@ -212,9 +215,9 @@ ADVICE = {
     Status.DISK_REFUSED: "Tell the user: the service's disk is full or can't be written.",
     Status.FAILURE: "Tell the user: this is a bug in guidefield, and the service has a log.",
 }
-"""By outcome."""
+"""Advice to the model by outcome."""
 
 
 def advise(code: int) -> str:
-    """What can be done about an outcome; nothing about a success, or about one of a later version."""
+    """Return advice about an outcome; none about a success, or an outcome of a later version."""
     return {int(status): words for status, words in ADVICE.items()}.get(code, "")

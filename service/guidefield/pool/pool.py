@@ -280,7 +280,7 @@ class Pool:
             self._bury(slot, worker)
 
     def _hear_last(self, slot: Slot, worker: Worker) -> None:
-        """Take what a worker told before it ended, which may be its answer."""
+        """Take the last frames of a worker that has ended, which may have its answer."""
         if slot.worker is worker:
             self._hear(slot, worker)
             self._bury(slot, worker)
@@ -462,11 +462,11 @@ class Pool:
         if current is not None and slot is self._standing_by and self.waiting.is_held_up(now - current.since):
             worker.set_back()
         if worker.memory > self._memory:
-            told, limit = "the request took more than {} MiB of memory and was stopped", self._memory // 2**20
-            worker.reason = WorkerCrashed(told.format(limit), mebibytes=limit)
+            reason, limit = "the request took more than {} MiB of memory and was stopped", self._memory // 2**20
+            worker.reason = WorkerCrashed(reason.format(limit), mebibytes=limit)
         elif current is not None and task is not None and now - current.since > task.seconds:
-            told = f"the request took longer than {task.seconds:g} s and was stopped"
-            worker.reason = WorkerCrashed(told, seconds=task.seconds)
+            reason = f"the request took longer than {task.seconds:g} s and was stopped"
+            worker.reason = WorkerCrashed(reason, seconds=task.seconds)
         if worker.reason is not None:
             worker.kill()
         if not worker.process.is_alive():

@@ -171,11 +171,11 @@ def _outcome(answer: Work, job: bytearray, beside: bytearray, call: Call) -> tup
     return REPLY if found[0] else REFUSAL, found[1]
 
 
-def _read(told: socket.socket, size: int) -> bytearray:
+def _read(source: socket.socket, size: int) -> bytearray:
     read = bytearray(size)
     left = memoryview(read)
     while left:
-        count = told.recv_into(left)
+        count = source.recv_into(left)
         if not count:
             raise EOFError
         left = left[count:]

@@ -23,7 +23,7 @@ from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 from guidefield.whole_file import write_whole
 
-APPLICATION_ID = "guidefield"
+APPLICATION_ID = "guidefield"  # begin of the application id of all recordings
 
 _log = logging.getLogger(__name__)
 

@@ -205,7 +205,7 @@ def _fields(message: msgspec.Struct) -> dict[str, Any]:
     return fields if config.tag is None else {config.tag_field or "type": config.tag, **fields}
 
 
-NESTED = (dict, list, tuple, msgspec.Struct)
+NESTED = (dict, list, tuple, msgspec.Struct)  # types of values that are shown on lines of their own
 
 
 def _readable_list(values: list[Any], indent: int) -> str:

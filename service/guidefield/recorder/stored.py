@@ -120,9 +120,7 @@ class Recorded:
 def read_recording(path: Path) -> Recorded:
     """Read a recording's messages.
 
-    Raises:
-        UnknownObject: if there is no such file.
-        MalformedRequest: if it is no whole recording of guidefield.
+    Raises UnknownObject if there is no such file; MalformedRequest if it is no whole recording of guidefield.
     """
     if not path.is_file():
         raise UnknownObject(f"there is no recording {str(path)!r}", path=str(path))

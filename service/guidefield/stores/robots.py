@@ -30,8 +30,8 @@ from guidefield.whole_file import DRAFT, flush_folder, write_whole
 MAX_ROBOTS = 200  # of a user
 MAX_BYTES = 4 * 2**30  # largest size of a user's robots together [bytes]; `endpoint/rules.py` lists both
 
-_DESCRIPTION = "robot.json"
-_CONTENT = re.compile(r"[0-9a-f]{64}")
+_DESCRIPTION = "robot.json"  # file of a `_Description`
+_CONTENT = re.compile(r"[0-9a-f]{64}")  # the hash in a name\'s file
 
 
 class NoRobots:

@@ -31,7 +31,7 @@ from guidefield.stores.files import checked_name, decode_if_whole, user_folder, 
 from guidefield.stores.recordings import KeptRecording, Recordings
 from guidefield.stores.run_file import FILE, Readers, RunWriter, checkpoint
 
-FORGET = "DELETE FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
+FORGET = "DELETE FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"  # unless it has ended
 MOST_DROPPED = 100
 """Number of runs that are dropped for a new one at most: if far fewer are to be kept, no answer waits for all."""
 SWEEP_INTERVAL_S = 60.0  # time between two searches for runs that are too old, and for files that nobody needs [s]
@@ -364,7 +364,7 @@ class UserRuns:
     def _summary(self, row: tuple[Any, ...]) -> replies.RunSummary:
         _, owner, run_id, status, message, robot, scene, began, ended, size, recorded = row
         name = run_id if owner == self._owner else f"{owner}:{run_id}"
-        if recorded == "owed":  # somebody else than the service may have rendered it
+        if recorded == "owed":  # another process than the service may have rendered it
             recorded = self._database.recordings(owner).describe(run_id).kind
         about = {"ended": ended, "message": message, "bytes": size, "recording": recorded}
         return replies.RunSummary(name, status, robot, scene, began, **about)

@@ -123,7 +123,7 @@ class MismatchReport:
 
 _LAYOUT = struct.Struct("<qqB16s")
 """Sequence number, time since 1970 [ns], length of the identifier, and the identifier."""
-_ID_BYTES = 16
+_ID_BYTES = 16  # length of a sender's identifier
 
 
 @dataclass(frozen=True)

@@ -31,10 +31,8 @@ from guidefield.errors import GuidefieldError, MalformedRequest, NoService, Time
 from guidefield.messages.executed import JointStates
 
 ACTION = "control_msgs/action/FollowJointTrajectory"
-STATE = "sensor_msgs/msg/JointState"
-CANCEL = "action_msgs/srv/CancelGoal"
-SUFFIX = "/follow_joint_trajectory"
-
+STATE, CANCEL = "sensor_msgs/msg/JointState", "action_msgs/srv/CancelGoal"
+SUFFIX = "/follow_joint_trajectory"  # of the action's name, behind the controller's
 _TOLERANCE = "float64 position\nfloat64 velocity\nfloat64 acceleration"
 _GOAL = """trajectory_msgs/JointTrajectory trajectory
 trajectory_msgs/MultiDOFJointTrajectory multi_dof_trajectory
@@ -210,13 +208,13 @@ class ControllerClient:
 
     def _version_of(self, offered: Sequence[RemoteEntity], type_name: str, kind: Kind, name: str) -> Types:
         whole = f"{self.name}{SUFFIX}/_action/{name}"
-        told = [one.type_hash for one in offered if one.name == whole and one.kind == kind.value]
+        hashes = [one.type_hash for one in offered if one.name == whole and one.kind == kind.value]
         for version in VERSIONS:
-            if action_types(version).type_hash(type_name) in told:
+            if action_types(version).type_hash(type_name) in hashes:
                 return action_types(version)
         raise MalformedRequest(
             f"controller {self.name!r} speaks another version of {type_name}"
-            f" ({', '.join(one[:20] for one in told) or 'without a token'}…): none that is known here",
+            f" ({', '.join(one[:20] for one in hashes) or 'without a token'}…): none that is known here",
             controller=self.name,
         )
 
@@ -248,11 +246,11 @@ class ControllerClient:
                 what, message = self._heard.get(timeout=left)
                 if what != "states":
                     continue
-                told = dict(zip(message.name, message.position, strict=False))  # some nodes tell velocities alone
-                if not all(joint in told for joint in motion.joints):
+                named = dict(zip(message.name, message.position, strict=False))  # some nodes send velocities alone
+                if not all(joint in named for joint in motion.joints):
                     continue
                 for joint, first in zip(motion.joints, motion.places[0].tolist(), strict=True):
-                    place = float(told[joint])
+                    place = float(named[joint])
                     if not abs(place - first) <= START_TOLERANCE:  # neither is what is no number
                         raise MalformedRequest(
                             f"the robot isn't at the start of the motion: joint {joint!r} is at {place:.6g}, not at"
