@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from guidefield.endpoint.endpoint import HEAVY_KEYS
-from guidefield.endpoint.rules import DELIVERY, limits_told
+from guidefield.endpoint.rules import DELIVERY, list_limits
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
 from guidefield.errors import ERRORS, Status
 from guidefield.handlers.info import Figures, Rules, info
@@ -23,7 +23,7 @@ from guidefield.stores.runs import DEFAULT_RETENTION
 
 HOUSE = Path(__file__).resolve().parent.parent
 PAGE = (HOUSE / "service" / "docs" / "wire.md").read_text()
-LIMITS = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE, DEFAULT_STREAMS)
+LIMITS = list_limits(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE, DEFAULT_STREAMS)
 
 
 @pytest.fixture

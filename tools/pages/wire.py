@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 
-from guidefield.endpoint.rules import DELIVERY, limits_told
+from guidefield.endpoint.rules import DELIVERY, list_limits
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
 from guidefield.messages.schemas import make_table
 from guidefield.messages.served import CODES, KEYS, CodeInfo, KeyInfo
@@ -88,7 +88,7 @@ def _travels(code: CodeInfo) -> str:
 
 def limits() -> str:
     """Every limit of a service that was started without options."""
-    told = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE, DEFAULT_STREAMS)
+    told = list_limits(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE, DEFAULT_STREAMS)
     return make_table(
         ("limit", "of or for"),
         ((f"`{one.name}`: {_figure(one.value)} {one.unit}", one.what) for one in told),
