@@ -57,6 +57,12 @@ def check_random_faces(seed, motion):
     assert {tuple(sorted(pair)) for pair in order[shuffled].tolist()} == expected
 
 
+def test_no_faces_cross_where_all_are_joined_to_points():
+    found = crossings(np.zeros((3, 3)), np.empty((0, 3), np.int64))
+    assert found.complete
+    assert found.pairs.shape == (0, 2)
+
+
 def test_a_sheet_through_itself_names_its_faces_as_they_were_sent():
     vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.3, -1], [0.4, 0.5, 1]], float)
     triangles = np.array([[0, 0, 1], [0, 1, 2], [1, 1, 2], [0, 3, 4]])

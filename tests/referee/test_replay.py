@@ -76,6 +76,15 @@ def test_segments_that_end_before_they_begin_are_told(cases: list[tuple[Case, Pr
         replayed(case, proof, segments=backwards)
 
 
+@pytest.mark.parametrize("child", [-2, 10**9])
+def test_a_child_that_is_none_is_told(cases: list[tuple[Case, Proof]], child: int) -> None:
+    case, proof = cases[0]
+    children = proof.node_children.copy()
+    children[0] = 1, child
+    with pytest.raises(UnusableFile, match="contradicts itself"):
+        replayed(case, proof, node_children=children)
+
+
 def test_proofs_of_certified_motions_hold(cases: list[tuple[Case, Proof]]) -> None:
     assert sum(len(proof.slab_segments) for _, proof in cases) > 60
     for case, proof in cases:

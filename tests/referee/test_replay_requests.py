@@ -45,3 +45,30 @@ def test_the_proof_of_a_fixed_request_holds(name: str, requests: Any, tmp_path: 
     assert verdict.answer is Answer.FREE, verdict.finding
     assert verdict.kept > 0.0
     assert verdict.evaluations > 0
+
+
+ARM = """<robot name="arm">
+<link name="base"><collision><origin xyz="0 0 0.075"/><geometry><sphere radius="0.002"/></geometry></collision></link>
+<link name="upper"><collision><origin xyz="0 0 0.075"/><geometry><sphere radius="0.04"/></geometry></collision></link>
+<link name="side"><collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.02"/></geometry></collision></link>
+<link name="lower"><collision><origin xyz="0 0 0.14"/><geometry><box size="0.1 0.02 0.08"/></geometry></collision></link>
+<joint name="first" type="revolute"><origin xyz="0 0 0.15" rpy="0.1 -1.2 3.1"/><parent link="base"/><child link="upper"/>
+<axis xyz="0 0 1"/><limit lower="-1.3" upper="1.1" effort="1" velocity="2"/></joint>
+<joint name="fixed" type="fixed"><origin xyz="0 0 0.067"/><parent link="base"/><child link="side"/></joint>
+<joint name="universe" type="revolute"><origin xyz="0 0 0.15" rpy="0 0.7 -0.2"/><parent link="upper"/>
+<child link="lower"/><axis xyz="1 0 0"/><limit lower="-0.9" upper="2.6" effort="1" velocity="2"/></joint></robot>"""
+
+
+def test_motions_are_seen_from_a_joint_called_universe(tmp_path: Path) -> None:
+    positions = [[0.36 - 0.04 * k, 0.9 + 0.07 * k] for k in range(20)]
+    asked = {
+        "type": "certify",
+        "robot": {"type": "urdf", "text": ARM},
+        "scene": {"name": "none", "obstacles": []},
+        "trajectory": {"positions": positions, "times": [0.1 * k for k in range(20)]},
+    }
+    file = tmp_path / "proof.npz"
+    reply = Engine().answer(msgspec.convert(asked, CertifyRequest), proof_to=file)
+    assert reply.certificate.collision_free
+    (verdict,) = replay_file(file)
+    assert verdict.answer is Answer.FREE, verdict.finding

@@ -42,6 +42,8 @@ def crossings(vertices: Floats, triangles: Integers) -> Crossings:
     common line overlap (T. Moeller, A fast triangle-triangle intersection test, 1997). Faces that touch do not: in a
     plane, at an edge, at a corner. Nor do those that another face crosses exactly along an edge.
     """
+    if not len(triangles):  # all have been joined to edges and points
+        return Crossings(np.empty((0, 2), np.int64), True)
     centred, triangles = vertices - vertices.mean(axis=0), np.ascontiguousarray(triangles, np.int64)
     boxes = np.empty((len(triangles), 6))
     triangle_boxes(centred, triangles, boxes)

@@ -131,6 +131,8 @@ def proof_of(arrays: dict[str, np.ndarray]) -> Proof:
             raise UnusableFile(f"`{name}` must have finite numbers")
     nodes, shapes, child = len(p.node_bodies), len(p.shape_numbers), p.node_children
     divided = child[:, 0] >= 0
+    if not _within(child[divided], nodes):
+        raise UnusableFile("the proof contradicts itself (a node's child is none)")
     once = np.bincount(child[divided].ravel(), minlength=nodes) if divided.any() else np.zeros(nodes, int)
     counts = np.diff(p.shape_begins)[:shapes]
     balls = np.where(np.isinf(p.shape_numbers[:, 0]), 0.0, p.shape_numbers[:, 0])
@@ -143,7 +145,7 @@ def proof_of(arrays: dict[str, np.ndarray]) -> Proof:
         _within(p.slab_segments, len(p.segments)) and _within(p.slab_nodes, nodes),
         _within(p.views[:, :2], len(p.bodies)) and _within(p.views[:, 2], len(p.joints)),
         _within(p.node_bodies, len(p.bodies)) and _within(p.node_shapes + 1, shapes + 1),
-        (divided == (child[:, 1] >= 0)).all() and _within(child[divided], nodes) and (once <= 1).all(),
+        (divided == (child[:, 1] >= 0)).all() and (once <= 1).all(),
         (child[divided] > np.flatnonzero(divided)[:, None]).all(),
         (p.node_bodies[child[divided]] == p.node_bodies[divided, None]).all(),
         (p.segments[:, 0] <= p.segments[:, 1]).all(),

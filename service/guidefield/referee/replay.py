@@ -133,7 +133,8 @@ class _Replay:
 
     def _seen_from(self) -> dict[frozenset[int], int]:
         names = list(self._case.model.names)
-        joints = [names.index(name) if name in names else 0 for name in self._proof.joints.tolist()]
+        # the first is the world, and a joint may have its name, too
+        joints = [names.index(name, 1) if k and name in names[1:] else 0 for k, name in enumerate(self._proof.joints)]
         return {frozenset((self._told[a], self._told[b])): joints[k] for a, b, k in self._proof.views.tolist()}
 
     def _boxes_about(self) -> tuple[np.ndarray, np.ndarray]:
