@@ -51,8 +51,10 @@ ARM = """<robot name="arm">
 <link name="base"><collision><origin xyz="0 0 0.075"/><geometry><sphere radius="0.002"/></geometry></collision></link>
 <link name="upper"><collision><origin xyz="0 0 0.075"/><geometry><sphere radius="0.04"/></geometry></collision></link>
 <link name="side"><collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.02"/></geometry></collision></link>
-<link name="lower"><collision><origin xyz="0 0 0.14"/><geometry><box size="0.1 0.02 0.08"/></geometry></collision></link>
-<joint name="first" type="revolute"><origin xyz="0 0 0.15" rpy="0.1 -1.2 3.1"/><parent link="base"/><child link="upper"/>
+<link name="lower"><collision><origin xyz="0 0 0.14"/>
+<geometry><box size="0.1 0.02 0.08"/></geometry></collision></link>
+<joint name="first" type="revolute"><origin xyz="0 0 0.15" rpy="0.1 -1.2 3.1"/>
+<parent link="base"/><child link="upper"/>
 <axis xyz="0 0 1"/><limit lower="-1.3" upper="1.1" effort="1" velocity="2"/></joint>
 <joint name="fixed" type="fixed"><origin xyz="0 0 0.067"/><parent link="base"/><child link="side"/></joint>
 <joint name="universe" type="revolute"><origin xyz="0 0 0.15" rpy="0 0.7 -0.2"/><parent link="upper"/>
