@@ -39,8 +39,8 @@ from guidefield.messages.streams import Observation, StreamObstacle, StreamOpen,
 from guidefield.messages.values import Float32Array, Placement
 from guidefield.recorder.chunks import read_chunks
 from guidefield.recorder.stored import read_recording
+from guidefield.referee.case import Answer
 from guidefield.referee.replay import replay_file
-from guidefield.referee.verdict import Answer
 from guidefield.rendering import Renderings
 from guidefield.scene import anchor
 from guidefield.stores.recordings import Recordings

@@ -12,8 +12,8 @@ from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.potential import RobotField
 from guidefield.robot.group.reduced_model import select
-from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
+from guidefield.stores import scenes
 from tests.kernels.parts import from_python
 from tests.robots import ARMS, box_arm, group, grouped, load, random_configuration, rest, robot
 
@@ -161,6 +161,6 @@ def test_moving_robot_and_scene_together_changes_nothing() -> None:
 
 def test_charged_points_carry_the_area_of_the_collision_shapes() -> None:
     arm = load(box_arm("y", 2, size=0.3))
-    field = RobotField(select(arm, None, None, arm.rest, pin.SE3.Identity()), build(library.read("table")))
+    field = RobotField(select(arm, None, None, arm.rest, pin.SE3.Identity()), build(scenes.read_packaged("table")))
     side, length = 0.04, 0.27
     assert field.charged.weights.sum() == pytest.approx(3 * (2 * side * side + 4 * side * length), rel=1e-9)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import guidefield
-from guidefield import proof_file
+from guidefield import case_file
 from guidefield.engine import Engine
 from guidefield.errors import MalformedRequest
 from guidefield.prove import proof
@@ -78,7 +78,7 @@ def test_a_proof_of_an_earlier_motion_does_not_stay(tmp_path: Path) -> None:
 
 
 def test_a_proof_that_would_make_its_answer_late_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(proof_file, "WRITING_S_PER_ITEM", 10.0)
+    monkeypatch.setattr(case_file, "WRITING_S_PER_ITEM", 10.0)
     reply = guidefield.answer(PLAN, proof_to=tmp_path / "large.npz")
     assert (reply.status.name, reply.proof) == ("SUCCESS", None)
     assert [text.partition(" takes about ")[0] for text in reply.warnings] == ["no proof is kept: to write it down"]

@@ -15,8 +15,7 @@ from guidefield.deadline import Deadline
 from guidefield.errors import RobotInvalid
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import make_error_reply
-from guidefield.pool.companion import Taken
-from guidefield.pool.process import Call, Work
+from guidefield.pool.process import Call, Taken, Work
 from guidefield.stream_worker import Open, Publication, RefusedOpening, Update
 
 LONG = 300.0

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
         UnknownObject as UnknownObject,
         WorkerCrashed as WorkerCrashed,
     )
-    from guidefield.messages.executed import JointStates as JointStates, judgement_of as judgement_of
+    from guidefield.messages.certify_reply import JointStates as JointStates, judgement_of as judgement_of
     from guidefield.messages.replies import (
         CertifyReply as CertifyReply,
         PlanReply as PlanReply,

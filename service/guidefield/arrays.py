@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidefield.errors import MalformedRequest, UnknownObject
-from guidefield.messages.exports import write_table
+from guidefield.messages.execution import write_table
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
 from guidefield.whole_file import write_whole
 

@@ -35,6 +35,7 @@ from guidefield.errors import (
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import requests
+from guidefield.messages.codec import read_request
 from guidefield.messages.faults import field_path
 from guidefield.messages.replies import (
     CertifyReply,
@@ -47,7 +48,6 @@ from guidefield.messages.replies import (
     SceneReply,
     ScenesReply,
 )
-from guidefield.messages.request_reader import read_request
 from guidefield.messages.scene import Obstacle, Scene as SceneMessage
 from guidefield.messages.scene_changes import RequestScene, SceneDiff, apply_change, copy_scene
 from guidefield.messages.streams import StreamOpen
@@ -405,7 +405,7 @@ class Engine:
             request, self._load_robot(request.robot), self._build_scene(request.scene), taking, watching
         )
         if self._viewer is not None and watching is not None:
-            from guidefield.stream.live import LiveStream
+            from guidefield.stream.shown import LiveStream
 
             stream.watch(LiveStream(self._viewer, stream))
         return stream
@@ -437,17 +437,17 @@ class Engine:
             raise ended_work(late, request.allowed_time) from None
 
     def _read_robots(self, _request: requests.ReadRobots) -> RobotsReply:
-        from guidefield.handlers.robots import robots
+        from guidefield.handlers.info import robots
 
         return robots(self._loaded.catalog, self._robots)
 
     def _read_robot(self, request: requests.ReadRobot) -> RobotReply:
-        from guidefield.handlers.robots import robot
+        from guidefield.handlers.info import robot
 
         return robot(self._load_robot(request.robot))
 
     def _store_robot(self, request: requests.StoreRobot) -> Done:
-        from guidefield.handlers.robots import prepare_stored
+        from guidefield.handlers.info import prepare_stored
 
         self._robots.write(request.name, request.files, self._loaded.catalog.load)
         stored = self._load_robot(request.name)
@@ -490,7 +490,7 @@ class Engine:
 
     def summaries(self, names: Sequence[str]) -> list[RobotSummary]:
         """Summarize other users' robots, named ``user:name``; some may have been deleted."""
-        from guidefield.handlers.robots import summaries_of
+        from guidefield.handlers.info import summaries_of
 
         found = []
         for name in names:

@@ -133,7 +133,7 @@ class Run:
 
     def prove(self, motions: Sequence[Motion], deadline: Deadline) -> None:
         """Prove the motions of the run; without a proof the reply warns why."""
-        from guidefield.proof_file import UnprovedError, proof_of
+        from guidefield.case_file import UnprovedError, proof_of
 
         try:
             if self._proof_place is None:

@@ -2,7 +2,7 @@
 
 Theory of operation. One thread answers; another one, which yields to it, searches paths and configurations of goals.
 A cycle takes all messages that have come by its begin: it answers the newest update, and only notes the observations of
-earlier ones, so that none is answered late. Goals, stops and updates keep their order. `endpoint/open_stream.py` holds
+earlier ones, so that none is answered late. Goals, stops and updates keep their order. `endpoint/streams.py` holds
 the other end of the line, and takes each message that is sent here.
 """
 
@@ -31,7 +31,7 @@ from guidefield.messages.replies import Done, ErrorReply, make_error_reply
 from guidefield.messages.stream_requests import StreamAim, StreamAimed, StreamJudge, StreamJudged
 from guidefield.messages.streams import Observation, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Placement
-from guidefield.pool.companion import Taken
+from guidefield.pool.process import Taken
 from guidefield.worker import EngineSetup
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 import guidefield
-from guidefield.batch.cluster import _why
 from guidefield.batch.results import RESULTS, Item
+from guidefield.batch.workers import _why
 from guidefield.cli import app
 from guidefield.recorder.stored import read_recording
 from guidefield.stores.recordings import Recordings
@@ -106,7 +106,7 @@ def test_a_cluster_that_loses_a_node_answers_all(tmp_path: Path) -> None:
     ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'guidefield[ray]'")
     from ray.cluster_utils import Cluster
 
-    from guidefield.batch.cluster import answer_over_cluster
+    from guidefield.batch.workers import answer_over_cluster
 
     cluster = Cluster()
     try:

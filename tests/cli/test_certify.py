@@ -23,9 +23,9 @@ from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
+from guidefield.referee.case import Answer, Finding, Verdict
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import load
-from guidefield.referee.verdict import Answer, Finding, Verdict
 from guidefield.stores.runs import RunDatabase
 from tests.kept_runs import keep
 

@@ -8,9 +8,8 @@ import pytest
 from guidefield.client import questions
 from guidefield.errors import InternalFailure, MalformedRequest, RequestTooLarge
 from guidefield.messages.codec import MAX_REQUEST_BYTES
-from guidefield.messages.requests import JointsGoal, PlanRequest, Potential
+from guidefield.messages.requests import JointsGoal, PlanRequest, Potential, ReadRuns
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.messages.store_requests import ReadRuns
 
 PLAN = PlanRequest(robot="panda", scene="table", goal=JointsGoal(positions={}))
 

@@ -10,15 +10,15 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.scene import library
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.robots import group
 
 
 @functools.cache
 def panda_in(name: str) -> World:
     """A Panda at the origin of a packaged scene."""
-    return World.build(group("panda"), build(library.read(name)))
+    return World.build(group("panda"), build(scenes.read_packaged(name)))
 
 
 def world_of(planned: PlanningGroup, obstacles: list[Any], allowed: Any = ()) -> World:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from guidefield.collision.enclosure import enclosed
+from guidefield.collision.clearance import enclosed
 from guidefield.geometry import cache
 from guidefield.geometry.convex import bvh
 from guidefield.kernels.jit.cache import cache_folder

@@ -15,7 +15,7 @@ from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import PlanReply, make_error_reply
-from guidefield.messages.store_requests import ReadRuns
+from guidefield.messages.requests import ReadRuns
 from guidefield.pool.waiting import Answer, Task, TimedAnswer
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase

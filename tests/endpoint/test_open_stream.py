@@ -10,8 +10,8 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from guidefield.endpoint import open_stream
-from guidefield.endpoint.open_stream import OpenStream
+from guidefield.endpoint import streams
+from guidefield.endpoint.streams import OpenStream
 from guidefield.errors import Preempted, RobotInvalid, StreamUnknown, TimedOut
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import Asker
@@ -96,7 +96,7 @@ def test_one_that_can_not_be_opened_says_why_and_publishes_nothing() -> None:
 
 
 def test_silence_ends_it_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(open_stream, "SILENCE", 0.3)
+    monkeypatch.setattr(streams, "SILENCE", 0.3)
     with opened() as (stream, published):
         assert stream.opened.result(SO_WITHIN).silence == 0.3
         assert published.left.wait(SO_WITHIN)
@@ -108,7 +108,7 @@ def test_silence_ends_it_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_one_that_is_not_open_in_time_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(open_stream, "OPENED_WITHIN", 0.0)
-    monkeypatch.setattr(open_stream.OpenStream, "_hear", lambda *_: None)  # its process says that it is open to nobody
+    monkeypatch.setattr(streams, "OPENED_WITHIN", 0.0)
+    monkeypatch.setattr(streams.OpenStream, "_hear", lambda *_: None)  # its process says that it is open to nobody
     with opened() as (stream, _), pytest.raises(TimedOut, match="wasn't open after"):
         stream.opened.result(SO_WITHIN)

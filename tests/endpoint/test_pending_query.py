@@ -9,7 +9,7 @@ from typing import Self
 
 import pytest
 
-from guidefield.endpoint.pending_query import PendingQuery
+from guidefield.endpoint.under_way import PendingQuery
 from guidefield.errors import MalformedRequest, QuotaExceeded, RequestTooLarge, ServerBusy
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding

@@ -116,7 +116,7 @@ def test_an_edit_of_what_computes_is_another_entry(tmp_path: Path, monkeypatch: 
 
 def _fingerprint() -> str:
     cache._sources.cache_clear()
-    return cache._sources("guidefield.robot.bodies.sphere_cover")
+    return cache._sources("guidefield.robot.bodies.bounding")
 
 
 @pytest.mark.parametrize(

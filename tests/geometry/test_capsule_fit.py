@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.charges import Capsule, fit_capsule
 from guidefield.kernels.cover.enclosing_circle import enclosing_circle
+from guidefield.robot.bodies.charges import Capsule, fit_capsule
 from tests.kernels.evaluation import vectors
 from tests.oracles import distance_to_segment
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.charges import surface_points
 from guidefield.geometry.surfaces import Surface
+from guidefield.robot.bodies.charges import surface_points
 from tests.geometry.measures import areas
 from tests.oracles import distance_to_triangle
 

@@ -10,7 +10,7 @@ import pytest
 from guidefield.geometry import surfaces
 from guidefield.geometry.cover import cover
 from guidefield.geometry.decomposition import decompose
-from guidefield.geometry.inner import inner_balls
+from guidefield.geometry.primitive_covers import inner_balls
 from guidefield.geometry.solid import CELL, WORTH, Solid, coarse_solid, solid
 from tests.geometry import solids
 

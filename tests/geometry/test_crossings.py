@@ -5,8 +5,8 @@ import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
 
-from guidefield.geometry import crossings as module
-from guidefield.geometry.crossings import crossings
+from guidefield.geometry import closed as module
+from guidefield.geometry.closed import crossings
 from guidefield.geometry.mesh_surface import crossing_warnings, join_mesh
 from guidefield.scene.obstacle import build
 from tests.kernels.evaluation import rigid_motions

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.inner import inner_balls
+from guidefield.geometry.primitive_covers import inner_balls
 from guidefield.geometry.solid import solid
 from tests.geometry import solids
 

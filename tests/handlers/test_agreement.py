@@ -16,9 +16,9 @@ from guidefield.kernels.jit.cache import cache_folder
 from guidefield.planner import judgement
 from guidefield.prove import search
 from guidefield.prove.verdict import Reason, Verdict
+from guidefield.referee.case import Answer
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import load
-from guidefield.referee.verdict import Answer
 from tests.handlers.test_upright import ANGLES, GEOMETRIES, STEP, TURN, arm, certify, obstacle
 
 

@@ -14,8 +14,8 @@ from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject
-from guidefield.scene import library
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.robots import robot
 
 PATIENT = {"allowed_planning_time": 60.0}  # the first of a process compiles
@@ -33,7 +33,9 @@ def ask(scene: str = "bookshelf", **request) -> PlanReply:
     message = codec.decode_request(
         {"robot": "panda", "scene": scene, "start": READY, "guide_planes": [], **PATIENT, **request}
     )
-    return answer_plan(message, robot("panda"), build(library.read(scene)), run_id="r", received=time.monotonic())
+    return answer_plan(
+        message, robot("panda"), build(scenes.read_packaged(scene)), run_id="r", received=time.monotonic()
+    )
 
 
 def rod_distance(q: list[float], scene: str) -> float:
@@ -46,7 +48,7 @@ def rod_distance(q: list[float], scene: str) -> float:
     hand = data.oMf[model.getFrameId("panda_hand", pin.FrameType.BODY)] * pin.SE3(np.eye(3), np.array([0, 0, OFFSET]))
     here, rod = coal.Transform3s(hand.rotation, hand.translation), coal.Box(*SIZE)
     distances = []
-    for obstacle in build(library.read(scene)).obstacles:
+    for obstacle in build(scenes.read_packaged(scene)).obstacles:
         there = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
         result = coal.DistanceResult()
         distances.append(coal.distance(rod, here, obstacle.shape, there, coal.DistanceRequest(), result))
@@ -113,7 +115,7 @@ def test_what_can_not_be_held_is_refused_by_name() -> None:
     floor = {"obstacle": {"type": "half_space", "name": "f", "normal": (0, 0, 1), "offset": 0.0}, "link": "panda_hand"}
     with pytest.raises(MalformedRequest, match=r"attached_objects\[0\]"):
         ask(goal=goal, attached_objects=[floor])
-    name = build(library.read("bookshelf")).obstacles[0].name
+    name = build(scenes.read_packaged("bookshelf")).obstacles[0].name
     taken = {**ROD, "obstacle": {**ROD["obstacle"], "name": name}}
     with pytest.raises(UnknownObject, match=name):
         ask(goal=goal, attached_objects=[taken])

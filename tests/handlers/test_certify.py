@@ -23,13 +23,13 @@ from guidefield.handlers.certify import answer_certify
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, requests, scene as messages
+from guidefield.messages.codec import read_request
 from guidefield.messages.replies import CertifyReply, PlanReply, to_plain_data
-from guidefield.messages.request_reader import read_request
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
 from guidefield.planner.motion.limit_load import LimitUses
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.scene import library
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.collision.listed import are_mixed
 from tests.examples import example
 from tests.handlers.test_plan import PATIENT, READY, ask as plan, joints
@@ -46,7 +46,7 @@ def certify(scene: str | dict = "table", model: str = "panda", **request) -> Cer
     message = codec.decode_request(
         {"type": "certify", "robot": model, "scene": scene, "allowed_time": 60.0, "recording": "off", **request}
     )
-    built = build(library.read(scene) if isinstance(scene, str) else message.scene)
+    built = build(scenes.read_packaged(scene) if isinstance(scene, str) else message.scene)
     return answer_certify(message, robot(model), built, run_id="run", received=time.monotonic())
 
 
@@ -153,7 +153,7 @@ def asked_and_planned(robot_: str = "panda", **fields) -> tuple[requests.PlanReq
 
 
 def scene_of(request: requests.MotionRequest):
-    return build(library.read(request.scene) if isinstance(request.scene, str) else request.scene)
+    return build(scenes.read_packaged(request.scene) if isinstance(request.scene, str) else request.scene)
 
 
 def judged(request: requests.PlanRequest, reply: PlanReply) -> CertifyReply:

@@ -14,9 +14,9 @@ from guidefield import case_file
 from guidefield.handlers.certify import answer_certify, motions_of
 from guidefield.messages import codec
 from guidefield.messages.replies import to_plain_data
+from guidefield.referee.case import Answer, Verdict
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
-from guidefield.referee.verdict import Answer, Verdict
 from guidefield.scene.scene import build
 from tests.handlers.test_plan import READY, ask, joints
 from tests.robots import robot

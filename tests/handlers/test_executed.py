@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import guidefield
 from guidefield.errors import InvalidConfiguration, MalformedRequest, UnknownObject
-from guidefield.messages.executed import JointStates, judgement_of
+from guidefield.messages.certify_reply import JointStates, judgement_of
 from guidefield.messages.requests import JointLimits, PlanRequest, PlanStep
 from guidefield.recorder.stored import read_recording
 from tests.handlers.test_certify import NAMES, certify, planned

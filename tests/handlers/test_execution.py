@@ -23,10 +23,10 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import certify_motion, settle_execution
 from guidefield.planner.task.problem import ConfigurationGoal, ControllerModel, Interpolation
 from guidefield.planner.task.stages import Stages
+from guidefield.referee.case import Answer
 from guidefield.referee.replay import replay_file
-from guidefield.referee.verdict import Answer
-from guidefield.scene import library
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.examples import example
 from tests.handlers.test_certify import NAMES, certify, motion_of, planned
 from tests.handlers.test_plan import PATIENT, READY, ask as plan, joints
@@ -225,7 +225,7 @@ def test_steps_are_free_and_within_limits_as_a_controller_draws_them(kind: str, 
         ticks = np.array([time for step in reply.steps[1:] for time in (step.begin,)]) * 100.0
         np.testing.assert_allclose(ticks, np.round(ticks), atol=1e-6)
     arm = group("panda")
-    world = World.build(arm, build(library.read("table")))
+    world = World.build(arm, build(scenes.read_packaged("table")))
     times = np.append(rng.uniform(0.0, rows.end, 1500), [0.0, rows.end])
     assert not any(world.in_collision(arm.expand_from_chart(z)) for z in drawn_places(reply, kind, times, rng))
     exact = np.linspace(0.0, rows.times[-1], 20001)

@@ -17,8 +17,7 @@ from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import Attach, CertifyRequest, JointsGoal, PlanRequest, PlanStep, UrdfText
 from guidefield.messages.scene import Box, Mesh, Scene
 from guidefield.messages.values import Placement
-from guidefield.robot.bodies.convex_parts import MOST, PARTS
-from guidefield.robot.bodies.sphere_cover import COVERS, DELTA
+from guidefield.robot.bodies.bounding import COVERS, DELTA, MOST, PARTS
 from guidefield.scene.scene import build
 from tests.robots import box_arm
 from tests.scene.solids import l_prism, mesh_message
@@ -46,7 +45,7 @@ def test_a_judgements_tables_are_made_before_its_time_begins(named: bool, monkey
         raise AssertionError("it was to be made before")
 
     monkeypatch.setattr("guidefield.collision.part_tables.PartsTable.add_shape", late)
-    monkeypatch.setattr("guidefield.collision.enclosure.solids_of_group", late)
+    monkeypatch.setattr("guidefield.collision.clearance.solids_of_group", late)
     reply = engine.answer(request, received=time.monotonic())
     assert isinstance(reply, CertifyReply)
     assert reply.status.name == "SUCCESS"

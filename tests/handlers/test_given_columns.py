@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import InvalidConfiguration, MalformedRequest
-from guidefield.handlers.given_columns import (
+from guidefield.handlers.configurations import (
     Columns,
     chart_points,
     chart_rates,

@@ -22,8 +22,8 @@ from guidefield.errors import (
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec
 from guidefield.messages.replies import PlanReply
-from guidefield.scene import library
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.robots import robot
 from tests.scene.solids import l_prism, mesh_message
 
@@ -39,7 +39,9 @@ def ask(scene: str = "table", **request) -> PlanReply:
     message = codec.decode_request(
         {"robot": "panda", "scene": scene, "goal": {"type": "joints", "positions": {}}, **PATIENT, **request}
     )
-    return answer_plan(message, robot("panda"), build(library.read(scene)), run_id="run", received=time.monotonic())
+    return answer_plan(
+        message, robot("panda"), build(scenes.read_packaged(scene)), run_id="run", received=time.monotonic()
+    )
 
 
 def joints(**positions: float) -> dict:
@@ -264,7 +266,7 @@ def test_recordings_are_opened_told_and_finished() -> None:
     message = codec.decode_request(
         {"robot": "panda", "scene": "table", "start": READY, "goal": joints(panda_joint1=0.3), **PATIENT}
     )
-    scene = build(library.read("table"))
+    scene = build(scenes.read_packaged("table"))
     opened = []
 
     def record(group, scene):

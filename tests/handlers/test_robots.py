@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from guidefield.handlers.robots import robot as described
-from guidefield.robot.bodies.convex_parts import convex_parts
-from guidefield.robot.bodies.sphere_cover import coverage
+from guidefield.handlers.info import robot as described
+from guidefield.robot.bodies.bounding import convex_parts, coverage
 from tests.robots import robot
 
 

@@ -29,8 +29,8 @@ from guidefield.handlers.sequence import answer_steps
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest, UrdfText
-from guidefield.scene import library
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.examples import example
 from tests.robots import box_arm, load, robot
 
@@ -48,7 +48,7 @@ def ask(
     request = codec.decode_request({"robot": named, "scene": scene, "steps": steps, **PATIENT, **fields})
     assert isinstance(request, PlanRequest)
     loaded = robot(arm) if isinstance(arm, str) else load(arm)
-    among = library.read(request.scene) if isinstance(request.scene, str) else request.scene
+    among = scenes.read_packaged(request.scene) if isinstance(request.scene, str) else request.scene
     return answer_steps(request, loaded, build(among), run_id="r", received=time.monotonic())
 
 
@@ -125,7 +125,7 @@ def distance(one: Any, at: Any, other: Any, there: Any) -> float:
 
 def held_since(reply: PlanReply) -> Any:
     """Placement of the can in the hand."""
-    bare, can = Bare(reply), build(library.read("kitchen")).obstacle("can")
+    bare, can = Bare(reply), build(scenes.read_packaged("kitchen")).obstacle("can")
     assert can is not None
     bare.stand(states(reply, np.array([reply.steps[GRASP].end]))[0])
     return bare.frame("panda_hand").actInv(can.placement)
@@ -144,7 +144,7 @@ def test_the_can_is_on_the_table_in_the_end(kitchen: PlanReply) -> None:
 
 def test_nothing_touches_but_what_may(kitchen: PlanReply) -> None:
     """Everything once more by Coal, at samples: the bare robot, and the can where the hand or somebody put it."""
-    bare, scene, in_hand = Bare(kitchen), build(library.read("kitchen")), held_since(kitchen)
+    bare, scene, in_hand = Bare(kitchen), build(scenes.read_packaged("kitchen")), held_since(kitchen)
     can, others = scene.obstacle("can"), [one for one in scene.obstacles if one.name != "can"]
     assert can is not None
     standing = can.placement
@@ -165,7 +165,7 @@ def test_nothing_touches_but_what_may(kitchen: PlanReply) -> None:
 
 
 def test_the_permissions_end_where_the_can_is_away(kitchen: PlanReply) -> None:
-    bare, scene, in_hand = Bare(kitchen), build(library.read("kitchen")), held_since(kitchen)
+    bare, scene, in_hand = Bare(kitchen), build(scenes.read_packaged("kitchen")), held_since(kitchen)
     can = scene.obstacle("can")
     assert can is not None
     told = [(step, one) for step in kitchen.steps for one in step.permissions]
@@ -392,7 +392,7 @@ def test_steps_are_planned_from_when_they_begin_among_what_moves_by_itself(tmp_p
 
 def test_what_moves_is_picked_up_where_it_comes_to_rest_and_put_down_on_what_moves() -> None:
     """The can slides out between the fingers on its board; the table comes later, and goes on after that."""
-    request, declared = json.loads(example("kitchen")), to_builtins(library.read("kitchen"))
+    request, declared = json.loads(example("kitchen")), to_builtins(scenes.read_packaged("kitchen"))
     shelf, arrives = [{"position": [0.08, 0.0, 0.0]}, {"position": [0.0, 0.0, 0.0]}], [3.0, 6.0]
     table = [{"position": [0.0, 0.3, 0.0]}, {"position": [0.0, 0.0, 0.0]}]
     slides = dict.fromkeys(("can", "board2"), ([2.0, 5.0], shelf)) | {"table_top": (arrives, table)}

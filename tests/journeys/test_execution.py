@@ -32,7 +32,7 @@ from guidefield.endpoint.ros.trajectory_action import (
     controller_at,
 )
 from guidefield.errors import MalformedRequest, NoService, TimedOut, UnknownObject
-from guidefield.messages.exports import SentMotion, trajectory_message
+from guidefield.messages.execution import SentMotion, trajectory_message
 from guidefield.recorder.stored import read_recording
 from tests.endpoint.ros.stand_in import ACTION, StandIn, controller_listening, interpolated
 from tests.examples import example

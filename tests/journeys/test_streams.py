@@ -46,8 +46,7 @@ from guidefield.client.streams import ServiceStream
 from guidefield.messages.scene import Scene
 from guidefield.messages.streams import MOST_UPDATE_BYTES, StreamOpen
 from guidefield.scene.scene import build
-from guidefield.stream.journal import Updated
-from guidefield.stream.replay import read
+from guidefield.stream.journal import Updated, read
 from guidefield.stream.state import encode_part
 from guidefield.stream.stream import CertifiedStream
 from tests.journeys.service import (

@@ -25,9 +25,8 @@ from guidefield.errors import SceneInvalid, Status
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import ErrorReply, PlanReply
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.requests import PlanRequest, ReadRobot, ReadScene
 from guidefield.messages.scene import Scene
-from guidefield.messages.store_requests import ReadRobot, ReadScene
 from guidefield.recorder.stored import read_recording
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.runs import RunDatabase, answered_before

@@ -11,7 +11,7 @@ import pytest
 from guidefield.engine import answer
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
-from guidefield.messages.request_reader import read_request
+from guidefield.messages.codec import read_request
 from guidefield.messages.requests import JointsGoal, PlanRequest, PoseGoal
 from guidefield.messages.scene import Mesh, Scene
 

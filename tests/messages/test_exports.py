@@ -16,8 +16,7 @@ import yaml
 from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import MalformedRequest
-from guidefield.messages.execution import ExecutionFigures, MotionDeviation
-from guidefield.messages.exports import KINDS, export
+from guidefield.messages.execution import KINDS, ExecutionFigures, MotionDeviation, export
 
 JOINTS = ["pan", "lift", "elbow", "wrist 1", "wrist:2", "yes"]
 NO_DEVIATION = MotionDeviation(largest=0.0, joint="pan", time=0.0, joints={})

@@ -10,9 +10,8 @@ import pytest
 
 from guidefield.bounded_map import BoundedMap, Limit
 from guidefield.errors import MalformedRequest, RequestTooLarge
-from guidefield.messages import codec, request_reader
-from guidefield.messages.codec import Encoding
-from guidefield.messages.request_reader import MIN_HASHED_BYTES, read_payload, read_request
+from guidefield.messages import codec
+from guidefield.messages.codec import MIN_HASHED_BYTES, Encoding, read_payload, read_request
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Box, Mesh, Obstacle, ObstacleTrajectory, Scene
 from guidefield.messages.values import Placement
@@ -25,7 +24,7 @@ ASKED = {"robot": "panda", "goal": {"type": "joints", "positions": {"panda_joint
 def known(monkeypatch: pytest.MonkeyPatch) -> BoundedMap[bytes, Any]:
     """No scene is known at first."""
     scenes = BoundedMap[bytes, Any](Limit(2, 2**27))
-    monkeypatch.setattr(request_reader, "_SCENES", scenes)
+    monkeypatch.setattr(codec, "_SCENES", scenes)
     return scenes
 
 

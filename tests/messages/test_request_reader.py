@@ -11,7 +11,7 @@ import pytest
 
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
-from guidefield.messages.request_reader import read_request
+from guidefield.messages.codec import read_request
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import Box, Scene
 from guidefield.messages.values import Float32Array, Uint32Array

@@ -17,8 +17,8 @@ from guidefield.potential import Precision, RobotField
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.configuration import configuration_from_wire
-from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
+from guidefield.stores import scenes
 from tests.examples import example
 from tests.robots import group, rest
 
@@ -59,7 +59,7 @@ def scene_of(*obstacles: messages.Obstacle, planes: Sequence[messages.GuidePlane
 
 def library_scene(name: str) -> Scene:
     """A packaged scene."""
-    return build(library.read(name))
+    return build(scenes.read_packaged(name))
 
 
 def problem(

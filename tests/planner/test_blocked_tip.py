@@ -9,8 +9,7 @@ from hypothesis import assume, given, settings, strategies as st
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import find_blocked_tip
-from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_search import PoseTarget
+from guidefield.robot.ik.inverse_kinematics import PoseTarget, solve
 from tests.planner.problems import scene_of
 from tests.robots import group, random_configuration
 

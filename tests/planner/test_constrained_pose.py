@@ -12,7 +12,7 @@ from guidefield.planner.connect.constrained import PoseKeeper
 from guidefield.planner.ends import find_goal_points
 from guidefield.planner.task.problem import TipGoal
 from guidefield.robot.group.path_constraints import Cone, line, plane, point
-from guidefield.robot.ik.pose_search import PoseTarget
+from guidefield.robot.ik.inverse_kinematics import PoseTarget
 from tests.planner.problems import problem, scene_of
 
 DOWN = pin.SE3(pin.Quaternion(0.0, 1.0, 0.0, 0.0).matrix(), np.array([0.45, 0.2, 0.45]))

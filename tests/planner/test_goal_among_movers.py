@@ -16,8 +16,8 @@ from guidefield.collision.clearance import clearance_at, contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.messages.goals import JointsGoal
 from guidefield.messages.requests import AttachedObject, PlanRequest
+from guidefield.messages.values import JointsGoal
 from guidefield.planner.in_motion import STOPS
 from guidefield.planner.plan import Plan, plan
 from guidefield.planner.schedule.slices import SCHEDULE
@@ -25,7 +25,7 @@ from guidefield.planner.task.effort import EffortLimit, tree_of
 from guidefield.planner.task.motion_limits import frame_limit
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.robot.group.path_constraints import Cone
-from guidefield.robot.ik.pose_search import PoseTarget
+from guidefield.robot.ik.inverse_kinematics import PoseTarget
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import problem, scene_of, to_configuration
 from tests.planner.schedule.test_schedule import flight, require_within

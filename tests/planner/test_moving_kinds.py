@@ -17,7 +17,7 @@ import pytest
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.planner.guide.guide import ATTEMPTS

@@ -28,8 +28,8 @@ from guidefield.planner.quality import (
 from guidefield.potential import RobotField
 from guidefield.prove.search import TOLERANCE
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.scene import library
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.planner.problems import problem, scene_of
 from tests.robots import group, grouped, load, rest, robot
 
@@ -166,7 +166,9 @@ def test_where_time_is_up_what_is_kept_at_least_is_told_with_a_warning(monkeypat
     )
 
     def asked():
-        return answer_plan(message, robot("panda"), build(library.read("table")), run_id="r", received=time.monotonic())
+        return answer_plan(
+            message, robot("panda"), build(scenes.read_packaged("table")), run_id="r", received=time.monotonic()
+        )
 
     exact = asked()
     assert not any("clearance" in warning for warning in exact.warnings)

@@ -10,15 +10,15 @@ import pytest
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec
 from guidefield.messages.replies import PlanReply
-from guidefield.scene import library
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.examples import example
 from tests.robots import robot
 
 
 def ask(title: str, minimizer: str, planes: list | None = None, obstacles: tuple = ()) -> PlanReply:
     request = msgspec.json.decode(example(title)) | {"minimizer": minimizer}
-    scene = msgspec.to_builtins(library.read(request["scene"]))
+    scene = msgspec.to_builtins(scenes.read_packaged(request["scene"]))
     scene["obstacles"] += obstacles
     request["scene"] = scene
     if planes is not None:

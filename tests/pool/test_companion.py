@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from guidefield.errors import GuidefieldError, Preempted
-from guidefield.pool import companion
-from guidefield.pool.companion import Companion, Conversation
+from guidefield.pool import process
+from guidefield.pool.process import Companion, Conversation
 from tests.journeys.service import SO_WITHIN, await_death
 from tests.worker_setups import converse, converse_with_nobody
 
@@ -86,8 +86,8 @@ def test_a_process_that_dies_or_ends_is_noticed() -> None:
 def test_what_waits_for_a_process_that_takes_nothing_is_bounded_and_it_is_ended(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(companion, "MAX_SILENCE_S", 0.5)
-    monkeypatch.setattr(companion, "MAX_WAITING_MESSAGES", 5)
+    monkeypatch.setattr(process, "MAX_SILENCE_S", 0.5)
+    monkeypatch.setattr(process, "MAX_WAITING_MESSAGES", 5)
     with conversation(converse_with_nobody) as (one, heard):
         large = b"x" * (1 << 22)  # more than a pipe takes
         told = [one.tell(large, len(large)) for _ in range(8)]

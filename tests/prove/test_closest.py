@@ -11,12 +11,12 @@ from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.prove.closest import ClosestPairs
 from guidefield.scene import scene as scenes
-from guidefield.scene.library import read
+from guidefield.stores.scenes import read_packaged
 from tests.robots import robot
 
 
 def world_of(name: str, scene: str) -> World:
-    return World.build(whole_group(robot(name), Placement((0.1, 0.2, 0.0))), scenes.build(read(scene)))
+    return World.build(whole_group(robot(name), Placement((0.1, 0.2, 0.0))), scenes.build(read_packaged(scene)))
 
 
 def random_configurations(world: World, count: int) -> np.ndarray:

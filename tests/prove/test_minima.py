@@ -19,9 +19,9 @@ from guidefield.geometry import cache
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages import scene as messages
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.prove import minima, search
+from guidefield.prove import certificate, search
+from guidefield.prove.certificate import smallest_along
 from guidefield.prove.curve import Curve
-from guidefield.prove.minima import smallest_along
 from guidefield.prove.search import TOLERANCE, ContradictionError, SearchResult, Smallest
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
@@ -322,7 +322,11 @@ def test_the_curve_is_the_trajectory() -> None:
 
 
 def test_no_more_samples_than_a_few_are_measured_in_contact(monkeypatch: pytest.MonkeyPatch) -> None:
-    place, asked, clearances = World.build(group("ur5"), library_scene("wall_with_window")), [], minima.ClosestPairs
+    place, asked, clearances = (
+        World.build(group("ur5"), library_scene("wall_with_window")),
+        [],
+        certificate.ClosestPairs,
+    )
     real = clearances.clearances
 
     def counted(self, configurations, times=None, **told):
@@ -333,4 +337,4 @@ def test_no_more_samples_than_a_few_are_measured_in_contact(monkeypatch: pytest.
     for seed in range(5):
         found_along(place, motion(place.group, seed, 1.6))
     assert asked
-    assert max(asked) <= minima.DEPTHS + 3
+    assert max(asked) <= certificate.DEPTHS + 3

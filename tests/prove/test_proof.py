@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from guidefield.case_file import curve_of
 from guidefield.kernels.prove.kept_distance import LOG_CAPACITY
-from guidefield.proof_file import curve_of
 from guidefield.prove import proof
 from guidefield.prove.proof import prove
 from guidefield.prove.search import Goal, SearchLog, search

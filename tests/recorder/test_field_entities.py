@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.messages import scene as messages
-from guidefield.recorder.robot_entities import RESOLUTION, picture_of_plane
+from guidefield.recorder.entities import RESOLUTION, picture_of_plane
 from guidefield.scene.scene import build
 
 TIP = np.array([[-0.5, 0.0, 0.4], [0.0, 0.1, 0.5], [0.5, 0.0, 0.6]])

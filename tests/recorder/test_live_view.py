@@ -24,7 +24,7 @@ from guidefield.messages.streams import Observation, StreamObstacle, StreamOpen,
 from guidefield.messages.values import Placement
 from guidefield.recorder import live_view
 from guidefield.stream.journal import Journal
-from guidefield.stream.live import LiveStream
+from guidefield.stream.shown import LiveStream
 from guidefield.viewer import CannotShow, is_listening
 from tests.journeys.service import running_service
 from tests.recorder.receiver import TIME_S, Receiver, receiver
@@ -63,7 +63,7 @@ def test_a_plan_shows_its_steps_and_then_its_recording(tmp_path: Path) -> None:
 
 
 def test_a_stream_shows_itself_while_it_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.stream.live.SHOWN_INTERVAL_S", 0.0)
+    monkeypatch.setattr("guidefield.stream.shown.SHOWN_INTERVAL_S", 0.0)
     box = StreamObstacle(Box(name="cart", size=(0.1, 0.1, 0.1)), 0.3)
     request = StreamOpen("ur5", "table", goal=JOINTS["goal"], obstacles=[box], stream_id="s1")  # type: ignore[arg-type]
     with receiver(tmp_path) as viewer:
@@ -190,7 +190,7 @@ def test_what_a_viewer_that_takes_nothing_is_sent_is_bounded(caplog: pytest.LogC
 def test_a_stream_keeps_no_more_than_some_updates_for_a_viewer_that_takes_nothing(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("guidefield.stream.live.MAX_WAITING", 20)
+    monkeypatch.setattr("guidefield.stream.shown.MAX_WAITING", 20)
     monkeypatch.setattr(live_view.Channel, "is_busy", True)
     request = StreamOpen("ur5", "table", goal=JOINTS["goal"], stream_id="s2")  # type: ignore[arg-type]
     with Engine().stream(request) as stream:

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.recorder import scene_entities
+from guidefield.recorder import entities
 from guidefield.scene.scene import build
 
 HINGE = (1.0, 0.0, 0.0)
@@ -34,8 +34,8 @@ def test_a_moving_obstacle_is_drawn_once_and_carried_along() -> None:
     still = messages.Sphere(name="ball", radius=0.1, position=(0.0, 0.5, 0.5))
     scene = build(messages.Scene(name="s", obstacles=[box, door, still]))
     times = np.array([0.0, 1.0, 2.0, 2.5, 4.0])
-    drawn = {chunk.entity_path: chunk.to_record_batch() for chunk in scene_entities.obstacles(scene.obstacles, (), ())}
-    moved = {chunk.entity_path: chunk.to_record_batch() for chunk in scene_entities.moving(scene.obstacles, times)}
+    drawn = {chunk.entity_path: chunk.to_record_batch() for chunk in entities.obstacles(scene.obstacles, (), ())}
+    moved = {chunk.entity_path: chunk.to_record_batch() for chunk in entities.moving(scene.obstacles, times)}
     assert set(drawn) == {"/obstacles/single/parcel", "/obstacles/single/door", "/obstacles/balls"}
     assert set(moved) == {"/obstacles/single/parcel", "/obstacles/single/door"}
     for name, corners_at in (

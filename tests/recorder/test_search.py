@@ -10,7 +10,7 @@ from guidefield.planner.task.trace import (
     GROWTH_STEPS,
     LoggedTrees,
 )
-from guidefield.recorder import planner_entities
+from guidefield.recorder import recorder
 from tests.recorder.runs import MadeUp, grown_trees, made_up
 
 
@@ -28,9 +28,7 @@ def _tip(run: MadeUp, z: np.ndarray) -> np.ndarray:
 
 def test_each_edge_of_a_tree_is_drawn_once_a_parent_before_its_children(run: MadeUp) -> None:
     trees = grown_trees(run.group)
-    (chunk,) = planner_entities.trees(
-        run.group, [(5, LoggedTrees(tuple(len(points) for points, _ in trees), tuple(trees)))]
-    )
+    (chunk,) = recorder.trees(run.group, [(5, LoggedTrees(tuple(len(points) for points, _ in trees), tuple(trees)))])
     batch = chunk.to_record_batch()
     assert batch.column("step").to_pylist() == list(range(5, 5 + GROWTH_STEPS))
     rows = batch.column("LineStrips3D:strips").to_pylist()

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import nnls
 
-from guidefield.referee.containment import Declared, Shapes, _by_planes, radius_about, standing_out
+from guidefield.referee.proof import Declared, Shapes, _by_planes, radius_about, standing_out
 from guidefield.referee.shapes import hull
 
 WHOLE = np.array([[-1, -1]]), np.array([[-1, 0]])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from guidefield import case_file
-from guidefield.collision.enclosure import enclosed
+from guidefield.collision.clearance import enclosed
 from guidefield.collision.world import World
 from guidefield.handlers.attached import HeldShape, add_held_links
 from guidefield.messages import scene as messages
@@ -18,9 +18,9 @@ from guidefield.messages.conditions import AttachedObject, LineConstraint, Orien
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.prove.certificate import certify
+from guidefield.referee.case import Answer
 from guidefield.referee.judge import Along, judge
 from guidefield.referee.loading import case_of
-from guidefield.referee.verdict import Answer
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import build

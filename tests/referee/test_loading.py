@@ -19,10 +19,10 @@ from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.messages.values import Placement
 from guidefield.referee import loading
+from guidefield.referee.case import Answer
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import FORMATS, UnusableFile, case_of, load
 from guidefield.referee.shapes import ears, is_divided
-from guidefield.referee.verdict import Answer
 from guidefield.robot.group.reduced_model import select
 from tests.collision.scenery import box, world_of
 from tests.referee.cases import read, straight

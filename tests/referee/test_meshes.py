@@ -14,9 +14,9 @@ from guidefield import case_file
 from guidefield.collision.world import World
 from guidefield.messages.requests import UrdfFile
 from guidefield.referee import meshes
+from guidefield.referee.case import Answer
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import UnusableFile, case_of
-from guidefield.referee.verdict import Answer
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.mesh_files.reading import FileMesh, read_mesh

@@ -14,18 +14,17 @@ from hypothesis import given, settings, strategies as st
 from scipy.interpolate import BPoly
 
 from guidefield import case_file
-from guidefield.proof_file import arrays_of, curve_of, pack_arrays, write_proof
+from guidefield.case_file import arrays_of, curve_of, pack_arrays, write_proof
 from guidefield.prove.proof import Proof, prove
 from guidefield.prove.search import Goal
-from guidefield.referee import motion_bounds, proof as proofs, slabs
+from guidefield.referee import motion_bounds, proof as proofs, replay as replays
 from guidefield.referee.__main__ import main
-from guidefield.referee.case import Case
+from guidefield.referee.case import Answer, Case
 from guidefield.referee.judge import Along
 from guidefield.referee.loading import UnusableFile
 from guidefield.referee.motion_bounds import SegmentBounds
 from guidefield.referee.proof import load_proofs, proof_of
 from guidefield.referee.replay import replay
-from guidefield.referee.verdict import Answer
 from tests.referee.cases import read
 from tests.referee.drawn import draw
 
@@ -162,19 +161,19 @@ def halve_the_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def stop_climbing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Take the second corner for the farthest one, where there is one."""
-    right = slabs.Slabs._support
+    right = replays.Slabs._support
 
-    def stopped(self: slabs.Slabs, shape: np.ndarray, d: np.ndarray) -> np.ndarray:
+    def stopped(self: replays.Slabs, shape: np.ndarray, d: np.ndarray) -> np.ndarray:
         begins = self._shapes.begins
         found = right(self, shape, d)
         near = self._shapes.corners[np.minimum(begins[shape] + 1, begins[shape + 1] - 1)]
         return np.minimum(found, (near * d).sum(axis=1))
 
-    monkeypatch.setattr(slabs.Slabs, "_support", stopped)
+    monkeypatch.setattr(replays.Slabs, "_support", stopped)
 
 
 def look_at_one_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slabs, "ENDS", (1.0,))
+    monkeypatch.setattr(replays, "ENDS", (1.0,))
 
 
 @pytest.mark.parametrize("plant", [leave_second_order_out, halve_the_sweep, stop_climbing, look_at_one_end])

@@ -9,10 +9,10 @@ import msgspec
 import pytest
 
 from guidefield import CertifyRequest, PlanRequest
+from guidefield.case_file import write_proof
 from guidefield.engine import Engine, motions_of
-from guidefield.proof_file import write_proof
+from guidefield.referee.case import Answer
 from guidefield.referee.replay import replay_file
-from guidefield.referee.verdict import Answer
 from tests.referee.cases import planned
 
 TOOLS = Path(__file__).parents[2] / "tools"

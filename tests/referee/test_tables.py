@@ -13,9 +13,9 @@ from guidefield.collision.bodies import bodies
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.world import World
 from guidefield.prove import proof
-from guidefield.scene import library
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.robots import group, robot
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
@@ -30,7 +30,7 @@ def tools(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_node_holds_what_is_below_it(name: str, scene: str) -> None:
     from doubting.tables import SINGLE, check_tables
 
-    world = World.build(group(name), build(library.read(scene)))
+    world = World.build(group(name), build(scenes.read_packaged(scene)))
     out = check_tables(world)
     assert {one.name for one in world.scene.obstacles} < set(out)
     assert max(out.values()) < SINGLE
@@ -48,7 +48,7 @@ def test_spheres_that_are_too_small_are_seen(share: float, far: float, monkeypat
         return shape._replace(ball=share * shape.ball) if part < 0 else shape
 
     monkeypatch.setattr(proof._Nodes, "shape", smaller)
-    worst = max(check_tables(World.build(group("panda"), build(library.read("table")))).values())
+    worst = max(check_tables(World.build(group("panda"), build(scenes.read_packaged("table")))).values())
     assert SINGLE < worst <= far
 
 
@@ -82,7 +82,7 @@ def test_bounds_that_are_too_small_are_seen(fault: str, monkeypatch: pytest.Monk
         fields = made._asdict() if hasattr(made, "_asdict") else {name: getattr(made, name) for name in vars(made)}
         return SimpleNamespace(**FAULTS[fault](fields))
 
-    world = World.build(group("panda"), build(library.read("bookshelf")))
+    world = World.build(group("panda"), build(scenes.read_packaged("bookshelf")))
     if "sphere" in fault:
         monkeypatch.setattr(bounds, "bodies", lambda of: spoilt(bodies(of)))
     else:

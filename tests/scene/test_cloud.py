@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.charges import surface_points
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.messages import scene as messages
+from guidefield.robot.bodies.charges import surface_points
 from guidefield.scene.cloud import (
     CORNERS,
     Cloud,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from guidefield.collision.narrow_phase import NarrowPhase, transform
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.scene import recipe
 from guidefield.scene.recipe import Patches
 

@@ -5,11 +5,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.clearance import clearance_at
-from guidefield.collision.enclosure import enclosed
+from guidefield.collision.clearance import clearance_at, enclosed
 from guidefield.collision.world import World
-from guidefield.scene import library, recipe
+from guidefield.scene import recipe
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.robots import group, rest
 
 OURS = ("bookshelf", "kitchen", "table", "wall_with_window")
@@ -27,9 +27,9 @@ def transform(obstacle):
 
 
 def test_names_are_those_that_can_be_read():
-    assert set(OURS) < set(library.names())
-    for name in library.names():
-        assert library.read(name).name == name
+    assert set(OURS) < set(scenes.list_packaged())
+    for name in scenes.list_packaged():
+        assert scenes.read_packaged(name).name == name
 
 
 TRIANGLES = {
@@ -43,13 +43,13 @@ TRIANGLES = {
 
 @pytest.mark.parametrize(("name", "count"), TRIANGLES.items())
 def test_seed_scenes_have_the_triangles_that_their_description_tells(name, count):
-    scene = build(library.read(name))
+    scene = build(scenes.read_packaged(name))
     assert sum(len(obstacle.triangles) for obstacle in scene.obstacles) == count
 
 
-@pytest.mark.parametrize("name", library.names())
+@pytest.mark.parametrize("name", scenes.list_packaged())
 def test_guide_planes_are_in_free_space(name):
-    scene = build(library.read(name))
+    scene = build(scenes.read_packaged(name))
     assert scene.warnings == ()
     assert scene.guide_planes
     for plane in scene.guide_planes:
@@ -68,7 +68,7 @@ def test_guide_planes_are_in_free_space(name):
 
 @pytest.mark.parametrize("name", OURS)
 def test_obstacles_do_not_overlap(name):
-    scene = build(library.read(name))
+    scene = build(scenes.read_packaged(name))
     for i, a in enumerate(scene.obstacles):
         for b in scene.obstacles[:i]:
             request, result = coal.DistanceRequest(), coal.DistanceResult()
@@ -79,7 +79,7 @@ def test_obstacles_do_not_overlap(name):
 @pytest.mark.parametrize("name", OURS)
 def test_the_ready_panda_keeps_ten_centimetres(name):
     panda = group("panda")
-    world = World.build(panda, build(library.read(name)))
+    world = World.build(panda, build(scenes.read_packaged(name)))
     assert clearance_at(world, rest(panda)).obstacle_distance > 0.1
     assert enclosed(world, rest(panda)) is None
 
@@ -87,7 +87,7 @@ def test_the_ready_panda_keeps_ten_centimetres(name):
 @pytest.mark.parametrize("name", OURS)
 def test_a_panda_reaches_the_last_plane_with_its_hand_horizontal(name):
     panda = group("panda")
-    scene = build(library.read(name))
+    scene = build(scenes.read_packaged(name))
     q = np.array(ON_THE_GOAL[name])
     data = panda.model.createData()
     pin.framesForwardKinematics(panda.model, data, q)

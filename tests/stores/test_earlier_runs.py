@@ -13,7 +13,7 @@ from guidefield.errors import DiskRefused, UnknownObject, WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import make_error_reply
-from guidefield.messages.store_requests import UNREADABLE, ReadRuns
+from guidefield.messages.requests import UNREADABLE, ReadRuns
 from guidefield.stores import run_rows
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase

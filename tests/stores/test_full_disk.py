@@ -15,9 +15,8 @@ from guidefield.errors import DiskRefused, WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import make_error_reply
-from guidefield.messages.requests import RobotFiles, StoreRobot, StoreScene
+from guidefield.messages.requests import ReadRuns, RobotFiles, StoreRobot, StoreScene
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.messages.store_requests import ReadRuns
 from guidefield.stores import run_file
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.run_file import FILE

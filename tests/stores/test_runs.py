@@ -20,8 +20,7 @@ from guidefield.errors import DiskRefused, InvalidGoal, MalformedRequest, Status
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import make_error_reply
-from guidefield.messages.requests import PlanRequest
-from guidefield.messages.store_requests import RUNNING, UNREADABLE, ReadRuns
+from guidefield.messages.requests import RUNNING, UNREADABLE, PlanRequest, ReadRuns
 from guidefield.stores import run_file, runs as module
 from guidefield.stores.recordings import LOG
 from guidefield.stores.run_file import FILE
@@ -308,7 +307,7 @@ import os, sys, urllib.parse  # Python 3.13 imports it for an address of a path,
 from pathlib import Path
 from guidefield.messages.identities import PLAIN
 from guidefield.stores.runs import RunDatabase
-from guidefield.messages.store_requests import ReadRuns
+from guidefield.messages.requests import ReadRuns
 
 os.setuid(65534)
 print([run.run_id for run in RunDatabase(Path(sys.argv[1])).of(PLAIN).list(ReadRuns()).runs])

@@ -7,7 +7,7 @@ import pytest
 from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid
 from guidefield.messages.scene import Box, PointCloud, Scene
 from guidefield.messages.values import Float32Array
-from guidefield.scene import library
+from guidefield.stores import scenes
 from guidefield.stores.scenes import PackagedScenes, SceneStore
 
 BLOCK = Scene("block", obstacles=[Box(name="b", size=(0.1, 0.2, 0.3))])
@@ -19,8 +19,8 @@ def store(tmp_path: Path) -> SceneStore:
 
 
 def test_the_packaged_scenes_are_there_from_the_start(store: SceneStore) -> None:
-    assert store.names() == PackagedScenes().names() == sorted(library.names())
-    assert store.read("bookshelf")[0] == PackagedScenes().read("bookshelf")[0] == library.read("bookshelf")
+    assert store.names() == PackagedScenes().names() == sorted(scenes.list_packaged())
+    assert store.read("bookshelf")[0] == PackagedScenes().read("bookshelf")[0] == scenes.read_packaged("bookshelf")
 
 
 def test_a_stored_scene_is_read_back_by_another_process_store(store: SceneStore, tmp_path: Path) -> None:

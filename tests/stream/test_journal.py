@@ -13,15 +13,13 @@ import pytest
 from guidefield.cli.found_run import replay_stream
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, InvalidGoal, MalformedRequest, UnknownObject
-from guidefield.messages.goals import JointsGoal, PoseGoal
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
-from guidefield.messages.values import Placement
+from guidefield.messages.values import JointsGoal, Placement, PoseGoal
 from guidefield.scene.scene import build
 from guidefield.stream import journal as journals
-from guidefield.stream.journal import Journal, Updated, files_of
+from guidefield.stream.journal import Journal, Updated, files_of, read, replay
 from guidefield.stream.path_planner import TakeOver, WhenReady
-from guidefield.stream.replay import read, replay
 from guidefield.stream.shown import render
 from guidefield.stream.state import encode_part
 from guidefield.stream.stream import CertifiedStream

@@ -9,14 +9,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, Obstacle, PointCloud, Scene, Sphere
 from guidefield.messages.streams import Deviation, Observation, StreamObstacle, StreamOpen
 from guidefield.messages.values import Placement
 from guidefield.scene.obstacle import build as built
 from guidefield.scene.scene import build
-from guidefield.stream.commit import Commit, JointBounds, plan_commit
-from guidefield.stream.judge import CommitReason, Judge
+from guidefield.stream.commit import Commit, CommitReason, JointBounds, Judge, plan_commit
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import StreamSetup, read_opening
 from tests.robots import robot

@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 
 from guidefield.kernels.collide.layout import KEPT, ROUNDED_BOX
-from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import HalfSpace, Scene
 from guidefield.messages.streams import Piece, StreamOpen, StreamState
+from guidefield.messages.values import JointsGoal
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.scene import build
 from guidefield.stream.dodging import TimedPath

@@ -12,17 +12,14 @@ import pytest
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
-from guidefield import demo_stream
-from guidefield.cli import app
+from guidefield.cli import app, demonstration
 from guidefield.errors import MalformedRequest
-from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import Box
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
-from guidefield.messages.values import Placement
+from guidefield.messages.values import JointsGoal, Placement
 from guidefield.scene.scene import Scene as BuiltScene
-from guidefield.stream.journal import Journal, files_of
+from guidefield.stream.journal import Journal, files_of, read
 from guidefield.stream.path_planner import TakeOver
-from guidefield.stream.replay import read
 from guidefield.stream.shown import record, render
 from guidefield.stream.stream import CertifiedStream
 from tests.journeys.service import await_that
@@ -141,7 +138,7 @@ def _column(chunk: object, name: str) -> list[object]:
 
 
 def test_the_demonstration_serves_and_can_be_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(demo_stream, "LASTS", 0.6)
+    monkeypatch.setattr(demonstration, "LASTS", 0.6)
     told = CliRunner().invoke(app, ["demo", "--stream", "--folder", str(tmp_path)])
     assert told.exit_code == 1, "no place is reached so soon"
     assert "done again: the same, to the last bit" in told.output
@@ -152,5 +149,5 @@ def test_the_demonstration_serves_and_can_be_done_again(tmp_path: Path, monkeypa
     assert "bit-identical: 30 updates" in told.output
     assert (tmp_path / "again.rrd").read_bytes()[:3] == b"RRF"
     for number in range(3):
-        path = np.array([demo_stream.box_at(number, 0.01 * k) for k in range(1_700)])
-        assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.01 * demo_stream.FASTEST
+        path = np.array([demonstration.box_at(number, 0.01 * k) for k in range(1_700)])
+        assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.01 * demonstration.FASTEST

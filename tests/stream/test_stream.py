@@ -24,10 +24,9 @@ from guidefield.errors import (
     UnknownObject,
 )
 from guidefield.messages.conditions import CartesianLimit
-from guidefield.messages.goals import JointSetGoal, JointsGoal
 from guidefield.messages.scene import Box, Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
-from guidefield.messages.values import Placement
+from guidefield.messages.values import JointSetGoal, JointsGoal, Placement
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream

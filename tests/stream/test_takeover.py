@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from guidefield.errors import RequestTooLarge
-from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
-from guidefield.messages.values import Placement
+from guidefield.messages.values import JointsGoal, Placement
 from guidefield.scene.scene import build
 from guidefield.stream.path_planner import AtRecordedTimes, TakeOver, WhenReady
 from guidefield.stream.stream import CertifiedStream

@@ -35,7 +35,7 @@ from guidefield.planner.connect.connect import ATTEMPTS, FINER
 from guidefield.planner.connect.tree_search import RESOLUTION
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.prove.certificate import certify
-from guidefield.robot.model.size import MARGIN
+from guidefield.robot.model.model import MARGIN
 from guidefield.scene.scene import build
 
 REPEATS = 3

@@ -23,7 +23,7 @@ import numpy as np
 import guidefield
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.conditions import RobotReference
 from guidefield.robot.catalog.catalog import Catalog

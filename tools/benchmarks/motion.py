@@ -30,7 +30,7 @@ from guidefield.errors import Status
 from guidefield.planner.plan import plan
 from guidefield.planner.task.problem import ConfigurationGoal, Goal, Objective, Problem, TipGoal
 from guidefield.prove.curve import Curve
-from guidefield.robot.ik.pose_search import PoseTarget
+from guidefield.robot.ik.inverse_kinematics import PoseTarget
 
 SECONDS = 20.0
 """Budget of one problem."""

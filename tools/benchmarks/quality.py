@@ -33,8 +33,8 @@ from guidefield.planner.plan import Plan, plan
 from guidefield.planner.quality import END_LENGTH, measure_figures
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft
+from guidefield.prove.certificate import smallest_along
 from guidefield.prove.curve import Curve
-from guidefield.prove.minima import smallest_along
 
 JUDGED_STEP = 0.02
 """Joint distance between two configurations that are judged on the exact geometry [rad or m]."""

@@ -28,10 +28,10 @@ import coal
 import numpy as np
 
 from guidefield.messages.conditions import JointLimits
-from guidefield.messages.goals import JointsGoal
 from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import Box, HalfSpace, Scene
 from guidefield.messages.streams import StreamObstacle, StreamOpen
+from guidefield.messages.values import JointsGoal
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream

@@ -20,11 +20,10 @@ import numpy as np
 
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
-from guidefield.messages.goals import JointsGoal, Positions
 from guidefield.messages.requests import UrdfText
 from guidefield.messages.scene import Box, HalfSpace, PointCloud, Scene
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
-from guidefield.messages.values import Float32Array, Placement
+from guidefield.messages.values import Float32Array, JointsGoal, Placement, Positions
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream

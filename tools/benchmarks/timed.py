@@ -28,9 +28,8 @@ from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.conditions import JointLimits
-from guidefield.messages.goals import JointsGoal
 from guidefield.messages.requests import PlanRequest
-from guidefield.messages.values import Placement
+from guidefield.messages.values import JointsGoal, Placement
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select

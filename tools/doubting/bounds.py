@@ -21,8 +21,8 @@ from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.prove.tables import obstacle_bodies
 from guidefield.referee.case import Body
-from guidefield.referee.containment import box_about, declared, radius_about
 from guidefield.referee.loading import case_of
+from guidefield.referee.proof import box_about, declared, radius_about
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
 

@@ -22,13 +22,13 @@ import numpy as np
 
 from doubting.compare import OFF, Disagreement, Kind
 from doubting.loaded import Loaded
+from guidefield.case_file import pack_arrays
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
-from guidefield.proof_file import pack_arrays
+from guidefield.referee.case import Answer, Verdict
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import UnusableFile, case_of
 from guidefield.referee.replay import replay_file
-from guidefield.referee.verdict import Answer, Verdict
 
 CHANGES = 16
 """Changes of one proof, at most."""

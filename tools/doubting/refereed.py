@@ -14,9 +14,9 @@ from doubting.loaded import Loaded
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
 from guidefield.messages.scene import Mesh, Obstacle, PointCloud
+from guidefield.referee.case import Answer, Finding
 from guidefield.referee.judge import Along, judge
 from guidefield.referee.loading import case_of
-from guidefield.referee.verdict import Answer, Finding
 
 SECONDS = 3.0
 """How long the referee may look at a motion [s]."""

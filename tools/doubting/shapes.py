@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 from doubting.meshes import outward
 from doubting.solid import is_closed
 from guidefield.messages import scene as messages
-from guidefield.messages.triples import Points, Triangles
+from guidefield.messages.scene import Points, Triangles
 from guidefield.messages.values import Float32Array, Placement, Uint32Array
 
 Surface = tuple[np.ndarray, np.ndarray]

@@ -16,9 +16,9 @@ import msgspec
 import guidefield
 from fixed.requests import REFEREED, REQUESTS
 from guidefield import case_file, engine
+from guidefield.referee.case import Finding
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
-from guidefield.referee.verdict import Finding
 
 MEASURED = ("timing", "seconds", "run_id", "recording")
 """What of a reply is another one every time: clocks, and names of runs."""

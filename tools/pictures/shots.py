@@ -12,9 +12,8 @@ from PIL import Image
 import guidefield
 from guidefield.messages.conditions import SceneReference
 from guidefield.messages.replies import PlanReply
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.requests import PlanRequest, ReadScene
 from guidefield.messages.scene import GuidePlane
-from guidefield.messages.store_requests import ReadScene
 from guidefield.scene.scene import build
 from pictures import browser, compose
 from pictures.figure import ORANGE, SIDES, WAY, Style, View, write_figure

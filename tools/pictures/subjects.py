@@ -10,7 +10,6 @@ from pathlib import Path
 import msgspec
 
 import guidefield
-from guidefield import demo_stream
 from guidefield.cli import demonstration
 from guidefield.messages import codec
 from guidefield.messages.replies import PlanReply
@@ -85,10 +84,10 @@ class Demonstration:
 
     def made(self, name: str, runs: Path, folder: Path) -> list[str]:
         """Have it serve, record it into `runs`, picture it into `folder`; what is wrong with it."""
-        served = demo_stream.serve(runs, lambda _: None)
+        served = demonstration.serve(runs, lambda _: None)
         if not (served.same and served.places):
             return [f"{served.places} places are reached, again: {served.same}"]
-        return list(self.pictures(Recorded(name, demo_stream.SCENE, served.recording, folder)))
+        return list(self.pictures(Recorded(name, demonstration.SCENE, served.recording, folder)))
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,9 @@ import numpy as np
 
 from guidefield.errors import InvalidConfiguration
 from guidefield.messages.conditions import AttachedObject, JointLimits
-from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, PointCloud, Scene, Sphere
 from guidefield.messages.streams import Deviation, StreamObstacle, StreamOpen
-from guidefield.messages.values import Placement
+from guidefield.messages.values import JointsGoal, Placement
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import build

@@ -50,7 +50,7 @@ def _render_owed(folder: Path, workers: int, bar: Progress) -> None:
     owed = len(Recordings(folder).list_owed())
     if not owed:
         return
-    from guidefield.batch.local import render_over_workers
+    from guidefield.batch.workers import render_over_workers
 
     task = bar.add_task("recorded", total=owed)
     for fault in render_over_workers(folder, min(workers, owed)):
@@ -63,9 +63,9 @@ def _render_owed(folder: Path, workers: int, bar: Progress) -> None:
 
 def _start_answers(items: Iterable[Item], workers: int, ray: str | None) -> Iterator[ItemAnswer]:
     if ray is None:
-        from guidefield.batch.local import answer_over_workers
+        from guidefield.batch.workers import answer_over_workers
 
         return answer_over_workers(items, workers)
-    from guidefield.batch.cluster import answer_over_cluster
+    from guidefield.batch.workers import answer_over_cluster
 
     return answer_over_cluster(items, ray)

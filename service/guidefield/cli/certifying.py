@@ -19,7 +19,7 @@ import typer
 from guidefield.cli.found_run import data_folder, find_run, owner_of, replaying_engine
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec, requests
-from guidefield.messages.executed import SHARED_FIELDS, JointStates, judgement_of
+from guidefield.messages.certify_reply import SHARED_FIELDS, JointStates, judgement_of
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
@@ -266,9 +266,9 @@ def run_referee(
     """
     # Pinocchio and Coal are loaded only here
     from guidefield import case_file
+    from guidefield.referee.case import Answer, lines
     from guidefield.referee.judge import judge
     from guidefield.referee.loading import case_of
-    from guidefield.referee.verdict import Answer, lines
 
     motions = engine.motions_of(request)
     if file is not None:
@@ -287,9 +287,9 @@ def run_referee(
 
 def replay_proofs(file: Path, seconds: float) -> bool:
     """Have the referee check a file of proofs, print its verdicts, and return whether all hold."""
+    from guidefield.referee.case import Answer, lines
     from guidefield.referee.loading import UnusableFile
     from guidefield.referee.replay import replay_file
-    from guidefield.referee.verdict import Answer, lines
 
     try:
         verdicts = replay_file(file, seconds)

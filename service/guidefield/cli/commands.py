@@ -31,8 +31,7 @@ from guidefield.cli.certifying import (
 )
 from guidefield.cli.executing import execute
 from guidefield.cli.found_run import Data, Service, fetch_files, recording_file, require_writable
-from guidefield.cli.kept_runs import runs_app
-from guidefield.cli.replaying import replay
+from guidefield.cli.kept_runs import replay, runs_app
 from guidefield.cli.tables import motion_table, robot_table, robots_table
 from guidefield.endpoint.link import DEFAULT_LISTEN
 from guidefield.endpoint.ros.options import Distribution, RosSettings
@@ -517,7 +516,7 @@ def show(
         if not web:
             raise MalformedRequest("name a run or a recording's file; --web alone opens a page to try")
         try:
-            from guidefield.cli.trying import serve_page
+            from guidefield.cli.showing import serve_page
         except ImportError:
             raise CannotShow("the page needs a package more: pip install 'guidefield[web]'") from None
         compile_kernels(err.print, wholly=False)

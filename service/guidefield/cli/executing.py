@@ -23,9 +23,8 @@ from guidefield.cli.found_run import (
 )
 from guidefield.cli.tables import motion_table
 from guidefield.errors import MalformedRequest
-from guidefield.messages.executed import JointStates, judgement_of
-from guidefield.messages.execution import ExecutionFigures
-from guidefield.messages.exports import SentMotion, trajectory_message, write_table
+from guidefield.messages.certify_reply import JointStates, judgement_of
+from guidefield.messages.execution import ExecutionFigures, SentMotion, trajectory_message, write_table
 from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.messages.requests import PlanRequest
 

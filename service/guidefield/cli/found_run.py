@@ -99,7 +99,7 @@ def replay_stream(
         GuidefieldError: if the request that opened it is refused now.
     """
     from guidefield.first_start import compile_kernels
-    from guidefield.stream.replay import read, replay
+    from guidefield.stream.journal import read, replay
 
     compile_kernels(say)
     code = 0
@@ -122,7 +122,7 @@ def replay_stream(
 
 def record_stream(files: Sequence[Path], folder: Path, packages: Sequence[Path], recording: Path) -> None:
     """Write the recording of a journal's files; MalformedRequest if one isn't a journal's, or none has an update."""
-    from guidefield.stream.replay import read
+    from guidefield.stream.journal import read
     from guidefield.stream.shown import record
 
     begun, _ = read(files[-1])

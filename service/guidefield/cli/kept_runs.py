@@ -1,7 +1,11 @@
-"""`guidefield runs`: list, render, compare and export the stored runs of a service; a recording's file, too."""
+"""`guidefield runs` and `guidefield replay`: list, render, compare, export stored runs; plan their requests again.
+
+`kept_runs.py` uses the table of two plans. A change of `PLAN_FIELDS` makes hashes that users noted incomparable.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
@@ -10,7 +14,7 @@ from typing import Annotated
 import msgspec
 import typer
 from rich import box
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import track
 from rich.table import Table
 
@@ -24,21 +28,201 @@ from guidefield.cli.found_run import (
     find_plan,
     find_run,
     open_runs,
+    owner_of,
+    record_stream,
     recording_file,
+    replay_stream,
+    replaying_engine,
     require_writable,
     split_run_name,
+    stream_files,
 )
-from guidefield.cli.replaying import comparison_table
-from guidefield.messages.exports import CONTROLLER_KINDS, KINDS
+from guidefield.errors import GuidefieldError, MalformedRequest
+from guidefield.messages.execution import CONTROLLER_KINDS, KINDS
 from guidefield.messages.identities import PLAIN
-from guidefield.messages.replies import RunsReply, RunSummary
-from guidefield.messages.store_requests import LARGEST_PAGE, ReadRuns
+from guidefield.messages.replies import CertifyReply, PlanReply, RunsReply, RunSummary, Timing
+from guidefield.messages.requests import LARGEST_PAGE, ReadRuns
 from guidefield.stores.files import user_folder, users_in
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.runs import UserRuns
 from guidefield.whole_file import write_whole
 
+PLAN_FIELDS = ("status", "position_names", "velocity_names", "path", "trajectory", "guide_planes", "planner", "seed")
+"""The fields of a reply that are the plan itself; the others are measured, prove it, or name the run."""
+
+
+def motion_hash(reply: PlanReply) -> str:
+    """Return the SHA-256 of the plan itself in hexadecimal: equal if and only if `list_differences` is empty."""
+    return hashlib.sha256(b"\n".join(_encode_fields(reply).values())).hexdigest()
+
+
+def list_differences(first: PlanReply, second: PlanReply) -> list[str]:
+    """List the fields of the plan that differ in any bit, in the order of the reply."""
+    one, other = _encode_fields(first), _encode_fields(second)
+    return [name for name in PLAN_FIELDS if one[name] != other[name]]
+
+
+def largest_deviation(first: PlanReply, second: PlanReply) -> float | None:
+    """Return the largest difference of a coordinate of two paths [rad or m]; None if their shapes differ."""
+    if [len(row) for row in first.path] != [len(row) for row in second.path]:
+        return None
+    rows = zip(first.path, second.path, strict=True)
+    return max((abs(a - b) for one, other in rows for a, b in zip(one, other, strict=True)), default=0.0)
+
+
+def comparison_table(first: PlanReply, second: PlanReply) -> RenderableType:
+    """Make a table of outcome, motion, clearance and times of two plans, and of the fields that differ."""
+    table = Table("", first.run_id, second.run_id, box=box.SIMPLE_HEAD)
+    for (name, one), (_, other) in zip(_rows(first), _rows(second), strict=True):
+        table.add_row(name, one, other)
+    step = largest_deviation(first, second)
+    parts = ", ".join(list_differences(first, second)) or "nothing: the same plan to the last bit"
+    table.add_row("that differs", parts, "" if step is None else f"waypoints by at most {step:.3g}")
+    return table
+
+
+def _encode_fields(reply: PlanReply) -> dict[str, bytes]:
+    return {name: msgspec.json.encode(getattr(reply, name)) for name in PLAN_FIELDS}
+
+
+def _rows(reply: PlanReply) -> list[tuple[str, str]]:
+    clearance, metrics = reply.clearance, reply.metrics
+    return [
+        ("status", reply.status.name),
+        ("planner", f"{reply.planner}, seed {reply.seed}"),
+        ("waypoints", str(len(reply.path))),
+        ("length [rad]", _format_number(None if metrics is None else metrics.joint_path_length)),
+        ("duration [s]", _format_number(None if metrics is None else metrics.duration)),
+        ("clearance [mm]", _format_number(None if clearance is None else clearance.minimum, 1e3)),
+        ("away from the ends [mm]", _format_number(None if clearance is None else clearance.inner, 1e3)),
+        *(
+            (f"{stage} [ms]", _format_number(getattr(reply.timing, stage), 1e3))
+            for stage in msgspec.structs.asdict(Timing())
+        ),
+    ]
+
+
+def _format_number(value: float | None, unit: float = 1.0) -> str:
+    return "-" if value is None else f"{value * unit:.4g}"
+
+
+SHOWN_DIGITS = 16  # number of digits of a hash that are shown
+VERDICT_FIELDS = ("status", "curve", "certificate", "clearance", "self_clearance", "limits", "cartesian", "effort")
+"""The fields of a certify reply that must be the same; `effort` are the joints' torques."""
+
 out = Console()
+
+Packages = Annotated[
+    list[Path] | None, typer.Option(exists=True, file_okay=False, help="Folder of packages with the robot's meshes.")
+]
+
+
+def replay(
+    run: StreamName,
+    data: Data = None,
+    name: Service = "local",
+    packages: Packages = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(help="Write a recording of a stream here (.rrd), to be shown.", callback=require_writable),
+    ] = None,
+) -> None:
+    """Plan the request of a run again, or judge its motion; exit code 0 if that is the same to the last bit, else 1.
+
+    If the answer differs, the output names the processor of the run if that is of another kind, and of a plan or stream
+    also its version of guidefield if that is another one. Exit code 2 if there is no such run, or its request is
+    refused now.
+
+    Robots and scenes that a client stored are read from the data folder. Of a stream each stored file is replayed, and
+    its pieces are compared.
+    """
+    if files := stream_files(run, data_folder(data, name)):
+        if record is not None:
+            record_stream(files, data_folder(data, name), packages or (), record)
+        raise typer.Exit(replay_stream(files, data_folder(data, name), packages or (), _say, _describe_maker))
+    if record is not None:
+        raise MalformedRequest(f"{run!r} is no stream, and has a recording already", run=run)
+    before = find_run(run, data, name)
+    engine = replaying_engine(owner_of(run), data_folder(data, name), packages or ())
+    try:
+        now = engine.answer(msgspec.structs.replace(before.request, run_id=None, recording="off"))
+    except GuidefieldError:
+        if by_another := describe_version(before.versions):
+            _say(f"{run}: {by_another}its request is refused now")
+        raise
+    if isinstance(before.reply, CertifyReply) and isinstance(now, CertifyReply):
+        raise typer.Exit(_compare_verdicts(run, before.reply, now, before.versions))
+    assert isinstance(before.reply, PlanReply), "a plan was asked for"
+    assert isinstance(now, PlanReply), "a plan was asked for"
+    parts = list_differences(before.reply, now)
+    if not parts:
+        _say(f"{run}: bit-identical: {_summarize(now)}")
+        raise typer.Exit(0)
+    step = largest_deviation(before.reply, now)
+    by = "" if step is None else f"; waypoints by at most {step:.3g}"
+    verdict = describe_processor(before.versions) or "not the same: "
+    _say(f"{run}: {verdict}{describe_version(before.versions)}the plan differs in {', '.join(parts)}{by}")
+    _say(f"then: {_summarize(before.reply)}\nnow:  {_summarize(now)}\n{describe_versions(before.versions)}")
+    raise typer.Exit(1)
+
+
+def _compare_verdicts(run: str, before: CertifyReply, now: CertifyReply, versions: dict[str, str]) -> int:
+    parts = [name for name in VERDICT_FIELDS if getattr(before, name) != getattr(now, name)]
+    if not parts:
+        _say(f"{run}: judged as before: {now.status.name}, {now.status.message}")
+        return 0
+    _say(f"{run}: {describe_processor(versions) or 'not judged as before: '}it differs in {', '.join(parts)}")
+    _say(f"then: {before.status.name}, {before.status.message}\nnow:  {now.status.name}, {now.status.message}")
+    return 1
+
+
+def _describe_maker(before: dict[str, str]) -> str:
+    return f"{describe_processor(before) or 'not the same: '}{describe_version(before)}"
+
+
+def describe_processor(before: dict[str, str]) -> str:
+    """Name the processor that made a run, if it is of another kind, which rounds differently; else return ""."""
+    from guidefield.versions import PROCESSOR, versions
+
+    then, now = before.get(PROCESSOR), versions()[PROCESSOR]
+    if then in (None, now):
+        return ""
+    family, here = then.partition(" ")[0], now.partition(" ")[0]
+    return f"made on {family}, this is {here}: " if family != here else f"made on another kind of {here}: "
+
+
+def describe_version(before: dict[str, str]) -> str:
+    """Name the version of guidefield that planned a run, if it is another one; else return ""."""
+    from guidefield.versions import PACKAGE, versions
+
+    then, now = before.get(PACKAGE), versions()[PACKAGE]
+    return "" if then in (None, now) else f"planned by {PACKAGE} {then}, this is {now}: "
+
+
+def describe_versions(before: dict[str, str]) -> str:
+    """Say in a sentence which packages, except guidefield, had other versions when a run was made."""
+    from guidefield.versions import PACKAGE, versions
+
+    if not before:
+        return "the versions that it was made with were not recorded"
+    here = versions()
+    others = [
+        f"{name} {text} (here {here.get(name, 'none')})"
+        for name, text in before.items()
+        if name != PACKAGE and here.get(name) != text
+    ]
+    if others:
+        return f"it was made with {', '.join(others)}"
+    return f"{'otherwise ' if describe_version(before) else ''}it was made with the same versions as are here"
+
+
+def _summarize(reply: PlanReply) -> str:
+    return f"{reply.status.name}, {len(reply.path)} waypoints, sha256 {motion_hash(reply)[:SHOWN_DIGITS]}"
+
+
+def _say(line: str) -> None:
+    out.print(line, highlight=False, soft_wrap=True)
+
 
 runs_app = typer.Typer(help="List, compare and export the runs that a service has kept.", no_args_is_help=True)
 

@@ -22,13 +22,12 @@ from guidefield.client.stream_link import Answer, StreamLink
 from guidefield.client.streams import END_WITHIN, StreamFacts
 from guidefield.errors import GuidefieldError
 from guidefield.messages import codec
-from guidefield.messages.goals import Positions
 from guidefield.messages.replies import CertifyReply, Done, PlanReply, Progress, RunsReply
-from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
+from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest, ReadRuns
 from guidefield.messages.scene_changes import SceneChanged
-from guidefield.messages.store_requests import ReadRuns
 from guidefield.messages.stream_requests import StreamAimed, StreamJudged, StreamReply
 from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamUpdate
+from guidefield.messages.values import Positions
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

@@ -29,10 +29,9 @@ from guidefield.messages.replies import (
     RobotsReply,
     RunsReply,
 )
-from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
+from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest, ReadRuns
 from guidefield.messages.scene import Obstacle, Scene
 from guidefield.messages.scene_changes import SceneChanged
-from guidefield.messages.store_requests import ReadRuns
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
 

@@ -41,10 +41,16 @@ from guidefield.messages.replies import (
     make_error,
     run_reply_kind,
 )
-from guidefield.messages.requests import CertifyRequest, KinematicsRequest, MotionRequest, PlanRequest
+from guidefield.messages.requests import (
+    LARGEST_PAGE,
+    CertifyRequest,
+    KinematicsRequest,
+    MotionRequest,
+    PlanRequest,
+    ReadRuns,
+)
 from guidefield.messages.scene import Obstacle, Scene
 from guidefield.messages.scene_changes import RequestScene, SceneDiff
-from guidefield.messages.store_requests import LARGEST_PAGE, ReadRuns
 from guidefield.messages.stream_requests import (
     StreamAim,
     StreamAimed,

@@ -23,11 +23,11 @@ from guidefield.client.questions import Question
 from guidefield.errors import GuidefieldError, NoService, StreamUnknown
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
-from guidefield.messages.goals import Positions
 from guidefield.messages.identities import base_key
 from guidefield.messages.replies import make_error, make_error_reply
 from guidefield.messages.stream_requests import StreamAimed, StreamReply
 from guidefield.messages.streams import MOST_STREAM_OBSTACLES, Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.values import Positions
 
 MAX_WAITING_PIECES = 64  # the largest number of pieces that wait to begin; the oldest are dropped
 
@@ -125,7 +125,7 @@ MAX_UNREAD_PIECES = 64  # the largest number of pieces that wait to be read; the
 LOST_SERVICE_S = 6.0
 """Time without the service after which its streams have ended, because a link may be cut for a moment [s].
 
-The service ends them after the same time without the client: `GRACE` of `endpoint/clients.py`.
+The service ends them after the same time without the client: `GRACE` of `endpoint/under_way.py`.
 """
 
 Answer = Piece | StreamState

@@ -14,9 +14,9 @@ from guidefield.client.exchange import Exchange, await_answer
 from guidefield.client.questions import Question
 from guidefield.client.stream_link import Answer, Motion, StreamLink
 from guidefield.errors import GuidefieldError
-from guidefield.messages.goals import Positions
 from guidefield.messages.stream_requests import StreamAimed, StreamJudged, StreamReply
 from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.values import Positions
 
 
 class StreamFacts:

@@ -1,6 +1,9 @@
-"""Bounding spheres of the robot's bodies, in the frames of their joints, and which joints move which body.
+"""Balls about the robot's bodies, which joints move what, and rigorous bounds on how much closer two bodies come.
 
 The motion bound and every filter of pairs rely on them: balls may be larger than needed, never smaller.
+
+Every certificate of a motion rests on them (prove/, the planner, streams); the referee bounds motions by code of its
+own. Bounds may be larger, never smaller: a change needs a proof like the one below.
 """
 
 from __future__ import annotations
@@ -15,9 +18,9 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
 from guidefield.kernels.collide.near_pairs import BodyBalls
-from guidefield.read_only import read_only
+from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.model.chart import TRANSLATION
+from guidefield.robot.model.chart import ROTATION, TRANSLATION
 
 PARTS = 8
 """The box about a robot body is halved into so many boxes: balls about them follow a long body closer than one ball."""
@@ -153,3 +156,146 @@ def parts_of(shape: Any) -> tuple[np.ndarray, float]:
     cell = (high - low) / counts
     places = np.indices(tuple(counts.tolist())).reshape(3, -1).T
     return low + (places + 0.5) * cell, 0.5 * float(np.linalg.norm(cell))
+
+
+@dataclass(frozen=True, eq=False)
+class MotionBound(ReadOnly):
+    """The certificate's motion bound, with everything in it that no configuration changes.
+
+    For every configuration q with |q_j - m_j| <= e_j, a point of body b is at most
+
+        sum over joints j that move b of  2 sin(e_j / 2) rho_bj        (a sliding joint: e_j)
+
+    from where it is at m; rho_bj is the largest distance of b from axis j *at m*. Proof: turn the joints one after the
+    other from base to tip; while j turns, all joints beyond it still stand at m, so that b is as far from axis j as at
+    m. A ball joint turns by at most the Euclidean norm e of its coordinates' half widths (`chart`), about an axis
+    through its centre that may be any: rho is the largest distance from the centre. Lengths that belong together count
+    by their norm. Of two moving bodies only joints that move one and not the other count: the others move both as one.
+    A mimic joint's e is its source joint's times the size of its multiplier.
+    """
+
+    # matrix (nv of the model, group.nv) from half widths of planned joints to those of all that move
+    half_widths: np.ndarray
+    alone: np.ndarray  # whether a joint's move is its own column's, shape (nv of the model,)
+    together: np.ndarray  # matrix (nv, nv of the model): which columns make one move, counted in its first column
+    # the same for turns about a centre, halved: the squared distances from three axes through a point add up to twice
+    # that from the point
+    centred: np.ndarray
+    turns: np.ndarray
+    # 2 for the first column of a ball joint's rotation, 1 for joints that turn, 0 for those that slide
+    doubled: np.ndarray
+    radii: np.ndarray  # radius of the ball about a robot body, 0 where the joint slides, shape (r, nv of the model) [m]
+    moved_by: np.ndarray
+    own: np.ndarray
+    first_only: np.ndarray  # joints that move the one body of own pairs and not the other, shape (n_self, nv)
+    second_only: np.ndarray
+    # the first column behind all joints that move both, shape (n_self,); none from there on moves both
+    apart_from: np.ndarray
+
+    def at(self, jacobians: np.ndarray, centres: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bound how much closer bodies can come: own pairs (s, n_self), and each to what stands still (s, r) [m].
+
+        Of boxes with half widths (s, group.nv) in the chart about configurations with joint Jacobians in the world
+        frame, shape (s, 6, nv of the model), and centres of the balls about the robot's bodies, shape (s, r, 3) [m,
+        world].
+        """
+        return self.bound_moves(self.reach(jacobians, centres), half_widths)
+
+    def bound_moves(self, reach: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bound as `at` does, by the result of `reach`."""
+        moved = reach * self.sweep(half_widths)[:, None]
+        beyond = np.zeros((*moved.shape[:2], moved.shape[2] + 1))  # what the joints from one on move a body
+        beyond[..., :-1] = np.cumsum(moved[..., ::-1], axis=2)[..., ::-1]
+        own = beyond[:, self.own[:, 0], self.apart_from] + beyond[:, self.own[:, 1], self.apart_from]
+        return own, beyond[..., 0]
+
+    def find_spread(self, half_widths: np.ndarray) -> np.ndarray:
+        """Return half widths, or rates, of the joints' moves, (s, nv of the model), of those in the chart, (s, nv)."""
+        spread: np.ndarray = np.sqrt((half_widths @ self.half_widths.T) ** 2 @ self.together)
+        return spread
+
+    def sweep(self, half_widths: np.ndarray) -> np.ndarray:
+        """Bound how far each joint moves a point at a distance of 1, (s, nv of the model); given as `find_spread`."""
+        spread = self.find_spread(half_widths)
+        return np.where(self.turns, 2.0 * np.sin(0.5 * np.minimum(spread, np.pi)), spread)
+
+    def reach(self, jacobians: np.ndarray, centres: np.ndarray) -> np.ndarray:
+        """Bound the distance of each body from each axis that moves it, shape (s, r, nv of the model) [m].
+
+        It is 1 for a joint that slides, and 0 for one that does not move the body; arguments as in `at`.
+        """
+        reach: np.ndarray = self.axis_distances(jacobians, centres) * self.moved_by
+        return reach
+
+    def axis_distances(self, jacobians: np.ndarray, centres: np.ndarray) -> np.ndarray:
+        """Bound the distance of each body from every axis, whether that moves it or not; shape and units as `reach`."""
+        # |v + w x c|^2 about the middle of the robot, where rounding is least
+        middle = centres.mean(axis=1, keepdims=True)
+        w = jacobians[:, None, 3:]
+        v = jacobians[:, None, :3] + cross(jacobians[:, 3:], middle.swapaxes(1, 2))[:, None]
+        c = (centres - middle)[..., None]
+        rates = [
+            v[:, :, i] + w[:, :, j] * c[:, :, k] - w[:, :, k] * c[:, :, j]
+            for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+        ]
+        squared = np.square(rates).sum(axis=0)
+        distances: np.ndarray = np.sqrt(squared @ self.centred) + self.radii
+        return distances
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return cross products of columns, shapes (s, 3, n); NumPy's own takes five times as long."""
+    columns = [a[:, i] * b[:, j] - a[:, j] * b[:, i] for i, j in ((1, 2), (2, 0), (0, 1))]
+    return np.stack(columns, axis=1)
+
+
+@memoized_for_alike
+def motion_bound(group: PlanningGroup, own_pairs: bytes) -> MotionBound:
+    """Build the bound of a robot for its own pairs of bodies, the bytes of an array (n_self, 2) of int64."""
+    carried, own = bodies(group), np.frombuffer(own_pairs, np.int64).reshape(-1, 2)
+    first, second = carried.moved_by[own[:, 0]], carried.moved_by[own[:, 1]]
+    together, centred = _moves(group)
+    arrays = {
+        "half_widths": np.abs(group.expand_velocity),
+        "alone": (together == np.eye(len(together))).all(axis=0) & (centred == together).all(axis=0),
+        "together": together,
+        "centred": centred,
+        "turns": carried.turns.copy(),
+        "doubled": _double(group, carried.turns),
+        "radii": carried.radii[:, None] * carried.turns,
+        "moved_by": carried.moved_by.copy(),
+        "own": own.copy(),
+        "first_only": first & ~second,
+        "second_only": second & ~first,
+        "apart_from": np.where(first & second, np.arange(1, first.shape[1] + 1), 0).max(axis=1, initial=0),
+    }
+    return MotionBound(**arrays)
+
+
+def _moves(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray]:
+    """Return the matrices `together` and `centred` of `MotionBound`."""
+    model = group.model
+    together, centred = np.eye(model.nv), np.eye(model.nv)
+    for index in range(1, model.njoints):
+        joint = group.robot.joint(model.names[index])
+        assert joint is not None, "a group's joints are the robot's"
+        first = model.joints[index].idx_v
+        for parts, is_turn in ((TRANSLATION, False), (ROTATION, True)):
+            if joint.kind in parts:
+                columns = np.arange(first, first + joint.nv)[parts[joint.kind]]
+                together[columns, columns] = 0.0
+                together[columns, columns[0]] = 1.0
+                if is_turn:
+                    centred[columns, columns] = 0.0
+                    centred[columns, columns[0]] = 0.5
+    return together, centred
+
+
+def _double(group: PlanningGroup, turns: np.ndarray) -> np.ndarray:
+    factors = turns.astype(float)
+    for index in range(1, group.model.njoints):
+        joint = group.robot.joint(group.model.names[index])
+        assert joint is not None, "a group's joints are the robot's"
+        if joint.kind in ROTATION:
+            factors[group.model.joints[index].idx_v + ROTATION[joint.kind].start] = 2.0
+    return factors

@@ -17,8 +17,8 @@ import pinocchio as pin
 
 from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap, content_key
 from guidefield.geometry.cache import Arrays, Layout, allocate_in_memory
-from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about
-from guidefield.geometry.placements import transform_points
+from guidefield.geometry.convex import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about
+from guidefield.geometry.surfaces import transform_points
 from guidefield.kernels.collide.parts import (
     BALL_ROW,
     BLOCKS,

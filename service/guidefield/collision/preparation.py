@@ -19,10 +19,8 @@ from guidefield.collision.solids import hulls_of
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.solid import clear_solids
 from guidefield.memo import MemoSet
-from guidefield.robot.bodies.by_shape import ShapeTask, find_in_parallel
+from guidefield.robot.bodies.bounding import COVERS, DELTA, MOST, PARTS, ShapeTask, find_in_parallel
 from guidefield.robot.bodies.charges import link_bodies, surface_samples
-from guidefield.robot.bodies.convex_parts import MOST, PARTS
-from guidefield.robot.bodies.sphere_cover import COVERS, DELTA
 from guidefield.robot.model.model import RobotModel
 
 _log = logging.getLogger(__name__)

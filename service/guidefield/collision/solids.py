@@ -1,6 +1,6 @@
 """The inside of closed meshes, points by which bodies are found to be in there, and hulls in place of meshes.
 
-`enclosure.py` and `pairs.py` test the inside by exact winding numbers; `world.py` tests hulls first because that takes
+`clearance.py` and `pairs.py` test the inside by exact winding numbers; `world.py` tests hulls first because that takes
 less time. A hull must contain its mesh, and points must be of every connected piece.
 """
 

@@ -16,8 +16,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.bodies import Bodies, bodies, body_placements, joint_placements
-from guidefield.collision.motion_bound import MotionBound, motion_bound
+from guidefield.collision.bodies import Bodies, MotionBound, bodies, body_placements, joint_placements, motion_bound
 from guidefield.collision.narrow_phase import ClosestPoints, CoalTransforms, NarrowPhase
 from guidefield.collision.obstacle_boxes import ObstacleBoxes, obstacle_boxes
 from guidefield.collision.pairs import Allowed, HeldContact, PairNames, Pairs, find_allowed, held_contacts

@@ -26,10 +26,9 @@ import zenoh
 
 from guidefield.endpoint.allowances import Allowances
 from guidefield.endpoint.monitoring import Condition, End, Meter, Trace
-from guidefield.endpoint.pending_query import REMEMBERED_KEYS, PendingQuery
 from guidefield.endpoint.readers import Readers
 from guidefield.endpoint.streams import Streams, require_own
-from guidefield.endpoint.under_way import UnderWay, keep_answer
+from guidefield.endpoint.under_way import REMEMBERED_KEYS, PendingQuery, UnderWay, keep_answer
 from guidefield.engines import Engines
 from guidefield.errors import DiskRefused, MalformedRequest, NotAllowed
 from guidefield.handlers import expired

@@ -6,24 +6,22 @@ A limit that a client can meet belongs here; names of limits and rules are the w
 from __future__ import annotations
 
 from guidefield.endpoint.allowances import LIST_COUNTS
-from guidefield.endpoint.clients import GRACE
 from guidefield.endpoint.endpoint import LATE, LATE_SHARE
 from guidefield.endpoint.link import LEASE, LONGEST_MESSAGE, READ_WITHIN
-from guidefield.endpoint.open_stream import OPENED_WITHIN, SILENCE
-from guidefield.endpoint.pending_query import LONGEST_CLIENT
 from guidefield.endpoint.readers import MOST_READS
-from guidefield.endpoint.under_way import MOST_REMEMBERED, REMEMBERED
+from guidefield.endpoint.streams import OPENED_WITHIN, SILENCE
+from guidefield.endpoint.under_way import GRACE, LONGEST_CLIENT, MOST_REMEMBERED, REMEMBERED
 from guidefield.messages import codec
 from guidefield.messages.certify_request import MOST_ROWS
 from guidefield.messages.keys import STORE_TIME_LIMIT
 from guidefield.messages.kinematics_requests import DEFAULT_TIME
+from guidefield.messages.requests import LARGEST_PAGE
+from guidefield.messages.scene import MAX_VERTICES
 from guidefield.messages.service_replies import DeliveryRule, LimitInfo
-from guidefield.messages.store_requests import LARGEST_PAGE
 from guidefield.messages.streams import MOST_STREAM_OBSTACLES, MOST_UPDATE_BYTES
-from guidefield.messages.triples import MAX_VERTICES
 from guidefield.messages.values import LARGEST, LONGEST_TIME, MAX_URDF_CHARACTERS
-from guidefield.pool.companion import MAX_SILENCE_S, MAX_WAITING_MESSAGES
 from guidefield.pool.outbox import MAX_ANSWERS, MAX_CLIENT_BYTES, MAX_UNREAD_BYTES, USER_SHARE
+from guidefield.pool.process import MAX_SILENCE_S, MAX_WAITING_MESSAGES
 from guidefield.pool.waiting import BACKSTOP, STANDBY_WAIT_S, TRIAL_S, Limits
 from guidefield.robot.catalog.sent_meshes import MAX_MESH_BYTES, MAX_MESHES
 from guidefield.run import LARGEST_RECORDING

@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 
 from guidefield.endpoint import monitoring
-from guidefield.endpoint.clients import Clients
 from guidefield.endpoint.endpoint import Endpoint
 from guidefield.endpoint.link import DEFAULT_LISTEN, DEFAULT_SETTINGS, RUNTIME, close_links_at_once
 from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
 from guidefield.endpoint.rules import DELIVERY, list_limits
 from guidefield.endpoint.streams import Streams
+from guidefield.endpoint.under_way import Clients
 from guidefield.engines import Engines
 from guidefield.errors import DiskRefused, GuidefieldError, WorkerCrashed, strip_source
 from guidefield.first_start import CannotStart, compile_kernels

@@ -16,12 +16,10 @@ from itertools import combinations
 
 import numpy as np
 
-from guidefield.geometry.convex import convex_hull, hull_planes
-from guidefield.geometry.directions import furthest, heights_along, spread_and_axes, spread_directions
-from guidefield.geometry.elements import Pieces, bisect_pieces, join_pieces
-from guidefield.geometry.mesh_tree import polytope_about
+from guidefield.geometry.convex import convex_hull, hull_planes, polytope_about
+from guidefield.geometry.cover import Pieces, bisect_pieces, join_pieces
 from guidefield.geometry.solid import Solid, stand_off
-from guidefield.geometry.surfaces import Floats, Surface
+from guidefield.geometry.surfaces import Floats, Surface, furthest, heights_along, spread_and_axes, spread_directions
 from guidefield.kernels.cover.cut_halves import beyond_any, count_cut, cut_halves, furthest_out
 
 _PARALLEL = 1e-6  # three planes whose normals span less than this meet nowhere that matters

@@ -17,6 +17,7 @@ from guidefield.geometry.closed import (
     are_proper,
     compact,
     crack_lids,
+    crossings,
     edge_counts,
     find_connected,
     numbered_edges,
@@ -24,7 +25,6 @@ from guidefield.geometry.closed import (
     volume,
 )
 from guidefield.geometry.convex import convex, convex_hull
-from guidefield.geometry.crossings import crossings
 from guidefield.geometry.surfaces import Surface, extents
 
 _FLAT = 1e-9  # a closed mesh with less volume than this fraction of its size cubed has no inside

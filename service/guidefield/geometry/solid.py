@@ -22,14 +22,14 @@ from guidefield.geometry.closed import (
     closing_lids,
     compact,
     crack_lids,
+    crossings,
     find_connected,
     merged_points,
     seams,
     volume,
     volumes,
 )
-from guidefield.geometry.crossings import crossings
-from guidefield.geometry.surface_rows import NO_TRIANGLES, are_wide, surfaces_in, write_surfaces
+from guidefield.geometry.distance_bodies import NO_TRIANGLES, are_wide, surfaces_in, write_surfaces
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 from guidefield.kernels.cover.inscribed import depths_at, distances_at, largest_distance
 from guidefield.kernels.distance.ray_winding import ray_winding

@@ -1,17 +1,26 @@
-"""Triangulate shapes in their own frames, counter-clockwise from outside; boxes about points.
+"""Triangulated surfaces of shapes in their own frames, boxes and directions of points, and placements.
 
 They are drawn, and charges stand on them; collisions are judged by the exact shapes. A cylinder's prism contains it,
 which covers rely on (`primitive_covers.py`); the surfaces of a sphere and a capsule are inside them.
+
+Products are kernels or sums by hand, because NumPy hands tall ones to BLAS, whose threads cost more than these loops.
+Covers and hulls are chosen by these directions: others give other (as valid) shapes.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from itertools import combinations, pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mapbox_earcut
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
+
+from guidefield.kernels.cover.cut_halves import furthest_along
+from guidefield.kernels.linalg.small_systems import principal_axes
 
 
 def box_about(points: Floats) -> Floats:
@@ -160,3 +169,75 @@ def _quarter(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
     split = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     quarters = np.concatenate([np.column_stack(quarter) for quarter in split])
     return np.concatenate([vertices, vertices[unique].mean(axis=1)]), quarters
+
+
+def perpendicular_axes(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two unit vectors, shape (2, 3), that make a right-handed frame with a unit vector, shape (3,)."""
+    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(direction, first)])
+
+
+def spread_directions(count: int) -> Floats:
+    """Unit vectors spread over all directions along a spiral from pole to pole, shape (count, 3)."""
+    k = np.arange(count)
+    heights, turns = 1.0 - (2.0 * k + 1.0) / count, k * np.pi * (3.0 - np.sqrt(5.0))
+    radii = np.sqrt(1.0 - heights**2)
+    return np.column_stack([radii * np.cos(turns), radii * np.sin(turns), heights])
+
+
+def spread_and_axes(offsets: Floats) -> tuple[Floats, Floats]:
+    """Singular values (3,) and right singular vectors (3, 3), one in each row, of points (n, 3); the largest first."""
+    spread, axes = np.empty(3), np.empty((3, 3))
+    principal_axes(np.array(offsets, dtype=np.float64, order="C"), spread, axes)
+    return spread, axes
+
+
+def furthest(points: Floats, directions: Floats) -> Integers:
+    """Which of points (n, 3) is furthest in each of some directions (d, 3), shape (d,)."""
+    found = np.empty(len(directions), np.int64)
+    furthest_along(np.ascontiguousarray(points), np.ascontiguousarray(directions.T), found)
+    return found
+
+
+def heights_along(points: Floats, axis: Floats) -> Floats:
+    """How far points (.., 3) are along an axis (3,), shape (..)."""
+    x, y, z = axis.tolist()
+    heights: Floats = x * points[..., 0] + y * points[..., 1] + z * points[..., 2]
+    return heights
+
+
+def se3(position: Sequence[float], quaternion_xyzw: Sequence[float]) -> Any:
+    """Return the pinocchio.SE3 of a position (3,) [m] and a quaternion (x, y, z, w), shape (4,), near unit length."""
+    return pin.XYZQUATToSE3([*position, *unit(quaternion_xyzw)])
+
+
+def wire_pose(placement: Any) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+    """Return the position [m] and the quaternion (x, y, z, w) of a placement, pinocchio.SE3."""
+    x, y, z, a, b, c, d = pin.SE3ToXYZQUAT(placement).tolist()
+    return (x, y, z), (a, b, c, d)
+
+
+def unit(quaternion_xyzw: Sequence[float]) -> tuple[float, float, float, float]:
+    """Normalize a quaternion (x, y, z, w)."""
+    x, y, z, w = quaternion_xyzw
+    norm = math.hypot(x, y, z, w)
+    return x / norm, y / norm, z / norm, w / norm
+
+
+def frames(positions: np.ndarray, quaternions_xyzw: np.ndarray) -> np.ndarray:
+    """Return rotation and translation as flat 3 x 4 matrices, (n, 12), of positions (n, 3) and quaternions (n, 4)."""
+    x, y, z, w = (quaternions_xyzw / np.linalg.norm(quaternions_xyzw, axis=1, keepdims=True)).T
+    columns = (
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w), positions[:, 0],
+        2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w), positions[:, 1],
+        2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y), positions[:, 2],
+    )  # fmt: skip
+    return np.column_stack(columns)
+
+
+def transform_points(placement: Any, points: np.ndarray) -> np.ndarray:
+    """Return points (n, 3) of a body in the world [m], where a pinocchio.SE3 places the body."""
+    # by this sum, not by `@`: for three columns BLAS takes ten times as long
+    there: np.ndarray = np.einsum("nj,ij->ni", points, placement.rotation) + placement.translation
+    return there

@@ -26,9 +26,9 @@ from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import Clearance
 from guidefield.planner.task.problem import Conditions
+from guidefield.prove.certificate import smallest_along
 from guidefield.prove.closest import put_obstacle
 from guidefield.prove.curve import Curve
-from guidefield.prove.minima import smallest_along
 from guidefield.prove.search import ContradictionError
 from guidefield.prove.tables import ROUNDED
 from guidefield.prove.verdict import with_coal_error

@@ -9,9 +9,9 @@ import numpy as np
 
 from guidefield.errors import InvalidConfiguration, MalformedRequest, at_path
 from guidefield.messages import requests
-from guidefield.messages.goals import JointSetGoal, JointsGoal
 from guidefield.messages.requests import Goal, MotionRequest, Positions, RelativeGoal
 from guidefield.messages.streams import StreamOpen
+from guidefield.messages.values import JointSetGoal, JointsGoal
 from guidefield.planner.task.effort import EffortLimit, tree_of
 from guidefield.planner.task.motion_limits import CartesianLimit, frame_limit, link_limit
 from guidefield.planner.task.problem import ControllerModel, Interpolation

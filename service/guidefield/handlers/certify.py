@@ -1,4 +1,4 @@
-"""Answer a certify request: the motion that it gives, the judgement, and the reply, in order."""
+"""The certify request: the motion that it gives, the judgement, and the reply, in order."""
 
 from __future__ import annotations
 
@@ -6,27 +6,47 @@ import contextlib
 import dataclasses
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
 
 from guidefield.case_file import Motion
-from guidefield.collision.enclosure import find_closed_bodies
+from guidefield.collision.clearance import find_closed_bodies
 from guidefield.collision.part_tables import robot_parts
 from guidefield.collision.world import World
-from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.errors import GuidefieldError
+from guidefield.deadline import UNLIMITED, Deadline, end_reason
+from guidefield.errors import GuidefieldError, Status
 from guidefield.handlers.agreement import Certified, declare, declare_parts, keep_contradictions, require_agreement
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.certify_problem import certify_problem, planning_group
-from guidefield.handlers.certify_reply import reply_to
+from guidefield.handlers.plan_reply import (
+    CERTIFICATE,
+    clearance_figures,
+    execution_figures,
+    outcome,
+    self_figures,
+    warn_of_bounds,
+    wire_cartesian_use,
+    wire_deviation,
+    wire_efforts,
+)
 from guidefield.handlers.preparation import crop_to_reach, prepare_plan
 from guidefield.handlers.recording import PackedMotion, PlainMotion, Prove, Record
-from guidefield.messages import scene as messages
+from guidefield.messages import replies, scene as messages
+from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, Judgement, Leaving, judge, judge_leaving
-from guidefield.planner.motion.limit_load import measure_limit_shares
+from guidefield.planner.leaving import warn_of_left_contacts
+from guidefield.planner.motion.drawn_motion import deviations
+from guidefield.planner.motion.given_motion import QuinticMotion
+from guidefield.planner.motion.limit_load import LimitUse, measure_limit_shares
 from guidefield.planner.quality import (
+    UNMEASURED,
+    Clearance,
     ClearanceProfile,
     TimedMotion,
     measure_clearance,
@@ -34,11 +54,238 @@ from guidefield.planner.quality import (
     measure_clearances,
     measure_travel,
 )
-from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.stages import Ending, Stages, describe_kept, describe_refused_place
 from guidefield.planner.task.trace import Silent
 from guidefield.prove.tables import robot_bodies
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene, build
+
+RATES = ("velocity", "acceleration", "jerk")
+"""Fields of `LimitUses` and of the reply with shares of limits of rates."""
+
+
+def reply_to(
+    problem: GivenProblem,
+    judgement: Judgement,
+    measured: Clearance | None,
+    run_id: str,
+    received: float,
+    seconds: Mapping[str, float],
+    warnings: Sequence[str],
+) -> CertifyReply:
+    """Build the reply from a judgement; `seconds` are times of stages [s], `measured` None if time was up before."""
+    group, ended, leaving = problem.group, _ending(problem, judgement), judgement.leaving
+    uses = judgement.uses
+    left = [] if leaving is None or not leaving.leaves else [warn_of_left_contacts(leaving.contacts)]
+    return CertifyReply(
+        run_id=run_id,
+        status=outcome(ended.status, ended.message, ended.details),
+        warnings=[*warnings, *left, *(warn_of_bounds(measured) if measured else [UNMEASURED])],
+        curve=problem.motion.kind.value,
+        position_names=group.position_names,
+        velocity_names=group.velocity_names,
+        certificate=_certificate(problem, judgement),
+        clearance=_clearance(problem, judgement, measured),
+        self_clearance=self_figures(measured, 0.0 if _is_certified(judgement) else -np.inf) if measured else None,
+        limits=replies.LimitShares(
+            position=_position_use(problem, uses.position),
+            velocity=_use(problem, uses.velocity, "velocity_owner"),
+            acceleration=_use(problem, uses.acceleration, "acceleration_owner"),
+            jerk=_use(problem, uses.jerk),
+        ),
+        cartesian=[
+            wire_cartesian_use(use, jumps=problem.motion.velocities is None and not problem.motion.is_point)
+            for use in judgement.cartesian
+        ],
+        effort=None if judgement.efforts is None else wire_efforts(judgement.efforts),
+        timing=replies.Timing(**seconds, total=time.monotonic() - received),
+        counters=replies.Counters(collision_checks=problem.counters.collision_checks),
+        recording=None,
+        execution=_execution(problem),
+        deviation=_deviation(problem),
+    )
+
+
+def _execution(problem: GivenProblem) -> replies.ExecutionFigures | None:
+    if problem.drawn is None or problem.execution is None or problem.planned is None:
+        return None
+    planned = problem.planned.scheduled
+    assert not isinstance(planned, QuinticMotion), "rows that are given are cubic or straight"
+    return execution_figures(problem.execution, planned, problem.drawn, problem.group)
+
+
+def _deviation(problem: GivenProblem) -> replies.MotionDeviation | None:
+    if problem.planned is None or problem.drawn is not None:
+        return None
+    planned = problem.planned.scheduled
+    assert not isinstance(planned, QuinticMotion), "rows that are given are cubic or straight"
+    return wire_deviation(deviations(planned, problem.motion), problem.group)
+
+
+def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
+    verdict = judgement.verdict
+    if verdict.free and judgement.within_limits:
+        return Ending(Status.SUCCESS, "the motion is certified free over its whole length and within its limits")
+    if verdict.free:
+        return _beyond_a_rate(problem, judgement)
+    where = describe_place(*_locate_verdict(problem, verdict))
+    details = describe_refused_place(problem.group, verdict)
+    if verdict.reason is Reason.STOPPED:
+        status = problem.deadline.status() or Status.TIMED_OUT
+        until = describe_place(*_free_until(problem, verdict))
+        return Ending(
+            status, f"{end_reason(status)} before the motion was certified; it is free until {until}", details
+        )
+    return Ending(Status.INVALID_MOTION_PLAN, f"{_describe_refusal(problem, judgement)}, at {where}", details)
+
+
+def _describe_refusal(problem: GivenProblem, judgement: Judgement) -> str:
+    verdict = judgement.verdict
+    pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
+    match verdict.reason:
+        case Reason.CONTACT:
+            return _describe_contact(judgement, pair)
+        case Reason.TOO_CLOSE:
+            return f"the motion keeps less than {1000 * problem.min_clearance:g} mm between {pair}"
+        case Reason.BEYOND_LIMITS:
+            fault = verdict.beyond
+            assert fault is not None, "a joint is beyond its limits"
+            return (
+                f"joint {fault.joint} reaches {fault.value:.6g}, {fault.excess:.3g} beyond its limits"
+                f" [{fault.lower:.6g}, {fault.upper:.6g}]"
+            )
+        case Reason.PATH_CONSTRAINT:
+            return "the motion violates a path constraint"
+        case _:
+            if problem.motion.tube is not None:
+                kept = describe_kept(problem.min_clearance)
+                return (
+                    f"where the execution may be, by its tolerance or between its ticks, it is undecided that {pair}"
+                    f" {kept}"
+                )
+            kept = f"keep {1000 * problem.min_clearance:g} mm" if problem.min_clearance > 0.0 else "touch"
+            return f"the motion brings {pair} so close that it is undecided whether they {kept}"
+
+
+def _describe_contact(judgement: Judgement, pair: str) -> str:
+    if judgement.enclosed:
+        return f"the motion begins with {pair}, one wholly inside the other"
+    if judgement.leaving is not None and not judgement.leaving.leaves:
+        return f"the motion begins in contact and doesn't leave it without coming closer: {pair}"
+    return f"the motion is in contact: {pair}"
+
+
+def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
+    group, motion = problem.group, problem.motion
+    exceeded = {name: use for name in RATES if not (use := getattr(judgement.uses, name)).is_within}
+    if not exceeded:
+        efforts = judgement.efforts
+        if efforts is not None and (beyond := efforts.exceeded) is not None:
+            where = describe_place(*_measured_at(problem, beyond.reached.time))
+            return Ending(Status.INVALID_MOTION_PLAN, *beyond.describe_excess(where))
+        in_space, excess = next((use, excess) for use in judgement.cartesian if (excess := use.exceeded) is not None)
+        where = describe_place(*_measured_at(problem, excess[2].time))
+        return Ending(Status.INVALID_MOTION_PLAN, *in_space.describe_excess(where))
+    name, use = max(exceeded.items(), key=lambda item: np.inf if item[1].share is None else item[1].share)
+    assert use.coordinate is not None, "a limit that is exceeded is of a joint"
+    joint = group.joints[_joint_of(problem, use.coordinate)].name
+    place = motion.along(use.piece, use.at)
+    more = f" (and {', '.join(other for other in exceeded if other != name)})" if len(exceeded) > 1 else ""
+    if use.share is None:
+        message = f"the acceleration of joint {joint} jumps at {describe_place(*place)}, so that it keeps no jerk limit"
+    else:
+        message = f"joint {joint} uses {100 * use.share:.4g} % of its {name} limit{more}, at {describe_place(*place)}"
+    details: dict[str, Any] = {"stage": "limits", "limit": name, "joint": joint, "share": use.share}
+    return Ending(Status.INVALID_MOTION_PLAN, message, details)
+
+
+def _locate_verdict(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | None]:
+    if verdict.piece is None or verdict.parameter is None:
+        return problem.motion.end
+    return problem.motion.along(verdict.piece, verdict.parameter)
+
+
+def _free_until(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | None]:
+    return problem.motion.end if verdict.free_until is None else problem.motion.along(*verdict.free_until)
+
+
+def _describe_covered(problem: GivenProblem, leaving: Leaving | None) -> str:
+    what = "path" if problem.motion.times is None else "trajectory"
+    if leaving is None or not leaving.leaves:
+        return what
+    row, when = problem.motion.along(leaving.piece, leaving.share)
+    return f"{what} after row {row:.6f}" if when is None else f"{what} after {when:.6f} s"
+
+
+def _certificate(problem: GivenProblem, judgement: Judgement) -> replies.MotionCertificate:
+    group, place, verdict = problem.group, None, judgement.verdict
+    if verdict.chart_point is not None:
+        row, when = _locate_verdict(problem, verdict)
+        columns = group.wire_positions(verdict.chart_point)
+        place = replies.Place(row=row, time=when, configuration=dict(zip(group.position_names, columns, strict=True)))
+    row, when = _free_until(problem, verdict)
+    return replies.MotionCertificate(
+        collision_free=verdict.free,
+        method=CERTIFICATE,
+        covers=_describe_covered(problem, judgement.leaving),
+        evaluations=verdict.evaluations,
+        reason=verdict.reason.value,
+        free_until=replies.Along(row=row, time=when),
+        pair=list(verdict.pair) if verdict.pair else None,
+        place=place,
+    )
+
+
+def _clearance(
+    problem: GivenProblem, judgement: Judgement, measured: Clearance | None
+) -> replies.MotionClearance | None:
+    if measured is None:
+        return None
+    figures = clearance_figures(measured, problem.min_clearance if _is_certified(judgement) else -np.inf)
+    row, when = (None, None) if figures.time is None else _measured_at(problem, figures.time)
+    return replies.MotionClearance(**{**msgspec.structs.asdict(figures), "time": when, "row": row})
+
+
+def _is_certified(judgement: Judgement) -> bool:
+    return judgement.verdict.free and judgement.leaving is None
+
+
+def _measured_at(problem: GivenProblem, time: float) -> tuple[float, float | None]:
+    motion = problem.motion
+    if not problem.scene.moves:
+        return motion.along_measured(time)
+    times = motion.scheduled.times
+    if motion.is_point:
+        return motion.along(0, 0.0)
+    piece = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
+    return motion.along(piece, float(np.clip((time - times[piece]) / (times[piece + 1] - times[piece]), 0.0, 1.0)))
+
+
+def _position_use(problem: GivenProblem, use: LimitUse) -> replies.LimitUse:
+    """The largest share of a position limit; that of a joint that stands still where that is beyond its own."""
+    fault = problem.still_fault
+    if fault is None or fault.upper <= fault.lower:
+        return _use(problem, use)
+    share = 2.0 * abs(fault.value - 0.5 * (fault.lower + fault.upper)) / (fault.upper - fault.lower)
+    if use.share is not None and use.share >= share:
+        return _use(problem, use)
+    row, when = problem.motion.along(0, 0.0)
+    return replies.LimitUse(share=share, joint=fault.joint, row=row, time=when)
+
+
+def _use(problem: GivenProblem, use: LimitUse, owner: str = "name") -> replies.LimitUse:
+    """A use on the wire; `owner` is the field of a joint with the name of the mimic joint whose limit it is, if any."""
+    if use.coordinate is None:
+        return replies.LimitUse()
+    row, when = problem.motion.along(use.piece, use.at)
+    joint = problem.group.joints[_joint_of(problem, use.coordinate)]
+    name = getattr(joint, owner) or joint.name
+    return replies.LimitUse(share=use.share, joint=name, row=row, time=when, steps=use.steps)
+
+
+def _joint_of(problem: GivenProblem, coordinate: int) -> int:
+    return next(k for k, j in enumerate(problem.group.joints) if j.idx_v <= coordinate < j.idx_v + j.nv)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGroup, MalformedRequest
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.handlers.asked_group import (
     bounds_efforts,
     cartesian_limits_of,
@@ -23,7 +23,7 @@ from guidefield.handlers.asked_group import (
     warn_of_missing_masses,
 )
 from guidefield.handlers.attached import holding
-from guidefield.handlers.given_columns import (
+from guidefield.handlers.configurations import (
     Columns,
     chart_points,
     chart_rates,

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import RobotInvalid, UnknownFrame
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.handlers.attached import payload_inertia
 from guidefield.handlers.configurations import (
     batches,

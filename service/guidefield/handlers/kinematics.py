@@ -15,7 +15,7 @@ from guidefield.collision.clearance import ClearanceAt, blocking_pairs, clearanc
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import InvalidConfiguration, at_path
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.handlers.attached import holding
 from guidefield.handlers.configurations import (
     batches,
@@ -47,8 +47,7 @@ from guidefield.prove.closest import ClosestPairs
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_search import PoseTarget
+from guidefield.robot.ik.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.model.configuration import LIMIT_TOLERANCE, configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ModelConfiguration, RobotConfiguration, RobotConfigurations

@@ -14,7 +14,7 @@ from guidefield.collision.preparation import Announce, is_prepared, prepare
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError, Status
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.handlers.agreement import Certified, declare, declare_parts, keep_contradictions, require_agreement
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding

@@ -12,7 +12,7 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, at_path
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.handlers.asked_group import (
     cartesian_limits_of,
     clamp_slight,
@@ -38,7 +38,7 @@ from guidefield.potential import Precision, RobotField
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.ik.pose_search import PoseTarget
+from guidefield.robot.ik.inverse_kinematics import PoseTarget
 from guidefield.robot.model.configuration import configuration_from_wire, limit_faults
 from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.robot.model.spaces import Configuration

@@ -24,8 +24,7 @@ from guidefield.planner.task.effort import Efforts, measure_efforts
 from guidefield.planner.task.motion_limits import CartesianLimit, CartesianUse
 from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
 from guidefield.robot.group.group import LONGEST_TURN, PlanningGroup
-from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.group.tangents import tangent_accelerations, tangents
+from guidefield.robot.group.kinematics import Kinematics, tangent_accelerations, tangents
 from guidefield.scene import guide_plane
 
 CERTIFICATE = (

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from itertools import chain
 from typing import TypeVar
 
-from guidefield.collision.enclosure import find_closed_bodies
+from guidefield.collision.clearance import find_closed_bodies
 from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes

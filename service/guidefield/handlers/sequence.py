@@ -20,6 +20,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import Status
 from guidefield.handlers.agreement import Certified, declare, keep_contradictions, require_agreement
+from guidefield.handlers.attached import CARRIED, StepSituation
 from guidefield.handlers.plan_reply import (
     CERTIFICATE,
     STAGES,
@@ -45,7 +46,6 @@ from guidefield.handlers.recording import (
     Prove,
     Record,
 )
-from guidefield.handlers.situation import CARRIED, StepSituation
 from guidefield.handlers.steps import Steps
 from guidefield.messages import replies, scene as messages
 from guidefield.messages.replies import PlanReply

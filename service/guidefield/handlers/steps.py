@@ -16,7 +16,7 @@ from guidefield.collision.preparation import Announce
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, at_path
-from guidefield.geometry.placements import se3, wire_pose
+from guidefield.geometry.surfaces import se3, wire_pose
 from guidefield.handlers.asked_group import (
     cartesian_limits_of,
     constraints_of,
@@ -28,19 +28,17 @@ from guidefield.handlers.asked_group import (
     start_of,
     warn_of_clamped_goals,
 )
-from guidefield.handlers.attached import holding, payload_inertia
+from guidefield.handlers.attached import HeldObject, StepSituation, holding, payload_inertia
 from guidefield.handlers.plan import refuse_ends
 from guidefield.handlers.plan_problem import in_motion, problem_of, with_derived_planes
 from guidefield.handlers.preparation import prepare_problem
-from guidefield.handlers.situation import HeldObject, StepSituation
 from guidefield.messages import requests
 from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal
 from guidefield.planner.guide.guide import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.sequence.course import StepMotion
-from guidefield.planner.sequence.straight_motion import straight_plan
-from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.planner.sequence.straight_way import StraightWay, straight_plan
 from guidefield.planner.task.problem import Conditions, Counters, Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select

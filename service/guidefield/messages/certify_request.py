@@ -20,7 +20,6 @@ from guidefield.messages.conditions import (
     settle_scene,
 )
 from guidefield.messages.execution import ExecutionOptions
-from guidefield.messages.goals import Positions, require_finite_positions
 from guidefield.messages.values import (
     LARGEST,
     PLANNING_TIME,
@@ -29,10 +28,12 @@ from guidefield.messages.values import (
     Name,
     NonNegative,
     Placement,
+    Positions,
     Positive,
     RunId,
     require_finite,
     require_finite_number,
+    require_finite_positions,
 )
 
 MOST_ROWS = 1_000_000

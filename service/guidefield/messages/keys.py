@@ -15,7 +15,7 @@ from typing import Any, SupportsIndex
 import msgspec
 
 from guidefield.errors import MalformedRequest
-from guidefield.messages import codec, request_reader, requests
+from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, Asker
 from guidefield.messages.kinematics_requests import DEFAULT_TIME
@@ -216,7 +216,7 @@ def is_list(query: Query) -> bool:
 
 def _decode_as(kind: Any) -> Callable[[Query], requests.Request]:
     def read(query: Query) -> requests.Request:
-        request: requests.Request = request_reader.read_payload(query.payload, kind, query.encoding)
+        request: requests.Request = codec.read_payload(query.payload, kind, query.encoding)
         return request
 
     return read

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from guidefield.messages.goals import Positions
 from guidefield.messages.plan_reply import Rows
-from guidefield.messages.values import Placement, Reply, Vector3
+from guidefield.messages.values import Placement, Positions, Reply, Vector3
 
 
 class PackedNumbers(Reply):

@@ -18,8 +18,7 @@ from guidefield.messages.conditions import (
     SceneReference,
     settle_scene,
 )
-from guidefield.messages.goals import Positions, Tolerance3, require_finite_configurations
-from guidefield.messages.triples import VALUES_PER_CHECK
+from guidefield.messages.scene import VALUES_PER_CHECK
 from guidefield.messages.values import (
     LARGEST,
     NO_INERTIA,
@@ -30,10 +29,13 @@ from guidefield.messages.values import (
     Message,
     Name,
     Placement,
+    Positions,
     QuaternionXYZW,
     RunId,
+    Tolerance3,
     Vector3,
     require_finite,
+    require_finite_configurations,
     require_finite_number,
     require_load,
     require_unit_quaternion,

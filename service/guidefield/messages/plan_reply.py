@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from guidefield.messages.execution import ExecutionFigures
-from guidefield.messages.exports import export_reply
+from guidefield.messages.execution import ExecutionFigures, export_reply
 from guidefield.messages.scene import GuidePlane
 from guidefield.messages.values import Reply
 

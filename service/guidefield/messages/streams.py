@@ -18,21 +18,25 @@ from guidefield.messages.conditions import (
     SceneReference,
     settle_scene,
 )
-from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal, Positions, require_finite_positions
 from guidefield.messages.replies import ErrorReply
 from guidefield.messages.scene import Obstacle
 from guidefield.messages.values import (
     ORIGIN,
+    JointSetGoal,
+    JointsGoal,
     Message,
     Name,
     NonNegative,
     Placement,
+    PoseGoal,
+    Positions,
     Positive,
     Reply,
     RunId,
     Vector3,
     require_finite,
     require_finite_number,
+    require_finite_positions,
 )
 
 DEFAULT_STREAMS = 4  # the default of the largest number of open streams of a service

@@ -20,17 +20,17 @@ from guidefield.collision.clearance import (
     clearance_at,
     contacts_at,
     depth_of,
+    enclosed,
+    find_enclosed_each,
     find_touching_each,
 )
-from guidefield.collision.enclosure import enclosed, find_enclosed_each
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.connect.constrained import PoseKeeper
 from guidefield.planner.leaving import SLIGHT_DEPTH
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed
-from guidefield.robot.ik.inverse_kinematics import Cause, IkResult, solve
-from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseTarget
+from guidefield.robot.ik.inverse_kinematics import EXACT, SEARCH, Cause, IkResult, PoseTarget, solve
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
 SURE_DEPTH = 1e-3  # a smaller depth is no proof, because Coal finds depths by steps [m, at size 1]

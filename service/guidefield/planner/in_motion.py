@@ -15,8 +15,15 @@ import numpy as np
 
 from guidefield.errors import Status
 from guidefield.planner.motion.limit_load import TOLERANCE
-from guidefield.planner.motion.profiles import choose_jerks, reverse_motion, separate_jerks, stop_motion
-from guidefield.planner.motion.trajectory import Trajectory, concatenate, unwrap_towards
+from guidefield.planner.motion.trajectory import (
+    Trajectory,
+    choose_jerks,
+    concatenate,
+    reverse_motion,
+    separate_jerks,
+    stop_motion,
+    unwrap_towards,
+)
 from guidefield.planner.motion_certificate import judge_itself
 from guidefield.planner.task.effort import torques_of
 from guidefield.planner.task.motion_limits import KEPT_SHARE

@@ -17,8 +17,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.clearance import Contact, contacts_at
-from guidefield.collision.enclosure import enclosed
+from guidefield.collision.clearance import Contact, contacts_at, enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import DeadlineExpired
 from guidefield.planner.leaving import DISTANCE_ERROR, LEFT_DISTANCE, SLIGHT_DEPTH, measure_distances, touching_pairs

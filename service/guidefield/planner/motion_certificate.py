@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.enclosure import enclosed
+from guidefield.collision.clearance import enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status

@@ -20,10 +20,9 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.motion_certificate import CertifiedMotion, Judge, certify_motion, find_excess, judge
 from guidefield.planner.optimize import settings as presets
-from guidefield.planner.optimize.clearance_samples import is_better
+from guidefield.planner.optimize.clearance_samples import TouchedPoint, is_better, touched_points
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage, PlanePlace, first_places, move_onto_places, with_knots
-from guidefield.planner.optimize.sampled_robot import TouchedPoint, touched_points
 from guidefield.planner.path_so_far import limits_of, retime_motion
 from guidefield.planner.schedule.retimed import wait_until_begin
 from guidefield.planner.task.problem import Problem

@@ -15,8 +15,7 @@ from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
-from guidefield.collision.clearance import ClearanceAt
-from guidefield.collision.enclosure import enclosed
+from guidefield.collision.clearance import ClearanceAt, enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.timing.travel import (
@@ -31,10 +30,9 @@ from guidefield.kernels.timing.travel import (
 from guidefield.memo import MISSING, Answers, memoized
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import Conditions
-from guidefield.prove.certificate import certify_curve
+from guidefield.prove.certificate import certify_curve, confirm, smallest_along
 from guidefield.prove.closest import ClosestPairs, enclosures_at, world_at
 from guidefield.prove.curve import Curve
-from guidefield.prove.minima import confirm, smallest_along
 from guidefield.prove.search import Goal, SearchResult
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only

@@ -7,8 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.collision.clearance import ClearanceAt, clearance_at
-from guidefield.collision.enclosure import find_closed_bodies, find_enclosed_each, find_enclosed_pairs
+from guidefield.collision.clearance import (
+    ClearanceAt,
+    clearance_at,
+    find_closed_bodies,
+    find_enclosed_each,
+    find_enclosed_pairs,
+)
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.collide.gjk import ACCURACY, SLACK

@@ -8,9 +8,8 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.bodies import bodies, joint_placements
+from guidefield.collision.bodies import bodies, joint_placements, motion_bound
 from guidefield.collision.lanes.scene_tables import balls_of_cloud, lane_scene
-from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.part_tables import BodyParts, PartsTable, robot_parts
 from guidefield.collision.robot_ball import robot_ball

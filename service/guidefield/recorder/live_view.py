@@ -1,6 +1,6 @@
 """Send a recording to a running Rerun viewer while its run or stream goes on; nothing waits for the viewer.
 
-`run.py` uses `LiveRun`, `stream/live.py` a `Channel` of its own.
+`run.py` uses `LiveRun`, `stream/shown.py` a `Channel` of its own.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from guidefield.recorder import bodies, robot_entities, scene_entities
+from guidefield.recorder import bodies, entities
 from guidefield.recorder.bodies import Drawn
 from guidefield.recorder.chunks import APPLICATION_ID, STEP, visible_entities
 from guidefield.recorder.motion import poses
@@ -113,13 +113,13 @@ class LiveRun:
     def _draw_step(self, q: Configuration, number: int, *, first: bool) -> Part:
         group, at = self._group, poses(self._group, [q])
         drawn = bodies.load_drawn(group.robot, bodies.cache_folder())
-        moved = robot_entities.link_motion(group, drawn.links, at, np.array([number]), STEP)
+        moved = entities.link_motion(group, drawn.links, at, np.array([number]), STEP)
         if not first:
             return [moved], None
         robot = at.placements[:, :, :3].reshape(-1, 3)
         eye = choose_eye(at.tip, robot, np.empty((0, 3)), self._scene.obstacles, group.size)
-        obstacles = scene_entities.obstacles(self._scene.obstacles, eye.hiding, ())
-        chunks = [*bodies.meshes(group.robot, drawn), *obstacles, robot_entities.tip_axes(group), moved]
+        obstacles = entities.obstacles(self._scene.obstacles, eye.hiding, ())
+        chunks = [*bodies.meshes(group.robot, drawn), *obstacles, entities.tip_axes(group), moved]
         return chunks, layout(eye, STEP, visible_entities(chunks))
 
     @property

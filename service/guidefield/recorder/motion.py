@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from guidefield.errors import InvalidConfiguration
-from guidefield.geometry.placements import frames
+from guidefield.geometry.surfaces import frames
 from guidefield.kernels.kinematics.forward_kinematics import FrameTable, place_frames
 from guidefield.messages import replies as messages
 from guidefield.messages.replies import PlanReply

@@ -1,6 +1,8 @@
 """Record plans and judgements, as `.rrd` files: motion, curves, obstacles, documents, field, and the planner's work.
 
 `run.py` calls `record_plan` and `record_judgement`; a new entity has to be placed in a view (`view.py`), too.
+
+Draw the planner's work over the timeline of steps: its log, steps, trees, and the motion as it was optimised.
 """
 
 from __future__ import annotations
@@ -19,9 +21,23 @@ from guidefield.messages.replies import PlanReply, Trajectory
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import piece_accelerations
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.task.trace import EventLog, LoggedTrees, PathRelaxed, Step, evenly
+from guidefield.planner.task.trace import (
+    GROWTH_STEPS,
+    MAX_ITERATIONS,
+    MAX_NODES,
+    EventLog,
+    LoggedEvent,
+    LoggedTrees,
+    Note,
+    PathRelaxed,
+    StageEntered,
+    StageLeft,
+    Step,
+    StepKind,
+    evenly,
+)
 from guidefield.potential import origin_of
-from guidefield.recorder import bodies, planner_entities, robot_entities, scene_entities
+from guidefield.recorder import bodies, entities
 from guidefield.recorder.bodies import Drawn
 from guidefield.recorder.chunks import PATH_TIME, STEP, Color, make_columns, path_times, rgba, still, timed
 from guidefield.recorder.documents import JudgedRun, PlanRun, Run, document_judgement, document_plan
@@ -32,6 +48,7 @@ from guidefield.recorder.motion import (
     configurations_of,
     curves,
     frames_of,
+    placed_links,
     poses,
     position_rows,
     refused_goal,
@@ -40,7 +57,129 @@ from guidefield.recorder.motion import (
 from guidefield.recorder.stored import RecordingPlace, shared_scene
 from guidefield.recorder.view import Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import ChartPoint, ChartRates, Configuration, Configurations
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates, Configuration, Configurations
+
+MOST_FRAMES = 60  # maximum number of steps at which the robot is shown, evenly chosen
+STEP_COLORS = {
+    StepKind.START: (240, 240, 240, 255),
+    StepKind.ADVANCE: (94, 184, 255, 255),
+    StepKind.DESCEND: (255, 176, 84, 255),
+    StepKind.SLIDE: (120, 220, 160, 255),
+    StepKind.REORIENT: (235, 150, 220, 255),
+    StepKind.TREE: (150, 150, 150, 255),
+}
+"""Colour by kind of step (RGBA)."""
+OPTIMIZE_COLOR = (190, 160, 250, 255)  # of the optimisation (RGBA)
+POINT_RADIUS = 0.006  # radius of the point of a step, at size 1 [m]
+OTHER_COLOR = (200, 200, 200, 255)
+
+
+def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
+    """Draw a line of the log per event, with the milliseconds since the planning began, and one with the outcome."""
+    planes = [plane.name for plane in reply.guide_planes]
+    lines = [_line(event, 1e3 * seconds, planes) for event, seconds in zip(log.events, log.seconds, strict=True)]
+    numbers = [number for number, _ in log.numbered()]
+    if log.dropped:
+        lines.append(("WARN", f"{log.dropped} more events were not kept", (230, 160, 60, 255)))
+    good = reply.status.code == Status.SUCCESS
+    lines.append(("INFO" if good else "ERROR", f"{reply.status.name}: {reply.status.message}", OTHER_COLOR))
+    times = [
+        # The planning is over before the motion begins: on the motion's timeline all of it stands at the start.
+        rr.TimeColumn(PATH_TIME, duration=np.zeros(len(lines))),
+        rr.TimeColumn(STEP, sequence=numbers + [max(numbers, default=0)] * (len(lines) - len(numbers))),
+    ]
+    levels, texts, colors = zip(*lines, strict=True)
+    yield timed("/planner/log", times, make_columns(rr.TextLog, level=levels, text=texts, color=colors))
+
+
+def step_points(log: EventLog, tip: np.ndarray, size: float) -> Iterator[Chunk]:
+    """Draw the tip (n, 3) [m, world] after each step, coloured by kind of step."""
+    steps = log.steps()
+    colors = [STEP_COLORS.get(step.kind, OTHER_COLOR) for _, step in steps]
+    if colors:
+        times = [rr.TimeColumn(STEP, sequence=[number for number, _ in steps])]
+        radii = np.full(len(tip), POINT_RADIUS * size)
+        yield timed("/planner/tip", times, make_columns(rr.Points3D, positions=tip, colors=colors, radii=radii))
+
+
+def _line(event: LoggedEvent, milliseconds: float, planes: Sequence[str]) -> tuple[str, str, tuple[int, int, int, int]]:
+    level, text, color = _describe(event, planes)
+    return level, f"{milliseconds:8.1f} ms  {text}", color
+
+
+def _describe(event: LoggedEvent, planes: Sequence[str]) -> tuple[str, str, tuple[int, int, int, int]]:
+    if isinstance(event, StageEntered):
+        return "INFO", f"{event.name}: {event.message}", OTHER_COLOR
+    if isinstance(event, StageLeft):
+        about = f" to {planes[event.plane]}" if event.plane is not None and event.plane < len(planes) else ""
+        return "INFO", f"{event.name}{about}: {event.outcome}, {1e3 * event.seconds:.1f} ms", OTHER_COLOR
+    if isinstance(event, Note):
+        return "WARN" if event.warning else "INFO", event.text, OTHER_COLOR
+    if isinstance(event, LoggedTrees):
+        sizes = " and ".join(map(str, event.sizes))
+        return "INFO", f"trees of {sizes} nodes", STEP_COLORS[StepKind.TREE]
+    if isinstance(event, PathRelaxed):
+        return "DEBUG", f"relax: objective {event.objective:.4g}", OPTIMIZE_COLOR
+    return "DEBUG", f"{event.kind.value}: {event.message}", STEP_COLORS.get(event.kind, OTHER_COLOR)
+
+
+MOST_WAYPOINTS = 24  # points by which a motion that is being optimised is shown
+TREE_COLOR = (150, 170, 200, 140)
+
+
+def trees(group: PlanningGroup, grown: Sequence[tuple[int, LoggedTrees]]) -> Iterator[Chunk]:
+    """Draw the tip's motion along the edges of trees as they grew, in `GROWTH_STEPS` steps from each one's first."""
+    steps: list[int] = []
+    strips: list[np.ndarray] = []
+    counts: list[int] = []
+    for first, event in grown:
+        edges = [tree_edges(group, *tree) for tree in event.trees]
+        for number in range(GROWTH_STEPS):
+            batch = [edge for tree in edges for edge in np.array_split(tree, GROWTH_STEPS)[number]]
+            steps.append(first + number)
+            counts.append(len(batch))
+            strips += batch
+    if strips:
+        columns = make_columns(
+            rr.LineStrips3D,
+            counts,
+            strips=strips,
+            colors=[TREE_COLOR] * len(strips),
+            radii=np.full(len(strips), 0.001 * group.size),
+        )
+        yield timed("/planner/connect/tree", [rr.TimeColumn(STEP, sequence=steps)], columns)
+
+
+def tree_edges(group: PlanningGroup, points: ChartPoints, parents: np.ndarray) -> np.ndarray:
+    """Return the tip at both ends of the edges among a tree's first `MAX_NODES` nodes, (edges, 2, 3) [m, world]."""
+    tips = _tips(group, points[:MAX_NODES])  # a parent comes before its children
+    children = np.flatnonzero(parents[:MAX_NODES] >= 0)
+    return np.stack([tips[parents[children]], tips[children]], axis=1)
+
+
+def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> Iterator[Chunk]:
+    """Draw the tip's path along a motion after steps of its optimisation, each with its number on the timeline."""
+    if not paths:
+        return
+    chosen = evenly(len(paths), MAX_ITERATIONS)
+    strips = []
+    for index in chosen:
+        path = paths[index][1].path
+        strips.append(_tips(group, path[evenly(len(path), MOST_WAYPOINTS)]))
+    times = rr.TimeColumn(STEP, sequence=[paths[index][0] for index in chosen])
+    columns = make_columns(
+        rr.LineStrips3D,
+        strips=strips,
+        colors=[OPTIMIZE_COLOR] * len(strips),
+        radii=np.full(len(strips), 0.003 * group.size),
+    )
+    yield timed("/planner/relaxed", [times], columns)
+
+
+def _tips(group: PlanningGroup, points: ChartPoints) -> np.ndarray:
+    tip: np.ndarray = placed_links(group, group.expand_each(points), (group.tip,))[:, 0, :3]
+    return tip
+
 
 CLEAR_DISTANCE = 0.10  # distance [m] from which the segment to the closest obstacle is drawn in plain green
 PLOTTED = 600  # numbers in a plot of all joints, about
@@ -175,9 +314,9 @@ def record_plan(place: RecordingPlace, run: PlanRun, log: EventLog) -> None:
         line = rr.LineStrips3D([tip], colors=[WAYPOINT_COLOR], radii=[0.0015 * group.size])
         points = rr.Points3D(tip, colors=[WAYPOINT_COLOR], radii=[0.005 * group.size])
         chunks.append(still("/path/planned", line, points))
-    chunks += [*scene_entities.guide_planes(reply.guide_planes, group.size), *scene_entities.goals(request, group.size)]
+    chunks += [*entities.guide_planes(reply.guide_planes, group.size), *entities.goals(request, group.size)]
     if reply.status.code != Status.SUCCESS:
-        chunks.append(scene_entities.failure(reply, view.at.tip[-1], group.size))
+        chunks.append(entities.failure(reply, view.at.tip[-1], group.size))
     remarks = [*view.drawn.faults, *([] if motion.timed or len(motion.times) < 2 else [NO_TRAJECTORY])]
     chunks += document_plan(run, remarks)
     if full:
@@ -185,7 +324,7 @@ def record_plan(place: RecordingPlace, run: PlanRun, log: EventLog) -> None:
         if motion.timed or not steps:
             chunks += view.field()
         else:  # the planner's steps, of which no motion came
-            numbers, few = zip(*(steps[index] for index in evenly(len(steps), robot_entities.MOMENTS)), strict=True)
+            numbers, few = zip(*(steps[index] for index in evenly(len(steps), entities.MOMENTS)), strict=True)
             chunks += view.field_at(None, np.array([s.q for s in few]), rr.TimeColumn(STEP, sequence=numbers))
     timeline = STEP if full and steps and not motion.timed else PATH_TIME
     view.write(place, chunks, colliding, timeline)
@@ -205,7 +344,7 @@ def record_judgement(place: RecordingPlace, run: JudgedRun, given: GivenMotion, 
     chunks = [*view.robot(), *view.curves(_knots(group, given)), *view.bodies(at_fault), *over]
     if certificate.place is not None and reply.status.code != Status.SUCCESS:
         row = [certificate.place.configuration[name] for name in group.position_names]
-        chunks.append(scene_entities.failure(reply, poses(group, configurations_of(group, [row])).tip[0], group.size))
+        chunks.append(entities.failure(reply, poses(group, configurations_of(group, [row])).tip[0], group.size))
     remarks = [*view.drawn.faults, *([] if motion.timed or len(motion.times) < 2 else [EVEN_PACE])]
     chunks += document_judgement(run, remarks)
     if run.request.recording == "full":
@@ -238,24 +377,24 @@ class _MotionView:
     def of(cls, place: RecordingPlace, run: Run, motion: ShownMotion, landmarks: np.ndarray) -> _MotionView:
         at = poses(run.group, motion.configurations)
         drawn = bodies.load_drawn(run.group.robot, place.bodies)
-        ends = robot_entities.extent(run.group, drawn, motion.configurations[[0, -1]])
+        ends = entities.extent(run.group, drawn, motion.configurations[[0, -1]])
         robot = np.concatenate([at.placements[:, :, :3].reshape(-1, 3), ends])
         return cls(run, motion, at, drawn, choose_eye(at.tip, robot, landmarks, run.scene.obstacles, run.group.size))
 
     def bodies(self, at_fault: Collection[str]) -> Iterator[Chunk]:
         yield from bodies.highlight(self.run.group.robot, at_fault)
-        if (ghosts := robot_entities.ghosts(self.run.group, self.drawn, self.motion)) is not None:
+        if (ghosts := entities.ghosts(self.run.group, self.drawn, self.motion)) is not None:
             yield ghosts
 
     def robot(self) -> Iterator[Chunk]:
         times, at = self.motion.times, self.at
-        yield robot_entities.tip_axes(self.run.group)
+        yield entities.tip_axes(self.run.group)
         rows = evenly(len(times), frames_of(times))
         frames = Poses(at.joints, at.placements[rows], at.tip[rows])
-        yield robot_entities.link_motion(self.run.group, self.drawn.links, frames, times[rows], PATH_TIME)
+        yield entities.link_motion(self.run.group, self.drawn.links, frames, times[rows], PATH_TIME)
         yield still("/path/tip", rr.LineStrips3D([at.tip], colors=[TRACE_COLOR], radii=[0.004 * self.run.group.size]))
         if self.motion.timed:
-            yield from scene_entities.moving(self.run.scene.obstacles, times)
+            yield from entities.moving(self.run.scene.obstacles, times)
 
     def curves(self, trajectory: Trajectory | None) -> Iterator[Chunk]:
         yield from _plot_joints(self.run.group, self.motion, trajectory)
@@ -266,15 +405,15 @@ class _MotionView:
 
     def field(self) -> Iterator[Chunk]:
         motion = self.motion
-        rows = evenly(len(motion.times), robot_entities.MOMENTS)
+        rows = evenly(len(motion.times), entities.MOMENTS)
         times = motion.times[rows] if motion.timed else None
         yield from self.field_at(times, motion.configurations[rows], path_times(motion.times[rows]))
 
     def field_at(self, times: np.ndarray | None, qs: Configurations, column: rr.TimeColumn) -> Iterator[Chunk]:
         """Draw the field on the robot at configurations (n, nq) of times (n,), None: at first, and a picture of it."""
         if self.run.scene.obstacles:
-            yield from robot_entities.charges(self.run.group, self.run.scene, times, qs, column)
-            yield from robot_entities.picture_of_plane(self.run.scene, self.at.tip, origin_of(self.run.group))
+            yield from entities.charges(self.run.group, self.run.scene, times, qs, column)
+            yield from entities.picture_of_plane(self.run.scene, self.at.tip, origin_of(self.run.group))
 
     def write(self, place: RecordingPlace, chunks: Sequence[Chunk], at_fault: Collection[str], timeline: str) -> None:
         run = self.run
@@ -286,18 +425,18 @@ def _planning(
     group: PlanningGroup, log: EventLog, reply: PlanReply, start: Configuration, links: Sequence[str]
 ) -> Iterator[Chunk]:
     steps, numbered = log.steps(), list(log.numbered())
-    yield from planner_entities.text_log(log, reply)
+    yield from text_log(log, reply)
     yield from _plot_step_potential(steps)
-    yield from planner_entities.trees(group, [(n, event) for n, event in numbered if isinstance(event, LoggedTrees)])
-    yield from planner_entities.relaxed(group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
-    rows = evenly(len(steps), planner_entities.MOST_FRAMES)
+    yield from trees(group, [(n, event) for n, event in numbered if isinstance(event, LoggedTrees)])
+    yield from relaxed(group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
+    rows = evenly(len(steps), MOST_FRAMES)
     times, qs = [steps[index][0] for index in rows], [steps[index][1].q for index in rows]
     if not steps:  # trees and optimised motions are shown without the robot, which waits at its start
         times, qs = [0], [start]
-    yield robot_entities.link_motion(group, links, poses(group, qs), np.array(times), STEP)
+    yield entities.link_motion(group, links, poses(group, qs), np.array(times), STEP)
     yield _values("/plots/position", rr.TimeColumn(STEP, sequence=times), position_rows(group, np.array(qs)))
     if steps:
-        yield from planner_entities.step_points(log, poses(group, [step.q for _, step in steps]).tip, group.size)
+        yield from step_points(log, poses(group, [step.q for _, step in steps]).tip, group.size)
 
 
 def _knots(group: PlanningGroup, given: GivenMotion) -> Trajectory | None:

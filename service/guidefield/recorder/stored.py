@@ -29,7 +29,7 @@ from guidefield.memo import memoized
 from guidefield.messages.replies import CERTIFY, CertifyReply, MotionReply, PlanReply, RequestTag
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene as SceneMessage
-from guidefield.recorder import bodies, scene_entities, surface
+from guidefield.recorder import bodies, entities, surface
 from guidefield.recorder.bodies import Drawn
 from guidefield.recorder.chunks import (
     UNREADABLE,
@@ -194,7 +194,7 @@ def shared_scene(
         digest.update(hashlib.sha256(part).digest())
 
     def draw_large() -> list[Chunk]:
-        drawn = list(scene_entities.obstacles(scene.obstacles, seen, hit))
+        drawn = list(entities.obstacles(scene.obstacles, seen, hit))
         if message is not None:
             drawn.append(still(SCENE, rr.AnyValues(**{MESSAGE_COMPONENT: pack(message)})))
         return drawn
@@ -206,7 +206,7 @@ def shared_scene(
 
 @memoized
 def _draw_small(scene: Scene, see_through: frozenset[str], at_fault: frozenset[str]) -> tuple[Chunk, ...]:
-    return tuple(scene_entities.obstacles(scene.obstacles, see_through, at_fault))
+    return tuple(entities.obstacles(scene.obstacles, see_through, at_fault))
 
 
 @memoized
@@ -223,7 +223,7 @@ def _content(scene: Scene) -> tuple[int, bytes]:
 @functools.cache
 def _drawing_code() -> bytes:
     """Return the code that draws, so that a file drawn by another version has another name."""
-    files = (__file__, bodies.__file__, scene_entities.__file__, surface.__file__)
+    files = (__file__, bodies.__file__, entities.__file__, surface.__file__)
     return b"".join([rr.__version__.encode(), *(Path(file).read_bytes() for file in files)])
 
 

@@ -1,6 +1,6 @@
 """Record a stream: how robot and obstacles moved, where the robot would have stopped, latency and reasons.
 
-`stream/shown.py` writes it from a journal, `stream/live.py` sends it to a viewer in parts.
+`stream/shown.py` writes it from a journal, `stream/shown.py` sends it to a viewer in parts.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
-from guidefield.recorder import bodies, robot_entities, scene_entities, surface
+from guidefield.recorder import bodies, entities, surface
 from guidefield.recorder.chunks import PATH_TIME, encode_recording, from_time, make_columns, path_times, timed
 from guidefield.recorder.motion import configurations_of, poses
 from guidefield.recorder.view import SWITCHED_OFF, Eye, blueprint, choose_eye, scene_view
@@ -65,15 +65,15 @@ def stream_scene(group: PlanningGroup, scene: Scene, motion: StreamMotion) -> tu
     at = poses(group, configurations_of(group, motion.rows.tolist()))
     robot = at.placements[:, :, :3].reshape(-1, 3)
     eye = choose_eye(at.tip, robot, np.empty((0, 3)), scene.obstacles, group.size)
-    obstacles = scene_entities.obstacles(scene.obstacles, eye.hiding, ())
-    return [robot_entities.tip_axes(group), *obstacles, *bodies.meshes(group.robot, drawn)], _layout(eye)
+    obstacles = entities.obstacles(scene.obstacles, eye.hiding, ())
+    return [entities.tip_axes(group), *obstacles, *bodies.meshes(group.robot, drawn)], _layout(eye)
 
 
 def stream_chunks(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
     """Draw the robot, its stops and observed obstacles over time, and the plots."""
     links = bodies.load_drawn(group.robot, bodies.cache_folder()).links
     at = poses(group, configurations_of(group, motion.rows.tolist()))
-    yield robot_entities.link_motion(group, links, at, motion.times, PATH_TIME)
+    yield entities.link_motion(group, links, at, motion.times, PATH_TIME)
     yield from _stops(group, motion)
     for number, one in enumerate(motion.moving):
         yield from _moving(number, one)
@@ -95,7 +95,7 @@ def _stops(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
 
 
 def _moving(number: int, one: MovingBody) -> Iterator[Chunk]:
-    path, color = scene_entities.single(one.obstacle.name), scene_entities.obstacle_color(one.obstacle, number)
+    path, color = entities.single(one.obstacle.name), entities.obstacle_color(one.obstacle, number)
     if one.obstacle.cloud is not None:
         cloud = one.obstacle.cloud
         drawn: Any = rr.Points3D(cloud.points, radii=[cloud.radius], colors=[color])

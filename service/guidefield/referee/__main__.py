@@ -9,11 +9,11 @@ import argparse
 import sys
 from pathlib import Path
 
+from guidefield.referee.case import Answer, lines
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import UnusableFile, load
 from guidefield.referee.proof import is_proof
 from guidefield.referee.replay import replay_file
-from guidefield.referee.verdict import Answer, lines
 
 
 def main() -> int:

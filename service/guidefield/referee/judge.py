@@ -16,10 +16,19 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.referee.case import Body, Case, Constraint
-from guidefield.referee.curve import Piece, beyond_limit, expand_about, pieces
+from guidefield.referee.case import (
+    Answer,
+    Body,
+    Case,
+    Constraint,
+    Finding,
+    Piece,
+    Verdict,
+    beyond_limit,
+    expand_about,
+    pieces,
+)
 from guidefield.referee.shapes import distance, distinct, is_closed, winding
-from guidefield.referee.verdict import Answer, Finding, Verdict
 
 SLACK = FLOOR = 1e-6  # of constraints, Coal's distances (2e-6 more a metre); what moves less is undecided
 ROUNDING = 1e-9  # of a corner that is in a convex part [m]

@@ -14,9 +14,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from guidefield.referee.case import Body, Case
-from guidefield.referee.containment import Declared, declared, radius_about
-from guidefield.referee.curve import expand_about, pieces
+from guidefield.referee.case import Body, Case, expand_about, pieces
+from guidefield.referee.proof import Declared, declared, radius_about
 
 
 class ChordBounds(NamedTuple):

@@ -13,13 +13,13 @@ from typing import Any, TypeVar, cast
 import msgspec
 import numpy as np
 
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.memo import memoized
 from guidefield.messages import replies, requests, scene as messages
 from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.kinematics_replies import PackedClearance, PackedNumbers
+from guidefield.messages.scene import Points
 from guidefield.messages.streams import StreamOpen
-from guidefield.messages.triples import Points
 from guidefield.messages.values import ORIGIN, Float32Array, Placement, Vector3
 from guidefield.scene.content import points_in
 from guidefield.scene.scene import Scene, build

@@ -15,8 +15,8 @@ import numpy as np
 
 from guidefield.bounded_map import content_key
 from guidefield.messages import scene as messages
+from guidefield.messages.scene import Points, Triangles
 from guidefield.messages.scene_changes import Derivation
-from guidefield.messages.triples import Points, Triangles
 from guidefield.messages.values import Float32Array, Uint32Array
 
 

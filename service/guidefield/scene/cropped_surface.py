@@ -15,7 +15,7 @@ import numpy as np
 from guidefield.bounded_map import content_key
 from guidefield.geometry.cache import Arrays, find_or_compute, is_large
 from guidefield.geometry.closed import boxes_about, drop_unused
-from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
+from guidefield.geometry.distance_bodies import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.cover.crop_to_ball import crop_to_ball, distance_to_triangles
 from guidefield.kernels.cover.winding import winding_by_angles

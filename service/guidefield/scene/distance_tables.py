@@ -25,13 +25,15 @@ from guidefield.geometry.distance_bodies import (
     body_rows,
     body_tables,
     box_body,
+    box_nodes,
     join_rows,
     of_surface,
     primitive,
     sheets,
+    surfaces_in,
     triangulated_body,
+    write_surfaces,
 )
-from guidefield.geometry.surface_rows import box_nodes, surfaces_in, write_surfaces
 from guidefield.kernels.barrier.moving_bodies import MovingBodies
 from guidefield.kernels.collide.primitive import HALF_SPACE as HALF_SPACE_PLACED, primitive_bodies
 from guidefield.kernels.distance.distance import CROPPED_SOLID, HALF_SPACE, SHEET, SOLID, DistanceTables

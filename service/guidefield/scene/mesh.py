@@ -27,7 +27,7 @@ from guidefield.geometry.mesh_surface import (
 )
 from guidefield.geometry.surfaces import extents
 from guidefield.kernels.field.field import field_at_points
-from guidefield.messages.triples import Points, Triangles
+from guidefield.messages.scene import Points, Triangles
 from guidefield.parallel import run_parallel
 from guidefield.scene.content import corners_in, count_of, points_in
 

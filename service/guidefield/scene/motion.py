@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.geometry.placements import se3, transform_points
+from guidefield.geometry.surfaces import se3, transform_points
 from guidefield.messages import scene as messages
 from guidefield.scene.content import points_in
 

@@ -14,8 +14,17 @@ import pinocchio as pin
 
 from guidefield.errors import RobotInvalid, SceneInvalid
 from guidefield.messages.faults import list_choices, suggest
-from guidefield.messages.scene import MOST_OBSTACLES, HalfSpace, Mesh, Obstacle, PointCloud, Scene, Sphere
-from guidefield.messages.triples import MAX_VERTICES, Points
+from guidefield.messages.scene import (
+    MAX_VERTICES,
+    MOST_OBSTACLES,
+    HalfSpace,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Points,
+    Scene,
+    Sphere,
+)
 from guidefield.messages.values import LARGEST, Float32Array, Uint32Array
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mjcf.conversion import circumscribed_ball

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.messages.triples import MAX_VERTICES
+from guidefield.messages.scene import MAX_VERTICES
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.ply import read_ply
 from guidefield.robot.mesh_files.reading import content_of

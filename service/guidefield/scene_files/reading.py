@@ -14,11 +14,10 @@ import pinocchio as pin
 from lxml import etree
 
 from guidefield.errors import MalformedRequest, RequestTooLarge, RobotInvalid, SceneInvalid
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.messages import codec
 from guidefield.messages.requests import UrdfFile
-from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, PointCloud, Scene, Sphere
-from guidefield.messages.triples import MAX_VERTICES
+from guidefield.messages.scene import MAX_VERTICES, Box, Capsule, Cylinder, HalfSpace, Mesh, PointCloud, Scene, Sphere
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.mesh_files.reading import content_of, find_ignored_unit, read_mesh, read_objects, up_axis
 from guidefield.robot.mesh_files.three_mf import UNITS

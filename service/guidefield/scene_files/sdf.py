@@ -18,7 +18,7 @@ import pinocchio as pin
 from lxml import etree
 
 from guidefield.errors import RobotInvalid, SceneInvalid
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.messages.faults import list_choices
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, Sphere
 from guidefield.robot.mesh_files.numbers import MeshFault

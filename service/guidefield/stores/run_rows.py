@@ -23,7 +23,7 @@ from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import ErrorReply, is_certify
-from guidefield.messages.store_requests import RUNNING, UNREADABLE
+from guidefield.messages.requests import RUNNING, UNREADABLE
 from guidefield.stores.files import decode_if_whole, read_if_any
 from guidefield.stores.recordings import EARLIER_MARK, LOST, RECORDING, KeptRecording, Recordings
 

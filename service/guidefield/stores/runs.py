@@ -24,8 +24,7 @@ from guidefield.errors import DiskRefused, MalformedRequest, UnknownObject
 from guidefield.messages import codec, replies
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN
-from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
-from guidefield.messages.store_requests import ReadRuns
+from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest, ReadRuns
 from guidefield.stores import run_rows
 from guidefield.stores.files import checked_name, decode_if_whole, user_folder, users_in
 from guidefield.stores.recordings import KeptRecording, Recordings

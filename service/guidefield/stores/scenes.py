@@ -4,15 +4,19 @@
 stored anew. A change costs a line, however large the scene is; now and then both files are written again. Changes are
 made under a lock; reading needs none, because every line and file has the number of its version. `MAX_VERSIONS` last
 versions are kept (`messages/scene_changes.py`).
+
+The scenes that come with guidefield, by name: the files `guidefield/scenes/<name>.json`; a new one is found.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
 import msgspec
@@ -23,9 +27,36 @@ from guidefield.messages import codec
 from guidefield.messages.faults import list_choices, suggest
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import MAX_VERSIONS, SceneDiff, apply_change, freeze
-from guidefield.scene import library
 from guidefield.stores.files import checked_name, decode_if_whole, lock_file
 from guidefield.whole_file import write_whole
+
+_PACKAGE = "guidefield.scenes"
+
+
+@functools.cache
+def list_packaged() -> tuple[str, ...]:
+    """Names of the packaged scenes, in alphabetical order."""
+    files = resources.files(_PACKAGE).iterdir()
+    return tuple(sorted(file.name.removesuffix(".json") for file in files if file.name.endswith(".json")))
+
+
+def read_packaged(name: str) -> Scene:
+    """Read a packaged scene; raises SceneInvalid, which lists those there are, if there is none of that name."""
+    available = list_packaged()
+    if name not in available:
+        raise SceneInvalid(
+            f"no scene {name!r} comes with guidefield; there are {', '.join(available)}",
+            scene=name,
+            available=list(available),
+        )
+    return _read_file(name)
+
+
+@functools.cache
+def _read_file(name: str) -> Scene:
+    scene: Scene = codec.decode(resources.files(_PACKAGE).joinpath(f"{name}.json").read_bytes(), Scene)
+    return scene
+
 
 MAX_CHANGES = 4 * MAX_VERSIONS
 """Number of changes after which the files are written again, if the changes are longer than the scene's file."""
@@ -261,7 +292,7 @@ class PackagedScenes:
 
     def names(self) -> list[str]:
         """List the scenes that can be read, in alphabetical order."""
-        return sorted(library.names())
+        return sorted(list_packaged())
 
     def read(self, name: str, version: int | None = None) -> tuple[Scene, int | None]:
         """Return a version of a scene, or the newest, and its number; None for a packaged scene, which has no versions.
@@ -269,7 +300,7 @@ class PackagedScenes:
         Raises SceneInvalid if it is unknown, and lists those that can be read; if it has no such version; or if its
         file is damaged.
         """
-        if name not in library.names():
+        if name not in list_packaged():
             file = "a scene in a file is sent itself, as the file holds it; " if name.endswith(".json") else ""
             names = self.names()
             raise SceneInvalid(
@@ -281,7 +312,7 @@ class PackagedScenes:
             raise SceneInvalid(
                 f"scene {name!r} comes with the package: it never changes and has no versions", scene=name
             )
-        return library.read(name), None
+        return read_packaged(name), None
 
     def write(self, scene: Scene) -> int:
         """Keep a scene under its own name, in place of an earlier one of that name; return the number of its version.
@@ -327,7 +358,7 @@ class SceneStore(PackagedScenes):
 
     def names(self) -> list[str]:
         """List the scenes that can be read, in alphabetical order."""
-        return sorted({*library.names(), *self.stored()})
+        return sorted({*list_packaged(), *self.stored()})
 
     def stored(self) -> list[str]:
         """List those of them that clients stored, in alphabetical order."""
@@ -347,7 +378,7 @@ class SceneStore(PackagedScenes):
     def write(self, scene: Scene) -> int:
         """As `PackagedScenes.write`."""
         name = checked_name(scene.name, "scene")
-        if name in library.names():
+        if name in list_packaged():
             raise SceneInvalid(
                 f"scene {name!r} comes with the package and cannot be replaced; choose another name", scene=name
             )

@@ -12,7 +12,7 @@ from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.part_tables import PartsTable
 from guidefield.collision.solids import solid_of_obstacle
 from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid, UnknownObject
-from guidefield.geometry.placements import frames
+from guidefield.geometry.surfaces import frames
 from guidefield.kernels.prove.tables import MovingObstacles, ObstacleBodies
 from guidefield.messages import scene as messages
 from guidefield.messages.streams import MOST_STREAM_OBSTACLES, Deviation, Observation, StreamObstacle, StreamUpdate
@@ -23,7 +23,7 @@ from guidefield.scene import obstacle as obstacles
 from guidefield.scene.motion import put_at
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
-from guidefield.stream.judge import ClosedSurface, SeenObstacles
+from guidefield.stream.commit import ClosedSurface, SeenObstacles
 from guidefield.stream.shapes import StreamShape, read_only_views, shape_of
 
 HALF_SPACE_TURNS = "a half-space that turns sweeps everything: `largest_angular_speed` must be 0"

@@ -11,7 +11,7 @@ import numpy as np
 from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, MalformedRequest, UnknownObject
-from guidefield.geometry.placements import se3
+from guidefield.geometry.surfaces import se3
 from guidefield.handlers.asked_group import bounds_efforts, cartesian_limits_of, jerk_limits, limit_group, start_of
 from guidefield.handlers.attached import holding
 from guidefield.messages.streams import Deviation, StreamOpen

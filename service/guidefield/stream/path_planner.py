@@ -31,13 +31,12 @@ from guidefield.kernels.collide.layout import (
     VELOCITY,
     DriftingBoxes,
 )
-from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
 from guidefield.messages.streams import StreamGoal
+from guidefield.messages.values import JointSetGoal, JointsGoal, PoseGoal
 from guidefield.planner.connect import tree_search
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import lent_data
-from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_search import PoseTarget
+from guidefield.robot.ik.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.model.configuration import LIMIT_TOLERANCE, configuration_from_wire, limit_faults
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.stream.commit import JointBounds

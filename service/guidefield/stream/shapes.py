@@ -13,9 +13,9 @@ from guidefield.collision.obstacle_boxes import OwnBoxes, own_boxes
 from guidefield.collision.part_tables import PartsTable, tree_layout
 from guidefield.errors import MalformedRequest
 from guidefield.geometry.cache import allocate_in_memory
+from guidefield.geometry.convex import CLUSTERS
 from guidefield.geometry.curve_order import curve_order
-from guidefield.geometry.mesh_tree import CLUSTERS
-from guidefield.geometry.placements import transform_points
+from guidefield.geometry.surfaces import transform_points
 from guidefield.kernels.collide.parts import (
     BALL_ROW,
     KIND,
@@ -31,7 +31,7 @@ from guidefield.kernels.collide.parts import (
 )
 from guidefield.messages import scene as messages
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.bodies.convex_parts import convex_parts
+from guidefield.robot.bodies.bounding import convex_parts
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.scene.obstacle import Obstacle
 

@@ -1,8 +1,10 @@
-"""The recording of a stream, from the files of its journal: the robot along its pieces, and the observed obstacles."""
+"""The recording of a stream for a viewer: of the files of its journal, or live while the stream goes on."""
 
 from __future__ import annotations
 
 import contextlib
+import logging
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,18 +13,19 @@ from typing import cast
 import msgspec
 import numpy as np
 
-from guidefield.errors import MalformedRequest
-from guidefield.messages.streams import Observation, Piece, StreamObstacle
+from guidefield.errors import GuidefieldError, MalformedRequest
+from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamState, StreamUpdate
 from guidefield.messages.values import Vector3
-from guidefield.recorder.stream_recorder import MovingBody, StreamMotion, stream_recording
+from guidefield.recorder.live_view import Channel, Part
+from guidefield.recorder.stream_recorder import MovingBody, StreamMotion, stream_chunks, stream_recording, stream_scene
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene import obstacle as obstacles
 from guidefield.stream.commit import Commit
-from guidefield.stream.journal import Begun, Entry, Updated
+from guidefield.stream.journal import Begun, Entry, Opens, Updated, read
 from guidefield.stream.obstacles import in_its_frame
 from guidefield.stream.path_planner import FixedDelay
-from guidefield.stream.replay import Opens, read
+from guidefield.stream.state import StreamWatcher
 from guidefield.stream.stream import CertifiedStream
 from guidefield.whole_file import write_whole
 
@@ -269,3 +272,69 @@ def _body(one: _TrackedBody, origin: Vector3) -> MovingBody:
     built = obstacles.build(in_its_frame(one.declared.obstacle), 0)
     times = np.array([seen.time for seen in there])
     return MovingBody(built, times, placements, np.array(one.appears), np.array(one.gone))
+
+
+SHOWN_INTERVAL_S = 0.1  # time between two parts of the recording that are sent [s]
+MAX_WAITING = 2_000  # updates kept for a viewer that takes none: with more, the stream isn't shown any more
+
+_log = logging.getLogger(__name__)
+
+
+class LiveStream(StreamWatcher):
+    """A watcher of a stream that shows it in a viewer.
+
+    Args:
+        address: The viewer's.
+        stream: The stream, which has had no update yet.
+    """
+
+    def __init__(self, address: str, stream: CertifiedStream) -> None:
+        self._stream, self._channel = stream, Channel(address, stream.request.stream_id or "stream")
+        self._motions = RobotMotions(stream.group, [stream.executing])
+        self._seen = SeenBodies(stream.request.obstacles)
+        self._waiting: list[Updated] = []
+        self._began = self._sent = time.monotonic()
+        self._is_shown = self._has_given_up = False
+
+    def begin_update(self) -> None:
+        """An update came."""
+        self._began = time.monotonic()
+
+    def updated(
+        self,
+        update: StreamUpdate,
+        answer: Piece | StreamState | None,
+        refused: GuidefieldError | None,
+        *,
+        noted: bool,
+        took: bool,
+    ) -> None:
+        """An update was worked on; a few times a second all of them are sent."""
+        now = time.monotonic()
+        if self._has_given_up:
+            return
+        if refused is None:
+            worked = now - self._began
+            entry = Updated.of(update, answer, refused, noted=noted, took=took, wall=0.0, seconds=worked)
+            self._waiting.append(entry)
+        if now - self._sent >= SHOWN_INTERVAL_S and not self._channel.is_busy:
+            entries, self._waiting, self._sent = self._waiting, [], now
+            self._channel.send(lambda: self._draw(entries))
+        elif len(self._waiting) >= MAX_WAITING:
+            _log.warning("the viewer takes nothing: the stream isn't shown any more")
+            self._waiting, self._has_given_up = [], True
+
+    def _draw(self, entries: list[Updated]) -> Part:
+        self._seen.take_entries(entries)
+        answered = [one for one in entries if one.piece or (one.state and one.state.reason != "late")]
+        if not answered:
+            return (), None
+        group = self._stream.group
+        motion = motion_of(self._motions, answered, self._seen.bodies(self._stream.origin))
+        self._seen.forget()
+        chunks = list(stream_chunks(group, motion))
+        if self._is_shown:
+            return chunks, None
+        self._is_shown = True
+        still, views = stream_scene(group, self._stream.scene, motion)
+        return [*still, *chunks], views

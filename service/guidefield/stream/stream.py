@@ -38,9 +38,16 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
-from guidefield.stream.commit import Commit, join_commits, plan_commit
+from guidefield.stream.commit import (
+    Commit,
+    CommitReason,
+    CommitVerdict,
+    Judge,
+    SeenObstacles,
+    join_commits,
+    plan_commit,
+)
 from guidefield.stream.dodging import TimedPath, draw_flights, measure_pressures, pressure_slope
-from guidefield.stream.judge import CommitReason, CommitVerdict, Judge, SeenObstacles
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import read_opening
 from guidefield.stream.path_planner import (

@@ -9,16 +9,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.clearance import clearance_at
-from guidefield.collision.enclosure import enclosed
+from guidefield.collision.clearance import clearance_at, enclosed
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
-from guidefield.geometry.charges import surface_points
 from guidefield.kernels.collide.layout import BAND
 from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
+from guidefield.robot.bodies.charges import surface_points
 from guidefield.robot.model.collision_shapes import triangulation
 from guidefield.scene.scene import build
 from tests.collision.scenery import scattered

@@ -15,8 +15,8 @@ from guidefield.geometry import surfaces
 from guidefield.kernels.collide.layout import BAND
 from guidefield.messages import scene as messages
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
+from guidefield.stores import scenes
 from tests.robots import group
 
 COUNTS = {"panda": 800, "ur5": 800, "kinova": 100}
@@ -66,7 +66,7 @@ def zoo() -> Scene:
 
 @functools.cache
 def world_of(robot: str, scene: str) -> tuple[World, BatchCollision]:
-    world = World.build(group(robot), zoo() if scene == "zoo" else build(library.read(scene)))
+    world = World.build(group(robot), zoo() if scene == "zoo" else build(scenes.read_packaged(scene)))
     return world, BatchCollision.build(world)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from guidefield.collision.lanes.surface_tables import large_surface
 from guidefield.geometry import cache
-from guidefield.geometry.mesh_tree import CLUSTERS, count_boxed
+from guidefield.geometry.convex import CLUSTERS, count_boxed
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, KIND, LINK, OWN, PART, POLYTOPE, SHAPE
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.kernels.simd.vector_model import LANES

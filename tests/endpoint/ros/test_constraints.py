@@ -13,7 +13,7 @@ from guidefield.endpoint.ros.refusals import FRAME_TRANSFORM_FAILURE, Refused
 from guidefield.endpoint.ros.scene_updates import apply_scene, with_state
 from guidefield.errors import Status
 from guidefield.messages.conditions import LineConstraint, OrientationCone, PlaneConstraint
-from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
+from guidefield.messages.values import JointSetGoal, JointsGoal, PoseGoal
 from tests.endpoint.ros.messages import (
     ARM,
     constraints,

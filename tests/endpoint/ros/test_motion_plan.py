@@ -20,7 +20,6 @@ from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
-from guidefield.messages.goals import JointSetGoal
 from guidefield.messages.kinematics_replies import InverseKinematicsReply
 from guidefield.messages.plan_reply import (
     CertificateFigures,
@@ -32,6 +31,7 @@ from guidefield.messages.plan_reply import (
     Trajectory,
 )
 from guidefield.messages.requests import JointsGoal, PlanRequest
+from guidefield.messages.values import JointSetGoal
 from tests.endpoint.ros.messages import (
     ARM,
     BENT,

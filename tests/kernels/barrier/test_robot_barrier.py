@@ -17,7 +17,7 @@ from guidefield.kernels.barrier.self_barrier import pair_distances
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along
-from guidefield.planner.optimize.sampled_robot import LEAST_RANGE, POINTS_WEIGHT, RANGE, sampled_robot
+from guidefield.planner.optimize.clearance_samples import LEAST_RANGE, POINTS_WEIGHT, RANGE, sampled_robot
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.distance_tables import distance_tables, moving_tables

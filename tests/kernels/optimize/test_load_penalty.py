@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.kernels.optimize.load_penalty import load_penalty
 from guidefield.kernels.optimize.torque_loads import expand_torque_loads
 from guidefield.planner.motion.bspline import BSpline, End
-from guidefield.planner.optimize.loads import FREE_SHARE, LoadSamples
+from guidefield.planner.optimize.interior_point import FREE_SHARE, LoadSamples
 from guidefield.planner.task.effort import EffortLimit, tree_of
 from guidefield.planner.task.motion_limits import MotionLimit, frame_limit, link_limit
 from guidefield.robot.group.group import PlanningGroup

@@ -19,7 +19,7 @@ from guidefield.kernels.optimize.load_penalty import LoadModel
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
-from guidefield.planner.optimize.loads import no_loads
+from guidefield.planner.optimize.interior_point import no_loads
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.scene.distance_tables import moving_tables

@@ -13,7 +13,7 @@ from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, 
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent, room_for_descent
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
-from guidefield.planner.optimize.loads import no_loads
+from guidefield.planner.optimize.interior_point import no_loads
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, plane
 from tests.kernels.barrier.test_robot_barrier import made

@@ -21,9 +21,9 @@ from guidefield.planner.guide.auto_planes import (
     measure_point_clearances,
 )
 from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
-from guidefield.scene import library
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import build
+from guidefield.stores import scenes
 from tests.examples import example
 from tests.planner.problems import library_scene, problem, scene_of, seed_problem
 from tests.robots import robot
@@ -145,7 +145,7 @@ def test_goals_beyond_the_planes_are_reached_through_derived_ones(kind: str, mov
     if kind == "pose":
         quaternion = pin.Quaternion(tip.rotation).normalized().coeffs().tolist()
         goal = {"type": "pose", "position": tip.translation.tolist(), "quaternion_xyzw": quaternion}
-    scene = msgspec.to_builtins(library.read("wall_with_window"))
+    scene = msgspec.to_builtins(scenes.read_packaged("wall_with_window"))
     if moves:
         x, y, z = made.guide_planes[0].centroid.tolist()
         placements = [{"position": [x, y, z]}, {"position": [x + 0.8, y, z + 0.8]}]
@@ -185,7 +185,7 @@ def test_a_pose_in_a_tube_is_looked_for_from_where_the_planes_lead() -> None:
 
 
 def test_where_there_is_no_way_the_reply_says_so() -> None:
-    scene = msgspec.to_builtins(library.read("seed_e_L_3"))
+    scene = msgspec.to_builtins(scenes.read_packaged("seed_e_L_3"))
     ends = [(1.2, 0.6, 0.0), (1.2, 1.6, 0.0)]
     scene["obstacles"] += [
         {"type": "box", "name": f"plug{i}", "size": [0.3, 0.02, 0.3], "position": at} for i, at in enumerate(ends)

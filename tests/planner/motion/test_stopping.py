@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.planner.motion.profiles import CLOSE, reverse_motion, separate_jerks, stop_motion
+from guidefield.planner.motion.trajectory import CLOSE, reverse_motion, separate_jerks, stop_motion
 
 seeds = st.integers(0, 10_000)
 

@@ -10,8 +10,8 @@ from tests.planner.problems import problem, scene_of, to_configuration
 from tests.robots import group
 
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.sequence.joined import PassedGoal
 from guidefield.planner.sequence.rounding import CurveByLength, round_corners
+from guidefield.planner.sequence.stretches import PassedGoal
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -21,7 +21,7 @@ from guidefield.planner.task.effort import (
 )
 from guidefield.planner.task.motion_limits import polynomials_of
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.tangents import tangent_accelerations, tangents
+from guidefield.robot.group.kinematics import tangent_accelerations, tangents
 from tests.planner.task.test_motion_limits import random_motion, states
 from tests.robots import group, grouped
 

@@ -19,7 +19,7 @@ from guidefield.planner.task.motion_limits import (
     polynomials_of,
 )
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.tangents import tangent_accelerations, tangents
+from guidefield.robot.group.kinematics import tangent_accelerations, tangents
 from tests.robots import box_arm, group, grouped
 
 SAMPLES = 200  # on each piece

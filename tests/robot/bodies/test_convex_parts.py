@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.geometry.convex import convex
 from guidefield.geometry.decomposition import TOLERANCE
-from guidefield.robot.bodies.convex_parts import MOST, convex_parts
+from guidefield.robot.bodies.bounding import MOST, convex_parts
 from guidefield.robot.model.collision_shapes import HULL_STAND_OFF, triangulation
 from tests.robots import robot
 

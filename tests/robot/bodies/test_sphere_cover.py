@@ -6,8 +6,8 @@ import coal
 import numpy as np
 import pytest
 
+from guidefield.robot.bodies.bounding import coverage
 from guidefield.robot.bodies.charges import surface
-from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.model.collision_shapes import triangulation
 from tests.geometry import solids
 from tests.robots import ARMS, robot

@@ -14,8 +14,7 @@ from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import DISTINCT
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_search import EXACT, PoseTarget
+from guidefield.robot.ik.inverse_kinematics import EXACT, PoseTarget, solve
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from tests.robot.random_chains import chain
 from tests.robots import ARMS, box_arm, group, grouped, random_configuration, rest, robot

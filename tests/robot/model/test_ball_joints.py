@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 from guidefield.errors import RobotInvalid
+from guidefield.robot.model.followers import with_ball_joints
 from guidefield.robot.model.model import JointKind
-from guidefield.robot.model.replaced_joints import with_ball_joints
 from tests.robots import box_arm, load, robot
 
 

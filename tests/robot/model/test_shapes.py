@@ -12,8 +12,7 @@ import trimesh
 import guidefield
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.model.collision_shapes import HULL_STAND_OFF, triangulation
-from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.size import USUAL_REACH
+from guidefield.robot.model.model import USUAL_REACH, RobotModel
 from tests.geometry import solids
 from tests.robots import ARMS, load, robot
 

@@ -6,7 +6,7 @@ import pytest
 
 from guidefield.errors import RobotInvalid, Status
 from guidefield.messages.values import MAX_URDF_CHARACTERS
-from guidefield.robot.urdf.facts import JOINT_DOF
+from guidefield.robot.urdf.elements import JOINT_DOF
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.urdf_validation import MAX_DOF, MAX_LINKS, check_geometry_complete, check_urdf
 from tests.robot.urdfs import ARM, AXIS, BOX, FAULTS, LIMIT, MIMIC, ORIGIN, faulty, pinocchio_models

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.model.neutral_names import capture_stderr
-from guidefield.robot.urdf.facts import JOINT_DOF, UrdfFacts
+from guidefield.robot.urdf.elements import JOINT_DOF, UrdfFacts
 from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, MeshResolver, catalog_share
 from guidefield.robot.urdf.urdf_validation import check_geometry_complete, check_urdf
 from tests.robot.urdfs import ARM, pinocchio_models

@@ -14,9 +14,8 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.lanes.memory import BufferLayout, scratch_layout
 from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turn_from, turns_freely
-from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
+from guidefield.collision.lanes.scene_tables import BufferLayout, LaneScene, lane_scene, scratch_layout
 from guidefield.collision.world import World
 from guidefield.kernels.collide.batch_collision import path_free_until, touching_configurations
 from guidefield.kernels.collide.drift import write_gaps

@@ -18,11 +18,9 @@ import pinocchio as pin
 
 from guidefield.collision.lanes.cell_grids import lane_grids
 from guidefield.collision.part_tables import BodyParts, PartsTable, robot_parts
-from guidefield.geometry.convex import hull_planes
+from guidefield.geometry.convex import hull_planes, polytope_about
 from guidefield.geometry.decomposition import ConvexPart, Decomposition
-from guidefield.geometry.directions import furthest, spread_and_axes, spread_directions
-from guidefield.geometry.mesh_tree import polytope_about
-from guidefield.geometry.placements import transform_points
+from guidefield.geometry.surfaces import furthest, spread_and_axes, spread_directions, transform_points
 from guidefield.kernels.collide.batch_collision import FRACTIONS
 from guidefield.kernels.collide.layout import BAND, GRID_SIDES, LaneBodies
 from guidefield.kernels.collide.parts import SURFACE, Parts
@@ -45,8 +43,7 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
 )
 from guidefield.memo import SharedAnswer, memoized_by_value
 from guidefield.read_only import read_only
-from guidefield.robot.bodies.convex_parts import convex_parts
-from guidefield.robot.bodies.sphere_cover import coverage
+from guidefield.robot.bodies.bounding import convex_parts, coverage
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.collision_shapes import hull_vertices, triangulation

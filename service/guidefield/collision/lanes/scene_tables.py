@@ -3,10 +3,16 @@
 Primitives are written by a kernel; a mesh stands as convex solids or boxes about clusters of triangles, each the root
 of a tree of parts; a cloud as balls. Columns are those of kernels/collide (layout.py, primitives_layout.py, parts.py).
 What stands for an obstacle must contain it; the parts are the exact shapes that decide.
+
+Lay out the memory of a world's scratch and of a scene's primitives in one buffer, arrays on lines of the cache.
+
+Names, order and types of the arrays are those of the kernels' tuples (kernels/collide/layout.py), lengths are set here.
+The offsets are in the order in which `lay_out` and `primitive_tables` read them.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +22,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.lanes.memory import BufferLayout, obstacle_tables_layout
+from guidefield.collision.lanes.robot_tables import LaneRobot
 from guidefield.collision.lanes.surface_tables import (
     CLUSTER,
     boxes_about,
@@ -29,13 +35,26 @@ from guidefield.collision.part_tables import PartsTable, tree_above
 from guidefield.collision.preparation import Announce
 from guidefield.collision.solids import MOST_TRIANGLES
 from guidefield.deadline import Deadline
+from guidefield.geometry.convex import mesh_tree
 from guidefield.geometry.mesh_surface import own_hull
-from guidefield.geometry.mesh_tree import mesh_tree
-from guidefield.geometry.placements import transform_points
-from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
-from guidefield.kernels.collide.parts import FIRST_BLOCK, SHAPE, Parts
+from guidefield.geometry.surfaces import transform_points
+from guidefield.kernels.collide.gjk import WORK
+from guidefield.kernels.collide.layout import (
+    AXIS_AND_REACH,
+    CLOUD,
+    FOUND,
+    GRID_SIDES,
+    HIT,
+    HITS,
+    LaneObstacles,
+    LaneWorld,
+    Scratch,
+)
+from guidefield.kernels.collide.parts import BALL_ROW, FIRST_BLOCK, LINK, PART, SHAPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
 from guidefield.kernels.collide.primitives_layout import LINE, SCENE_WORDS, primitive_tables
+from guidefield.kernels.jit.arrays import array_types
+from guidefield.kernels.kinematics.poses import POSE
 from guidefield.kernels.simd.packing import AROUND, BLOCK, Words, pack
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import MISSING, Answers, MemoSet, memoized
@@ -45,6 +64,92 @@ from guidefield.scene.cloud import Cloud
 from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, placed_rows, rows_of, unplaced
+
+
+class BufferLayout(NamedTuple):
+    """Offset, type and length of each array in one buffer."""
+
+    size: int  # of the buffer, in words of 64 bits
+    offsets: Words  # as kernels take them: `lay_out` those of a world, `primitive_tables` those of a scene
+    arrays: dict[str, tuple[int, Any, int]]  # by name: offset [bytes], type, length
+
+    def views(self, memory: np.ndarray, begins: int) -> dict[str, np.ndarray]:
+        """The arrays by their names, in a memory (size,) from where the first one begins [bytes]."""
+        return {
+            name: np.frombuffer(memory, kind, length, begins + offset)
+            for name, (offset, kind, length) in self.arrays.items()
+        }
+
+
+@memoized
+def scratch_layout(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> BufferLayout:
+    """Lay out a world's scratch, configuration block and ignored pairs, for nv coordinates.
+
+    The obstacles themselves are in `obstacle_tables_layout`.
+    """
+    poses, met = robot.joints.size * POSE, robot.bodies.size * obstacles
+    lengths = {
+        "poses": poses,
+        "block": nv * LANES,
+        "centres": robot.bodies.carriers * BLOCK,
+        "places": (GRID_SIDES + 1) * LANES,
+        "hits": HIT * HITS,
+        "ignored": met,
+        "found": FOUND * (met + own_pairs),  # each body near each obstacle, and each own pair, once
+        "pose_a": 12,
+        "pose_b": 12,
+        "surface_a": 12,
+        "surface_b": 12,
+        "work": WORK,
+        "middle": nv * LANES,
+        "middle_poses": poses,
+        "obstacle_axes": AXIS_AND_REACH * met,
+        "pair_axes": AXIS_AND_REACH * robot.pieces_paired,
+        "obstacle_places": 1 + met,
+        "pair_places": 1 + robot.pieces_paired,
+    }
+    arrays, size = _one_after_another(lengths, LaneObstacles, Scratch, LaneWorld)
+    offsets = [arrays[name][0] for name in ("ignored", *Scratch._fields, "block")]
+    return BufferLayout(size, np.array(offsets, np.int64), arrays)
+
+
+def obstacle_tables_layout(primitives: int, obstacles: int) -> BufferLayout:
+    """Lay out the memory for the tables of a given number of primitives, with boxes for a given number of obstacles."""
+    lengths = {
+        "kinds": primitives,
+        "whole": primitives,
+        "roots": primitives,
+        "ignored": 0,
+        "primitives": PRIMITIVE * primitives,
+        "boxes": -(-obstacles // LANES) * AROUND,
+        "clouds": primitives,
+        "balls": BALL_ROW * primitives,
+        "links": LINK * primitives,
+        "shapes": SHAPE * primitives,
+        "numbers": PART * primitives,
+        "vertices": BLOCK * primitives,
+    }
+    arrays, size = _one_after_another(lengths, LaneObstacles, Parts)
+    offsets = [arrays[name][0] for name in (*LaneObstacles._fields[1:], *Parts._fields)]
+    return BufferLayout(size, np.array([obstacles, *offsets], np.int64), arrays)
+
+
+Arrays = dict[str, tuple[int, Any, int]]
+
+
+@functools.cache
+def _types_in(*layouts: type) -> dict[str, Any]:
+    return {name: kind for layout in layouts for name, kind in array_types(layout).items()}
+
+
+def _one_after_another(lengths: dict[str, int], *layouts: type) -> tuple[Arrays, int]:
+    """Lay arrays one behind the other: offset [bytes], type and length of each, and the words of 64 bits of all."""
+    kinds, arrays, end = _types_in(*layouts), {}, 0
+    for name, length in lengths.items():
+        arrays[name] = (end, kinds[name], length)
+        end += -(-kinds[name].itemsize * length // LINE) * LINE
+    return arrays, (end + LINE) // 8
+
 
 MOST_SOLIDS = 512
 """A mesh of more solids is one tree of triangles, because each solid costs a millisecond before the first plan."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from guidefield.collision.part_tables import tree_layout, write_boxes, write_clusters, write_triangles
 from guidefield.geometry.cache import Allocate, Arrays, Layout, allocate_in_memory, is_large, make_in_place
-from guidefield.geometry.mesh_tree import (
+from guidefield.geometry.convex import (
     CLUSTERS,
     Cluster,
     OnNodes,

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.endpoint.ros.refusals import ObjectRefused, number, placement, pose_message
-from guidefield.geometry.placements import wire_pose
+from guidefield.geometry.surfaces import wire_pose
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
 
 BOX, SPHERE, CYLINDER = 1, 2, 3  # kinds of shape_msgs/SolidPrimitive that are served; a cone is 4, a prism 5

@@ -17,11 +17,10 @@ import pinocchio as pin
 from guidefield.endpoint.ros.collision_objects import primitive
 from guidefield.endpoint.ros.refusals import FrameRefused, GoalRefused, Refused, number, placement, rotation, vector
 from guidefield.endpoint.ros.snapshot import Snapshot
-from guidefield.geometry.placements import wire_pose
+from guidefield.geometry.surfaces import wire_pose
 from guidefield.messages.conditions import LineConstraint, OrientationCone, PathConstraint, PlaneConstraint
-from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal, Tolerance3
 from guidefield.messages.scene import Box, Sphere
-from guidefield.messages.values import Vector3
+from guidefield.messages.values import JointSetGoal, JointsGoal, PoseGoal, Tolerance3, Vector3
 
 EULER, ROTATION_VECTOR = 0, 1  # how an orientation's error is measured: intrinsic x, y, z angles, or a rotation vector
 ANY_TURN = math.pi  # a tolerance from which on an angle is free [rad]

@@ -19,11 +19,10 @@ from guidefield.endpoint.ros.scene_updates import with_state
 from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.errors import Status
 from guidefield.messages.conditions import CartesianLimit
-from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
 from guidefield.messages.kinematics_replies import InverseKinematicsReply
 from guidefield.messages.plan_reply import PlanReply
 from guidefield.messages.requests import InverseKinematics, PlanRequest, TargetPose
-from guidefield.messages.values import LONGEST_TIME
+from guidefield.messages.values import LONGEST_TIME, JointSetGoal, JointsGoal, PoseGoal
 
 UNSET_TIME = 1.0  # the planning time if a request has none, as in MoveIt [s]
 REST_SPEED = 1e-3

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import Status
-from guidefield.geometry.placements import wire_pose
+from guidefield.geometry.surfaces import wire_pose
 from guidefield.messages.values import LARGEST
 
 SOURCE = "guidefield"  # the source in every error code

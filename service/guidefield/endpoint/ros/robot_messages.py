@@ -17,7 +17,7 @@ from guidefield.endpoint.ros.collision_objects import message_of
 from guidefield.endpoint.ros.refusals import SOURCE
 from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.errors import MalformedRequest, UnknownObject
-from guidefield.messages.executed import JointStates
+from guidefield.messages.certify_reply import JointStates
 from guidefield.messages.plan_reply import Trajectory
 
 NANO = 1_000_000_000

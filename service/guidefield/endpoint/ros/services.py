@@ -31,7 +31,7 @@ from guidefield.endpoint.ros.robot_messages import NANO, error_code, header, rob
 from guidefield.endpoint.ros.scene_updates import apply_scene, with_state
 from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot
 from guidefield.errors import Status
-from guidefield.geometry.placements import se3, wire_pose
+from guidefield.geometry.surfaces import se3, wire_pose
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.kinematics_replies import ClearanceReply, ForwardKinematicsReply, InverseKinematicsReply

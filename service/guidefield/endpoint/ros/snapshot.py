@@ -16,7 +16,7 @@ import pinocchio as pin
 from guidefield.endpoint.ros.collision_objects import SceneObject
 from guidefield.endpoint.ros.refusals import FrameRefused, LinkRefused, ObjectRefused, Refused
 from guidefield.errors import RobotInvalid, Status
-from guidefield.geometry.placements import wire_pose
+from guidefield.geometry.surfaces import wire_pose
 from guidefield.messages.conditions import AttachedObject
 from guidefield.messages.scene import HalfSpace, Scene
 from guidefield.messages.values import Placement

@@ -28,7 +28,7 @@ from guidefield.endpoint.ros.names import GRAPH, Attachment, Entity, Kind, Node,
 from guidefield.endpoint.ros.node import client_config
 from guidefield.endpoint.ros.options import Distribution
 from guidefield.errors import GuidefieldError, MalformedRequest, NoService, TimedOut, UnknownObject, strip_source
-from guidefield.messages.executed import JointStates
+from guidefield.messages.certify_reply import JointStates
 
 ACTION = "control_msgs/action/FollowJointTrajectory"
 STATE, CANCEL = "sensor_msgs/msg/JointState", "action_msgs/srv/CancelGoal"

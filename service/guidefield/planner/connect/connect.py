@@ -25,7 +25,7 @@ from guidefield.planner.task.trace import Step, StepKind, TreeGrown
 from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.chart import ANGLE
-from guidefield.robot.model.size import MARGIN
+from guidefield.robot.model.model import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
 
 ATTEMPTS = 6  # how often the certificate may refuse what was found. Unrecorded

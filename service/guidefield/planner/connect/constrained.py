@@ -16,7 +16,7 @@ from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
 from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
-from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseTarget
+from guidefield.robot.ik.inverse_kinematics import EXACT, SEARCH, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 CONSTRAINED_ITERATIONS = 10_000_000  # samples that a search draws at most: for safety

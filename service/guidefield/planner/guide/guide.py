@@ -30,7 +30,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import mover_of
 from guidefield.robot.group.link_chain import SerialChain, link_chain
-from guidefield.robot.model.size import MARGIN
+from guidefield.robot.model.model import MARGIN
 from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.guide_plane import GuidePlane
 

@@ -29,14 +29,18 @@ from guidefield.errors import Status
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits
 from guidefield.planner.motion.bspline import ENDS, BSpline, End
 from guidefield.planner.motion.limit_load import stretch_to_limits
-from guidefield.planner.motion.profiles import ROUNDING
-from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.trajectory import ROUNDING, Trajectory
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.optimize.clearance_samples import Sections, kept_at
-from guidefield.planner.optimize.interior_point import Evaluation, OptimizationProblem, PenalizedObjective
-from guidefield.planner.optimize.loads import LoadSamples
+from guidefield.planner.optimize.clearance_samples import (
+    Sections,
+    TouchedPoint,
+    few_points,
+    kept_at,
+    sampled_robot,
+    with_points,
+)
+from guidefield.planner.optimize.interior_point import Evaluation, LoadSamples, OptimizationProblem, PenalizedObjective
 from guidefield.planner.optimize.passages import Passage, first_places, move_onto_places, with_knots
-from guidefield.planner.optimize.sampled_robot import TouchedPoint, few_points, sampled_robot, with_points
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed

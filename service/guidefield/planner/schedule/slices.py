@@ -15,12 +15,12 @@ import pinocchio as pin
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.pairs import Pairs
 from guidefield.collision.world import World
-from guidefield.geometry.placements import transform_points
+from guidefield.geometry.surfaces import transform_points
 from guidefield.messages import scene as messages
 from guidefield.planner.task.problem import Problem
 from guidefield.prove.certificate import certify_moving
 from guidefield.prove.verdict import Verdict
-from guidefield.robot.model.size import MARGIN
+from guidefield.robot.model.model import MARGIN
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.cloud import covering

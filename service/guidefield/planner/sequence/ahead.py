@@ -18,13 +18,11 @@ from guidefield.collision.clearance import blocking_pairs, contacts_at
 from guidefield.errors import Status
 from guidefield.planner.ends import explain_unreached, find_goal_points
 from guidefield.planner.sequence.course import Course, S, StepMotion
-from guidefield.planner.sequence.straight_motion import follow_way
-from guidefield.planner.sequence.straight_way import StraightWay, make_stop_ending
+from guidefield.planner.sequence.straight_way import StraightWay, follow_way, make_stop_ending
 from guidefield.planner.sequence.stretches import whole_configuration
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed
-from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_search import PoseTarget
+from guidefield.robot.ik.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 ENOUGH = 2  # this many configurations with a future are enough for a step, those nearest to its start

@@ -36,7 +36,8 @@ from guidefield.planner.optimize.optimization import Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimized_motion import CrossedPlanes, bring_onto_planes
 from guidefield.planner.path_so_far import retime_motion, time_path, time_path_ignoring_jerk
-from guidefield.planner.sequence.joined import (
+from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.planner.sequence.stretches import (
     GoalPassage,
     JoinedMotion,
     PassedGoal,
@@ -45,7 +46,6 @@ from guidefield.planner.sequence.joined import (
     find_refused_part,
     find_slowest,
 )
-from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.prove.verdict import Reason, Verdict

@@ -30,12 +30,13 @@ from guidefield.planner.sequence.course import (
     find_allowed_times,
     find_held_spans,
 )
-from guidefield.planner.sequence.joined import PassedGoal, StepPart
 from guidefield.planner.sequence.rounding import join_motions
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.sequence.stretches import (
     Composition,
     Embedding,
+    PassedGoal,
+    StepPart,
     Stretch,
     certify_stretch,
     insert_knots,

@@ -19,7 +19,7 @@ from guidefield.collision.solids import link_hulls
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import MalformedRequest, UnknownFrame
 from guidefield.geometry.cover import enclosing_ball
-from guidefield.geometry.placements import transform_points
+from guidefield.geometry.surfaces import transform_points
 from guidefield.kernels.timing.carried_rates import (
     BOUND,
     FOUND,

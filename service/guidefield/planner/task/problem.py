@@ -24,7 +24,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, PathConstraint
-from guidefield.robot.ik.pose_search import PoseTarget
+from guidefield.robot.ik.inverse_kinematics import PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartRate, Configuration
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene

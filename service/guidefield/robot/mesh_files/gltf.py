@@ -14,7 +14,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from guidefield.geometry.placements import frames
+from guidefield.geometry.surfaces import frames
 from guidefield.robot.mesh_files.numbers import Collected, MeshFault, Objects, Triangles, check_indices
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

@@ -19,8 +19,18 @@ from lxml import etree
 from guidefield.errors import RobotInvalid
 from guidefield.geometry.cache import keep_file
 from guidefield.messages.requests import Positions
-from guidefield.robot.mjcf.compilation import CompiledModel, UniqueNames, body_names, import_mujoco, named
-from guidefield.robot.mjcf.kinematic_tree import add_origin, joint_laws, kinematic_tree, placement, tendon_warnings
+from guidefield.robot.mjcf.compilation import (
+    CompiledModel,
+    UniqueNames,
+    add_origin,
+    body_names,
+    import_mujoco,
+    joint_laws,
+    kinematic_tree,
+    named,
+    placement,
+    tendon_warnings,
+)
 from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
 from guidefield.robot.urdf.xml import Element
 

@@ -24,10 +24,8 @@ from guidefield.kernels.jit.compilers import load_imported
 from guidefield.parallel import run_queue, usable_processors
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import FileMesh, find_ignored_unit, read_mesh, unit_of
-from guidefield.robot.model.model import GeometryChoice
-from guidefield.robot.model.size import power_of_two, scale
-from guidefield.robot.urdf.facts import UrdfFacts
-from guidefield.robot.urdf.links import THICKNESS
+from guidefield.robot.model.model import GeometryChoice, power_of_two, scale
+from guidefield.robot.urdf.elements import THICKNESS, UrdfFacts
 
 HULL_STAND_OFF = 0.005
 """A mesh is judged by its convex hull if the hull stands off the mesh by at most this [m], at size 1.

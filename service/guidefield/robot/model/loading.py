@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.model import chart, followers, pairs, rest
-from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.collision_shapes import Meshes, read_meshes, settle
+from guidefield.robot.model.followers import with_ball_joints
 from guidefield.robot.model.mimic_limits import bind_ranges, describe_bound_rates
 from guidefield.robot.model.model import (
     NO_GEOMETRY,
@@ -21,18 +21,18 @@ from guidefield.robot.model.model import (
     JointKind,
     LimitSource,
     Mimic,
+    RobotCard,
     RobotModel,
     RobotSource,
+    find_size,
     frame_index,
     joint_indices,
     joints_to,
     moving_joint,
 )
 from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
-from guidefield.robot.model.replaced_joints import with_ball_joints
-from guidefield.robot.model.size import find_size
 from guidefield.robot.urdf import srdf
-from guidefield.robot.urdf.facts import UrdfFacts
+from guidefield.robot.urdf.elements import UrdfFacts
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.srdf import Srdf, SrdfGroup
 from guidefield.robot.urdf.urdf_validation import check_geometry_complete, check_urdf

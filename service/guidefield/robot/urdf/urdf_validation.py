@@ -12,9 +12,16 @@ import pinocchio as pin
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.urdf.facts import JOINT_DOF, JointFacts, UrdfFacts
-from guidefield.robot.urdf.joints import check_joint, check_mimics, name_of_end
-from guidefield.robot.urdf.links import REPEATED, check_link
+from guidefield.robot.urdf.elements import (
+    JOINT_DOF,
+    REPEATED,
+    JointFacts,
+    UrdfFacts,
+    check_joint,
+    check_link,
+    check_mimics,
+    name_of_end,
+)
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.xml import Element, fault, name_of, parse, warning
 
