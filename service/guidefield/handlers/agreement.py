@@ -97,7 +97,7 @@ def declare(
 def declare_parts(
     request: MotionRequest, parts: Sequence[tuple[Conditions, GivenMotion]], contacts: Sequence[Contact]
 ) -> list[Motion]:
-    """Make the referee's motions of one that leaves contacts, from `Leaving.parts`."""
+    """Make the referee's motions of one that leaves contacts, from `judgement.Leaving.parts`."""
     touching = [one.pair for one in contacts]
     return [declare(request, *part, touching=() if k else touching) for k, part in enumerate(parts)]
 

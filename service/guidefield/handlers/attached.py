@@ -112,7 +112,7 @@ class StepSituation:
         return float(result.min_distance) - against.rounding
 
     def rests_from(self, name: str) -> float:
-        """When an obstacle comes to rest [s]; 0 if it doesn't move, or isn't there."""
+        """The time at which an obstacle comes to rest [s]; 0 if it doesn't move, or isn't there."""
         found = self.scene.obstacle(name)
         return 0.0 if found is None or found.motion is None else found.motion.end
 

@@ -313,7 +313,7 @@ def answer_certify(
     prove: Prove = lambda *_: None,
     deadline: Deadline | None = None,
 ) -> CertifyReply:
-    """Judge a motion, and reply with the verdict; arguments as those of `answer_plan`.
+    """Judge a motion, and reply with the verdict; arguments as those of `plan.answer_plan`.
 
     Raises:
         GuidefieldError: InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or

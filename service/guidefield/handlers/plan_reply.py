@@ -167,7 +167,7 @@ def execution_figures(
 
 
 def wire_deviation(found: Deviations, group: PlanningGroup) -> replies.MotionDeviation:
-    """How far a motion of joints of one coordinate leaves another, in the wire's words."""
+    """The deviation of a motion of joints of one coordinate from another, in the wire's words."""
     worst = int(np.argmax(found.values))
     return replies.MotionDeviation(
         largest=float(found.values[worst]),

@@ -228,7 +228,7 @@ SHARED_FIELDS = (
 
 
 class JointStates(NamedTuple):
-    """Where joints were, in the order of time.
+    """Positions of joints, in the order of time.
 
     Attributes:
         joints: Their names.

@@ -1,6 +1,6 @@
-"""Obstacles, guide planes and scenes: one schema for the wire and for stored files; `MOST_...` are refused beyond.
+"""Obstacles, guide planes and scenes: one schema for the wire and for stored files, with the largest counts of each.
 
-Points and triangles in messages, and fast checks of them by the standard library, which the light client has.
+Points and triangles are checked fast by the standard library, which the light client has.
 """
 
 from __future__ import annotations

@@ -157,7 +157,7 @@ def _sample_about_start(problem: Problem) -> ChartPoints:
 
 
 def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
-    """Of goals (m, nv) that lie far apart, in order: those that can be reached soonest, and the first ones besides.
+    """Choose goals of (m, nv) that lie far apart: those that can be reached soonest, and the first ones.
 
     By the velocity limits a straight motion along d takes at least max_j |d_j| / V_j. Goals that hardly differ from one
     before are left out.
@@ -239,7 +239,7 @@ def explain_unreached(result: IkResult, met: BlockingPairs) -> tuple[Status, str
 def _choose_in_the_open(
     problem: Problem, zs: Sequence[ChartPoint], chosen: Callable[[Problem, ChartPoints], ChartPoints]
 ) -> ChartPoints | None:
-    """Of chart points (nv,) at which no body is inside another one, those that are wanted; as in `find_tip_points`.
+    """Choose chart points (nv,), as `find_tip_points`, of those at which no body is inside another one.
 
     None where there are none. Only what is chosen is examined, in most cases: that takes longer than the choice.
     """
@@ -300,7 +300,7 @@ class _TipBlockage:
 
 
 def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
-    """Which chart points (n, nv) touch nothing, are inside of nothing and keep the clearance: (n,), bool.
+    """Return which chart points (n, nv) touch nothing, are inside of nothing and keep the clearance: (n,), bool.
 
     Those that lanes find free are; if lanes find none, Coal judges all.
     """
@@ -315,7 +315,7 @@ def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
 
 
 def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np.ndarray:
-    """Which chart points (n, nv) surely touch nothing, keep the clearance and more, and the path constraints: (n,)."""
+    """Return which chart points (n, nv) surely touch nothing, keep clearance and more, and path constraints: (n,)."""
     if problem.world.held_contacts:
         return np.zeros(len(zs), bool)
     free: np.ndarray = ~problem.lanes.touching(zs, problem.min_clearance + beyond)
@@ -336,13 +336,13 @@ def _are_apart(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints, touch: 
 
 
 def _are_in_the_open(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints) -> list[bool]:
-    """At which of some chart points, each of shape (nv,), no body is wholly inside another one."""
+    """Return at which chart points, each of shape (nv,), no body is wholly inside another one."""
     qs = [problem.group.expand_from_chart(z) for z in zs]
     return [inside is None for inside in find_enclosed_each(problem.world, qs)]
 
 
 def find_end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
-    """Why a chart point (nv,) can't be an end of a motion: the deepest contact, as a sentence and values; else None."""
+    """The fault of a chart point (nv,) as an end of a motion: its deepest contact, as sentence and values; or None."""
     q = problem.group.expand_from_chart(z)
     contacts = contacts_at(problem.world, q)
     if contacts:
@@ -390,7 +390,7 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
 def _judge_before_deadline(
     problem: Problem, zs: ChartPoints, free: Callable[[Problem, ChartPoints], np.ndarray]
 ) -> np.ndarray:
-    """Which chart points (n, nv) are free: (n,), bool; those that weren't judged before the deadline aren't."""
+    """Return which chart points (n, nv) are free: (n,), bool; those not judged before the deadline aren't."""
     found = np.zeros(len(zs), bool)
     for begin in range(0, len(zs), GOALS_AT_ONCE):
         if begin and problem.deadline.expired():

@@ -112,7 +112,7 @@ class _Search:
 
     @cached_property
     def leave_by(self) -> tuple[float, Verdict | None]:
-        """Until when the robot may wait where it starts [s], and the refusal of a longer wait."""
+        """The time until which the robot may wait at its start [s], and the refusal of a longer wait."""
         return find_meeting(self._problem, self._problem.z_start)
 
     @cached_property

@@ -47,7 +47,7 @@ class MovingEnds(ReadOnly):
 
     @property
     def inner_goals(self) -> ChartPoints:
-        """Where the robot is at rest before each goal, shape (m, nv)."""
+        """The chart points of rest before each goal, shape (m, nv)."""
         return np.array([run.positions[0] for run in self.runs])
 
     def between(self, problem: Problem) -> Problem:
@@ -64,7 +64,7 @@ class MovingEnds(ReadOnly):
 
 
 def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingEnds:
-    """How a problem's ends are left and reached in motion; goals are chart points (m, nv), free.
+    """Plan how a problem's ends are left and reached in motion; goals are chart points (m, nv), free.
 
     Raises:
         StageFailed: START_STATE_INVALID or GOAL_STATE_INVALID, with the joint that can't keep its limits, or can't stop

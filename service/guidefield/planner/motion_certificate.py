@@ -92,7 +92,7 @@ def _at_same_times(verdict: Verdict, judged: GivenMotion, trajectory: Trajectory
 
 @dataclass(frozen=True, eq=False)
 class SettledExecution(ReadOnly):
-    """What a controller is sent of a motion, and the certificate's verdict about what it draws."""
+    """The rows that a controller is sent of a motion, and the certificate's verdict about the drawn curve."""
 
     drawn: DrawnMotion
     verdict: Verdict

@@ -45,7 +45,7 @@ class CrossedPlanes(ReadOnly):
 
     @classmethod
     def of(cls, problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> CrossedPlanes:
-        """Of a path (n, nv), and by index of each guide plane that was reached, its index in the path."""
+        """Find the planes crossed by a path (n, nv); `crossings` are indices in the path by index of each plane."""
         last = len(path) - 1
         inner = sorted((at, plane) for plane, at in crossings.items() if 0 < at < last)
         return cls(

@@ -146,5 +146,5 @@ class PathSoFar(ReadOnly):
         return polyline(self.path)
 
     def piece_times(self) -> np.ndarray:
-        """When the pieces begin, and the last one ends, shape (m + 1,) [s]; their numbers where they have no times."""
+        """Times at which the pieces begin, and the last one ends, (m + 1,) [s]; numbers, as they have no times."""
         return np.arange(float(len(self.path))) if len(self.path) > 1 else np.zeros(2)

@@ -112,7 +112,7 @@ def find_goals_behind_planes(
 
     The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
     configuration it arrives at is one that fits there, and the pose is searched for next to it. There are none where it
-    failed, with one of `UNREACHED` and the reason, TIMED_OUT or PREEMPTED.
+    failed, with one of `ends.UNREACHED` and the reason, TIMED_OUT or PREEMPTED.
     """
     assert isinstance(problem.goal, TipGoal)
     group, target = problem.group, problem.goal.target

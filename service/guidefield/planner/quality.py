@@ -83,7 +83,7 @@ class TimedMotion(Protocol):
         """Control points of the pieces, shape (m, k, nv) [rad or m]."""
 
     def piece_times(self) -> np.ndarray:
-        """When the pieces begin, and the last one ends, shape (m + 1,) [s]."""
+        """Times at which the pieces begin, and the last one ends, shape (m + 1,) [s]."""
 
     def evaluate(self, times: np.ndarray, /) -> tuple[np.ndarray, ...]:
         """Chart points, shape (k, nv), first of all, at times (k,) [s]."""

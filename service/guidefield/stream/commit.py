@@ -224,7 +224,7 @@ class CommitVerdict:
 
     @property
     def free(self) -> bool:
-        """Whether the commit is proven."""
+        """True if the commit is proven."""
         return self.reason is CommitReason.FREE
 
 

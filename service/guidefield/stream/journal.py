@@ -327,7 +327,7 @@ class Replay:
 
     @property
     def same(self) -> bool:
-        """Whether everything is as it was."""
+        """True if everything is as it was."""
         return self.first is None
 
 

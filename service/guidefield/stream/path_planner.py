@@ -321,7 +321,7 @@ class TakeOver(Protocol):
         """Niceness of the planning thread."""
 
     def takes(self, ordered: PathOrder, now: float) -> bool:
-        """Whether to take it over at an update's time [s]; if it isn't found yet, it is waited for."""
+        """Return whether to take it over at an update's time [s]; if it isn't found yet, the cycle waits for it."""
 
 
 class FixedDelay:
@@ -330,7 +330,7 @@ class FixedDelay:
     niceness = 0
 
     def takes(self, ordered: PathOrder, now: float) -> bool:
-        """Whether it is due."""
+        """Return whether it is due."""
         return now >= ordered.due
 
 
@@ -347,7 +347,7 @@ class WhenReady:
         self.last: float | None = None
 
     def takes(self, ordered: PathOrder, now: float) -> bool:
-        """Whether it is found."""
+        """Return whether it is found."""
         if not ordered.found.done():
             return False
         self.last = now
@@ -367,5 +367,5 @@ class AtRecordedTimes:
         self._times = frozenset(times)
 
     def takes(self, ordered: PathOrder, now: float) -> bool:  # noqa: ARG002 - what was found isn't asked
-        """Whether one was taken over then."""
+        """Return whether one was taken over then."""
         return now in self._times

@@ -64,7 +64,7 @@ class StreamShape(ReadOnly):
 
     @property
     def endless(self) -> bool:
-        """Whether it is a half-space."""
+        """True if it is a half-space."""
         return self.obstacle.endless
 
     @property

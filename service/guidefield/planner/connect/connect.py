@@ -160,7 +160,7 @@ HARD_TO_LEAVE = 0.01
 def explain_no_path(
     lanes: BatchCollision, start: ChartPoint, goals: ChartPoints, resolution: float, clearance: float
 ) -> str | None:
-    """Why a group of one coordinate can't get to any goal, or None where it can or has several coordinates.
+    """Explain why a group of one coordinate can't get to any goal; None where it can, or has several coordinates.
 
     Whatever it does, it passes what is between; so one sample in contact on each way is proof. Goals (m, nv) are no
     more than half a turn away if they wrap; the resolution is samples of a motion per length in the chart [1/rad or
@@ -180,7 +180,7 @@ def explain_no_path(
 
 
 def explain_failed_search(found: FoundPath, goals: int, *, in_time: bool) -> str:
-    """Why a search ended without a path, for a person."""
+    """Explain to people why a search ended without a path."""
     names = "start", "goal" if goals == 1 else "goals"
     if found.enclosed is not None:
         name, tried = names[found.enclosed], found.tried[found.enclosed]

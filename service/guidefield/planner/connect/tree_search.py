@@ -67,7 +67,7 @@ class Sources(ReadOnly):
         return cls(sampling, pack(sampling), roams, around)
 
     def about(self, roots: ChartPoints) -> Sources:
-        """Where coordinates roam, a box with `around` beside all of some roots, such points, shape (n, nv)."""
+        """Sources whose box extends by `around` beyond roots (n, nv), such points, in coordinates that roam."""
         if len(self.roams) == 0:
             return self
         lower, width = self.sampling.lower.copy(), self.sampling.width.copy()
@@ -182,7 +182,7 @@ class FoundPath(ReadOnly):
         return first, second
 
     def trees(self) -> tuple[tuple[ChartPoints, np.ndarray], ...]:
-        """Of both trees, chart points of the nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
+        """Chart points of both trees' nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
         held = zip(*held_by(self.search)[:2], self.sizes, strict=True)
         return tuple((nodes[:, :size].T * self.units, parents[:size].copy()) for nodes, parents, size in held)
 
@@ -331,7 +331,7 @@ class _TreeMemory:
 
 @dataclass(frozen=True, eq=False)
 class _ThreadMemory:
-    """What a thread keeps for its next search: memory, and the sources of the last group."""
+    """Memory of a thread for its next search, and the sources of the last group."""
 
     memory: _TreeMemory
     group: weakref.ref[PlanningGroup]

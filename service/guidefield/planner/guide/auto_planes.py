@@ -98,7 +98,7 @@ def find_tip_way(
 
 
 def find_free_section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray, size: float = 1.0) -> np.ndarray:
-    """What is free in a plane about a point (3,): a convex polygon, counter-clockwise, (k, 2) along `across` (2, 3).
+    """The free section of a plane about a point (3,): convex, counter-clockwise, (k, 2) along `across` (2, 3).
 
     Cut from a wide one at the nearest hits of rays first, so that what is cut away is small.
     """

@@ -138,7 +138,7 @@ class GuidedPath:
         return swept.apart(*swept.ends(q0, q1), margin)
 
     def refusal(self) -> Verdict | None:
-        """Why the last motion that was not free was refused: the certificate's verdict; None if there was none.
+        """The certificate's verdict on the last motion that was not free; None if there was none.
 
         Where the fast judgement is stricter than the certificate by a hair, the verdict may be that it is free.
         """

@@ -55,7 +55,7 @@ NEGLIGIBLE = 2e-3  # such rounds end where U falls by less than this share. Unre
 
 @dataclass(frozen=True, eq=False)
 class Descent(ReadOnly):
-    """Where a descent ended."""
+    """The steps of a descent."""
 
     path: tuple[Configuration, ...]
     potentials: tuple[float, ...]  # U at the first and at each of them [m]

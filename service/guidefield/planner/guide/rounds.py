@@ -112,7 +112,7 @@ class Attempt:
 
 
 class Round(enum.Enum):
-    """How a round of advance, slide and reorient ended."""
+    """The outcome of a round of advance, slide and reorient."""
 
     ARRIVED = "arrived"
     NEARER = "nearer"

@@ -57,12 +57,12 @@ INSET_KEPT = 0.5  # share of that inset that it keeps while the motion is optimi
 
 
 def inset_of(problem: Problem, plane: GuidePlane) -> float:
-    """How far inside a plane's edges the tip stays [m]."""
+    """Distance that the tip keeps from a plane's edges [m]."""
     return min(INSET * tip_radius(problem), 0.8 * plane.inradius)
 
 
 def inset_at(problem: Problem, plane: GuidePlane, tip: np.ndarray) -> float:
-    """How far inside a plane's edges the tip stays [m] where a motion was found that has it at a place (3,) there."""
+    """Distance that the tip keeps from a plane's edges [m], given its place (3,) there by the motion that was found."""
     return min(INSET_KEPT * inset_of(problem, plane), max(plane.depth(tip), 0.0))
 
 
@@ -85,7 +85,7 @@ def _tip_radius(group: PlanningGroup) -> float:
 
 
 def explain_unreachable(problem: Problem, plane: GuidePlane) -> tuple[str, dict[str, Any]] | None:
-    """Why no configuration can have its tip on a plane, where that is known without looking; else None."""
+    """The reason why no configuration has its tip on a plane, if that is known without a search; else None."""
     radius = tip_radius(problem)
     if plane.inradius < radius:
         return (

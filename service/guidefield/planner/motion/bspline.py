@@ -126,7 +126,7 @@ class BSpline(ReadOnly):
         return BSpline.between(self.start, self.end, cast(ChartPoints, finer[ENDS:-ENDS]), 0.5 * self.step, self.begin)
 
     def waypoints(self) -> ChartPoints:
-        """Where pieces meet, shape (m + 1, nv)."""
+        """The points at which pieces meet, shape (m + 1, nv)."""
         P = self.points
         positions = (P[:-2] + 4.0 * P[1:-1] + P[2:]) / 6.0
         positions[0], positions[-1] = self.start.position, self.end.position

@@ -55,7 +55,7 @@ class StraightMotion(ReadOnly):
         return polyline(self.positions)
 
     def piece_times(self) -> np.ndarray:
-        """When they begin, and the last one ends, shape (n,) [s]."""
+        """Times at which they begin, and the last one ends, shape (n,) [s]."""
         return self.times.copy()
 
     def evaluate(self, times: np.ndarray) -> tuple[ChartPoints, ChartRates]:
@@ -117,7 +117,7 @@ class QuinticMotion(ReadOnly):
         return velocities, accelerations, 3.0 * np.diff(accelerations, axis=1) / spans[:, None]
 
     def piece_times(self) -> np.ndarray:
-        """When they begin, and the last one ends, shape (n,) [s]."""
+        """Times at which they begin, and the last one ends, shape (n,) [s]."""
         return self.times.copy()
 
     def evaluate(self, times: np.ndarray) -> tuple[ChartPoints]:

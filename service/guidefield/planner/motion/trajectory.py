@@ -118,7 +118,7 @@ class Trajectory(ReadOnly):
         return curves
 
     def piece_times(self) -> np.ndarray:
-        """When the pieces of `bezier` begin, and the last one ends, shape (m + 1,) [s]."""
+        """Times at which the pieces of `bezier` begin, and the last one ends, shape (m + 1,) [s]."""
         return np.repeat(self.times, 2) if len(self.times) == 1 else self.times.copy()
 
     def evaluate(self, times: np.ndarray) -> tuple[ChartPoints, ChartRates, ChartRates]:

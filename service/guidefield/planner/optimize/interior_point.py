@@ -79,7 +79,7 @@ class LoadSamples(ReadOnly):
 
     @classmethod
     def of(cls, limits: Sequence[MotionLimit], pieces: int, nv: int) -> LoadSamples:
-        """Of a motion of a given number of pieces and coordinates."""
+        """Make samples for a motion of a given number of pieces and coordinates."""
         effort = next((one for one in limits if isinstance(one, EffortLimit)), None)
         speeds = tuple(one.sketched for one in limits if isinstance(one, CartesianLimit))
         # accelerations are largest at the ends of pieces: one sample in the middle would miss torques there

@@ -183,7 +183,7 @@ def shortest_step(points: ChartPoints, limits: MotionLimits) -> float:
 
 
 class Outcome(enum.Enum):
-    """How an optimisation ended."""
+    """The outcome of an optimisation."""
 
     OPTIMISED = "optimised"
     OUT_OF_ITERATIONS = "out of iterations"

@@ -99,14 +99,14 @@ _AROUND = np.arange(-2.0, 3.0)  # where samples are taken about a place, in thei
 
 
 class Place(Protocol):
-    """Where a motion has to be at some time."""
+    """A place that a motion has to pass."""
 
     @property
     def tip_plane(self) -> TipPlane | None:
         """The same as kernels read it, if it is a plane that the tip crosses."""
 
     def missed(self, zs: ChartPoints) -> np.ndarray:
-        """What chart points (n, nv) miss the place by, shape (n, k): zero where they are there [m or rad]."""
+        """The misses of chart points (n, nv) from the place, shape (n, k): zero where they are there [m or rad]."""
         ...
 
     def rows(self, z: ChartPoint) -> np.ndarray:

@@ -133,7 +133,7 @@ class Schedule(ReadOnly):
 
     @property
     def arrival(self) -> float:
-        """When it arrives [s]."""
+        """Its arrival [s]."""
         return self.departure + self.duration
 
     @property
@@ -142,7 +142,7 @@ class Schedule(ReadOnly):
         return bool(np.all(self.rates == self.rates[0]))
 
     def at(self, times: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray]:
-        """At which of the motion's own times (k,) it is, and at what rate, averaged over a window of at most a step."""
+        """The motion's own times at times (k,), and the rates, averaged over a window of at most a step."""
         (before, sums_before), (after, sums_after) = (self._moments(times + side * window) for side in (-0.5, 0.5))
         return (sums_after - sums_before) / window, (after - before) / window
 

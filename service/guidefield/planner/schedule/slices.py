@@ -225,7 +225,7 @@ class Slices:
         return BatchCollision.build(_world(self._problem, moments, np.empty((0, 2), np.int64))), kept
 
     def _speed(self, mover: int, ball: MovingBall | None, begin: float, end: float) -> float:
-        """How fast an obstacle comes closer at most between two times; a half-space to where the robot gets [m/s]."""
+        """Largest speed of an obstacle between two times; of a half-space within the robot's reach [m/s]."""
         known = movers(self._problem.scene)
         at = bisect_left(known.indices, mover)
         times = known.times[at]

@@ -125,7 +125,7 @@ def _is_possible(course: Course[S], index: int, at: S, search: _LookAhead) -> bo
 
 
 def _find_ends(motion: StepMotion, index: int, search: _LookAhead) -> list[ChartPoint] | None:
-    """Where a step may end; None where that can't be determined before it is planned."""
+    """Configurations in which a step may end; None if they aren't known before it is planned."""
     problem = motion.problem
     if motion.way is None and (problem.guide_planes or isinstance(problem.goal, LastPlaneGoal)):
         return None

@@ -61,7 +61,7 @@ class Course(Protocol[S]):
         ...
 
     def motion(self, index: int, at: S, begin: float) -> StepMotion | None:
-        """What a step asks for, begun in a situation at a time [s]; None where nothing moves.
+        """The motion of a step, begun in a situation at a time [s]; None where nothing moves.
 
         Time 0 of the problem is that time; at an infinite time all obstacles have come to rest.
         """
@@ -75,18 +75,18 @@ class Course(Protocol[S]):
         ...
 
     def conditions(self, index: int, at: S) -> Conditions:
-        """What the motion of all joints is judged by during a step that begins in a situation."""
+        """The conditions on the motion of all joints during a step that begins in a situation."""
         ...
 
     def leaves_at(self, index: int, at: S, arrival: float) -> float:
-        """When a step ends that began in a situation and whose motion ends at a time [s].
+        """The end of a step that began in a situation, whose motion ends at a time [s].
 
         The robot waits there for the step's pause, and until what it picks up has come to rest.
         """
         ...
 
     def passes(self, index: int) -> float | None:
-        """How far from its goal the way of a step may be left that doesn't stop there [m, rad]; None where it stops.
+        """Largest deviation from the goal of a step that doesn't stop there [m, rad]; None where it stops.
 
         The step after it moves the same joints.
         """

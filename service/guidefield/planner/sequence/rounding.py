@@ -97,7 +97,7 @@ def optimize_past_goals(parts: Sequence[StepPart], first: JoinedMotion, stages: 
 
 
 def _can_be_optimized(parts: Sequence[StepPart]) -> bool:
-    """Whether steps may be optimised: in few coordinates, straight ones along a line and next to goals of the tip."""
+    """Return whether steps may be optimised: of few coordinates, straight ones along a line and next to tip goals."""
     if parts[0].problem.group.nv > presets.MANY:
         return False
     for k, one in enumerate(parts):
@@ -111,7 +111,7 @@ def _can_be_optimized(parts: Sequence[StepPart]) -> bool:
 
 
 def _sections(problem: Problem, parts: Sequence[StepPart]) -> Sections:
-    """What the whole motion keeps; and on a straight way that, or one beside it, or being at a goal between them."""
+    """Constraints of the whole motion; and on a straight way itself, or one beside it, or being at a goal between."""
     constraints: list[PathConstraint] = list(problem.path_constraints)
     groups, near = [-1] * len(constraints), [range(len(parts))] * len(constraints)
     for k, one in enumerate(parts):  # what is at a goal isn't held to a way as well
@@ -199,7 +199,7 @@ class CurveByLength:
         return float(self.lengths[-1])
 
     def at(self, lengths: np.ndarray) -> ChartPoints:
-        """Where the curve is after lengths (k,): shape (k, nv)."""
+        """Points of the curve at lengths (k,): shape (k, nv)."""
         return self._motion.evaluate(np.interp(lengths, self.lengths, self._times))[0]
 
 
@@ -311,7 +311,7 @@ def round_motion(parts: Sequence[StepPart], stages: Stages) -> tuple[JoinedMotio
 
 
 def find_passages(motion: Trajectory, path: RoundedPath, goals: Sequence[PassedGoal]) -> tuple[GoalPassage, ...]:
-    """Where a motion along a path passes each goal: about the middle of its corner, by length."""
+    """Find where a motion along a path passes each goal: about the middle of its corner, by length."""
     travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(motion.positions, axis=0), axis=1))]
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path.path, axis=0), axis=1))]
     lengths *= travelled[-1] / max(lengths[-1], 1e-300)
@@ -349,7 +349,7 @@ def join_motions(parts: Sequence[StepPart], stages: Stages) -> JoinedMotion:
 
 
 def _exceeds(parts: Sequence[StepPart], joined: JoinedMotion) -> bool:
-    """Whether a motion past goals exceeds a limit of what it does as a whole, for which no time is long enough."""
+    """Return whether a motion past goals exceeds a limit of the whole, for which no time is long enough."""
     return find_excess(find_slowest(parts), joined.motion) is not None
 
 

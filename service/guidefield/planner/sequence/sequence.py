@@ -180,7 +180,7 @@ class _SequencePlanning(Generic[S]):
 
     @property
     def _now(self) -> float:
-        """When the next step begins [s]: those that are passed are yet to be joined."""
+        """The begin of the next step [s]; passed ones are yet to be joined."""
         return self._composition.end + sum(one.trajectory.duration for one in self._moved)
 
     def _composed(self, index: int) -> None:

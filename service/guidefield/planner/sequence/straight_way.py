@@ -80,15 +80,15 @@ class StraightWay:
 
     @cached_property
     def angle(self) -> float:
-        """By how much the frame turns [rad]."""
+        """The angle by which the frame turns [rad]."""
         return float(np.linalg.norm(self.turn))
 
     def at(self, share: float) -> Any:
-        """Where the frame is at a share of the way, a pinocchio.SE3."""
+        """The frame's placement at a share of the way, a pinocchio.SE3."""
         return pin.SE3(pin.exp3(share * self.turn) @ self.begin.rotation, self.begin.translation + share * self.shift)
 
     def share(self, placement: Any) -> float:
-        """At which share of the way a placement (pinocchio.SE3) of the frame is: by its place; on the spot, as turned.
+        """The share of the way of a placement (pinocchio.SE3) of the frame: by its place; on the spot, by its rotation.
 
         Less than 0 before its beginning, more than 1 beyond its end.
         """
@@ -105,7 +105,7 @@ class StraightWay:
         return sideways
 
     def turned(self, placement: Any) -> float:
-        """How far a placement (pinocchio.SE3) is turned away from the way's at its share [rad]."""
+        """Angle between a placement (pinocchio.SE3) and the way's at its share [rad]."""
         return float(np.linalg.norm(pin.log3(placement.rotation @ self.at(self.share(placement)).rotation.T)))
 
 
@@ -283,7 +283,7 @@ class _Frame:
         return Deviation(float(np.linalg.norm(way.sideways(placement))), beyond, way.turned(placement))
 
     def bounds(self, controls: Sequence[ChartPoints]) -> list[Deviation]:
-        """How far the frame can be off its way on each of some Bezier curves, control points (k, nv)."""
+        """Bounds of the frame's deviation from its way on each of some Bezier curves, control points (k, nv)."""
         way, curves = self._way, np.array(controls)
         low, high = curves.min(axis=1), curves.max(axis=1)
         middles, e = 0.5 * (low + high), 0.5 * (high - low) @ self._widths.T
@@ -309,7 +309,7 @@ class _Frame:
         return [Deviation(*row) for row in found.tolist()]
 
     def _rests(self, jacobians: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far places [m] and orientations [rad] can be from their linear terms within half widths e (n, nv)."""
+        """Bounds of places [m] and orientations [rad] beside their linear terms within half widths e (n, nv)."""
         from_axes = np.linalg.norm(jacobians[:, :3], axis=1)
         sweep = np.where(self._turns, 2.0 * np.sin(0.5 * np.minimum(e, np.pi)), e)
         swept = (sweep * from_axes).sum(axis=1, keepdims=True)

@@ -104,12 +104,12 @@ class Composition:
 
     @property
     def end(self) -> float:
-        """When it ends [s]."""
+        """Its end [s]."""
         return self._times[-1]
 
     @property
     def z(self) -> ChartPoint:
-        """Where it ends, a chart point, shape (n,)."""
+        """Its last chart point, shape (n,)."""
         return self._positions[-1]
 
     def move(self, motion: Trajectory, embedding: Embedding) -> list[float]:
@@ -166,7 +166,7 @@ class Stretch(Conditions):
 
     @property
     def executed(self) -> Trajectory | GivenMotion:
-        """What a robot executes of it."""
+        """The motion that a robot executes."""
         return self.motion if self.drawn is None else self.drawn
 
     def drawn_of(self, whole: GivenMotion, *, is_last: bool) -> Stretch:
@@ -240,7 +240,7 @@ def settle_stretches(
 
 
 def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> tuple[Verdict, float]:
-    """Judge a stretch: free, and keeping what the step has to keep; and `SettledExecution.stretch`."""
+    """Judge a stretch: free, and within its step's conditions; and `motion_certificate.SettledExecution.stretch`."""
     drawn, stretched = stretch.drawn, 1.0
     if drawn is None:
         verdict, pieces = certify_from_start(stretch, stretch.motion, deadline), stretch.motion.bezier()
@@ -268,7 +268,7 @@ class PassedGoal(ReadOnly):
 
     @property
     def tip_plane(self) -> None:
-        """It is no plane that the tip crosses, see `Place`."""
+        """It is no plane that the tip crosses, see `passages.Place`."""
         return None
 
     @property
@@ -278,11 +278,11 @@ class PassedGoal(ReadOnly):
 
     @property
     def placement(self) -> pin.SE3:
-        """Where the tip would be, a pinocchio.SE3 [m, world]."""
+        """The tip's placement at the goal, a pinocchio.SE3 [m, world]."""
         return self._tip(self.z)
 
     def distances(self, zs: ChartPoints) -> np.ndarray:
-        """How far chart points (k, nv) are from the goal, shape (k,).
+        """Distances of chart points (k, nv) from the goal, shape (k,).
 
         For a pose how far the tip is away [m] or turned [rad], whichever is more; else of the joint that is farthest
         [rad or m].
@@ -294,7 +294,7 @@ class PassedGoal(ReadOnly):
         return np.array([_distances(here, self._tip(z)) for z in zs])
 
     def missed(self, zs: ChartPoints) -> np.ndarray:
-        """How far chart points (k, nv) are beyond the radius, as a place that a motion passes.
+        """Distances of chart points (k, nv) beyond the radius, as a place that a motion passes.
 
         Of a pose how far the tip is away and turned, shape (k, 2); else each coordinate, shape (k, nv).
         """

@@ -177,7 +177,7 @@ class EffortLimit(ReadOnly):
         return CurveLimits(np.full(len(points), np.inf), on_u[:, at], on_x[:, at], below, above)
 
     def faults(self, zs: ChartPoints) -> list[EffortFault | None]:
-        """Of points (g, nv) the joint that gravity takes farthest beyond its limit; None where it can be held."""
+        """At each point (g, nv) the joint that gravity takes farthest beyond its limit; None where it can be held."""
         shares = holding_torques(self.tree, zs) / self.limits
         worst = np.argmax(np.abs(shares), axis=1)
         return [
@@ -215,7 +215,7 @@ class EffortUse(NamedTuple):
 
     @property
     def exceeds(self) -> bool:
-        """Whether a limit that binds isn't kept."""
+        """True if a limit that binds isn't kept."""
         return self.binds and self.reached.bound > KEPT_SHARE * self.limit
 
     def describe_excess(self, place: str) -> tuple[str, dict[str, Any]]:
@@ -236,7 +236,7 @@ class Efforts:
 
     @property
     def exceeded(self) -> EffortUse | None:
-        """Of the joints that don't keep their limit that which exceeds it by the largest share."""
+        """The joint that exceeds its limit by the largest share; None if none does."""
         return max(
             (use for use in self.uses if use.exceeds), key=lambda use: use.reached.bound / use.limit, default=None
         )

@@ -44,7 +44,7 @@ CORNERS = 16  # corners on each rim of the prism about a cylinder
 
 
 class CurveLimits(NamedTuple):
-    """What a limit allows along a curve q(r), at g places, of x = (dr/dt)² and u = d²r/dt²."""
+    """Bounds that a limit sets along a curve q(r), at g places, on x = (dr/dt)² and u = d²r/dt²."""
 
     caps: np.ndarray  # of x, shape (g,)
     # on_u u + on_x x is kept between -below and above, which are positive: of k rows, each of shape (g, k)
@@ -64,7 +64,7 @@ class MotionLimit(Protocol):
         """The factor by which the time of a motion has to be stretched, where it is above 1, to keep the limit."""
 
     def along(self, points: ChartPoints, first: ChartRates, second: ChartRates) -> CurveLimits:
-        """What it allows along a curve, by its points, first and second derivatives, each of shape (g, nv)."""
+        """Its bounds along a curve, by points, first and second derivatives, each of shape (g, nv)."""
 
 
 class Reached(NamedTuple):

@@ -55,13 +55,13 @@ class Interpolation(enum.Enum):
 
     @property
     def holds(self) -> bool:
-        """Whether commands are at the ticks of a clock."""
+        """True if commands are at the ticks of a clock."""
         return self in (Interpolation.FIRST_ORDER_HOLD, Interpolation.ZERO_ORDER_HOLD)
 
 
 @dataclass(frozen=True, eq=False)
 class ControllerModel(ReadOnly):
-    """How a controller executes a motion."""
+    """The curve that a controller draws of a motion, and its tolerance."""
 
     interpolation: Interpolation
     rate: float | None  # of rows, at least, or of ticks [1/s]; None: rows are the knots alone
@@ -74,7 +74,7 @@ class ControllerModel(ReadOnly):
 
     @property
     def has_tube(self) -> bool:
-        """Whether the robot may be beside a curve."""
+        """True if the robot may be beside a curve."""
         return self.interpolation is Interpolation.ZERO_ORDER_HOLD or self.tube is not None
 
     def next_tick(self, time: float) -> float:

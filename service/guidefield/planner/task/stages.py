@@ -60,7 +60,7 @@ def describe_refused_place(group: PlanningGroup, verdict: Verdict) -> dict[str, 
 
 
 def make_refusal(conditions: Conditions, verdict: Verdict) -> Ending:
-    """Why a motion is not certified, and where."""
+    """The ending of a motion that is not certified, with its reason and place."""
     status = conditions.deadline.status() or Status.INVALID_MOTION_PLAN
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
     between = f" between {pair}" if verdict.pair else ""

@@ -34,7 +34,7 @@ class StageLeft:
 
 
 class StepKind(enum.Enum):
-    """What was done in a step; the values are the words of a recording."""
+    """Kinds of steps; the values are the words of a recording."""
 
     START = "start"
     ADVANCE = "advance"
