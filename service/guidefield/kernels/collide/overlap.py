@@ -19,7 +19,7 @@ SHORTEST = 1e-9  # shorter vectors tell no direction, once they are scaled by th
 class ConvexShape(NamedTuple):
     """A convex shape in its own frame."""
 
-    kind: int
+    kind: int  # one of those above
     sizes: Row  # half extents of a box; radius and half length of a cylinder or capsule [m], shape (3,)
     rounding: float  # by how much the shape is larger all around [m]
     points: Rows  # corners of a hull, shape (n, 3) [m]

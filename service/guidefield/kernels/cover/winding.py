@@ -13,7 +13,7 @@ from guidefield.kernels.jit.decorators import exact_kernel, exact_part
 from guidefield.kernels.linalg.small_systems import cross, dot
 
 RUN = 2048  # this many triangles, one behind the other, have a box: the line passes most of them by
-UNSURE = 1 << 40  # what is returned where neither side of the line tells
+UNSURE = 1 << 40  # returned if the line meets a corner or an edge on both sides: more than a surface winds
 
 _ALONG_X, _ALONG_Y = 0.3819660112501051, -0.2360679774997897
 """The line's direction is these and 1: along no axis, diagonal or side of what people build."""

@@ -14,7 +14,7 @@ from numba import types
 from guidefield.kernels.field.faces import HALF_ROWS, PLANE_ROWS
 from guidefield.kernels.jit.arrays import IndexRows, Row, Rows, numba_type
 
-TRIANGLE_COLUMNS, QUAD_COLUMNS = PLANE_ROWS + HALF_ROWS, PLANE_ROWS + 2 * HALF_ROWS  # as `faces` has them
+TRIANGLE_COLUMNS, QUAD_COLUMNS = PLANE_ROWS + HALF_ROWS, PLANE_ROWS + 2 * HALF_ROWS  # plane, then halves: see faces.py
 
 CHARGE, MOMENTS, AREA, CHARGE_PER_AREA, NODE_COLUMNS = 3, 4, 10, 13, 14
 """Columns of a node, behind its centre of charge (3): charge, its second moments xx xy xz yy yz zz, area vector (3),
@@ -36,8 +36,9 @@ there are."""
 class FieldTables(NamedTuple):
     """Everything charged; one row each, C-contiguous, in double or in single precision, lengths in m.
 
-    Faces stand in blocks that share corners. Blocks, and rows of closed forms, are the leaves of trees in depth-first
-    order. A node's multipole expansion represents all below it where points are farther than its reach from its centre.
+    Faces stand in blocks that share corners. Blocks, and rows of closed forms (all other tables of charges), are the
+    leaves of trees in depth-first order. A node's multipole expansion represents all below it where points are farther
+    than its reach from its centre.
     """
 
     origin: Row  # what to subtract from points, shape (3,), always in double precision; tables are relative to it
@@ -56,7 +57,7 @@ class FieldTables(NamedTuple):
     cloud: Rows  # points of clouds, shape (n, POINT_COLUMNS)
 
 
-MATRIX_32 = types.Array(types.float32, 2, "C", readonly=True)
+MATRIX_32 = types.Array(types.float32, 2, "C", readonly=True)  # for signatures of `field`
 
 
 def _single(kind: types.Array) -> types.Array:

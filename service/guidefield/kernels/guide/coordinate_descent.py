@@ -46,16 +46,16 @@ class Strung(NamedTuple):
 
 
 class SweepRoom(NamedTuple):
-    """Scratch: placements, wrenches, charged points, forces and torques on links, and what counts lanes."""
+    """Scratch of one round; n joints."""
 
-    world: Floats
-    wrenches: Floats
-    points: Floats
-    weights: Floats
-    forces: Floats
+    world: Floats  # placements of joints about the tables' origin, shape (n, 3, 4) [m]
+    wrenches: Floats  # on what each joint carries, shape (n, 6)
+    points: Floats  # charged points, shape (3, lanes) [m]
+    weights: Floats  # their areas, shape (lanes,) [m^2]
+    forces: Floats  # on each link [1], and torques about the joint before it [m], shapes (links, 3)
     torques: Floats
-    end: Floats
-    counting: Any
+    end: Floats  # `end_force`, shape (3,)
+    counting: Any  # 0, 1, 2 .. in lanes
 
 
 @inlined

@@ -39,7 +39,8 @@ FLOATS_OUT = types.Array(types.float32, 1, "C")
 
 FLOAT_POINTER, DOUBLE_POINTER, INTEGER_POINTER = map(types.CPointer, (types.float32, types.float64, types.int64))
 
-# Annotations: fields of named tuples and arguments. Kernels write those that end with Out, and four more, see below.
+# Annotations of fields and arguments: Row, Rows, Blocks have one, two, three axes of float64, Singles are float32.
+# Kernels write those that end with Out, and four more, see below.
 Row = Annotated[Floats, VECTOR]
 RowOut = Annotated[Floats, VECTOR_OUT]
 Rows = Annotated[Floats, MATRIX]

@@ -161,7 +161,7 @@ def turn_from(joints: Rows, k: int, axis: Row, angle: float, joints_out: RowsOut
 
 @kernel
 def turn_towards(joints: Rows, k: int, axis: Row, angle: float, joints_out: RowsOut) -> bool:
-    """Turn link k about its far end J_k; those before it are closed on its near end, those beyond stay.
+    """Turn link k, from 2, about its far end J_k; those before it are closed on its near end, those beyond stay.
 
     Of link 2 the near end can only circle about the line from J_0 to J_2, whatever `axis` says. Returns whether it
     closes; arguments are those of `turn_from`.
@@ -207,7 +207,7 @@ def _transposed_product(A: Floats, B: Floats, out: Floats) -> None:
 
 @inlined
 def _least_turn(a: Floats, b: Floats, rotation_out: Floats) -> None:
-    """The smallest rotation that turns the direction of a into that of b."""
+    """The smallest rotation that turns the direction of a into that of b; the identity if they are opposite."""
     la = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
     lb = math.sqrt(b[0] * b[0] + b[1] * b[1] + b[2] * b[2])
     over = 1.0 / (la * lb)

@@ -112,7 +112,6 @@ def _is_wait(tube: Tube, old: int, new: int, columns: int) -> bool:
 
 @inlined
 def _all_kept(wanted: KeptClearances) -> float:
-    """The most that is kept from anything [m]."""
     most = 0.0
     for k in range(wanted.kept.shape[1]):
         most = max(most, wanted.kept[0, k], wanted.kept[1, k])

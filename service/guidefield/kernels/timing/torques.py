@@ -67,15 +67,15 @@ class MassTree(NamedTuple):
 
 
 class TorqueRoom(NamedTuple):
-    """Scratch: twists of the joints and their derivatives, wrenches of the bodies; by body and coordinate R; sums."""
+    """Scratch of inverse dynamics and its bounds; n joints, at the world's origin."""
 
-    twists: RowsOut
-    changes: RowsOut
-    wrenches: RowsOut
-    torques: RowOut
-    reaches: RowOut
-    sums: RowsOut
-    bounds: RowOut
+    twists: RowsOut  # of joints, shape (n, 6)
+    changes: RowsOut  # their derivatives by time, less gravity, shape (n, 6)
+    wrenches: RowsOut  # of bodies, then of all that each joint carries, shape (n, 6)
+    torques: RowOut  # shape (nv,)
+    reaches: RowOut  # R of one body, by its chain
+    sums: RowsOut  # of bounds up to each entry of that chain, shape (chain, 4)
+    bounds: RowOut  # of the torques' second derivatives, shape (nv,)
 
 
 @counted

@@ -94,7 +94,6 @@ def _hits_of(world: LaneWorld, body: int, o: int, near: int, clearance: float, h
 
 @lane_part
 def _few(lanes: int) -> bool:
-    """Tell if a mask has at most `FEW` lanes."""
     for _ in range(FEW):
         lanes &= lanes - 1
     return bool(lanes == 0)
