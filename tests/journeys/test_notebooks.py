@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import msgspec
 import nbformat
 import pytest
 from nbclient import NotebookClient
+from nbclient.util import run_sync
 
 from guidefield.notebook import display_reply
 from tests.replies import plan_reply
@@ -16,11 +18,29 @@ from tests.replies import plan_reply
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "tools" / "examples" / "notebooks"
 
 
-def _run(name: str, folder: Path) -> list[dict[str, Any]]:
-    """Run a notebook in a folder, and return all that it displays."""
-    notebook = nbformat.read(NOTEBOOKS / f"{name}.ipynb", as_version=4)
-    NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(folder)}}).execute()
-    return [one for cell in notebook.cells if cell.cell_type == "code" for one in cell.outputs]
+Run = Callable[[str], list[dict[str, Any]]]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where notebooks run."""
+    return tmp_path_factory.mktemp("notebooks")
+
+
+@pytest.fixture(scope="module")
+def run(folder: Path) -> Iterator[Run]:
+    """Run a notebook in a namespace of its own, and return all that it displays; one process takes them all."""
+    manager = NotebookClient(nbformat.v4.new_notebook()).create_kernel_manager()
+
+    def executed(name: str) -> list[dict[str, Any]]:
+        notebook = nbformat.read(NOTEBOOKS / f"{name}.ipynb", as_version=4)
+        notebook.cells.insert(0, nbformat.v4.new_code_cell("%reset -f"))
+        place = {"metadata": {"path": str(folder)}}
+        NotebookClient(notebook, km=manager, timeout=600, resources=place).execute()
+        return [one for cell in notebook.cells if cell.cell_type == "code" for one in cell.outputs]
+
+    yield executed
+    run_sync(manager.shutdown_kernel)(now=True)
 
 
 def _tables(shown: list[dict[str, Any]]) -> list[str]:
@@ -31,25 +51,25 @@ def _printed(shown: list[dict[str, Any]]) -> str:
     return "".join(one["text"] for one in shown if one["output_type"] == "stream" and one["name"] == "stdout")
 
 
-def test_the_first_plan(tmp_path: Path) -> None:
-    shown = _run("first_plan", tmp_path)
+def test_the_first_plan(run: Run, folder: Path) -> None:
+    shown = run("first_plan")
     (table,) = _tables(shown)
     assert "<th>certificate</th><td>free: the trajectory" in table
     assert "20 mm: SUCCESS" in _printed(shown)
     assert "300 mm: SUCCESS" not in _printed(shown)
     assert "did you mean panda" in _printed(shown)
-    assert (tmp_path / "first_plan.rrd").stat().st_size > 100_000
+    assert (folder / "first_plan.rrd").stat().st_size > 100_000
 
 
-def test_a_robot_of_ones_own(tmp_path: Path) -> None:
-    shown = _run("own_robot", tmp_path)
+def test_a_robot_of_ones_own(run: Run) -> None:
+    shown = run("own_robot")
     (table,) = _tables(shown)
     assert "SUCCESS" in table
     assert "GOAL_IN_COLLISION" in _printed(shown)
 
 
-def test_a_motion_is_judged(tmp_path: Path) -> None:
-    refused, free = _tables(_run("judge_a_motion", tmp_path))
+def test_a_motion_is_judged(run: Run) -> None:
+    refused, free = _tables(run("judge_a_motion"))
     assert "refused at" in refused
     assert "<th>certificate</th><td>collision-free" in free
 
