@@ -1,8 +1,8 @@
 """Tables of a robot's bodies and of obstacles for kernels of SIMD batches, and their scratch memory.
 
 `collision/lanes` fills them: `robot_tables` and `cell_grids` the robot, `scene_tables` and `primitives_layout` the
-obstacles, `memory` the scratch. A world reaches a kernel as words in the order of `LaneWorld` and of the tuples in it,
-which `lay_out` writes: a field that is added, moved or removed has to be so there, too.
+obstacles and the scratch. A world reaches a kernel as words in the order of `LaneWorld` and of the tuples in it, which
+`lay_out` writes: a field that is added, moved or removed has to be so there, too.
 """
 
 from __future__ import annotations

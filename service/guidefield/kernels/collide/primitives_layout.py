@@ -1,6 +1,6 @@
 """Tables of primitives for SIMD batches, and the words and memory of a world, each written by one call.
 
-The order of words is that of `LaneWorld`; offsets are those of `collision/lanes/memory.py` and `scene/primitives.py`.
+The order of words is that of `LaneWorld`; offsets are those of `collision/lanes/scene_tables.py`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Merging equal points, connected components of meshes, and pairs of triangles that may cross: cleaning of meshes.
 
 Points are merged by an open-addressing hash table over the bits of their coordinates, so that -0.0 differs from 0.0.
-`geometry/closed.py` and `geometry/crossings.py` rely on places in order of first occurrence.
+`geometry/closed.py` relies on places in order of first occurrence.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Triangles halved until they are small, gathered into elements by the cells of a grid, balls about these, and orders.
 
-All sums keep their order, so that every number is what NumPy makes of the same triangles, on every machine. Elements
-become covers (`geometry/elements.py`) and charges (`geometry/charges.py`): another order changes both.
+All sums keep their order, so that every number is what NumPy makes of the same triangles, on every machine. Covers
+(`geometry/cover.py`) and charges (`robot/bodies/charges.py`) are made of elements: another order changes both.
 """
 
 from __future__ import annotations

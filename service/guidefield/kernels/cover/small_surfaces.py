@@ -1,7 +1,7 @@
 """Many small surfaces at once: axes in which each is thin, and its rows for the distance kernels.
 
 Also Morton order of points, and numbers of edges with how often they are run through. A surface's tree is that of
-`geometry/surface_rows.py` `node_count`: nodes and rows have to be laid out alike there and in `kernels/distance`.
+`geometry/distance_bodies.py` `node_count`: nodes and rows have to be laid out alike there and in `kernels/distance`.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ def find_moves(
 def _reach(robot: RobotBodies, b: int, by: Integers, count: int, place: BodyPoses, bounds: MotionBounds) -> float:
     """Write how far a body is from the axes of some coordinates at the place; how far they sweep it, together [m].
 
-    See `MotionBound.reach` of `collision/motion_bound.py`. Coordinates of one joint stand together.
+    See `MotionBound.reach` of `collision/bodies.py`. Coordinates of one joint stand together.
     """
     x, y, z = place.centres[b, 0], place.centres[b, 1], place.centres[b, 2]
     for k in range(count):

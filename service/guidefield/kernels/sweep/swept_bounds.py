@@ -1,8 +1,8 @@
 """A test that capsules which a robot's joints carry stay apart along a straight motion in local coordinates.
 
-Two bounds on their motion, both rigorous: the sum of what the joints do (collision/motion_bound.py has its proof), and
-a capsule's speed at the middle of the motion with its largest acceleration, which counts what joints undo of each
-other. Minimizers and `collision/swept.py` rely on a yes, which is certain; a no may be a doubt.
+Two bounds on their motion, both rigorous: the sum of what the joints do (`MotionBound` of collision/bodies.py has its
+proof), and a capsule's speed at the middle of the motion with its largest acceleration, which counts what joints undo
+of each other. Minimizers and `collision/swept.py` rely on a yes, which is certain; a no may be a doubt.
 """
 
 from __future__ import annotations
