@@ -1,4 +1,4 @@
-"""A batch over worker processes of this machine, or over a Ray cluster (``guidefield[ray]``)."""
+"""Answer a batch over worker processes of this machine, or a Ray cluster (``guidefield[ray]``); render recordings."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def find_longest_time(request: bytes) -> float:
     return decoded.allowed_time + BACKSTOP if isinstance(decoded, CertifyRequest) else LONGEST_WORK
 
 
-AHEAD = 4  # requests handed over for each worker: with fewer a worker may wait, with more they fill memory
+AHEAD = 4  # requests handed over for each worker or core: with fewer one may wait, with more they fill memory
 LOOK_UP = 0.5  # period of waking while waiting for results: a Ctrl-C that another thread takes doesn't wake it [s]
 
 _Job = TypeVar("_Job")

@@ -1,8 +1,8 @@
 """Refuse to answer where the certificate and the clearance of one reply contradict each other: then there is a bug.
 
-Coal confirms the smallest distances where they are (`prove.minima`). If a motion that is certified free comes closer
-than it is certified to, or two judges contradict each other, the request fails as an internal failure, and case_file.py
-writes the motion for the referee, to `failures` beside the cache.
+Coal confirms the smallest distances where they are (`prove.certificate.confirm`). If a motion that is certified free
+comes closer than it is certified to, or two judges contradict each other, the request fails as an internal failure, and
+case_file.py writes the motion for the referee, to `failures` beside the cache.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The objects that a request attaches to the robot, and the situation between two steps of a sequence."""
+"""Attach a request's objects to the robot as links with pairs and inertia; the situation between two steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The certify request: the motion that it gives, the judgement, and the reply, in order."""
+"""Answer a certify request: its motion, the judgement, and the reply with its sentences, in order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reply to a certify request, its parts, and the judgement of what a robot executed of a plan."""
+"""The reply to a certify request; sentences about verdicts; the judgement of an executed plan's joint states."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The curve that a controller draws of a motion, the rows that it is sent, and the forms in which it takes these.
+"""The curve that a controller draws of a motion, the rows that it is sent, and the files by which it takes these.
 
-Each names the interpolation that it was certified for, and none is written for another one.
+Each file names the interpolation that it is certified for; `KINDS` names them by their endings.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The requests of clients: the plan request with its steps, and the tagged requests of the other keys.
-
-Requests about stored robots, scenes and runs, and about the service itself.
-"""
+"""Requests of clients: the plan request with its steps, those about stored things and the service; others by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small values that messages are made of: vectors, placements, packed arrays, configurations, goals."""
+"""Bases of all messages, bounds of numbers (`LARGEST`), small values: vectors, placements, configurations, goals."""
 
 from __future__ import annotations
 

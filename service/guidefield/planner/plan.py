@@ -1,8 +1,7 @@
 """Plan a motion, stage by stage: check the ends, cross guide planes, connect, optimise, certify.
 
-A `Plan` always has a verdict: one that failed has that of its path as far as it got. Handlers build the reply of it.
-
-Cross guide planes in order by the guided planner; where it gets stuck, `auto` goes on by a connection.
+Guide planes are crossed by the guided planner; where it gets stuck, `auto` goes on by a connection. A `Plan` always has
+a verdict: one that failed has that of its path as far as it got. Handlers build the reply of it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A stream's journal: all that it is asked and answers, in files that can each be replayed to the last bit.
+"""A stream's journal: all its queries and answers, in files that can each be replayed to the last bit; and the replay.
 
 A file begins with what the stream was opened with and a snapshot that it goes on from, and has one entry after the
 other: so the oldest files can be dropped. The stream's own thread hands entries over and waits for nothing; another

@@ -1,4 +1,4 @@
-"""A motion in time: the cubic Hermite curve through knots; motions of a single profile.
+"""A motion in time, the cubic Hermite curve through knots; and the motion by constant jerks from any velocity to rest.
 
 This very curve is certified, sent in replies, and read by kernels (`tables`): its formula has to stay.
 """

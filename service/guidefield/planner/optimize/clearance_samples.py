@@ -1,4 +1,4 @@
-"""The robot of a problem as points for the barrier, and the samples along a motion at which its clearance is taken."""
+"""The robot as points, as the barrier's kernels read it, and samples of a motion at which its clearance is taken."""
 
 from __future__ import annotations
 

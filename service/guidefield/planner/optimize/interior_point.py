@@ -1,9 +1,7 @@
 """Newton's method on a motion's control points and the length of its pieces, between looks at its clearance.
 
-A look evaluates the clearance with its derivatives, which takes far more time than all else. So Newton's method goes
-on with its quadratic model as long as that brings much, and only then the clearance is examined again.
-
-The loads of a motion, torques and speeds in space as shares of their limits, at samples of its optimisation.
+A look evaluates clearance and loads (torques, speeds in space) with their derivatives, which takes far more time than
+all else. So Newton's method goes on with its quadratic model as long as that brings much, before the next look.
 """
 
 from __future__ import annotations
