@@ -35,7 +35,7 @@ from guidefield.messages.values import ORIGIN, Placement
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.prove.curve import Curve
 from guidefield.prove.proof import Proof, prove
-from guidefield.prove.search import Goal
+from guidefield.prove.search import SearchQuery
 from guidefield.prove.verdict import Reason
 from guidefield.referee.proof import FORMATS, digest
 from guidefield.robot.group.group import PlanningGroup
@@ -306,12 +306,12 @@ def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes
     return pack_arrays(arrays)
 
 
-def _goal_of(part: Motion, curve: Curve) -> Goal:
+def _goal_of(part: Motion, curve: Curve) -> SearchQuery:
     """Return the goal of a proof's search: smallest distances, too, unless the robot may be beside the curve."""
     if curve.tube is not None:
-        return Goal(part.min_clearance)
+        return SearchQuery(part.min_clearance)
     span = float(curve.times[0]), float(curve.times[-1])
-    return Goal(part.min_clearance, spans=[span], samples=np.linspace(*span, SAMPLES))
+    return SearchQuery(part.min_clearance, spans=[span], samples=np.linspace(*span, SAMPLES))
 
 
 def arrays_of(proof: Proof) -> dict[str, np.ndarray]:

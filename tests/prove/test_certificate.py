@@ -15,7 +15,7 @@ from guidefield.messages import scene as messages
 from guidefield.prove import search
 from guidefield.prove.certificate import certify, motion_free
 from guidefield.prove.curve import Curve
-from guidefield.prove.search import Goal
+from guidefield.prove.search import SearchQuery
 from guidefield.prove.verdict import Reason
 from tests.collision.plain import dense, panda_among
 from tests.collision.scenery import box, panda_in, scattered, world_of
@@ -370,7 +370,7 @@ def test_a_deadline_that_passes_among_the_smallest_distances_leaves_the_verdict(
     world = panda_in("bookshelf")
     z = world.group.chart(world.group.part_of(world.group.robot.rest))
     curve = Curve(np.array([[z, z + np.linspace(0.3, -0.2, len(z))]]), np.array([0.0, 1.0]))
-    goal = Goal(0.0, spans=[(0.0, 1.0)], samples=np.linspace(0.0, 1.0, 9))
+    goal = SearchQuery(0.0, spans=[(0.0, 1.0)], samples=np.linspace(0.0, 1.0, 9))
     whole = search.search(world, curve, goal)
     monkeypatch.setattr(search, "SEGMENTS_AT_ONCE", 3)
     cut = search.search(world, curve, goal, Late())

@@ -9,7 +9,7 @@ from guidefield.case_file import curve_of
 from guidefield.kernels.prove.kept_distance import LOG_CAPACITY
 from guidefield.prove import proof
 from guidefield.prove.proof import prove
-from guidefield.prove.search import Goal, SearchLog, search
+from guidefield.prove.search import SearchLog, SearchQuery, search
 from tests.collision.scenery import panda_in
 from tests.referee.cases import straight
 
@@ -20,7 +20,7 @@ def asked() -> tuple:
     start = world.group.chart(world.group.part_of(world.group.robot.rest))
     end = start + np.linspace(0.3, -0.2, len(start))
     curve = curve_of(straight(world, [start, end]))
-    return world, curve, Goal(0.0, spans=[(0.0, 1.0)], samples=np.linspace(0.0, 1.0, 9))
+    return world, curve, SearchQuery(0.0, spans=[(0.0, 1.0)], samples=np.linspace(0.0, 1.0, 9))
 
 
 def test_writing_a_proof_down_changes_nothing_that_is_found(asked: tuple) -> None:
@@ -35,7 +35,7 @@ def test_writing_a_proof_down_changes_nothing_that_is_found(asked: tuple) -> Non
 
 def test_a_log_without_room_for_all_is_written_again(asked: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
     _, whole = prove(*asked)
-    monkeypatch.setattr(proof, "ROWS", 8)
+    monkeypatch.setattr(proof, "FIRST_ROWS", 8)
     _, again = prove(*asked)
     assert whole is not None
     assert again is not None

@@ -16,7 +16,7 @@ from scipy.interpolate import BPoly
 from guidefield import case_file
 from guidefield.case_file import arrays_of, curve_of, pack_arrays, write_proof
 from guidefield.prove.proof import Proof, prove
-from guidefield.prove.search import Goal
+from guidefield.prove.search import SearchQuery
 from guidefield.referee import motion_bounds, proof as proofs, replay as replays
 from guidefield.referee.__main__ import main
 from guidefield.referee.case import Answer, Case
@@ -32,9 +32,9 @@ from tests.referee.drawn import draw
 def proved(motion: case_file.Motion) -> Proof | None:
     curve = curve_of(motion)
     span = float(curve.times[0]), float(curve.times[-1])
-    goal = Goal(motion.min_clearance)
+    goal = SearchQuery(motion.min_clearance)
     if curve.tube is None:
-        goal = Goal(motion.min_clearance, spans=[span], samples=np.linspace(*span, 20))
+        goal = SearchQuery(motion.min_clearance, spans=[span], samples=np.linspace(*span, 20))
     return prove(motion.world, curve, goal)[1]
 
 

@@ -14,7 +14,7 @@ from guidefield.kernels.prove.kept_distance import LOG_ROW, ROW_A, ROW_AXIS, ROW
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.prove.proof import _Writer
-from guidefield.prove.search import Goal
+from guidefield.prove.search import SearchQuery
 from guidefield.prove.tables import world_tables
 from guidefield.referee.judge import Along
 from guidefield.referee.loading import case_of
@@ -50,7 +50,7 @@ def check_tables(world: World) -> dict[str, float]:
         return {}
     straight = np.outer([0.0, 1e-6], np.ones(world.group.nv))
     motion = Motion(world, Placement(), (), None, straight, None)
-    proof = _Writer(world, Goal(0.0), np.concatenate(rows)).proof(np.empty((0, 4)), np.array([[0.0, 1.0, 0.5]]))
+    proof = _Writer(world, SearchQuery(0.0), np.concatenate(rows)).proof(np.empty((0, 4)), np.array([[0.0, 1.0, 0.5]]))
     case = case_of(make_cases(motion)[0])
     out = _Replay(case, proof, Along(case, 0.0, 0.0, math.inf))._slabs.standing_out
     found: dict[str, float] = {}

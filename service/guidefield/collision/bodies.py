@@ -1,9 +1,8 @@
 """Balls about the robot's bodies, which joints move what, and rigorous bounds on how much closer two bodies come.
 
-The motion bound and every filter of pairs rely on them: balls may be larger than needed, never smaller.
-
-Every certificate of a motion rests on them (prove/, the planner, streams); the referee bounds motions by code of its
-own. Bounds may be larger, never smaller: a change needs a proof like the one below.
+Filters of pairs and every certificate of a motion rest on balls and bounds (prove/, the planner, streams): they may be
+larger, never smaller, and a change needs a proof like that of `MotionBound`. The referee bounds motions by code of its
+own.
 """
 
 from __future__ import annotations

@@ -197,7 +197,7 @@ class World:
         """Return the distance of a pair [m] where the robot stands, signed or 0 in contact, and Coal's closest points.
 
         Coal measures a rounded body without its rounding, and so are the points. A body wholly inside a mesh has the
-        distance from its surface: see `collision.enclosure`.
+        distance from its surface: see `clearance.enclosed`.
         """
         first, second = self.pairs.of(pair)
         result = self.exact.distance(first, second)

@@ -8,12 +8,8 @@ ball. Depths are distances to triangles, so both promises hold up to rounding, w
 
 Candidates are balls about points of the medial axis. Few are chosen by a greedy set cover (Chvatal, Mathematics of
 Operations Research 4, 1979), and shrink to what they own. All constants but `_ROUNDING` trade the number of balls
-against the time to find them; the containment is proved whatever they are. Collision kernels read `Cover`.
-
-Cut a surface into small elements, sets of neighbouring triangles, each with its corners and a ball about it.
-
-A ball that contains an element's corners contains the element: covers rely on it, and so pieces must be the surface
-without a gap, and bounds must not be too small.
+against the time to find them; the containment is proved whatever they are, as long as elements make up the surface
+without a gap. Collision kernels read `Cover`.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ from guidefield.planner.task.problem import Conditions
 from guidefield.prove.certificate import certify_curve, confirm, smallest_along
 from guidefield.prove.closest import ClosestPairs, enclosures_at, world_at
 from guidefield.prove.curve import Curve
-from guidefield.prove.search import Goal, SearchResult
+from guidefield.prove.search import SearchQuery, SearchResult
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
@@ -222,7 +222,7 @@ def measure_clearance(trajectory: TimedMotion, problem: Conditions) -> Clearance
 def certify_and_measure(trajectory: TimedMotion, problem: Conditions, deadline: Deadline) -> Verdict:
     """Certify a motion, and search in the same pass the distances that `measure_clearance` asks for."""
     asked = _make_clearance_queries(trajectory, problem)
-    goal = Goal(problem.min_clearance, in_time=problem.scene.moves, spans=asked.spans, samples=asked.coarse)
+    goal = SearchQuery(problem.min_clearance, in_time=problem.scene.moves, spans=asked.spans, samples=asked.coarse)
     found = certify_curve(problem.world, asked.curve, goal, deadline)
     if found.obstacle:
         _SEARCHED.keep(trajectory, None, (asked, found, weakref.ref(problem.world)))

@@ -1,1 +1,1 @@
-"""The certificate: whole motions judged, between their samples too."""
+"""The certificate: continuous collision detection along whole motions, by motion bounds, and proofs of it."""

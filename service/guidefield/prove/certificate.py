@@ -1,4 +1,7 @@
-"""Certificates of motions, and the smallest distances along them.
+"""Certificates of motions: nothing touches or comes closer than asked, path constraints are kept; smallest distances.
+
+Pairs of bodies are searched by `search.py`, path constraints bounded here, as docs/certificate.md says. The distances,
+confirmed by Coal, are those of replies (`planner/quality.py`), which `handlers/agreement.py` checks by the same search.
 
 A Bezier curve lies in the box of its control points. While joint j turns by at most e_j about the box's middle, a frame
 turns by at most sum_j e_j, and its origin moves by at most sum_j 2 sin(e_j / 2) rho_j, rho_j its distance from axis j
@@ -31,7 +34,7 @@ from guidefield.prove.curve import Curve, excesses, halve_curves, point_on
 from guidefield.prove.search import (
     RESOLUTION_FLOOR,
     ContradictionError,
-    Goal,
+    SearchQuery,
     SearchResult,
     Smallest,
     search,
@@ -51,9 +54,9 @@ def certify_constraints(
     deadline: Deadline = UNLIMITED,
     tube: np.ndarray | None = None,
 ) -> Verdict:
-    """Judge whether a motion, pieces (m, k, nv), keeps path constraints, within the tube (m, nv) about it.
+    """Check that a motion, pieces (m, k, nv), keeps path constraints within the tube (m, nv) about it.
 
-    The first place where it doesn't is reported.
+    The verdict tells the first place where it doesn't.
     """
     widths = np.abs(frames.group.expand_velocity)
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
@@ -86,7 +89,7 @@ def certify_constraints(
 
 
 def _beside_chord(offsets: ChartPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Half the chord d of a curve, and how far its points are from some s d, |s| <= 1, at most."""
+    """Return half the chord d of a curve, and a bound on how far its points are from some s d, |s| <= 1."""
     chord = 0.5 * (offsets[-1] - offsets[0])
     square = float(chord @ chord)
     along = np.clip(offsets @ chord / square, -1.0, 1.0) if square > 0.0 else np.zeros(len(offsets))
@@ -101,7 +104,7 @@ def _most_motion(
     chord: np.ndarray,
     off: np.ndarray,
 ) -> tuple[float, float]:
-    """How far a frame's origin moves, and how far the frame turns, at most along a curve from its box's middle."""
+    """Bound how far a frame's origin moves, and how far the frame turns, along a curve from its box's middle."""
     linear, angular = np.linalg.norm(jacobian[:3], axis=0), np.linalg.norm(jacobian[3:], axis=0)
     sweep = np.where(turns, 2.0 * np.sin(0.5 * np.minimum(e, np.pi)), e)
     move, turn = float(sweep @ linear), float(e @ angular)
@@ -124,11 +127,11 @@ def certify(
     times: np.ndarray | None = None,
     tube: np.ndarray | None = None,
 ) -> Verdict:
-    """Judge a motion among obstacles where they are at first, or as they move.
+    """Certify a motion among obstacles where they are at first, or as they move.
 
-    Everything before a refusal is certified. Whether the robot is wholly inside a closed mesh at the start is another
-    question: `enclosed`. Of a piece on which a joint leaves its limits by more than `LIMIT_TOLERANCE` nothing is
-    certified, only what comes before it.
+    Everything before a refusal is certified. Whether the robot is wholly inside a closed mesh at the start has to be
+    tested besides, by `collision.clearance.enclosed`. A piece on which a joint leaves its limits by more than
+    `LIMIT_TOLERANCE` is refused from its beginning.
 
     Args:
         pieces: Bezier control points of each piece in the group's local coordinates, shape (m, k, nv) [rad or m].
@@ -137,7 +140,7 @@ def certify(
         times: Begin of each piece, and the end of the last one, shape (m + 1,) [s]; None: obstacles rest where they are
             at first.
         tube: Half widths about each piece in which the robot is, shape (m, nv) [rad or m]; None: it is on the curve.
-            Limits of joints are judged of the curve.
+            Limits of joints are tested for the curve alone.
 
     Raises:
         ValueError: if a control point is not finite.
@@ -146,12 +149,12 @@ def certify(
     if not len(pieces):
         return Verdict(Reason.FREE, 0)
     knots = np.arange(len(pieces) + 1.0) if times is None else np.asarray(times, float)
-    goal = Goal(min_clearance, resolution, in_time=times is not None)
+    goal = SearchQuery(min_clearance, resolution, in_time=times is not None)
     return certify_curve(world, Curve(pieces, knots, tube), goal, deadline).verdict
 
 
 def motion_free(world: World, z0: ChartPoint, z1: ChartPoint, min_clearance: float = 0.0) -> Verdict:
-    """Judge the straight motion between two points, each of shape (nv,), of the local coordinates; see `certify`."""
+    """Certify the straight motion between two points (nv,) in local coordinates; see `certify`."""
     return certify(world, np.array([[z0, z1]]), min_clearance)
 
 
@@ -163,16 +166,16 @@ def certify_moving(
     resolution: float = RESOLUTION_FLOOR,
     deadline: Deadline = UNLIMITED,
 ) -> Verdict:
-    """Judge a motion (m, k, nv) among the obstacles that move alone: see `certify`; without pieces it is free."""
+    """Certify a motion (m, k, nv) among moving obstacles only: see `certify`; without pieces it is free."""
     pieces = np.asarray(pieces, float)
     if not len(pieces) or not world.scene.moves:
         return Verdict(Reason.FREE, 0)
-    curve, goal = Curve(pieces, np.asarray(times, float)), Goal(min_clearance, resolution, IN_MOTION)
+    curve, goal = Curve(pieces, np.asarray(times, float)), SearchQuery(min_clearance, resolution, IN_MOTION)
     return search(world, curve, goal, deadline).verdict
 
 
-def certify_curve(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> SearchResult:
-    """Judge a motion, and search what else a goal asks for; see `certify`.
+def certify_curve(world: World, curve: Curve, goal: SearchQuery, deadline: Deadline = UNLIMITED) -> SearchResult:
+    """Certify a motion, and search what else a query asks for; see `certify`.
 
     Where a joint leaves its limits, or a held object touches another body of the robot, there is a verdict alone.
 
@@ -214,7 +217,7 @@ def judge_limits(world: World, pieces: ChartCurves) -> Verdict | None:
     return Verdict(Reason.BEYOND_LIMITS, 0, piece, parameter, (piece, 0.0), None, z, fault)
 
 
-DEPTHS = 4  # maximum number of samples in contact at which depth is measured
+DEPTHS = 4  # most samples in contact at which the depth is measured: with more it may be found larger, and takes longer
 
 
 def smallest_along(
@@ -227,18 +230,18 @@ def smallest_along(
 ) -> SearchResult:
     """Find the smallest distances along a motion among obstacles in time.
 
-    They are at most `TOLERANCE` too large, and Coal confirms each where it is. Where bodies are in contact the smallest
-    is the signed distance at the worst of `DEPTHS` samples in contact, the first and the last of them among these.
+    They are at most `search.TOLERANCE` too large, and Coal confirms each where it is. Where bodies are in contact the
+    smallest is the signed distance at the worst of `DEPTHS` samples in contact, the first and last among them.
 
     Args:
         samples: In order, the ends of the motion among them, shape (k,) [s].
-        spans: The smallest distance from obstacles is asked for within each, the whole motion first [s].
-        min_clearance: Given where a verdict is asked for as well, see `Goal` [m].
+        spans: Begin and end of each span in which the smallest distance is searched, the whole motion first [s].
+        min_clearance: Clearance of a verdict, see `SearchQuery` [m]; None: no verdict is needed.
 
     Raises:
         ContradictionError: if Coal measures another distance where one is smallest.
     """
-    found = search(world, curve, Goal(min_clearance, spans=spans, samples=samples), deadline)
+    found = search(world, curve, SearchQuery(min_clearance, spans=spans, samples=samples), deadline)
     return confirm(world, curve, samples, spans, found)
 
 
@@ -253,7 +256,7 @@ def confirm(
 
 
 def _confirm(world: World, curve: Curve, answers: Mapping[tuple[float, int], Smallest]) -> None:
-    """Have Coal measure the pair of each answer without contact where it is smallest, by time and pair."""
+    """Have Coal measure the pair of each answer without contact where it is smallest; keys are time and pair."""
     error = arithmetic_error(world) + SLACK + ACCURACY
     apart = [one for one in answers.values() if one.pair >= 0 and one.distance > NEARLY]
     for one, z in zip(apart, curve.at(np.array([one.time for one in apart])), strict=True):
@@ -273,7 +276,7 @@ def _confirm(world: World, curve: Curve, answers: Mapping[tuple[float, int], Sma
 def _with_depths(
     world: World, curve: Curve, samples: np.ndarray, spans: Sequence[tuple[float, float]], found: SearchResult
 ) -> SearchResult:
-    """What was found, with Coal's signed distances at some of the samples in contact, and where contact was found."""
+    """Return what was found with Coal's signed distances at places of contact and some of the samples in contact."""
     touching = np.flatnonzero(found.distances <= NEARLY)
     some = touching[np.unique(np.linspace(0, len(touching) - 1, DEPTHS).astype(int))] if len(touching) else touching
     told = [one.time for one in (*found.obstacle, found.own) if one.distance <= NEARLY]

@@ -1,4 +1,7 @@
-"""Clearance and contact at many configurations: kernels find the closest pairs, and Coal measures those."""
+"""Clearance and contact at many configurations: kernels find the candidates for the closest pair, Coal measures those.
+
+What is reported is always Coal's: the kernels' margin (`NEARLY`) must cover their error, or pairs are missed.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ def world_at(world: World, time: float) -> World:
 def _find_enclosed_pairs_at(
     world: World, qs: Sequence[ModelConfiguration], times: Iterable[float], since: int = 0
 ) -> Iterator[list[int]]:
-    """As `find_enclosed_pairs`, among obstacles where they are at times, as many [s]."""
+    """Yield what `find_enclosed_pairs` does, among obstacles where they are at one time [s] for each configuration."""
     if not world.scene.moves or (world.scene.convex and not find_closed_bodies(world.group).any()):
         return find_enclosed_pairs(world, qs, since)
     each = zip(qs, times, strict=True)
@@ -43,9 +46,9 @@ def _find_enclosed_pairs_at(
 def enclosures_at(
     world: World, curve: Curve, times: np.ndarray, deadline: Deadline = UNLIMITED, since: int = 0
 ) -> list[list[int]]:
-    """Return the pairs of which one body is wholly inside the other, at times (k,) [s] of a motion, for each of them.
+    """Return for each time (k,) [s] of a motion the pairs with one body wholly inside the other.
 
-    Obstacles that move are met where they are then. Pairs before the index `since` are left out.
+    Moving obstacles are where they are then. Pairs before the index `since` are left out.
 
     Raises:
         DeadlineExpired: if the deadline passed before all are found.
@@ -77,8 +80,8 @@ class ClosestPairs:
     ) -> Iterator[ClearanceAt]:
         """Yield the clearance at each configuration (n, model.nq), as `clearance_at` has it, and its time (n,) [s].
 
-        Enclosures aren't looked for where it is known that no body is inside another: `is_open`. Without `counts_own`
-        nobody needs to know how far the robot is from itself.
+        With `is_open` it is known that no body is inside another, and enclosures aren't searched for. Without
+        `counts_own` distances of the robot from itself aren't measured.
         """
         in_time = times is not None and self.world.scene.moves
         clock = times if times is not None and in_time else np.zeros(len(configurations))
@@ -109,9 +112,9 @@ class ClosestPairs:
                 yield self._measure_candidates(q, candidates, time if in_time else None)
 
     def free(self, configurations: ModelConfigurations, *, confirmed: bool = True) -> np.ndarray:
-        """Whether nothing touches, or is wholly inside something else, at each configuration (n, model.nq): (n,).
+        """Return whether nothing touches or is wholly inside something else, at configurations (n, model.nq); (n,).
 
-        Coal judges what kernels find closer than `NEARLY`, or else that counts as contact.
+        Pairs that kernels find closer than `NEARLY` are decided by Coal; if not `confirmed`, they count as contact.
         """
         world, count = self.world, len(configurations)
         if world.held_contacts:
@@ -152,7 +155,7 @@ class ClosestPairs:
 
 
 def measure(world: World, pair: int, time: float | None) -> tuple[float, int, Any]:
-    """Distance [m], index and Coal's result of a pair; of an obstacle that moves at a time [s]."""
+    """Return distance [m], index and Coal's result of a pair; a moving obstacle is where it is at a time [s]."""
     if time is not None:
         put_obstacle(world, pair, time)
     distance, result = world.distance(pair)

@@ -1,4 +1,7 @@
-"""Motions as Bezier curves: their points, halves and ranges, and by how much they exceed limits of position."""
+"""Motions as Bezier curves: their points, halves and ranges, and by how much they exceed limits of position.
+
+A curve lies in the box of its control points (the convex hull property): certificates and limits rely on it.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,11 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 EXACT = 1e-13  # curves are halved until the largest excess is known to this [rad or m]
-MOST_HALVINGS = 60  # parts shorter than this leaves can't be distinguished from a point: 2^-60
+MOST_HALVINGS = 60  # parts of 2^-60 of a curve are as good as points
 
 
 def ranges(controls: ChartCurves) -> tuple[ChartPoints, ChartPoints]:
-    """The least and the largest of each curve's control points, shape (m, k, nv), by coordinate: (m, nv) each."""
+    """Return the least and the largest of each curve's control points (m, k, nv) by coordinate, (m, nv) each."""
     low, high = np.empty((2, len(controls), controls.shape[2]))
     find_ranges(np.ascontiguousarray(controls), low, high)
     return cast(ChartPoints, low), cast(ChartPoints, high)
@@ -32,14 +35,14 @@ def point_on(controls: ChartPoints, parameter: float) -> ChartPoint:
 
 
 def halve_curves(controls: ChartCurves) -> ChartCurves:
-    """Both halves of each Bezier curve (n, k, nv), in order, by de Casteljau's scheme, shape (2 n, k, nv)."""
+    """Return both halves of each Bezier curve (n, k, nv), in order, by de Casteljau's scheme, shape (2 n, k, nv)."""
     halves = cast(ChartCurves, np.empty((2 * len(controls), *controls.shape[1:])))
     find_halves(np.ascontiguousarray(controls), halves)
     return halves
 
 
 def restrict_curves(controls: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Control points of parts of Bezier curves (n, k, nv), from parameters low (n,) to high (n,), by their blossom."""
+    """Return control points of parts of Bezier curves (n, k, nv), parameters low to high (n,), by their blossom."""
     order = controls.shape[1]
     parts = np.empty_like(controls)
     a, b = low[:, None, None], high[:, None, None]
@@ -53,11 +56,12 @@ def restrict_curves(controls: np.ndarray, low: np.ndarray, high: np.ndarray) -> 
 
 
 def excesses(pieces: ChartCurves, lower: ChartPoint, upper: ChartPoint) -> tuple[np.ndarray, np.ndarray]:
-    """By how much each coordinate of each piece is beyond its limits at most, and where.
+    """Find by how much each coordinate of each piece is beyond its limits at most, and where.
 
     Args:
         pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
-        lower: Limits, shape (nv,) [rad or m]; infinite where there are none.
+        lower: Lower limits, shape (nv,) [rad or m]; infinite where there are none.
+        upper: Upper limits, likewise.
 
     Returns:
         The largest excess, shape (m, nv) [rad or m]; where no control point is beyond a limit a bound of it, which
@@ -72,7 +76,7 @@ def excesses(pieces: ChartCurves, lower: ChartPoint, upper: ChartPoint) -> tuple
 
 
 def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The largest excess of curves of one coordinate each, control points (p, k), limits (p,); its parameter: (p,)."""
+    """Find the largest excess of curves of one coordinate each, (p, k), over limits (p,), and its parameter, (p,)."""
     ends = np.maximum(lower[:, None] - curves[:, [0, -1]], curves[:, [0, -1]] - upper[:, None])
     most, places = ends.max(axis=1), np.argmax(ends, axis=1).astype(float)
     parts, of, starts, width = curves[:, :, None], np.arange(len(curves)), np.zeros(len(curves)), 1.0
@@ -92,11 +96,11 @@ def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[
 
 
 def largest_magnitudes(curves: np.ndarray, beside: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
-    """The largest magnitude of each coordinate along Bezier curves, to `EXACT` of it.
+    """Find the largest magnitude of each coordinate along Bezier curves, to `EXACT` of it.
 
     Args:
         curves: Control points, shape (m, k, nv), m >= 1.
-        beside: What is added to the magnitude on each curve, shape (m, nv); None: nothing.
+        beside: Numbers that are added to the magnitude on each curve, shape (m, nv); None: nothing.
 
     Returns:
         The magnitude, the index of its curve and the parameter on it, shape (nv,) each.
@@ -129,8 +133,8 @@ def largest_magnitudes(curves: np.ndarray, beside: np.ndarray | None = None) -> 
 class Curve(ReadOnly):
     """A chain of Bezier curves in the group's local coordinates, each run through evenly, and a tube about them.
 
-    With a tube a robot is anywhere in the box of its half widths about the curve, at each time; the curve may jump then
-    from one piece to the next.
+    With a tube the robot may be anywhere in a box of its half widths about the curve, at each time. Only then may the
+    curve jump from one piece to the next.
     """
 
     pieces: ChartCurves  # control points, shape (m, k, nv) [rad or m]
@@ -151,11 +155,11 @@ class Curve(ReadOnly):
         return bool((self.pieces[1:, 0] != self.pieces[:-1, -1]).any())
 
     def up_to(self, count: int) -> Curve:
-        """The first pieces of it."""
+        """Return its first `count` pieces."""
         return Curve(self.pieces[:count], self.times[: count + 1], None if self.tube is None else self.tube[:count])
 
     def at(self, times: np.ndarray) -> ChartPoints:
-        """Points at times (n,), shape (n, nv) [rad or m]."""
+        """Return the points at times (n,), shape (n, nv) [rad or m]."""
         piece, share = find_pieces(self.times, times)
         row, at = self.pieces[piece], share[:, None, None]
         while row.shape[1] > 1:
@@ -164,15 +168,15 @@ class Curve(ReadOnly):
         return points
 
     def point(self, piece: int, parameter: float) -> ChartPoint:
-        """The point (nv,) of a piece at a parameter from 0 to 1."""
+        """Return the point (nv,) of a piece at a parameter from 0 to 1."""
         return point_on(self.pieces[piece], parameter)
 
 
 def find_pieces(knots: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Find the pieces that are run through at times (n,), and the share of each that has passed, (n,) each.
 
-    Knots (m + 1,) are the begins of pieces, and the end of the last one; pieces may take no time. What is outside of
-    the pieces is at the nearer end. At a knot the later piece counts; either may, as both meet there.
+    Knots (m + 1,) are begins of pieces, and the end of the last one; pieces may take no time. Times outside count as
+    the nearer end. At a knot the later piece counts.
     """
     piece = np.minimum(np.maximum(np.searchsorted(knots, times, side="right") - 1, 0), len(knots) - 2)
     spans = knots[piece + 1] - knots[piece]

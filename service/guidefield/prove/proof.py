@@ -1,7 +1,8 @@
-"""Proofs of motions: the segments and slabs by which a search closed every pair, and the convex parts that they are of.
+"""Record proofs of motions: the segments and slabs by which a search closed every pair, and the convex parts of bodies.
 
-A proof is recorded on demand, by the same search. The referee checks it again without searching (`referee.replay`), by
-bounds, supports and meshes of its own; nothing in a proof has to be believed.
+A proof is recorded on demand, by the same search. The referee checks it again without searching (`referee/replay.py`),
+by bounds, supports and meshes of its own; nothing in a proof has to be believed. Names and shapes of `Proof` are the
+file's (docs/referee.md, `referee/proof.py`): what changes here changes there, with a new number of the format.
 """
 
 from __future__ import annotations
@@ -36,52 +37,54 @@ from guidefield.kernels.collide.primitive import CYLINDER, HALF_SPACE
 from guidefield.kernels.prove.kept_distance import ROW_A, ROW_AXIS, ROW_B, ROW_PAIR, ROW_SEGMENT
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.prove.curve import Curve
-from guidefield.prove.search import Goal, SearchLog, SearchResult, search
+from guidefield.prove.search import SearchLog, SearchQuery, SearchResult, search
 from guidefield.prove.tables import WorldTables, world_tables
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.scene.movers import motion_of, movers
 
-ROWS = 4096  # rows that there is room for at first: a Panda's motion has some hundred
+FIRST_ROWS = 4096  # rows of the log at first (a Panda's motion has some hundred); with too few the search is repeated
 
-SPARE = 1e-6
-"""What a proof claims less than a smallest distance that was found: its numbers are in single precision [m]."""
+CLAIM_MARGIN = 1e-6
+"""A claimed distance is by this less than what was found, because a proof's numbers are in single precision [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Proof(ReadOnly):
-    """A proof of a motion, in the names of a case (referee.md)."""
+    """A proof of a motion, in the names of a case (docs/referee.md)."""
 
-    # begin, end, 1 for own pairs and 0 for others, and a distance that they keep at least, which counts where it is
-    # more than what is required of a motion, shape (c, 4) [s, s, -, m]
+    # begin and end of a time; 1 for pairs of the robot with itself, 0 for those with obstacles; a distance that all of
+    # them keep then, which counts if it is more than is required, shape (c, 4) [s, s, -, m]
     claims: np.ndarray
     segments: np.ndarray  # begin and end of each, those that contain others before them, shape (s, 2) [s, or knots]
     slab_segments: np.ndarray  # the segment of each slab, shape (k,)
-    slab_nodes: np.ndarray  # the two nodes between which it is, shape (k, 2)
-    # its direction in the world, from the second to the first; 0 where the spheres about both nodes are meant, and the
-    # line between their centres, shape (k, 3)
+    slab_nodes: np.ndarray  # the two nodes of bodies' trees that the slab separates, shape (k, 2)
+    # its direction in the world, from the second node to the first, shape (k, 3); 0: the spheres about both nodes are
+    # apart along the line between their centres
     slab_axes: np.ndarray
-    joints: np.ndarray
-    views: np.ndarray  # two of `bodies`, the robot's own, and which of `joints` their motion is seen from, shape (p, 3)
-    bodies: np.ndarray
+    joints: np.ndarray  # names of joints
+    views: np.ndarray  # two of `bodies`, the robot's own, and the one of `joints` whose frame motions are in, (p, 3)
+    bodies: np.ndarray  # name of each body: its link, held object or obstacle
     numbers: np.ndarray  # the number of each among bodies of that name, shape (b,)
-    # what its lengths are seen from, shape (b, 3) [m]: in the frame of the collision shape, of an obstacle in the
+    # from where its lengths are measured, shape (b, 3) [m]: in the frame of the collision shape; of an obstacle in the
     # world, where it is at first
     origins: np.ndarray
-    centres: np.ndarray  # middle of a sphere about it, from its origin, shape (b, 3) [m]
+    centres: np.ndarray  # centre of a sphere about it, from its origin, shape (b, 3) [m]
     node_bodies: np.ndarray  # the body of each node, shape (n,)
     node_children: np.ndarray  # its children, behind it; -1 where it isn't divided, shape (n, 2)
-    # indices of a sphere and of a part that hold all below it; -1 where none is needed, shape (n, 2)
+    # indices of a sphere and of another shape that contain all below it; -1 where none is needed, shape (n, 2)
     node_shapes: np.ndarray
     shape_begins: np.ndarray  # begin of the corners of each shape, and the number of all, shape (h + 1,)
-    # a shape is the hull of its corners, to which a disc about an axis is added, and a ball: radius of the ball, radius
-    # of the disc, the axis; a half-space has an infinite ball, its offset and its normal, shape (h, 5) [m]
+    # a shape is the Minkowski sum of its corners' hull, a ball and a disc across an axis: radius of the ball, radius of
+    # the disc, the axis; a half-space has an infinite ball, its offset and its normal, shape (h, 5) [m]
     shape_numbers: np.ndarray
     corners: np.ndarray  # shape (c, 3) [m]
 
 
-def prove(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> tuple[SearchResult, Proof | None]:
-    """Search a motion and write its proof down; None where it isn't free."""
-    capacity, log = ROWS, SearchLog.with_capacity(ROWS)
+def prove(
+    world: World, curve: Curve, goal: SearchQuery, deadline: Deadline = UNLIMITED
+) -> tuple[SearchResult, Proof | None]:
+    """Search a motion and record its proof; None if it isn't free."""
+    capacity, log = FIRST_ROWS, SearchLog.with_capacity(FIRST_ROWS)
     found = search(world, curve, goal, deadline, log)
     while not log.is_complete:
         capacity *= 2
@@ -92,11 +95,11 @@ def prove(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED
     return found, _Writer(world, goal, log.rows).proof(_claims(found, goal), log.segments)
 
 
-def _claims(found: SearchResult, goal: Goal) -> np.ndarray:
-    """The smallest distances that were found, if larger than what is asked for."""
+def _claims(found: SearchResult, goal: SearchQuery) -> np.ndarray:
+    """Return the smallest distances that were found, if larger than what is required, as `Proof.claims`."""
     asked = goal.min_clearance or 0.0
-    rows = [(*span, 0.0, one.bound - SPARE) for one, span in zip(found.obstacle, goal.spans, strict=True)]
-    rows += [(*span, 1.0, found.own.bound - SPARE) for span in goal.spans[:1]]
+    rows = [(*span, 0.0, one.bound - CLAIM_MARGIN) for one, span in zip(found.obstacle, goal.spans, strict=True)]
+    rows += [(*span, 1.0, found.own.bound - CLAIM_MARGIN) for span in goal.spans[:1]]
     kept = [row for row in rows if np.isfinite(row[3]) and row[3] > (0.0 if row[2] else asked)]
     return np.array(kept, float).reshape(-1, 4)
 
@@ -111,9 +114,9 @@ class _Shape(NamedTuple):
 
 
 class _Writer:
-    """Writes the rows of a search down in the names of a case."""
+    """Writes the rows of a search's log as a proof, in the names of a case."""
 
-    def __init__(self, world: World, goal: Goal, rows: np.ndarray) -> None:
+    def __init__(self, world: World, goal: SearchQuery, rows: np.ndarray) -> None:
         self._world, self._rows = world, rows
         self._in_time = goal.in_time and world.scene.moves
         self._tables: WorldTables = world_tables(world, in_time=self._in_time)
@@ -181,14 +184,14 @@ class _Writer:
         return made
 
     def _list_bodies(self) -> list[int]:
-        """The robot's bodies, and obstacles that are in a slab or move."""
+        """List the robot's bodies, and obstacles that are in a slab or move."""
         listed = set(range(self._links)) | set(self._ends.ravel().tolist())
         if self._in_time:
             listed |= {self._links + int(index) for index in movers(self._world.scene).indices}
         return sorted(listed)
 
     def _tree(self, body: int) -> tuple[Parts, int, np.ndarray]:
-        """The tables that a body is in, its root, and the anchor that they are seen from."""
+        """Return the tables that a body is in, its root, and the anchor that they are relative to."""
         robot, obstacles = self._tables.robot, self._tables.obstacles
         if body < self._links:
             anchor = robot.anchor if robot.carriers[body] == 0 else np.zeros(3)
@@ -198,13 +201,13 @@ class _Writer:
         return obstacles.parts, root, np.zeros(3) if endless else obstacles.anchor
 
     def _frame(self, body: int) -> Any:
-        """The motion from the frame of a body's tables to the one that it is written in, a pinocchio.SE3."""
+        """Return the transform from the frame of a body's tables to the one that it is written in, a pinocchio.SE3."""
         if body < self._links:
             return self._world.group.geometry.geometryObjects[body].placement.inverse()
         return self._world.scene.obstacles[body - self._links].placement.Identity()
 
     def _centre(self, body: int) -> np.ndarray:
-        """Middle of the sphere about a body, in the frame of its tables [m]; 0 where none is needed."""
+        """Return the centre of the sphere about a body, in the frame of its tables [m]; 0 where none is needed."""
         if body < self._links:
             centre: np.ndarray = bodies(self._world.group).centres[body]
             return centre
@@ -217,7 +220,7 @@ class _Writer:
         return np.zeros(3)
 
     def _views(self, place: dict[int, int]) -> np.ndarray:
-        """See `Proof.views`: the joint nearest to where the coordinates on both sides begin."""
+        """Return `Proof.views`; the joint is the one nearest to where the coordinates on both sides begin."""
         robot, pairs, model = self._tables.robot, self._tables.pairs, self._world.model
         joint_of = np.repeat(np.arange(model.njoints), [joint.nv if i else 0 for i, joint in enumerate(model.joints)])
         found = np.empty((len(pairs.own), 3), np.int32)
@@ -265,7 +268,7 @@ class _Nodes:
                 waiting += links[node, :2].tolist()
 
     def shape(self, node: int, part: int) -> _Shape:
-        """The part of a node, or where that is -1 its sphere, in the frame of the tables."""
+        """Return the part of a node, or its sphere if `part` is -1, in the frame of the tables."""
         if part < 0:
             centre, radius = np.split(self.parts.balls.reshape(-1, BALL_ROW)[node], [3])
             return _Shape(centre[None] + self.anchor, float(radius[0]))
@@ -303,5 +306,4 @@ def _write_tree(nodes: _Nodes, frame: Any) -> tuple[np.ndarray, list[_Shape], np
 
 
 def _rows(arrays: Sequence[np.ndarray], width: int, kind: type) -> np.ndarray:
-    """Arrays of rows, one behind the other."""
     return np.concatenate([np.empty((0, width)), *arrays]).astype(kind)

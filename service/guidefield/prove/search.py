@@ -1,7 +1,8 @@
 """The search over a motion: a verdict, the smallest distances within spans, and the distances at samples, in one pass.
 
-Kernels search (`kernels.prove.search`), Coal confirms: at the place of a refusal it has to find the pair within what it
-has to keep, but for its accuracy. Where it doesn't, there is a bug, and no answer.
+Kernels search by branch and bound (`kernels.prove.search`), Coal confirms: at the place of a refusal it has to find the
+pair closer than required, within its accuracy; otherwise there is a bug, and an exception instead of an answer.
+`TOLERANCE` and `RESOLUTION_FLOOR` are what replies promise; the shares below are time alone.
 """
 
 from __future__ import annotations
@@ -56,26 +57,25 @@ RESOLUTION_FLOOR = 1e-5
 """A pair that moves no farther in a segment and still can't be separated is undecided [m], at size 1;
 `docs/certificate.md`."""
 
-EVERY_KIND = OWN_PAIRS | AT_REST | IN_MOTION  # all pairs
+EVERY_KIND = OWN_PAIRS | AT_REST | IN_MOTION  # kinds of pairs: the robot with itself, obstacles at rest, moving ones
 SEGMENTS_AT_ONCE = 2000  # number of segments after which the deadline is examined: a few milliseconds
 
 LAST_SEGMENTS = 256
-"""Maximum number of segments that a verdict may need once time is up, for some milliseconds; a certificate alone takes
-a Baxter a hundred."""
+"""Most segments that a verdict may need once time is up: some milliseconds; a Baxter's certificate takes a hundred."""
 
-EVERY = 34
-"""Own pairs are sampled at every so manieth sample, and at the last: with 8 a UR5, whose own pairs are near each other
-all along, takes a tenth longer, and a Baxter a fiftieth less."""
+OWN_SAMPLE_STRIDE = 34
+"""Pairs of the robot with itself are sampled at every 34th sample, and at the last: with 8 a UR5, whose own pairs are
+near each other all along, takes a tenth longer, and a Baxter a fiftieth less."""
 
-LOOKED = 1 / 15
+COARSE_SHARE = 1 / 15
 """In segments longer than this share of the motion only spheres and boxes are examined: twice or half of it takes a
 UR5 and a Baxter longer. Unrecorded."""
 
-SHORT = 0.1  # motions shorter than this in each coordinate are examined closely as a whole [rad or m]. Unrecorded
-STOPPED = 1 / 32  # a search that is stopped tells distances kept in segments no longer than this share of the motion
+SHORT_MOTION = 0.1  # motions no longer than this in any coordinate have no such segments [rad or m]. Unrecorded
+STOPPED_SHARE = 1 / 32  # once time is up, segments no longer than this share of the motion aren't halved any more
 
-AHEAD = 8
-"""Number of places after an undecided one at which contact is sought, each twice as far ahead as the one before."""
+LOOKAHEAD_PLACES = 8
+"""Places after an undecided one at which contact is searched for, each twice as far ahead as the one before."""
 
 _REASONS = {FREE: Reason.FREE, IN_CONTACT: Reason.CONTACT, TOO_CLOSE: Reason.TOO_CLOSE}
 
@@ -97,46 +97,45 @@ class ContradictionError(Exception):
 class Smallest:
     """A smallest distance."""
 
-    # at `time` between the bodies of `pair` [m]; infinite without a pair. Where bodies overlap it isn't above 0: no
-    # depth
+    # at `time` between the bodies of `pair` [m]; infinite without a pair; 0 or less where bodies overlap, and no depth
     distance: float = np.inf
     bound: float = np.inf  # certified lower bound of all distances [m]
     time: float = np.nan  # when [s]
     pair: int = -1
-    tolerance: float = TOLERANCE  # by how much the bound is smaller where there was time for it [m]
+    tolerance: float = TOLERANCE  # by how much the bound is smaller, if the search came to its end [m]
 
 
-class Goal(NamedTuple):
-    """What is asked about a motion."""
+class SearchQuery(NamedTuple):
+    """The questions about a motion that a search answers."""
 
-    # what robot and obstacles must keep apart [m], the robot and itself nothing; None: no verdict
+    # clearance from obstacles for the verdict [m], the robot must only not touch itself; None: no verdict
     min_clearance: float | None = None
     resolution: float = RESOLUTION_FLOOR  # see `RESOLUTION_FLOOR` [m]
     kinds: int = EVERY_KIND
     in_time: bool = True  # whether obstacles move; else they rest where they are at first
-    # the smallest distance from obstacles is asked for within each, and the robot's from itself within the first [s]
+    # spans in each of which the smallest distance from obstacles is found; in the first the robot's own, too [s]
     spans: Sequence[tuple[float, float]] = ()
-    # the distance from obstacles is asked for at each, in order, shape (k,) [s]: the ends of the motion among them;
-    # none, where only a verdict is asked for
+    # times at which the distance from obstacles is found, in order, the motion's ends among them, shape (k,) [s]; none
+    # if only a verdict is needed
     samples: np.ndarray = np.empty(0)
 
 
 class SearchLog(NamedTuple):
-    """What a search writes down of how it closes pairs, see `kernels.prove.kept_distance`."""
+    """The log of how a search closes pairs, for a proof; see `kernels.prove.kept_distance`."""
 
     numbers: np.ndarray  # a header and rows, shape (n,)
     segments: np.ndarray  # begin, end and middle of each segment, not a number where there is none, shape (s, LOG_ENDS)
 
     @classmethod
     def with_capacity(cls, rows: int) -> SearchLog:
-        """With room for some rows, and for as many segments."""
+        """Allocate a log for so many rows, and as many segments."""
         numbers = np.zeros(LOG_ROWS + LOG_ROW * rows)
         numbers[LOG_CAPACITY] = rows
         return cls(numbers, np.full((rows, LOG_ENDS), np.nan))
 
     @property
     def is_complete(self) -> bool:
-        """Whether everything had room."""
+        """Whether nothing was left out for want of room."""
         return bool(self.numbers[LOG_COUNT] <= self.numbers[LOG_CAPACITY] and np.isnan(self.segments[-1:, 0]).all())
 
     @property
@@ -147,11 +146,11 @@ class SearchLog(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SearchResult(ReadOnly):
-    """What a search found."""
+    """The answers of a search."""
 
     verdict: Verdict
-    obstacle: list[Smallest]
-    own: Smallest  # the smallest distance of the robot from itself within the first
+    obstacle: list[Smallest]  # the smallest distance from obstacles within each span
+    own: Smallest  # the smallest distance of the robot from itself within the first span
     distances: np.ndarray  # the smallest distance from obstacles at each sample, shape (k,) [m]; infinite without one
 
 
@@ -161,12 +160,12 @@ def without_distances(verdict: Verdict) -> SearchResult:
 
 
 def search(
-    world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED, log: SearchLog | None = None
+    world: World, curve: Curve, goal: SearchQuery, deadline: Deadline = UNLIMITED, log: SearchLog | None = None
 ) -> SearchResult:
     """Search a motion.
 
     Args:
-        log: Gets how pairs are closed; None: nobody asks.
+        log: Receives how pairs are closed; None if no proof is needed.
 
     Raises:
         ContradictionError: if Coal doesn't confirm what the search found.
@@ -177,7 +176,7 @@ def search(
 class _MotionSearch:
     """One search."""
 
-    def __init__(self, world: World, curve: Curve, goal: Goal, deadline: Deadline, log: SearchLog) -> None:
+    def __init__(self, world: World, curve: Curve, goal: SearchQuery, deadline: Deadline, log: SearchLog) -> None:
         self._log = log
         self._world, self._curve, self._goal, self._deadline = world, curve, goal, deadline
         self._in_time = goal.in_time and world.scene.moves
@@ -207,17 +206,17 @@ class _MotionSearch:
         distances, waiting = np.empty(len(parameters)), np.zeros((len(knots) + 3 * DEEPEST, INTERVAL))
         waiting[:count, BEGINS], waiting[:count, ENDS] = knots[-2::-1][:count], knots[:0:-1][:count]
         low, high = self._curve.box
-        is_short = float((high - low).max(initial=0.0)) <= SHORT
-        longest = self._whole if is_short else LOOKED * self._whole
+        is_short = float((high - low).max(initial=0.0)) <= SHORT_MOTION
+        longest = self._whole if is_short else COARSE_SHARE * self._whole
         looked = parameters
         while True:
             is_late = self._deadline.expired()
             if is_late and self._goal.min_clearance is not None:
                 self._end_verdict(waiting, count, has_begun=not len(looked))
-            shortest = STOPPED * self._whole if is_late else 0.0
+            shortest = STOPPED_SHARE * self._whole if is_late else 0.0
             count = prove_along(
-                self._moving, self._tolerance, looked, EVERY, SEGMENTS_AT_ONCE, longest, shortest, self._questions,
-                self._verdict, waiting, count, distances, *self._log,
+                self._moving, self._tolerance, looked, OWN_SAMPLE_STRIDE, SEGMENTS_AT_ONCE, longest, shortest,
+                self._questions, self._verdict, waiting, count, distances, *self._log,
             )  # fmt: skip
             if count <= 0:
                 break
@@ -229,14 +228,14 @@ class _MotionSearch:
         return SearchResult(self._name_verdict(), answers, own, distances if len(samples) else distances[:0])
 
     def _end_verdict(self, waiting: np.ndarray, count: int, *, has_begun: bool) -> None:
-        """End the verdict where the first segment begins for which it isn't known.
+        """End the verdict where the first segment begins for which it isn't known, once time is up.
 
-        A search that has begun may wait for distances alone, and what the verdict lacks is few segments then.
+        If the search has begun, at first `LAST_SEGMENTS` more are judged for the verdict alone.
         """
         if has_begun and len(self._questions) and self._verdict[RESOLUTION] >= 0.0:
             waiting, none = waiting.copy(), np.empty((0, ANSWER))
             count = prove_along(
-                self._moving, self._tolerance, self._ends[:0], EVERY, LAST_SEGMENTS, self._whole, 0.0, none,
+                self._moving, self._tolerance, self._ends[:0], OWN_SAMPLE_STRIDE, LAST_SEGMENTS, self._whole, 0.0, none,
                 self._verdict, waiting, count, np.empty(0), *self._log,
             )  # fmt: skip
         begin = float(waiting[:count, BEGINS].min(initial=self._verdict[END]))
@@ -299,7 +298,7 @@ class _MotionSearch:
         return 0.0 if pair < self._world.pairs.n_self else float(self._verdict[MARGIN])
 
     def _ask_coal(self, pair: int, parameter: float) -> Reason | None:
-        """Coal's word about a pair: contact, too close, UNDECIDED within its accuracy, None if it is farther apart."""
+        """Ask Coal about a pair: contact, too close, UNDECIDED within its accuracy, None if it is farther apart."""
         world, kept = self._world, self._distance_to_keep(pair)
         self._place_pair(pair, parameter)
         if world.touches(pair):
@@ -316,10 +315,10 @@ class _MotionSearch:
             put_obstacle(world, pair, self._time_at(parameter))
 
     def _look_ahead(self, pair: int, parameter: float) -> tuple[Reason, float]:
-        """A contact that an undecided place comes before, if there is one shortly after it."""
+        """Search for a contact shortly after an undecided place; return reason and parameter."""
         begin, last = float(self._verdict[END]), float(self._ends[1])
         step = max(parameter - begin, 1e-12 * self._whole)
-        for doubling in range(AHEAD + 1):
+        for doubling in range(LOOKAHEAD_PLACES + 1):
             ahead = parameter if doubling == 0 else min(parameter + 2.0 ** (doubling - 1) * step, last)
             found = self._ask_coal(pair, ahead)
             if found in (Reason.CONTACT, Reason.TOO_CLOSE):

@@ -1,4 +1,8 @@
-"""Tables of a world and a motion for the search: parts are made once, for all alike groups, when first used."""
+"""Tables of a world and a motion for the search's kernels: robot, obstacles, movers, pairs, and the Bezier curve.
+
+Columns are those of kernels/prove. Everything proved rests on the errors here being large enough: `ROUNDED`,
+`ARITHMETIC`, `rounding_of`, and the speeds of obstacles that move.
+"""
 
 from __future__ import annotations
 
@@ -26,22 +30,22 @@ from guidefield.scene.content import points_in
 from guidefield.scene.movers import motion_of, movers
 from guidefield.scene.scene import Scene, build, unplaced
 
-ROUNDED = 1e-5  # what single precision gives away for hulls whose corners are within some hundred metres [m]
-ARITHMETIC = 2e-9  # what double precision may be off, of a metre and of each metre from the origin [m]
+ROUNDED = 1e-5  # error of single precision for hulls whose corners are within some hundred metres [m]
+ARITHMETIC = 2e-9  # error of double precision: this times 1 m plus the distance from the origin
 
 
 class WorldTables(NamedTuple):
-    """What a search reads of a world."""
+    """The tables of a world that a search reads."""
 
     robot: RobotBodies
     obstacles: ObstacleBodies
     movers: MovingObstacles
     pairs: BodyPairs
-    error: float  # what a distance that is proved may be off, but for far coordinates [m]
+    error: float  # by how much a proved distance may be too large, see `arithmetic_error` [m]
 
 
 def world_tables(world: World, *, in_time: bool) -> WorldTables:
-    """The tables of a world, its obstacles in time or all at rest where they are at first."""
+    """Build the tables of a world, with obstacles that move, or all at rest where they are at first."""
     timed = in_time and world.scene.moves
     obstacles = obstacle_bodies(world.scene, timed=timed)
     movers = moving_placements(world.scene) if timed else NOTHING_MOVES
@@ -49,7 +53,7 @@ def world_tables(world: World, *, in_time: bool) -> WorldTables:
 
 
 def arithmetic_error(world: World) -> float:
-    """Return what a distance that is proved may be off [m]: the corners of hulls are in single precision."""
+    """Return by how much a proved distance may be too large [m]: the corners of hulls are in single precision."""
     far = max(_robot_extent(world.group), _obstacle_extent(world.scene))
     return _robot_rounding(world.group) + _obstacle_rounding(world.scene) + ARITHMETIC * (1.0 + far)
 
@@ -77,18 +81,18 @@ def _obstacle_extent(scene: Scene) -> float:
 
 
 def rounding_of(parts: Parts) -> float:
-    """Return how far a corner of a hull may be from its place [m]."""
+    """Return how far single precision may put a corner of a hull from its place [m]."""
     farthest = max(parts.vertices.max(initial=0.0), -parts.vertices.min(initial=0.0))
     return float(0.5 * np.sqrt(3.0) * np.spacing(np.float32(farthest)))
 
 
 def prepare_obstacles(scene: Scene) -> None:
-    """Make the convex parts of those of a scene's obstacles that rest."""
+    """Build the convex parts of a scene's obstacles at rest."""
     _obstacle_parts(scene.resting)
 
 
 def robot_bodies(world: World) -> RobotBodies:
-    """The robot of a world."""
+    """Build the tables of the robot of a world."""
     origin = np.array(world.group.expand(world.group.q_origin), float)
     read_only(origin)
     return _alike_bodies(world.group, world.pairs.own.tobytes())._replace(origin=origin)
@@ -96,9 +100,9 @@ def robot_bodies(world: World) -> RobotBodies:
 
 @memoized_for_alike
 def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
-    """The robot's bodies, but for the configuration from which rotation vectors start.
+    """Build the robot's bodies, but for the configuration from which rotation vectors start.
 
-    Own pairs, an array (own, 2) of int64, are those of the motion bound that is at hand already.
+    Own pairs are the bytes of an array (own, 2) of int64, as `motion_bound` takes them.
     """
     bound, about, (roots, parts, anchor) = motion_bound(group, own_pairs), bodies(group), robot_parts(group)
     robot = RobotBodies(
@@ -127,7 +131,7 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
 
 @memoized
 def obstacle_bodies(scene: Scene, *, timed: bool) -> ObstacleBodies:
-    """The obstacles of a scene where they are first; those that move apart from the others where time counts."""
+    """Build the obstacles of a scene where they are at first; if `timed`, moving ones are kept apart."""
     boxes, (roots, parts, anchor) = obstacle_boxes(scene).tables, _obstacle_parts(scene)
     movers_of = np.full(len(roots), -1)
     if timed and scene.moves:
@@ -143,7 +147,7 @@ def obstacle_bodies(scene: Scene, *, timed: bool) -> ObstacleBodies:
 
 @memoized
 def moving_placements(scene: Scene) -> MovingObstacles:
-    """The obstacles of a scene that move; speeds of what has no end are 0 here."""
+    """Build the motions of a scene's moving obstacles; speeds of half-spaces are 0 here."""
     known = movers(scene)
     motions = [motion_of(one) for one in known.obstacles]
     poses, twists = list[np.ndarray](), list[np.ndarray]()
@@ -170,7 +174,7 @@ def moving_placements(scene: Scene) -> MovingObstacles:
 
 
 def with_passing_speeds(world: World, curve: Curve, made: MovingObstacles) -> MovingObstacles:
-    """The obstacles of a world that move: those without an end are as fast as they pass the robot along a motion."""
+    """Set the speeds of moving half-spaces: the largest at which they pass the robot along a motion."""
     if not made.endless.any():
         return made
     about, speeds, known = robot_ball(world, *curve.box), made.speeds.copy(), movers(world.scene)
@@ -185,27 +189,26 @@ NOTHING_MOVES = MovingObstacles(
     np.zeros(1, np.int64), np.empty(0), np.empty((0, 12)), np.empty((0, 6)), np.empty(0), np.empty(0, np.int64),
     np.empty(0), np.empty(0), np.empty(0),
 )  # fmt: skip
-"""No obstacle moves."""
 read_only(*NOTHING_MOVES)
 
 
 def body_pairs(world: World) -> BodyPairs:
-    """The pairs of a world."""
+    """Build the tables of the pairs of a world."""
     return BodyPairs(*world.pairs.table, *_find_views(world.group, world.pairs.own.tobytes()))
 
 
 def index_of_pair(world: World, pair: int) -> int:
-    """Return the index among a world's pairs of a pair as kernels number it: those left out count there."""
+    """Return the index among a world's pairs of a pair as kernels number it, who count allowed pairs too."""
     mixed = pair - world.pairs.n_self
     return pair if mixed < 0 else pair - int(np.searchsorted(world.pairs.left_out, mixed))
 
 
 @memoized_for_alike
 def _find_views(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Of own pairs, an array (own, 2) of int64, what `BodyPairs` has: from which body each is seen.
+    """Choose for own pairs, bytes of (own, 2) int64, the body between both in whose frame their motion is bounded.
 
-    It is seen from the one between both from where the joints move them least at the neutral configuration; a joint's
-    coordinates are all on one side of it.
+    It is the one from where the joints move both least at the neutral configuration; a joint's coordinates are all on
+    one side of it. The arrays are those of `BodyPairs`.
     """
     own, about, bound = np.frombuffer(own_pairs, np.int64).reshape(-1, 2), bodies(group), motion_bound(group, own_pairs)
     data, nv = group.model.createData(), group.model.nv
@@ -227,7 +230,7 @@ def _find_views(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, np.
 
 
 def _choose(mask: np.ndarray, columns: np.ndarray, width: int) -> np.ndarray:
-    """The columns (k,) that a mask (n, k) has in each row, in order, and -1 behind them, shape (n, width)."""
+    """Return the columns (k,) that a mask (n, k) chooses in each row, in order, and -1 behind them, (n, width)."""
     at = np.argsort(~mask, axis=1, kind="stable")[:, :width]
     rows: np.ndarray = np.where(np.arange(width) < mask.sum(axis=1, keepdims=True), columns[at], -1)
     return rows
@@ -247,11 +250,11 @@ def bezier_curve(curve: Curve) -> BezierCurve:
 
 @memoized
 def _obstacle_parts(scene: Scene) -> BodyParts:
-    """The convex parts of a scene's obstacles, seen from the world's origin, or from among them if that is far away."""
+    """Build the convex parts of a scene's obstacles, relative to the origin, or to a point among them if it is far."""
     made = parts_in_world(scene)
     if rounding_of(made.parts) <= ROUNDED:
         return made
-    # single precision tells little of coordinates far away
+    # in single precision coordinates far away are coarse
     boxes = obstacle_boxes(scene).tree.boxes
     anchor = np.median(0.5 * (boxes[:, :3] + boxes[:, 3:]), axis=0)
     shifted = [_shift(obstacle.message, anchor) for obstacle in scene.obstacles]
@@ -260,7 +263,7 @@ def _obstacle_parts(scene: Scene) -> BodyParts:
 
 
 def parts_in_world(scene: Scene) -> BodyParts:
-    """The convex parts of a scene's obstacles, seen from the world's origin."""
+    """Build the convex parts of a scene's obstacles, relative to the world's origin."""
     known = lane_scene(scene)
     roots, parts = known.roots, known.tables[1]
     clouds = [index for index in unplaced(scene) if scene.obstacles[index].cloud is not None]
@@ -274,7 +277,7 @@ def parts_in_world(scene: Scene) -> BodyParts:
 
 
 def _shift(message: messages.Obstacle, anchor: np.ndarray) -> messages.Obstacle:
-    """An obstacle at rest as seen from an anchor, shape (3,) [m]; a half-space, whose numbers are exact, as it is."""
+    """Return an obstacle at rest relative to an anchor (3,) [m]; a half-space, whose numbers are exact, as it is."""
     if isinstance(message, messages.HalfSpace):
         return msgspec.structs.replace(message, trajectory=None)
     if isinstance(message, messages.Polygon):

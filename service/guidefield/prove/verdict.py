@@ -1,4 +1,8 @@
-"""Verdicts of certificates: whether a motion is free, and where and why it is refused; their settings."""
+"""Verdicts of certificates: whether a motion is free, and where and why it is refused; tolerances of the decision.
+
+The values of `Reason` are on the wire and in recordings. A smaller accuracy of Coal's than it has would turn verdicts
+into contradictions.
+"""
 
 from __future__ import annotations
 
@@ -19,21 +23,21 @@ _D = TypeVar("_D", float, np.ndarray)
 COAL_ACCURACY = 1e-6  # how far off Coal's answers may be [m]: the tolerance of its search for distances
 
 COAL_RELATIVE = 2e-6
-"""The same for each metre of distance: crossing cylinders, whose distance is known, are at most 1 um and 0.9 um a metre
+"""The same as a share of the distance: crossing cylinders, whose distance is known, are at most 1 um and 0.9e-6 of it
 off; this is twice as much."""
 
 CONSTRAINT_RESOLUTION = 1e-5
-"""Curves that span no more than this in every coordinate, and about whose path constraints nothing can be determined
-then, are refused [rad or m]. Unrecorded."""
+"""A curve that spans no more than this in every coordinate is refused if its path constraints are still undecided
+[rad or m]. Unrecorded."""
 
 
 def with_coal_error(distance: _D) -> _D:
-    """Return what Coal has to say [m], so that bodies are a distance [m] apart at least; of an array (n,), of each."""
+    """Return the distance that Coal must report [m] for bodies to be at least a distance [m] apart; or of each (n,)."""
     asked: _D = distance + COAL_RELATIVE * abs(distance) + COAL_ACCURACY
     return asked
 
 
-LIMIT_TOLERANCE = 1e-9  # what a coordinate may be beyond its limit, for rounding [rad or m]
+LIMIT_TOLERANCE = 1e-9  # a coordinate may be this much beyond its limit, for rounding [rad or m]
 
 
 class Reason(enum.Enum):
@@ -48,22 +52,22 @@ class Reason(enum.Enum):
     BEYOND_LIMITS = "beyond limits"
     """A joint leaves its position limits."""
     BEYOND_VELOCITY = "beyond a velocity limit"
-    """What a controller draws is too fast."""
+    """The executed trajectory is too fast."""
     BEYOND_ACCELERATION = "beyond an acceleration limit"
-    """What a controller draws accelerates too much."""
+    """The executed trajectory accelerates too much."""
     BEYOND_JERK = "beyond a jerk limit"
-    """What a controller draws jerks too much."""
+    """The executed trajectory has too much jerk."""
     PATH_CONSTRAINT = "violates a path constraint"
     """A frame leaves what a path constraint allows."""
     UNDECIDED = "undecided"
-    """A pair comes so close that the floor was reached."""
+    """A pair comes so close that it couldn't be decided down to the resolution."""
     STOPPED = "stopped"
-    """There was no time to tell."""
+    """The deadline passed before it was decided."""
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict(ReadOnly):
-    """What a certificate says about a motion."""
+    """The verdict of a certificate about a motion."""
 
     reason: Reason
     evaluations: int  # configurations that were judged, by balls and boxes, by Coal, or by a constraint
@@ -91,9 +95,9 @@ class Verdict(ReadOnly):
 
 
 def first_refused(one: Verdict, other: Verdict) -> Verdict:
-    """Of two verdicts about one motion the one that refuses it first, with the evaluations of both.
+    """Return that of two verdicts about one motion which refuses it first, with the evaluations of both.
 
-    The motion is certified as far as both certify it: what the one refuses the other may not have certified before.
+    The motion is certified as far as both certify it.
     """
     chosen = min(one, other, key=lambda verdict: verdict.place)
     certified = [verdict.free_until for verdict in (one, other) if verdict.free_until is not None]

@@ -1,1 +1,5 @@
-"""The referee: a second certifier, written from its page alone, with nothing of the first one's code."""
+"""The referee: a second certifier, written from its pages (docs/referee.md, docs/certificate.md) alone.
+
+It imports nothing of the rest of guidefield, so that a bug there can't hide here: keep it so, also where that means the
+same function twice.
+"""

@@ -17,7 +17,7 @@ from guidefield.referee.replay import replay_file
 
 
 def main() -> int:
-    """Read the file that is named, judge it and print what was found."""
+    """Judge the cases or proofs of the file that is named, print the verdicts, and return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m guidefield.referee", description="Judge a motion in a file.")
     parser.add_argument("file", type=Path, help="cases, or a proof, as `guidefield certify` writes them")
     parser.add_argument("--extra", type=float, default=0.0, help="distance to keep beyond what is required [m]")

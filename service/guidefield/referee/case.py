@@ -1,4 +1,8 @@
-"""The case that the referee judges, its motion as polynomials in time, and the verdicts about it."""
+"""The case that the referee judges, its motion as polynomials in time, its limits, and the verdicts about it.
+
+`loading.py` builds cases from files; `judge.py` and `replay.py` decide on nothing else. The motion between knots has to
+be that of docs/referee.md, because all bounds rest on it. Values of `Answer` are what users read.
+"""
 
 from __future__ import annotations
 
@@ -64,8 +68,8 @@ class Case:
     """A motion of a robot among obstacles, and what it is said to keep.
 
     The chart of the model has `model.nv` numbers, joint by joint in Pinocchio's order: a joint's value or unwrapped
-    angle; x, y and angle of a planar joint; position and rotation vector of a floating one. With the motion's own
-    columns z it is at ``spread @ z + offset``: so followers follow, and other joints stand.
+    angle; x, y and angle of a planar joint; position and rotation vector of a floating one. At a motion's columns z it
+    is ``spread @ z + offset``: so mimic joints follow, and joints without a column stand still.
     """
 
     model: Any  # pinocchio's model; a ball joint is a floating one that stays where it is
@@ -83,8 +87,8 @@ class Case:
     positions: np.ndarray  # shape (k, n) [rad or m]
     velocities: np.ndarray | None  # shape (k, n) [rad/s or m/s]; None: from knot to knot it goes straight on
     accelerations: np.ndarray | None  # shape (k, n) [rad/s² or m/s²]; None: it is cubic, or straight
-    steps: bool  # whether each column may be anywhere between both knots, instead of going straight on
-    tolerance: np.ndarray  # how far each column may be from that, shape (n,) [rad or m]
+    steps: bool  # whether each column may be anywhere between both knots' values, instead of on the drawn motion
+    tolerance: np.ndarray  # how far each column may be beside that, shape (n,) [rad or m]
     lower: np.ndarray  # least values of the model's chart, shape (model.nv,); infinite where there is no limit
     upper: np.ndarray  # largest values, shape (model.nv,)
     # largest velocity, acceleration and jerk of each column of z, shape (3, n); infinite where there is none
@@ -122,11 +126,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found, and what it rests on."""
+    """A finding, and what it rests on."""
 
     finding: Finding  # the answer, and where
-    # what all pairs are proven to keep beyond what was asked for, as far as they were judged [m]
-    kept: float = math.inf
+    kept: float = math.inf  # margin above the required distances that all judged pairs are proved to keep [m]
     pairs: int = 0  # how many pairs were judged
     left_out: tuple[tuple[str, str, str], ...] = ()  # two names and a reason: pairs about which nothing is said
     evaluations: int = 0  # distances that Coal was asked for, or slabs of a proof
@@ -138,7 +141,7 @@ class Verdict:
 
 
 def lines(verdict: Verdict, rests_on: str = "distances") -> Iterator[str]:
-    """The verdict, what it rests on, and every pair that was left out, a line each."""
+    """Yield the verdict, what it rests on, and every pair that was left out, a line each."""
     found = verdict.finding
     about = ("; " if found.answer is Answer.NOT_JUDGED else " and ").join(found.about)
     when = "" if math.isnan(found.time) else f" at {found.time:.6g}"
@@ -152,13 +155,11 @@ def lines(verdict: Verdict, rests_on: str = "distances") -> Iterator[str]:
         yield f"  {first} and {second}: {why}"
 
 
-SLACK, ROUNDING = (
-    1e-6,
-    1e-9,
-)  # share of a rate's limit, and distance [rad or m] beyond one of position, that count as none
-DIGITS = 4e-15  # what 64 bits leave out of 1
+SLACK, ROUNDING = 1e-6, 1e-9  # excess that is allowed: share of a rate's limit; beyond one of position [rad or m]
+DIGITS = 4e-15  # relative error of double precision, summed up over a few operations
 KINDS = ("position", "velocity", "acceleration", "jerk")
-HALVINGS, AT_ONCE = 60, 2000  # of a span in which a zero is; pieces whose extremes are found at once
+HALVINGS = 60  # of a span in which a rate's zero is: down to rounding
+AT_ONCE = 2000  # pieces whose extremes are found together
 
 
 def _monotone_between(powers: np.ndarray, spans: np.ndarray) -> np.ndarray:
@@ -175,7 +176,7 @@ def _monotone_between(powers: np.ndarray, spans: np.ndarray) -> np.ndarray:
 
 
 def beyond_limit(case: Case) -> Finding | None:
-    """A limit that is exceeded where a position or a rate of any column is extreme, or a limited jerk without bound."""
+    """Find a limit that is exceeded: by a position or rate at its extremes, or by an unbounded jerk at a knot."""
     told, kinds = [*pieces(case, commanded=True)], 1 if case.times is None else 4
     for first in range(0, len(told), AT_ONCE):
         some = told[max(first - 1, 0) : first + AT_ONCE]  # with the piece before, whose acceleration may jump
@@ -197,7 +198,7 @@ def beyond_limit(case: Case) -> Finding | None:
 
 
 def _first_excess(case: Case, start: float, k: int, s: np.ndarray, over: list[np.ndarray]) -> Finding:
-    """The first of the excesses on a piece that begins at a time, and of those then the largest of the first kind."""
+    """Return the first of the excesses on a piece that begins at a time, at that time the largest of the first kind."""
     moves = np.abs(case.spread).argmax(axis=1)  # the column that each number of the model's chart depends on
     times = [s[:, k, moves], *[s[:, k]] * 3]
     found = [
@@ -211,7 +212,7 @@ def _first_excess(case: Case, start: float, k: int, s: np.ndarray, over: list[np
 
 
 class Piece(NamedTuple):
-    """A piece of a motion: a time s after its start the columns are at the sum of s^k powers[k], or beside that."""
+    """A piece of a motion: a time s after its start the columns are the sum of s^k powers[k], within `beside`."""
 
     start: float  # [s, or knots]
     powers: np.ndarray  # shape (d + 1, n), d at least 1
@@ -222,7 +223,7 @@ class Piece(NamedTuple):
 def pieces(case: Case, *, commanded: bool = False) -> Iterator[Piece]:
     """Draw the motion between its knots: straight, cubic by velocities, of degree 5 by accelerations, too (Hermite).
 
-    Of steps each column may be anywhere between both knots; `commanded` are the straight lines instead.
+    In steps each column may be anywhere between both knots; with `commanded` their straight lines are drawn instead.
     """
     p, times = case.positions, np.arange(float(len(case.positions))) if case.times is None else case.times
     for k, h in enumerate(np.diff(times).tolist()):

@@ -1,8 +1,8 @@
-"""The judge: is a motion free, within its limits and constraints, at every time? Interval bisection, nothing else.
+"""Judge by bisection whether a motion is free, within its limits and constraints, at every time.
 
-A stretch of the motion is tried at its middle: there Coal says how far two bodies are apart, and `_reach` how far their
-points can move within it. Bodies further apart than that are free; for others both halves of the stretch are tried.
-What is promised is in certificate.md.
+A segment of the motion is tested at its middle: there Coal says how far two bodies are apart, and `_reach` bounds how
+far their points move within it. Bodies farther apart than that are free; for others both halves are tested. What is
+promised, and the tolerances below, are in docs/certificate.md.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from guidefield.referee.case import (
 )
 from guidefield.referee.shapes import distance, distinct, is_closed, winding
 
-SLACK = FLOOR = 1e-6  # of constraints, Coal's distances (2e-6 more a metre); what moves less is undecided
-ROUNDING = 1e-9  # of a corner that is in a convex part [m]
-Told = tuple[Answer | None, float, float]  # what is broken; room to what is required; distance
+SLACK = FLOOR = 1e-6  # error of constraints and Coal's distances (2e-6 more a metre); less motion is undecided
+ROUNDING = 1e-9  # tolerance for a corner to be in a convex part [m]
+Judgement = tuple[Answer | None, float, float]  # what is broken; margin above what is required; distance
 
 
 def judge(case: Case, extra: float = 0.0, own_extra: float = 0.0, seconds: float = math.inf) -> Verdict:
@@ -51,7 +51,7 @@ def judge(case: Case, extra: float = 0.0, own_extra: float = 0.0, seconds: float
 
 
 def false_part(case: Case) -> Finding | None:
-    """A triangle whose three corners are in a convex part is in it; a shell is closed and has all triangles."""
+    """Find a mesh that isn't in its convex parts, by its triangles' corners, or a shell that isn't the mesh closed."""
     for body in case.bodies:
         first, corner = distinct(corners := body.triangles.reshape(-1, 3))
         within, here = np.zeros(len(body.triangles), bool), coal.Transform3s.Identity()
@@ -88,7 +88,7 @@ class Along:
         self.names = [*between, *((one.name,) for one in case.constraints)]
 
     def inside(self) -> Finding | None:
-        """A body in another's closed mesh at the start. One that starts outside it has to touch it to come inside."""
+        """Find a body in another's closed mesh at the start; one that starts outside has to touch it to come inside."""
         first = next(pieces(self.case))
         self._stand(first.powers[0], first.start)
         for k, m in [both for i, j, _ in self.pairs for both in ((i, j), (j, i))]:
@@ -146,14 +146,14 @@ class Along:
         self.coal = [coal.Transform3s(one.rotation, one.translation) for one in self.placed]
 
     def _reach(self, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far joints move any point of each body, (b, njoints), and how far they turn, (njoints,).
+        """Bound how far joints move any point of each body, (b, njoints), and how far they turn, (njoints,).
 
         Let the columns stay within `half` of where they are. Move the joints one by one, from base to tip. While one
         moves, all beyond it still stand: a point p moves by at most e |v + w x p|, with the joint's unit velocity v, w
-        and its way e: e times the distance from its axis, or e where it slides. That is convex in p, so largest at a
+        and its change e: e times the distance from its axis, or e where it slides. That is convex in p, so largest at a
         corner. A joint of several freedoms slides by a norm, and turns about any axis through its centre by at most the
         norm of its rotation vector's change (the exponential map of rotations stretches nothing). By the triangle
-        inequality the ways add up. What moves two bodies moves both as one.
+        inequality the distances add up. Joints that move two bodies move both as one.
         """
         y = np.abs(self.case.spread) @ half
         self.points = points = np.array([one.homogeneous[:3] for one in self.placed]) @ self.corners
@@ -171,9 +171,9 @@ class Along:
         return np.where(self.moved, moves, 0.0), turns
 
     def _fastest(self, k: int, start: float, end: float) -> float:
-        """The largest speed of any point of an obstacle between two times: v + w x p in its frame, all along a screw.
+        """Bound the speed of any point of an obstacle between two times: v + w x p in its frame, all along a screw.
 
-        Of a half-space that of its points where the robot's corners are: these are on the screw as it sees them.
+        Of a half-space only points where the robot's corners are count: in its frame these are on the screw.
         """
         one, placed = self.carried[k], self.placed[k]
         if one.screw is None:
@@ -185,7 +185,7 @@ class Along:
         return float(np.linalg.norm(v + np.cross(w, points.reshape(-1, 3)), axis=2).max(initial=0.0))
 
     def _loss(self, k: int, moves: np.ndarray, turns: np.ndarray, half: np.ndarray) -> float:
-        """How much closer a pair's bodies get by what joints move them, or by how much more a constraint is broken."""
+        """Bound how much closer a pair's bodies get as joints move, or how much a constraint's value grows."""
         if k < len(self.pairs):
             i, j, _ = self.pairs[k]
             return float((moves[i] + moves[j])[self.moved[i] ^ self.moved[j]].sum() + moves[i, 0] + moves[j, 0])
@@ -196,10 +196,10 @@ class Along:
         return min(whole, self._across(k, half, whole))
 
     def _across(self, k: int, half: np.ndarray, whole: float) -> float:
-        """The same of a constraint, by what counts of each joint's motion, to second order.
+        """Bound how much a constraint's value grows, by the share of each joint's motion that counts, to second order.
 
-        As joint j moves, the way of joint i changes by at most e_j times the distance of the later one of both from the
-        frame, which is no more than here and the whole way; an axis' direction changes by at most e_j.
+        As joint j moves, the velocity by joint i changes by at most e_j times the distance of the later of both from
+        the frame, which is no more than here plus the `whole` motion; an axis' direction changes by at most e_j.
         """
         one, carrier = self.case.constraints[k], len(self.case.bodies) + k
         rows = [self.rows[i] for i in np.flatnonzero(self.moved[carrier])]
@@ -216,8 +216,8 @@ class Along:
         bent = 0.5 * float(e @ arms[np.maximum.outer(order, order)] @ e)
         return float(e @ np.linalg.norm(ways @ one.across.T, axis=1)) + bent
 
-    def _pair(self, k: int, loss: float) -> Told:
-        """Two bodies: first the parts that contain them, less what may stand out of these; then as declared."""
+    def _pair(self, k: int, loss: float) -> Judgement:
+        """Test two bodies: first the parts that contain them, less what may stand out of these; then as declared."""
         i, j, required = self.pairs[k]
         a, b = self.case.bodies[i], self.case.bodies[j]
         for some, others, out in ((a.parts or [a.exact], b.parts or [b.exact], SLACK), ([a.exact], [b.exact], 0.0)):
@@ -229,8 +229,8 @@ class Along:
         close = Answer.TOO_CLOSE if apart <= required - SLACK else None
         return Answer.CONTACT if apart <= 0.0 else close, room, apart
 
-    def _constraint(self, k: int) -> Told:
-        """The angle of a frame's axis, or the distance of its origin; told is by how much that exceeds the limit."""
+    def _constraint(self, k: int) -> Judgement:
+        """Test the angle of a frame's axis, or the distance of its origin, by how much it exceeds the limit."""
         one, carrier = self.case.constraints[k], len(self.case.bodies) + k
         axis, off = self.placed[carrier].rotation @ one.axis, self.placed[carrier].translation - one.point
         angle = math.atan2(float(np.linalg.norm(np.cross(axis, one.target))), float(axis @ one.target))
@@ -239,7 +239,7 @@ class Along:
 
 
 def _carrier(one: Body | Constraint, data: Any, now: float) -> Any:
-    """Where the joint stands that carries a body or frame; or an obstacle's own frame, on a screw from stop to stop."""
+    """Place the joint that carries a body or frame; or an obstacle's own frame, on a screw from stop to stop."""
     if one.screw is None:
         return data.oMi[one.joint]
     times, stops = one.screw.times, one.screw.stops

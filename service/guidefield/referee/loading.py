@@ -1,4 +1,8 @@
-"""Load cases from files; referee.md has the fields."""
+"""Load cases from files, with the fields of docs/referee.md, which `case_file.py` writes.
+
+Pinocchio, Coal and Assimp read what a file declares: the referee takes no number of the certificate's. A new or changed
+field needs a new number in `FORMATS`, here and on the page; files of earlier formats are still read.
+"""
 
 from __future__ import annotations
 
@@ -28,22 +32,22 @@ from guidefield.referee.shapes import (
     points_of,
     shape,
     shape_of,
-    snapped,
+    snap_to_corners,
     surface,
 )
 
 FORMATS = ("guidefield cases 2", "guidefield cases 1")
-"""Of the files that are read; the first is written: in the other motions have neither accelerations nor tolerances."""
+"""Formats that are read; the first one is written. In the second motions have neither accelerations nor tolerances."""
 
 ROOTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 
 LARGEST = 2**29  # the largest packed file that is read, unpacked [bytes]: a file of some kB could hold gigabytes
 MOMENT = 1e-9  # duration of a motion of a single position [s]
 
-Told = Mapping[str, Any]
+Fields = Mapping[str, Any]  # a part of a file, as JSON has it
 
 Meshes = dict[tuple[str, tuple[tuple[str, bytes], ...]], np.ndarray]
-"""Triangles (t, 3, 3) of mesh files that were read, by name and the files that this may mean, with their contents."""
+"""Triangles (t, 3, 3) of mesh files that were read, by the file's name and the contents of all it may refer to."""
 
 
 class UnusableFile(ValueError):
@@ -78,12 +82,12 @@ def _unpack(packed: bytes) -> bytes:
     return unpacked
 
 
-def case_of(told: Told, meshes: Meshes | None = None) -> Case:
+def case_of(told: Fields, meshes: Meshes | None = None) -> Case:
     """Make the case that a file describes.
 
     Args:
         told: The case.
-        meshes: Those that other cases of the file read; gets more.
+        meshes: Those that other cases of the file have read; what this one reads is added.
 
     Raises:
         UnusableFile: if something is missing or contradicts something else.
@@ -96,7 +100,7 @@ def case_of(told: Told, meshes: Meshes | None = None) -> Case:
         raise UnusableFile(f"it can't be used: {error}") from None
 
 
-def _case(told: Told, meshes: Meshes) -> Case:
+def _case(told: Fields, meshes: Meshes) -> Case:
     if any(told.get("anchor", ())):
         told = _move_to_anchor(told, np.array(told["anchor"], float))
     model, geometry, laws = _robot(told["robot"], meshes)
@@ -125,10 +129,10 @@ def _case(told: Told, meshes: Meshes) -> Case:
     )
 
 
-def _move_to_anchor(told: Told, anchor: np.ndarray) -> Told:
-    """A case as seen from a point of the world (3,) [m]: far from the origin rounding would count."""
+def _move_to_anchor(told: Fields, anchor: np.ndarray) -> Fields:
+    """Return a case relative to a point of the world (3,) [m], because far from the origin rounding would count."""
 
-    def nearer(one: Told) -> Told:
+    def nearer(one: Fields) -> Fields:
         if moves := one.get("trajectory"):
             return {**one, "trajectory": {**moves, "placements": [*map(nearer, moves["placements"])]}}
         kind = one.get("type", "")
@@ -144,8 +148,8 @@ def _move_to_anchor(told: Told, anchor: np.ndarray) -> Told:
     return {**told, **moved, "robot": {**told["robot"], "placement": nearer(told["robot"].get("placement", {}))}}
 
 
-def _robot(told: Told, read_meshes: Meshes) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
-    """Pinocchio's model and collision geometry where the robot stands; of each follower driver, multiplier, offset."""
+def _robot(told: Fields, read_meshes: Meshes) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
+    """Return Pinocchio's model and collision geometry; of each mimic joint its source, multiplier and offset."""
     root = ElementTree.fromstring(told["urdf"])  # noqa: S314 - who judges a file has chosen it
     laws = {
         joint.get("name", ""): (law.get("joint", ""), float(law.get("multiplier", 1)), float(law.get("offset", 0)))
@@ -187,8 +191,8 @@ def _robot(told: Told, read_meshes: Meshes) -> tuple[Any, Any, dict[str, tuple[s
     return model, geometry, laws
 
 
-def _meshes(root: Any, files: Told, known: Meshes) -> dict[str, np.ndarray]:
-    """Triangles (t, 3, 3) [m] of each collision shape that is a mesh, by its name; in the URDF a ball replaces it."""
+def _meshes(root: Any, files: Fields, known: Meshes) -> dict[str, np.ndarray]:
+    """Return triangles (t, 3, 3) [m] of each collision mesh, by the shape's name; in the URDF a ball replaces it."""
     contents, found = {name: base64.b64decode(content) for name, content in files.items()}, {}
     for link in root.iter("link"):
         for number, collision in enumerate(link.findall("collision")):
@@ -216,7 +220,7 @@ def _meshes(root: Any, files: Told, known: Meshes) -> dict[str, np.ndarray]:
 
 
 def _triangles(name: str, files: tuple[tuple[str, bytes], ...]) -> np.ndarray:
-    """Triangles (t, 3, 3) of a mesh file, among files that it may name, with their contents."""
+    """Read triangles (t, 3, 3) of a mesh file, among files that it may refer to, with their contents."""
     with tempfile.TemporaryDirectory() as folder:
         for path, content in ((Path(folder, one), content) for one, content in files):
             if not path.resolve().is_relative_to(Path(folder).resolve()):
@@ -267,8 +271,8 @@ def _tilt(model: Any, geometry: Any, index: int, normal: np.ndarray) -> None:
             one.placement = tilt.inverse() * one.placement
 
 
-def _chart(model: Any, told: Told, laws: Mapping[str, tuple[str, float, float]]) -> tuple[Any, ...]:
-    """`spread`, `offset`, `turning`, `turned` and `columns` of a case."""
+def _chart(model: Any, told: Fields, laws: Mapping[str, tuple[str, float, float]]) -> tuple[Any, ...]:
+    """Return `spread`, `offset`, `turning`, `turned` and `columns` of a case."""
     balls, planned, reference = told["robot"].get("ball_joints", ()), told["motion"]["joints"], told["reference"]
     joints = {name: model.joints[i] for i, name in enumerate(model.names) if i}
     free = {name: [*range(3 if name in balls else 0, joint.nv)] for name, joint in joints.items()}
@@ -303,7 +307,7 @@ def _chart(model: Any, told: Told, laws: Mapping[str, tuple[str, float, float]])
     return spread, offset, turning, turned, columns
 
 
-def _motion(told: Told, columns: int) -> dict[str, Any]:
+def _motion(told: Fields, columns: int) -> dict[str, Any]:
     arrays = {
         kind: None if told.get(kind) is None else np.array(told[kind], float)
         for kind in ("positions", "times", "velocities", "accelerations", "tolerance")
@@ -337,7 +341,7 @@ def _motion(told: Told, columns: int) -> dict[str, Any]:
 
 
 def _position_limits(model: Any, spread: np.ndarray, without: Sequence[str]) -> tuple[Any, Any, list[Any]]:
-    """The URDF's limits of joints that move, and which of them the file says aren't kept."""
+    """Return the URDF's limits of joints that move, and which of them the file says aren't kept."""
     lower, upper, unlimited = np.full(model.nv, -np.inf), np.full(model.nv, np.inf), []
     for name, joint in zip(model.names[1:], list(model.joints)[1:], strict=True):
         row = joint.idx_v
@@ -349,7 +353,7 @@ def _position_limits(model: Any, spread: np.ndarray, without: Sequence[str]) -> 
     return lower, upper, unlimited
 
 
-def _rates(columns: Sequence[str], limits: Told) -> np.ndarray:
+def _rates(columns: Sequence[str], limits: Fields) -> np.ndarray:
     rates = np.full((3, len(columns)), np.inf)
     for row, kind in enumerate(("velocity", "acceleration", "jerk")):
         for name in dict.fromkeys(columns):
@@ -358,12 +362,14 @@ def _rates(columns: Sequence[str], limits: Told) -> np.ndarray:
     return rates
 
 
-def _body(name: str, joint: int, placement: Any, one: Shape, parts: Told, *, obstacle: bool, **more: Any) -> Body:
+def _body(name: str, joint: int, placement: Any, one: Shape, parts: Fields, *, obstacle: bool, **more: Any) -> Body:
     told = parts.get(more.pop("key", name), {})
     shell = NO_TRIANGLES
     if "shell" in told:
         points = np.array(told["shell"]["vertices"], float) + 0.0
-        shell = (points if obstacle else snapped(points, one.triangles))[np.array(told["shell"]["triangles"], int)]
+        shell = (points if obstacle else snap_to_corners(points, one.triangles))[
+            np.array(told["shell"]["triangles"], int)
+        ]
     return Body(
         name=name,
         joint=joint,
@@ -380,17 +386,17 @@ def _body(name: str, joint: int, placement: Any, one: Shape, parts: Told, *, obs
     )
 
 
-def _links(model: Any, geometry: Any, parts: Told) -> Iterator[Body]:
+def _links(model: Any, geometry: Any, parts: Fields) -> Iterator[Body]:
     for one in geometry.geometryObjects:
         link, own = model.frames[one.parentFrame].name, shape(one.geometry, pin.SE3.Identity())
         yield _body(link, one.parentJoint, one.placement, own, parts["links"], key=one.name, obstacle=False)
 
 
-def _moves(told: Told) -> bool:
+def _moves(told: Fields) -> bool:
     return any(one.get("trajectory") for one in told["obstacles"])
 
 
-def _objects(model: Any, told: Told, unknown: list[str]) -> Iterator[Body]:
+def _objects(model: Any, told: Fields, unknown: list[str]) -> Iterator[Body]:
     parts = told["parts"]["objects"]
     for held in told.get("held", ()):
         divided = parts.get(held["obstacle"]["name"], {}).get("triangles")
@@ -411,8 +417,8 @@ def _objects(model: Any, told: Told, unknown: list[str]) -> Iterator[Body]:
         yield _body(obstacle["name"], 0, own, one, parts, obstacle=True, screw=screw)
 
 
-def _screw(told: Told) -> Screw:
-    """Of placements at times; a single one is there twice."""
+def _screw(told: Fields) -> Screw:
+    """Build the motion of placements at times; a single one counts twice."""
     stops, times = [placement_of(stop) for stop in told["placements"]], list(map(float, told["times"]))
     if len(times) == 1:
         stops, times = stops * 2, [times[0], times[0] + 1.0]
@@ -429,7 +435,7 @@ def _body_frame(model: Any, link: str) -> int:
     return index
 
 
-def _constraints(model: Any, told: Sequence[Told], unknown: list[str]) -> Iterator[Constraint]:
+def _constraints(model: Any, told: Sequence[Fields], unknown: list[str]) -> Iterator[Constraint]:
     for one in told:
         kind, name = one["type"], one["frame"]
         if kind not in ("orientation_cone", "plane", "line"):

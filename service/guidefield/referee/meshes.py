@@ -1,4 +1,4 @@
-"""Mesh files as triangles, read by Assimp's own command: another way than that of whatever the referee judges.
+"""Read mesh files as triangles by Assimp's own command: independent of guidefield's readers (robot/mesh_files).
 
 The command writes a scene as it has read it, "assbin", of which nodes and meshes are taken here: the command's own
 flattening takes a node that is moved by less than a hundredth for one that isn't moved.
@@ -48,10 +48,9 @@ class _Node(NamedTuple):
 
 
 def read(path: Path) -> np.ndarray:
-    """Triangles of a mesh file where its scene has them, shape (t, 3, 3) [m]; those without extent are left out.
+    """Read the triangles of a mesh file's scene, shape (t, 3, 3) [m]; those without extent are left out.
 
-    The unit of a COLLADA file counts, as Assimp has it, the axis that it says is up doesn't. Numbers are in single
-    precision.
+    The unit of a COLLADA file counts, as Assimp has it; its up axis doesn't. Numbers are in single precision.
 
     Raises:
         UnreadableMesh: if the command is missing, or can't read the file.
@@ -79,7 +78,7 @@ def read(path: Path) -> np.ndarray:
 
 @functools.cache
 def _prefix() -> Path:
-    """Folder of the command and its libraries: those of the package cmeel-assimp, else of a conda environment."""
+    """Find the folder of the command and its libraries: that of the package cmeel-assimp, or a conda environment's."""
     try:
         return Path(str(distribution("cmeel-assimp").locate_file(PREFIX)))
     except PackageNotFoundError:
@@ -105,7 +104,7 @@ def _run(*arguments: str) -> None:
 
 
 def _place_meshes(node: _Node, above: np.ndarray, meshes: list[np.ndarray]) -> Iterator[np.ndarray]:
-    """Triangles of a node's meshes and of all below it, (t, 3, 3) each, by a mirror turned round."""
+    """Yield triangles of a node's meshes and of all below it, (t, 3, 3) each; a mirrored node's are turned round."""
     placement = above @ node.placement
     turned = slice(None, None, -1) if np.linalg.det(placement[:3, :3]) < 0.0 else slice(None)
     for index in node.meshes:
@@ -157,7 +156,7 @@ def _mesh(chunk: _Chunk) -> np.ndarray:
 
 
 class _Chunk:
-    """A stretch of an assbin file, read from its beginning on."""
+    """A chunk of an assbin file, read from its beginning on."""
 
     def __init__(self, content: bytes, at: int, magic: int) -> None:
         found, size = struct.unpack_from("<2I", content, at)
@@ -171,7 +170,7 @@ class _Chunk:
         return values
 
     def array(self, kind: Any, count: int, ahead: bool = False) -> Any:
-        """So many values; None if the chunk hasn't as many. What is examined ahead is read again."""
+        """Read `count` values; None if the chunk hasn't as many. With `ahead` the next read begins there again."""
         size = np.dtype(kind).itemsize * count
         if self._at + size > self.end:
             if ahead:
@@ -182,7 +181,7 @@ class _Chunk:
         return values
 
     def chunk(self, magic: int) -> _Chunk:
-        """The chunk that comes next, passed over."""
+        """Return the next chunk within this one, and go on behind it."""
         inner = _Chunk(self._content, self._at, magic)
         self._at = inner.end
         return inner

@@ -1,8 +1,8 @@
-"""The motion of a robot and of obstacles in segments: places in their middles, and bounds about these; certificate.md.
+"""The motion of a robot and of obstacles in segments: placements in their middles, and bounds about these.
 
 In a segment the columns of the motion are at z + x, with z in its middle. With D the chord from its first point to its
 last, x = l D + e. A body goes along l by the twist J D; its points are at most `bent` off that, and `travel` from
-where they are in the middle. Every bound is that of certificate.md, by Pinocchio's Jacobians.
+where they are in the middle. Every bound is that of docs/certificate.md, by Pinocchio's Jacobians.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ class ChordBounds(NamedTuple):
     """The motion's columns in s segments."""
 
     z: np.ndarray  # in the middles, shape (s, n)
-    chords: np.ndarray  # d, shape (s, n)
-    shares: np.ndarray  # the most of the size of l, shape (s,)
-    farthest: np.ndarray  # the most of each number of x, shape (s, n)
-    sideways: np.ndarray  # the most of each number of e, shape (s, n)
+    chords: np.ndarray  # D, shape (s, n)
+    shares: np.ndarray  # bound on |l|, shape (s,)
+    farthest: np.ndarray  # bound on |x| of each column, shape (s, n)
+    sideways: np.ndarray  # bound on |e| of each column, shape (s, n)
 
 
 class BodyBounds(NamedTuple):
     """How a body moves in each of s segments."""
 
     twist: np.ndarray  # by which it moves along D, linear part first, shape (s, 6) [m and rad, world]
-    bent: np.ndarray  # how far points are from where a share of that brings them at most, shape (s,) [m]
-    travel: np.ndarray  # how far they get from where they are in the middle at most, shape (s,) [m]
+    bent: np.ndarray  # bound on the distance of its points from where l times that brings them, shape (s,) [m]
+    travel: np.ndarray  # bound on their distance from where they are in the middle, shape (s,) [m]
 
 
 class _Move(NamedTuple):
-    """Numbers of a joint that make one move: the joint, the numbers, whether it turns, and about any axis."""
+    """Coordinates of a joint that make one move: the joint, its coordinates, whether it turns, and about any axis."""
 
     joint: int
     rows: np.ndarray
@@ -46,7 +46,7 @@ class _Move(NamedTuple):
 
 
 def bound_chords(case: Case, segments: np.ndarray, *, timed: bool) -> ChordBounds:
-    """Bound the motion in segments (s, 2) by control points; l is the share of the time where that is asked for."""
+    """Bound the motion in segments (s, 2) by control points; if `timed`, l is the share of the segment's time."""
     told = [*pieces(case)]
     starts, spans = (np.array([getattr(one, name) for one in told]) for name in ("start", "span"))
     powers, beside = (np.array([getattr(one, name) for one in told]) for name in ("powers", "beside"))
@@ -92,9 +92,9 @@ class SegmentBounds:
     Attributes:
         chords: The motion's columns.
         radii: Of spheres about the robot's bodies and obstacles that move, shape (b,) [m]; else 0.
-        centres: Of those in the middles, shape (s, b, 3) [m, world].
-        begins: Rotations (b, 3, 3) and translations (b, 3) of shapes: in the frames of their joints, of obstacles in
-            the world, where they are at first.
+        centres: Of these spheres, in the segments' middles, shape (s, b, 3) [m, world].
+        begins: Rotations (b, 3, 3) and translations (b, 3) of shapes: of the robot's in the frames of their joints, of
+            obstacles in the world, where they are at first.
     """
 
     def __init__(self, case: Case, segments: np.ndarray, middles: Mapping[int, np.ndarray]) -> None:
@@ -102,7 +102,7 @@ class SegmentBounds:
 
         Args:
             segments: Shape (s, 2) [s, or knots].
-            middles: Of spheres about some bodies, in the frames of their shapes, shape (3,) [m].
+            middles: Centres of spheres about some bodies, in the frames of their shapes, shape (3,) [m].
         """
         self._case, self._segments = case, segments
         self._declared: dict[int, Declared] = {}
@@ -113,15 +113,15 @@ class SegmentBounds:
         self._place_bodies(middles)
 
     def declared(self, body: int) -> Declared:
-        """A body as it is declared."""
+        """Return a body as it is declared."""
         return self._declared.setdefault(body, self._declared.get(body) or declared(self._case.bodies[body]))
 
     def has_end(self, body: int) -> bool:
-        """Whether a body isn't a half-space."""
+        """Return whether a body is bounded, no half-space."""
         return bool(self._case.bodies[body].corners.any())
 
     def poses(self, segment: np.ndarray, body: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rotations (k, 3, 3) and translations (k, 3) of bodies' shapes (k,) in the middles of segments (k,)."""
+        """Return rotations (k, 3, 3) and translations (k, 3) of bodies' shapes (k,) in the middles of segments (k,)."""
         rotations, translations = self.begins[0][body], self.begins[1][body]
         for k in set(body.tolist()):
             if k in self._there:
@@ -130,20 +130,20 @@ class SegmentBounds:
         return rotations, translations
 
     def bound(self, body: int, view: int) -> BodyBounds:
-        """Bound the motion of one of the robot's bodies, as it is seen from a joint; 0 is the world."""
+        """Bound the motion of one of the robot's bodies relative to a joint; 0 is the world."""
         if (body, view, False) not in self._known:
             self._known[body, view, False] = self._bound(body, view)
         return self._known[body, view, False]
 
     def bound_mover(self, obstacle: int, body: int) -> BodyBounds:
-        """Bound the motion of an obstacle as a body meets it: of its points, of a half-space where the body is."""
+        """Bound the motion of an obstacle's points; of a half-space's only where a body of the robot is."""
         meets = 0 if self.has_end(obstacle) else body
         if (obstacle, meets, True) not in self._known:
             self._known[obstacle, meets, True] = self._bound_mover(obstacle, body)
         return self._known[obstacle, meets, True]
 
     def moves(self, obstacle: int) -> bool:
-        """Whether an obstacle moves."""
+        """Return whether an obstacle moves."""
         return self._case.bodies[obstacle].screw is not None
 
     def _place_joints(self) -> None:
@@ -218,7 +218,7 @@ class SegmentBounds:
                 self.radii[k] = radius_about(self.declared(k), self._middles[k])
 
     def _path(self, body: int, view: int) -> tuple[list[int], np.ndarray]:
-        """Moves from the joint that a body is seen from to it, and whether each goes with it, 1, or against it, -1."""
+        """Return the moves between a joint and a body, and the sign of each: 1 above the body, -1 above the joint."""
         supports = self._case.model.supports
         to, since = set(supports[self._case.bodies[body].joint]), set(supports[view])
         against = [k for k, move in enumerate(self._moves) if move.joint in since - to][::-1]
@@ -276,7 +276,7 @@ class SegmentBounds:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products of rows, shapes (n, 3); NumPy's own takes five times as long."""
+    """Return cross products of rows, shapes (n, 3); NumPy's own takes five times as long."""
     (x, y, z), (u, v, w) = a.T, b.T
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
 

@@ -1,4 +1,7 @@
-"""Proofs in a file (referee.md): cases, segments, slabs and convex shapes, and if these contain the case's bodies.
+"""Read proofs from files (docs/referee.md), each with its case, and check that their shapes contain the case's bodies.
+
+Names, widths and order of `Proof` are those that `prove/proof.py` and `case_file.py` write; a change needs a new number
+in `FORMATS`. Sizes and indices are checked here, truth in `replay.py`.
 
 Every triangle of a mesh, every point of a cloud, and a primitive as a whole, has to be in one of the nodes that aren't
 divided, and in everything that holds this one. Then what keeps away from the nodes that a slab is between keeps away
@@ -25,7 +28,7 @@ from guidefield.referee.loading import UnusableFile
 from guidefield.referee.shapes import distinct, hull
 
 FORMATS = ("guidefield proofs 2", "guidefield proofs 1")
-"""Of the files that are read; the first is written, with cases of the same number."""
+"""Formats that are read; the first one is written. Cases have the format of the same number in `loading.FORMATS`."""
 
 LARGEST = 2**31  # the largest proof that is read, unpacked [bytes]: a file of some MB could hold arrays of terabytes
 
@@ -38,31 +41,31 @@ LENGTHS += [("node_bodies", "node_children", "node_shapes")]
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """What a proof tells; nothing of it is believed."""
+    """The content of a proof; nothing of it is believed."""
 
-    # begin, end, 1 for own pairs and 0 for others, and a distance that they keep at least, which counts where it is
-    # more than what is required, shape (c, 4) [s, s, -, m]
+    # begin and end of a time; 1 for pairs of the robot with itself, 0 for those with obstacles; a distance that all of
+    # them keep then, which counts if it is more than is required, shape (c, 4) [s, s, -, m]
     claims: np.ndarray
     segments: np.ndarray  # begin and end of each, shape (s, 2) [s, or knots]
     slab_segments: np.ndarray  # the segment of each slab, shape (k,)
-    slab_nodes: np.ndarray  # the two nodes that it is between, shape (k, 2)
-    # its direction in the world, from the second to the first, shape (k, 3); where it is 0, that between the middles of
-    # the spheres about both nodes, and these are meant
+    slab_nodes: np.ndarray  # the two nodes of bodies' trees that it separates, shape (k, 2)
+    # its direction in the world, from the second node to the first, shape (k, 3); 0: the spheres about both nodes are
+    # apart along the line between their centres
     slab_axes: np.ndarray
     joints: np.ndarray  # names of joints
-    views: np.ndarray  # two bodies, and the joint that their motion is seen from, shape (p, 3)
+    views: np.ndarray  # two bodies, and the joint in whose frame their motion is bounded, shape (p, 3)
     bodies: np.ndarray  # link, held object or obstacle of each body
     numbers: np.ndarray  # which of the bodies of that name it is, shape (b,)
     # from where its lengths are measured, shape (b, 3) [m]: in the shape's frame, of an obstacle where it is at first,
     # in the world
     origins: np.ndarray
-    centres: np.ndarray  # middle of a sphere about it, from there, shape (b, 3) [m]
+    centres: np.ndarray  # centre of a sphere about it, from there, shape (b, 3) [m]
     node_bodies: np.ndarray  # the body of each node, shape (n,)
     node_children: np.ndarray  # the two nodes that it is divided into, -1 where it isn't, shape (n, 2)
-    node_shapes: np.ndarray  # a sphere, and another shape, that hold all of it; -1 where none is reported, shape (n, 2)
+    node_shapes: np.ndarray  # a sphere, and another shape, that contain all of it; -1 where none is given, shape (n, 2)
     shape_begins: np.ndarray  # begin of each shape's corners, and the number of all, shape (h + 1,)
-    # ball and disc that are added to their hull, and the disc's axis, shape (h, 5) [m]; a half-space has an infinite
-    # ball, its offset and its normal
+    # radii of a ball and a disc, whose Minkowski sum with the corners' hull the shape is, and the disc's axis, shape
+    # (h, 5) [m]; a half-space has an infinite ball, its offset and its normal
     shape_numbers: np.ndarray
     corners: np.ndarray  # shape (c, 3) [m]
 
@@ -71,7 +74,7 @@ NAMES = tuple(field.name for field in fields(Proof))
 
 
 def is_proof(path: Path) -> bool:
-    """Return whether a file begins as one of arrays does, which a proof is, a case not."""
+    """Return whether a file begins as a zip archive of arrays: so do proofs, and cases don't."""
     with path.open("rb") as file:
         return file.read(2) == b"PK"
 
@@ -116,7 +119,7 @@ def load_proofs(path: Path) -> list[tuple[dict[str, Any], Proof]]:
 
 
 def digest(arrays: Mapping[str, np.ndarray]) -> str:
-    """SHA-256, in hexadecimal, of the names, types, shapes and bytes of arrays, in the order of their names."""
+    """Return the SHA-256, in hexadecimal, of the names, types, shapes and bytes of arrays, in the order of names."""
     found = hashlib.sha256()
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
@@ -125,10 +128,10 @@ def digest(arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def proof_of(arrays: dict[str, np.ndarray]) -> Proof:
-    """The proof that arrays tell, of the shapes that `Proof` has, whose indices are within what there is.
+    """Build a proof of arrays, checked for the shapes in `Proof`, for indices within range, and finite numbers.
 
     Raises:
-        UnusableFile: if they aren't, or a number isn't finite.
+        UnusableFile: if one is wrong.
     """
     p = Proof(**{name: arrays[name] for name in NAMES})
     for name, array in vars(p).items():
@@ -168,25 +171,25 @@ def _within(indices: np.ndarray, count: int) -> bool:
     return bool(indices.dtype.kind == "i" and ((indices >= 0) & (indices < count)).all())
 
 
-NEAR = 1e-5  # beyond this a point isn't looked for among the corners of a shape [m]
-CLOSE = 1e-7  # a point that is as near to a corner isn't looked for between planes [m]: that is single precision
-ONTO_PLANES = 8  # number of times that a point goes onto the plane that it is farthest beyond
-MANY = 200_000  # above this many distances from points to corners the planes about the corners are asked first
+NEAR = 1e-5  # a point farther than this from all corners of a shape isn't taken for one of them [m]
+CLOSE = 1e-7  # a point this near to a corner needs no test by planes [m]: that is single precision
+ONTO_PLANES = 8  # projections of a point onto the plane that it is farthest beyond: more bound flat hulls closer
+MANY = 200_000  # above this many distances from points to corners the planes are tested first, to save time
 
 
 class Declared(NamedTuple):
-    """A body as it is declared, in the frame of its shape: hulls of points, to which a disc and a ball are added."""
+    """A body as it is declared, in its shape's frame: Minkowski sums of hulls of points, a disc and a ball."""
 
     points: np.ndarray  # shape (p, 3) [m]
     items: np.ndarray  # points of each hull, shape (t, k)
     ball: float  # radius of the ball [m]
     disc: float  # radius of the disc [m]
     axis: np.ndarray  # the disc's, shape (3,)
-    plane: np.ndarray  # outward normal and offset of a half-space, shape (4,); of what has an end 0
+    plane: np.ndarray  # outward normal and offset of a half-space, shape (4,); of bounded bodies 0
 
 
 class Shapes(NamedTuple):
-    """Convex shapes in the frame of a body: hulls of corners, to which a disc and a ball are added."""
+    """Convex shapes in the frame of a body: Minkowski sums of a hull of corners, a disc and a ball."""
 
     begins: np.ndarray  # begin of each shape's corners, and the number of all, shape (h + 1,)
     balls: np.ndarray  # radius of the ball, shape (h,) [m]; infinite of a half-space
@@ -196,7 +199,7 @@ class Shapes(NamedTuple):
 
 
 def declared(body: Body) -> Declared:
-    """A body as its case declares it."""
+    """Describe a body as its case declares it."""
     exact, none, z = body.exact, np.zeros(4), np.array([0.0, 0.0, 1.0])
     if isinstance(exact, coal.Halfspace):
         plane = np.array([*exact.n, exact.d])
@@ -219,12 +222,12 @@ def declared(body: Body) -> Declared:
 
 
 def radius_about(body: Declared, centre: np.ndarray) -> float:
-    """Radius of the sphere about a point (3,) that holds a body [m]."""
+    """Return the radius of the sphere about a point (3,) that contains a body [m]."""
     return float(_farthest(body, centre, body.points).max(initial=0.0))
 
 
 def box_about(body: Declared, rotation: np.ndarray, translation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner, (3,) each, of the box about a body that is turned (3, 3) and put elsewhere (3,) [m]."""
+    """Return lower and upper corner, (3,) each, of the box about a body that is rotated (3, 3) and moved (3,) [m]."""
     points, across = body.points @ rotation.T + translation, np.sqrt(np.maximum(0.0, 1.0 - (rotation @ body.axis) ** 2))
     more = body.disc * across + body.ball
     return points.min(axis=0) - more, points.max(axis=0) + more
@@ -236,7 +239,7 @@ def standing_out(body: Declared, shapes: Shapes, children: np.ndarray, of_node: 
     Args:
         shapes: The shapes, in its frame.
         children: The two nodes below each node, behind it; -1 where there are none, shape (n, 2).
-        of_node: Shapes that are said to hold all of a node; -1 where none is, shape (n, 2).
+        of_node: Shapes that the proof says contain all of a node; -1 where none is, shape (n, 2).
     """
     if body.plane.any():  # its own plane is what counts
         return 0.0 if len(of_node) == 1 else np.inf
@@ -259,7 +262,7 @@ def standing_out(body: Declared, shapes: Shapes, children: np.ndarray, of_node: 
 
 
 def _farthest(body: Declared, centre: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Largest distance of a point (3,) from what stands about each of a body's points, shape (p,) [m]."""
+    """Return the largest distance of a point (3,) from disc and ball about each of a body's points, (p,) [m]."""
     arms = points - centre
     along = arms @ body.axis
     across = np.linalg.norm(arms - along[:, None] * body.axis, axis=1) + body.disc
@@ -268,7 +271,7 @@ def _farthest(body: Declared, centre: np.ndarray, points: np.ndarray) -> np.ndar
 
 
 def _outside(body: Declared, points: np.ndarray, shapes: Shapes, shape: int) -> np.ndarray:
-    """How far what stands about points (p, 3) is out of a shape at most, shape (p,) [m]; infinite if not known."""
+    """Bound how far disc and ball about points (p, 3) are out of a shape, shape (p,) [m]; infinite if not known."""
     corners, ball = shapes.corners[shapes.begins[shape] : shapes.begins[shape + 1]], float(shapes.balls[shape])
     if not np.isfinite(ball):
         return np.full(len(points), np.inf)
@@ -283,7 +286,7 @@ def _outside(body: Declared, points: np.ndarray, shapes: Shapes, shape: int) -> 
 
 
 def _from_hull(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Upper bounds of the distances of points (p, 3) from the hull of corners (c, 3), shape (p,) [m]."""
+    """Bound the distances of points (p, 3) from the hull of corners (c, 3), shape (p,) [m]."""
     if len(points) * len(corners) > MANY:
         found = _by_planes(points, corners)
         left = np.flatnonzero(found > 0.0)
@@ -303,10 +306,10 @@ def _from_corners(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _by_planes(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """The same by the planes of the hull's faces.
+    """Bound them as `_from_hull` by the planes of the hull's faces.
 
     With a point inside that is r from all of them, one that is v beyond them comes into the hull where it goes towards
-    that point by v / (r + v) of the way. In a flat hull r is small: points go to the planes first, one by one.
+    that point by v / (r + v) of the way. In a flat hull r is small: points are projected onto the planes first.
     """
     spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False) if len(corners) > 3 else np.zeros(3)
     if spread[-1] <= 1e-9:

@@ -1,10 +1,9 @@
-"""Check a proof of a motion again, without searching: by NumPy and Pinocchio, and by what certificate.md says.
+"""Check a proof of a motion again, without searching: by NumPy and Pinocchio, and by what docs/certificate.md says.
 
-A segment of the motion is examined about its middle, where Pinocchio places the robot. Pairs that spheres and boxes
-tell to be farther apart than both bodies move are done with; others by slabs between nodes that hold all of both. What
-is left has to be done with in the segments that it is divided into. Nothing may be left.
-
-Slabs: directions across which two nodes of bodies keep a distance all along a segment, by their farthest points.
+A segment of the motion is examined about its middle, where Pinocchio places the robot. Pairs are closed if spheres and
+boxes are farther apart than both bodies move, or by slabs: directions across which nodes that contain all of both keep
+a distance along the segment, by their support functions. Pairs that are left have to be closed in the segments that it
+is divided into. None may be left at the end. Nothing of a proof is believed: each distance is computed here.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from guidefield.referee.motion_bounds import BodyBounds, SegmentBounds
 from guidefield.referee.proof import Proof, Shapes, box_about, load_proofs, standing_out
 
 ENDS = (1.0, -1.0)
-"""What two nodes keep across a direction is concave in the share of their twists, and least at one of both ends."""
+"""Shares of the twists at which nodes are tested: their distance across a direction is concave in between."""
 
 
 class Slabs:
@@ -40,8 +39,8 @@ class Slabs:
         """Read the shapes of a proof.
 
         Args:
-            told: The case's body of each of the proof's.
-            bounds: Where bodies are.
+            told: The index in the case of each of the proof's bodies.
+            bounds: Placements and motion bounds of bodies.
             obstacles: Whether each of the case's bodies is an obstacle, shape (b,).
         """
         self._proof, self._bounds = proof, bounds
@@ -69,7 +68,7 @@ class Slabs:
                 self.standing_out[k] = standing_out(bounds.declared(k), self._shapes, children, of[mine])
 
     def find_distances(self, twists: np.ndarray) -> np.ndarray:
-        """Return what nodes keep across the slabs while their bodies go by their twists (k, 2, 6), shape (k,) [m].
+        """Return distances of nodes across the slabs while their bodies go by twists (k, 2, 6), shape (k,) [m].
 
         It is minus infinity where a slab has no direction, or a node no shape.
         """
@@ -95,9 +94,9 @@ class Slabs:
         return np.where(np.isfinite(kept) & (shape >= 0).all(axis=1), kept, -np.inf)
 
     def hold_all(self, some: np.ndarray) -> bool:
-        """Whether nodes that some slabs (k,) are between hold all of both bodies.
+        """Return whether the nodes of some slabs (k,) together contain all of both bodies.
 
-        Of a node that is divided both parts together stand for it.
+        Both children of a node that is divided stand for it together.
         """
         children, known = self._proof.node_children, set(map(tuple, self._proof.slab_nodes[some].tolist()))
         waiting = list(known)
@@ -125,13 +124,13 @@ class Slabs:
         return [int(node) for node in parents]
 
     def _shape(self) -> np.ndarray:
-        """The shapes that each slab is between, -1 where there is none, shape (k, 2)."""
+        """Return the shapes that each slab is between, -1 where there is none, shape (k, 2)."""
         by_spheres = ~self._proof.slab_axes.any(axis=1)
         found: np.ndarray = self._proof.node_shapes[self._proof.slab_nodes, np.where(by_spheres, 0, 1)[:, None]]
         return found
 
     def _directions(self) -> np.ndarray:
-        """Unit directions of the slabs, shape (k, 3); not a number where there is none."""
+        """Return unit directions of the slabs, shape (k, 3); not a number where there is none."""
         axes, shape, corners = self._proof.slab_axes.astype(float), self._shape(), self._shapes.corners
         first, middles = np.minimum(self._shapes.begins[np.maximum(shape, 0)], len(corners) - 1), []
         for side in range(2):
@@ -144,7 +143,7 @@ class Slabs:
         return found
 
     def _support(self, shape: np.ndarray, d: np.ndarray) -> np.ndarray:
-        """The most of d.x over the points x of shapes (k,), along directions (k, 3); 0 without corners, shape (k,)."""
+        """Return the support of shapes (k,) along directions d (k, 3), max d.x; 0 without corners, shape (k,)."""
         shapes = self._shapes
         counts = np.where(shape < 0, 0, shapes.begins[shape + 1] - shapes.begins[shape])
         row, of = np.repeat(np.arange(len(shape)), counts), np.cumsum(counts) - counts
@@ -158,7 +157,7 @@ class Slabs:
 
 
 class Refused(Exception):
-    """The proof doesn't hold, in words."""
+    """The proof doesn't hold; says why."""
 
 
 def replay_file(path: Path, seconds: float = math.inf) -> list[Verdict]:
@@ -175,8 +174,8 @@ def replay_file(path: Path, seconds: float = math.inf) -> list[Verdict]:
 def replay(case: Case, proof: Proof, seconds: float = math.inf) -> Verdict:
     """Check a proof of a motion.
 
-    Limits are judged as well, and whether a body is inside another one at the start. Path constraints are in no proof:
-    they are judged by halving.
+    Limits are tested as well, and whether a body is inside another one at the start. Path constraints are in no proof:
+    they are judged by bisection (`judge.py`).
 
     Args:
         seconds: Time after which path constraints are undecided.
@@ -255,7 +254,7 @@ class _Replay:
         return told
 
     def _middles(self) -> dict[int, np.ndarray]:
-        """Middles of spheres about the proof's bodies, in the frames of their shapes [m]."""
+        """Return the centres of spheres about the proof's bodies, in the frames of their shapes [m]."""
         middles = {}
         for k, middle in zip(self._told, self._proof.centres + self._proof.origins, strict=True):
             body = self._case.bodies[k]
@@ -270,7 +269,7 @@ class _Replay:
         return {frozenset((self._told[a], self._told[b])): joints[k] for a, b, k in self._proof.views.tolist()}
 
     def _boxes_about(self) -> tuple[np.ndarray, np.ndarray]:
-        """Boxes about bodies along the axes of their shapes, and along the world's at first, (2, b, 3)."""
+        """Return boxes about bodies along the axes of their shapes, and along the world's at first, (2, b, 3)."""
         corners = np.array([body.corners for body in self._case.bodies])
         own = np.stack([corners.min(axis=1), corners.max(axis=1)])
         there = np.stack([np.full_like(own[0], -np.inf), np.full_like(own[1], np.inf)])
@@ -280,7 +279,7 @@ class _Replay:
         return own, there
 
     def _divide(self) -> tuple[list[int], list[list[int]]]:
-        """The segments that together are the whole motion, and those that each is divided into, without a gap.
+        """Return the segments that together are the whole motion, and those that each is divided into, without a gap.
 
         Raises:
             Refused: if there is a gap.
@@ -303,7 +302,7 @@ class _Replay:
         return top, children
 
     def _need(self, segment: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """What pairs have to keep in segments, shape (k,) [m]: what is required, and what the proof claims."""
+        """Return distances that pairs have to keep in segments, (k,) [m]: what is required, or more that is claimed."""
         need: np.ndarray = self._required[pair]
         (begin, end), is_own = self._proof.segments[segment].T, self._is_own[pair]
         for since, until, own, distance in self._proof.claims.tolist():
@@ -312,7 +311,7 @@ class _Replay:
         return need
 
     def _apart(self, segment: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """What pairs keep at least all along segments by spheres, or a sphere and a box, shape (k,) [m]."""
+        """Return distances that pairs keep all along segments by spheres, or a sphere and a box, shape (k,) [m]."""
         a, b, kept, bounds = self._first[pair], self._second[pair], np.empty(len(pair)), self._bounds
         own, c = self._is_own[pair], self._bounds.centres[segment, a]
         kept[own] = np.linalg.norm(c[own] - bounds.centres[segment[own], b[own]], axis=1) - bounds.radii[b[own]]
@@ -341,10 +340,10 @@ class _Replay:
         return [self._bounds.bound(i, 0), *([self._bounds.bound_mover(j, i)] if self._bounds.moves(j) else [])]
 
     def _by_slabs(self) -> dict[int, float]:
-        """By segment and pair, in their joint numbering, what slabs keep that hold all of both bodies [m].
+        """Return by segment and pair (one number for both) the distance proved by slabs that hold all of both [m].
 
         Raises:
-            Refused: if one isn't true.
+            Refused: if a slab isn't true.
         """
         segment, ends, count = self._proof.slab_segments.astype(int), self._slabs.ends, len(self._required)
         place = {both: k for k, both in enumerate(zip(self._first.tolist(), self._second.tolist(), strict=True))}
@@ -365,13 +364,13 @@ class _Replay:
 
 
 def _from_boxes(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Distances of points from boxes, all of shape (k, 3)."""
+    """Return distances of points from boxes, all of shape (k, 3)."""
     found: np.ndarray = np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0.0), axis=1)
     return found
 
 
 def _groups(keys: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Each of some keys (k,), and where it stands among them."""
+    """Return each of some keys (k,), and its indices among them."""
     order = np.argsort(keys, kind="stable")
     cuts = np.flatnonzero(np.diff(keys[order])) + 1
     return [(int(keys[some[0]]), some) for some in np.split(order, cuts) if len(some)]

@@ -1,4 +1,4 @@
-"""Coal's shapes of what the file declares."""
+"""Build Coal's shapes of what a case declares, and check meshes and polygons: closed, divided, enclosing a point."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import pinocchio as pin
 
 
 def distinct(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of points (n, 3) the index of one of each place, (m,), in the order of their numbers; and the place of each (n,).
+    """Find distinct points among points (n, 3): indices of one of each, (m,), sorted by value; and its place of each.
 
-    As `np.unique` of rows has it, which takes 14 ms for what it imports.
+    It is `np.unique` for rows, which takes 14 ms for its imports.
     """
     order = np.lexsort(points.T[::-1])
     is_new = np.ones(len(points), bool)
@@ -27,28 +27,28 @@ def distinct(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def is_closed(triangles: np.ndarray) -> bool:
-    """Whether every edge of triangles (t, 3, 3) is run through as often in one direction as in the other."""
+    """Return whether every edge of triangles (t, 3, 3) is run through as often in one direction as in the other."""
     index = distinct(triangles.reshape(-1, 3))[1].reshape(-1, 3)
     edges = np.column_stack([index.ravel(), np.roll(index, -1, axis=1).ravel()])
     return len(edges) > 0 and sorted(edges.tolist()) == sorted(edges[:, ::-1].tolist())
 
 
 def winding(point: np.ndarray, triangles: np.ndarray) -> float:
-    """How often closed triangles (t, 3, 3) wind around a point (3,): their solid angles over 4 pi."""
+    """Return how often closed triangles (t, 3, 3) wind around a point (3,): their solid angles over 4 pi."""
     arms = triangles - point
     (a, b, c), (ab, bc, ca) = np.linalg.norm(arms, axis=2).T, (arms * np.roll(arms, -1, axis=1)).sum(axis=2).T
     return float(np.arctan2(np.linalg.det(arms), a * b * c + ab * c + bc * a + ca * b).sum() / (2 * np.pi))
 
 
-SPECK = 1e-9  # side of the triangle that represents a point, and its share of how far points are from the origin [m]
-SINGLE = 1e-6  # what may come of a number in single precision, as a share of the largest one of a mesh or of a metre
+SPECK = 1e-9  # side of the triangle that stands for a point [m], and as a share of its distance from the origin
+SINGLE = 1e-6  # rounding of single precision, as a share of a mesh's largest coordinate or of 1 m
 
 NO_TRIANGLES = np.empty((0, 3, 3))
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A shape and where its frame stands in the frame that declares it; the others are as `Body` has them."""
+    """A shape, and its placement in the frame that declares it; the other fields are those of `case.Body`."""
 
     exact: Any
     placement: Any
@@ -59,7 +59,7 @@ class Shape:
 
 
 def distance(a: Any, at_a: Any, b: Any, at_b: Any) -> float:
-    """Distance of two of Coal's shapes where they stand, coal.Transform3s [m]; where they overlap it isn't positive.
+    """Return the distance of two of Coal's shapes at coal.Transform3s [m]; where they overlap it isn't positive.
 
     Of two capsules it is that of their axes, by the ends and by where both slopes are zero: Coal's is off by up to
     23 um where they are short.
@@ -77,17 +77,17 @@ def distance(a: Any, at_a: Any, b: Any, at_b: Any) -> float:
 
 
 def placement_of(told: Mapping[str, Any]) -> Any:
-    """A pinocchio.SE3 of what has `position` and `quaternion_xyzw`, either or none."""
+    """Read a pinocchio.SE3 from `position` and `quaternion_xyzw`, of which either may be missing."""
     x, y, z, w = told.get("quaternion_xyzw", (0.0, 0.0, 0.0, 1.0))
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized(), np.array(told.get("position", (0.0, 0.0, 0.0)), float))
 
 
 def shape_of(told: Mapping[str, Any], divided: Any = None) -> Shape | None:
-    """The shape of an obstacle or held object; None of a kind that isn't known.
+    """Build the shape of an obstacle or held object; None of a kind that isn't known.
 
     Args:
-        told: What is declared.
-        divided: Triangles (n - 2, 3) that a polygon is said to be divided into; None: nobody says.
+        told: Its declaration.
+        divided: Triangles (n - 2, 3) that the case says a polygon is divided into; None if it doesn't say.
 
     Raises:
         ValueError: if a polygon isn't simple, or isn't divided so.
@@ -122,7 +122,7 @@ def shape_of(told: Mapping[str, Any], divided: Any = None) -> Shape | None:
 
 
 def shape(exact: Any, placement: Any) -> Shape:
-    """Of a bounded Coal shape that stands at a pinocchio.SE3.
+    """Build the shape of a bounded Coal shape that stands at a pinocchio.SE3.
 
     A ball becomes a capsule without length: Coal finds balls in contact with triangles without area, wherever they are.
     """
@@ -139,21 +139,21 @@ def shape(exact: Any, placement: Any) -> Shape:
 
 
 def box_corners(exact: Any, more: float) -> np.ndarray:
-    """Corners of the box about a Coal shape, larger all around by some more [m], shape (8, 3)."""
+    """Return the corners of the box about a Coal shape, larger all around by `more` [m], shape (8, 3)."""
     exact.computeLocalAABB()
     low, high = np.array(exact.aabb_local.min_) - more, np.array(exact.aabb_local.max_) + more
     return np.where(np.indices((2, 2, 2)).reshape(3, 8).T, high, low)
 
 
 def points_of(told: Any) -> np.ndarray:
-    """Points, shape (n, 3) [m]: as triples, or packed as little-endian float32 in base64."""
+    """Read points, shape (n, 3) [m]: triples, or packed as little-endian float32 in base64."""
     if isinstance(told, dict):
         return np.frombuffer(base64.b64decode(told["float32"]), "<f4").astype(float).reshape(-1, 3)
     return np.array(told, float).reshape(-1, 3)
 
 
 def surface(vertices: np.ndarray, triangles: np.ndarray) -> Any:
-    """Coal's tree of triangles (t, 3) between vertices (v, 3) [m]."""
+    """Build Coal's tree of triangles (t, 3) between vertices (v, 3) [m]."""
     tree = coal.BVHModelOBBRSS()
     tree.beginModel(len(triangles), len(vertices))
     tree.addVertices(np.ascontiguousarray(vertices, float))
@@ -163,7 +163,7 @@ def surface(vertices: np.ndarray, triangles: np.ndarray) -> Any:
 
 
 def hull(points: np.ndarray) -> Any:
-    """Coal's convex hull of points, shape (n, 3) [m], that don't lie in a plane.
+    """Build Coal's convex hull of points, shape (n, 3) [m], that don't lie in a plane.
 
     Its faces are found where the points are spread alike in all directions: on thin plates Qhull gives up.
     """
@@ -187,7 +187,7 @@ def _vector(points: np.ndarray) -> Any:
 
 
 def first_of_each_piece(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """A vertex of each connected piece of triangles (t, 3) between vertices (v, 3): indices, shape (p,)."""
+    """Return a vertex of each connected piece of triangles (t, 3) between vertices (v, 3): indices, shape (p,)."""
     first, same = distinct(vertices)
     corners = same[triangles]
     labels, before = np.arange(len(first)), None
@@ -199,10 +199,10 @@ def first_of_each_piece(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarr
     return pieces
 
 
-def snapped(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Points (n, 3), each at the nearest corner of triangles (t, 3, 3) if it is there but for single precision.
+def snap_to_corners(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Move points (n, 3) to the nearest corner of triangles (t, 3, 3) if it is within single precision.
 
-    Who wrote the file has read a mesh in double precision, and Assimp reads it in single.
+    The writer of the file has read a mesh in double precision, and Assimp reads it in single.
     """
     corners = triangles.reshape(-1, 3)
     corners = corners[distinct(corners)[0]]
@@ -221,7 +221,7 @@ def snapped(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def ears(corners: np.ndarray) -> np.ndarray:
-    """Triangles (n - 2, 3) of a flat, simple polygon with corners (n, 3): ears are cut off (Meisters 1975).
+    """Triangulate a flat, simple polygon with corners (n, 3) by cutting ears, (n - 2, 3) (Meisters 1975).
 
     Raises:
         ValueError: if it isn't simple.
@@ -238,7 +238,7 @@ def ears(corners: np.ndarray) -> np.ndarray:
 
 
 def is_divided(corners: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether triangles (t, 3) between the corners (n, 3) of a flat, simple polygon make it up.
+    """Return whether triangles (t, 3) between the corners (n, 3) of a flat, simple polygon make it up.
 
     They do where all turn as it does, and their edges but for those of two, which go both ways, are its own.
     """
@@ -253,7 +253,7 @@ def is_divided(corners: np.ndarray, triangles: np.ndarray) -> bool:
 
 
 def _flat(corners: np.ndarray) -> np.ndarray:
-    """The corners (n, 3) of a flat polygon in a plane in which they turn to the left, shape (n, 2)."""
+    """Return the corners (n, 3) of a flat polygon in a plane in which they turn to the left, shape (n, 2)."""
     following = np.roll(corners, -1, axis=0)
     normal = np.cross(corners - corners[0], following - corners[0]).sum(axis=0)
     drop = int(np.argmax(np.abs(normal)))
@@ -262,7 +262,7 @@ def _flat(corners: np.ndarray) -> np.ndarray:
 
 
 def _ear(flat: np.ndarray, left: Sequence[int], k: int) -> float:
-    """The area that cutting the corner left[k] off takes away; -1 if it can't be cut."""
+    """Return the area that cutting off the corner left[k] removes; -1 if it can't be cut."""
     a, b, c = flat[left[k - 1]], flat[left[k]], flat[left[(k + 1) % len(left)]]
     others = flat[[one for one in left if one not in (left[k - 1], left[k], left[(k + 1) % len(left)])]]
     sides = [_twice_area(p, q, others) for p, q in ((a, b), (b, c), (c, a))]

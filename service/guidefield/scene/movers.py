@@ -1,8 +1,8 @@
 """Moving obstacles of a scene, balls about them, and their swept volumes: boxes about the balls between placements.
 
-Schedules and proofs leave out movers that stay away by these boxes, which must not be too small.
-On a screw from a place to another that is c away, a point goes a way of length L at one speed. So it stays within
-sqrt(L^2 - c^2) / 2 of the straight line between the two: anywhere else the way by it were longer.
+Schedules and proofs leave out movers that stay away by these boxes, which must not be too small. On a screw from one
+place to another that is c away, a point moves by a length L at one speed. So it stays within sqrt(L^2 - c^2) / 2 of the
+straight line between the two: any farther place would make its path longer.
 """
 
 from __future__ import annotations

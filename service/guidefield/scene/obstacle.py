@@ -1,12 +1,8 @@
 """One obstacle: its message turned into a Coal shape, a triangulation, and its share of the field's charges.
 
-Its parts are made on demand by a `Recipe`. A further kind of obstacle needs an entry in `BUILDERS` (a primitive in
-`primitives.PRIMITIVES`), and in `motion.POSED`.
-
-Primitives declared as obstacles: a row for kernels (`primitives_layout.PLACED`) at once, all else on demand.
-
-Each has a recipe of its Coal shape, its triangulation for pictures, and its charges, which must all mean one shape. The
-row's columns are read by kernels/collide and `distance_tables.py`.
+Its parts are made on demand by a `Recipe`, and must all mean one shape; a primitive's row for kernels is made at once
+(`primitives_layout.PLACED`, read by kernels/collide and `distance_tables.py`). A further kind of obstacle needs an
+entry in `BUILDERS` (a primitive in `PRIMITIVES`), and in `motion.POSED`.
 """
 
 from __future__ import annotations

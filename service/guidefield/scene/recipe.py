@@ -1,6 +1,6 @@
 """The recipe of an obstacle, which makes its parts on demand; Coal trees of its triangles, many in patches.
 
-`primitives.py` and `obstacle.py` write recipes; the narrow phase (`collision/narrow_phase.py`) asks patch by patch.
+`obstacle.py` writes recipes; the narrow phase (`collision/narrow_phase.py`) asks patch by patch.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Collect the shapes of a file as the obstacles of a scene: placed, scaled, named and checked."""
+"""Collect the shapes of a file as the obstacles of a scene: placed, scaled, named and checked.
+
+All readers of scene files (`reading.py`, `sdf.py`) add their shapes here; names and approximating meshes (cones and
+ellipsoids, always a little larger) are in scenes that users keep.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +38,7 @@ TO_Z_UP = {
     "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
     "z": np.eye(3),
 }
-"""Rotation from a frame with an axis up to one with z up, by that axis; those of COLLADA and glTF."""
+"""Rotation to z up from a frame with an axis up, by that axis; as COLLADA and glTF have it."""
 
 Kind = type[Obstacle] | Callable[..., dict[str, np.ndarray]]
 """Class of an obstacle, or a function from the sizes of a shape to the vertices and triangles of its mesh."""

@@ -1,4 +1,8 @@
-"""Point clouds: PCD (text, binary and compressed), PLY without faces, XYZ and NumPy's npz."""
+"""Read point clouds from files: PCD (text, binary and compressed), PLY without faces, XYZ and NumPy's npz.
+
+A further kind needs an entry in `READERS`, from which `reading.SUFFIXES` follows; files are untrusted, so sizes are
+checked before memory is taken.
+"""
 
 from __future__ import annotations
 

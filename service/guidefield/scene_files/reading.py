@@ -1,4 +1,7 @@
-"""Read a scene from a file of any kind by its suffix or root element: robots, MJCF, MoveIt's and meshes here."""
+"""Read a scene from a file of any kind, by its suffix or root element; URDF, MJCF, MoveIt's scenes and meshes here.
+
+Behind `guidefield.Scene.read` and the command line (`SUFFIXES`). A further kind needs a branch in `read_scene`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SDF worlds and models: the shapes of all <collision>, where named frames, nested models and includes have them.
+"""Read SDF worlds and models: the shapes of all <collision>, where named frames, nested models and includes have them.
 
 Frames are those of SDFormat 1.7 and later: a pose is relative to what holds it, or to the frame in its `relative_to`.
 """
@@ -39,7 +39,7 @@ GAZEBO_MODELS = {
         "</collision></link></model>",
     ),
 }
-"""Models that most worlds include and each Gazebo has: what is said of one that isn't there, and what it is."""
+"""Models that come with Gazebo and that most worlds include: a phrase for the warning, and the model itself as SDF."""
 MAX_DEPTH = 32  # models nested or included deeper are refused
 OWN = ("", "__model__", "__root__", "world")  # names of the frame of a world or model itself; of a model the first two
 

@@ -2,12 +2,9 @@
 
 Primitives are written by a kernel; a mesh stands as convex solids or boxes about clusters of triangles, each the root
 of a tree of parts; a cloud as balls. Columns are those of kernels/collide (layout.py, primitives_layout.py, parts.py).
-What stands for an obstacle must contain it; the parts are the exact shapes that decide.
-
-Lay out the memory of a world's scratch and of a scene's primitives in one buffer, arrays on lines of the cache.
-
-Names, order and types of the arrays are those of the kernels' tuples (kernels/collide/layout.py), lengths are set here.
-The offsets are in the order in which `lay_out` and `primitive_tables` read them.
+What stands for an obstacle must contain it; the parts are the exact shapes that decide. The memory of a scene's
+primitives and of a world's scratch is laid out here, too: lengths, and offsets in the order in which `lay_out` and
+`primitive_tables` read them.
 """
 
 from __future__ import annotations
