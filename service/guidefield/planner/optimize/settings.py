@@ -31,9 +31,8 @@ class OptimizationSettings:
     # what is nearer to obstacles than this beyond the clearance asked for costs more, far from the ends [m]. With 2 mm
     # instead two of 70 motions came nearer than 20 mm
     floor: float = 0.045
-    farthest_floor: float = (
-        0.045  # with much room at both ends it is `clearance_samples.FLOOR_SHARE` of that, at most this [m]
-    )
+    # with much room at both ends it is `clearance_samples.FLOOR_SHARE` of that, at most this [m]
+    farthest_floor: float = 0.045
     least_floor: float = 0.002  # the same at least, at ends [m]: the margin of all motions
     samples: int = 2  # on a piece before the last subdivision. Problems: with three motions keep as much
     fine_samples: int = 1  # the same after it. Problems: with two motions keep as much, in twice the time
