@@ -40,19 +40,6 @@ def test_the_reduced_robot_puts_the_tip_where_the_whole_one_does(name: str, seed
     np.testing.assert_allclose(found.homogeneous, tip_of_the_whole_robot(name, q).homogeneous, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", [*ARMS])
-def test_the_tip_jacobian_is_the_derivative_of_the_tip(name: str) -> None:
-    planned = group(name)
-    kinematics = Kinematics(planned)
-    q, h = random_configuration(planned, 1), 1e-7
-    J = kinematics.tip_jacobian(planned.expand(q))
-    for column, v in enumerate(np.eye(planned.nv)):
-        ahead = kinematics.frame_placement(planned.expand(planned.integrate(q, h * v)), planned.tip_id)
-        behind = kinematics.frame_placement(planned.expand(planned.integrate(q, -h * v)), planned.tip_id)
-        np.testing.assert_allclose(J[:3, column], (ahead.translation - behind.translation) / (2 * h), atol=1e-7)
-        np.testing.assert_allclose(J[3:, column], pin.log3(ahead.rotation @ behind.rotation.T) / (2 * h), atol=1e-6)
-
-
 def test_a_placement_moves_the_whole_robot_and_its_shapes() -> None:
     model = robot("ur5")
     placement = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.3])), np.array([1.0, -2.0, 0.5]))
@@ -89,14 +76,6 @@ def test_an_unknown_tip_lists_the_frames() -> None:
     with pytest.raises(UnknownFrame, match="no frame 'nose'") as refused:
         select(model, None, "nose", model.rest, HERE)
     assert "panda_hand" in refused.value.details["available"]
-
-
-@given(seed=st.integers(0, 10_000))
-@settings(deadline=None, max_examples=15)
-def test_chart_and_configuration_are_inverse(seed: int) -> None:
-    planned = group("kinova")
-    q = random_configuration(planned, seed)
-    np.testing.assert_allclose(planned.from_chart(planned.chart(q)), q, atol=1e-12)
 
 
 @given(seed=st.integers(0, 10_000), turns=st.integers(-3, 3))

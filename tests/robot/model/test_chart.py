@@ -64,16 +64,6 @@ def test_the_tangent_map_is_the_chart_velocity_seen_by_pinocchio(seed: int) -> N
     np.testing.assert_allclose(group.tangent_map(z) @ dz, tangent, atol=1e-6)
 
 
-@given(seed=st.integers(0, 10_000), scale=st.floats(0.01, 3.0))
-@settings(deadline=None, max_examples=18)
-def test_a_rotation_turns_at_most_by_the_distance_of_the_vectors(seed: int, scale: float) -> None:
-    rng = np.random.default_rng(seed)
-    a = rng.normal(size=3)
-    b = a + scale * rng.normal(size=3)
-    turned = np.linalg.norm(pin.log3(pin.exp3(a).T @ pin.exp3(b)))
-    assert turned <= np.linalg.norm(a - b) + 1e-12
-
-
 @given(seed=st.integers(0, 10_000), short=st.floats(-3.0, -0.5))
 @settings(deadline=None, max_examples=18)
 def test_a_rotation_vector_is_as_certain_near_half_a_turn_as_elsewhere(seed: int, short: float) -> None:
