@@ -1,6 +1,6 @@
 """The motion of a run as arrays, and as a file for other programs: CSV, JSON or NumPy's NPZ.
 
-Names of fields are those of the JSON and NPZ files; `guidefield certify` reads the CSV file's columns again.
+Names of fields are those of the JSON and NPZ files; `guidefield certify` reads all three (`cli/certifying.py`).
 """
 
 from __future__ import annotations

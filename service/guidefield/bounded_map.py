@@ -1,4 +1,7 @@
-"""A least-recently-used cache, bounded in entries and bytes, and the limits of all such caches of a process."""
+"""A least-recently-used cache, bounded in entries and bytes, and the limits of all such caches of a process.
+
+Larger limits cost memory in each worker, smaller ones time; `BYTES_…` are the estimates by which entries are counted.
+"""
 
 from __future__ import annotations
 
@@ -64,11 +67,7 @@ def trim_memory() -> None:
 
 
 class BoundedMap(Generic[Key, Value]):
-    """A map that evicts its least recently used entries beyond a limit.
-
-    Args:
-        limit: The largest number of entries and bytes.
-    """
+    """A map that evicts its least recently used entries beyond a limit of entries and bytes."""
 
     def __init__(self, limit: Limit) -> None:
         self._limit = limit

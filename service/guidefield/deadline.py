@@ -1,4 +1,7 @@
-"""Deadlines: the time by which work must end, and its early cancellation; a deadline is an argument of long work."""
+"""Deadlines: the time by which work must end, and its early cancellation; all long work takes one as an argument.
+
+Times are of `time.monotonic()`, which all processes of a machine share: a request's deadline counts from its arrival.
+"""
 
 from __future__ import annotations
 

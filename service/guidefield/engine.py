@@ -291,13 +291,13 @@ class Engine:
         deadline.check("the links were laid out")
         prepare_ahead(_move_to_anchor(request, self._load_robot)[0], self._load_robot, self._find_scene_message)
 
-    def _dispatch(self, request: requests.Request, record_to: Path | None, asking: _RequestContext) -> Reply:
+    def _dispatch(self, request: requests.Request, record_to: Path | None, context: _RequestContext) -> Reply:
         if isinstance(request, requests.PlanRequest):
-            return self._plan(request, record_to, asking)
+            return self._plan(request, record_to, context)
         if isinstance(request, requests.CertifyRequest):
-            return self._certify(request, record_to, asking)
+            return self._certify(request, record_to, context)
         if isinstance(request, requests.KinematicsRequest) and record_to is None:
-            return self._answer_kinematics(request, asking)
+            return self._answer_kinematics(request, context)
         kind = type(request)
         if record_to is not None:
             raise MalformedRequest(f"only a plan or a judgement can be recorded, not {kind.__name__}")
@@ -305,7 +305,7 @@ class Engine:
             raise MalformedRequest(f"{kind.__name__} is no request", path="$")
         return self._handlers[kind](request)
 
-    def _plan(self, request: requests.PlanRequest, record_to: Path | None, asking: _RequestContext) -> PlanReply:
+    def _plan(self, request: requests.PlanRequest, record_to: Path | None, context: _RequestContext) -> PlanReply:
         from guidefield.handlers.plan import answer_plan
         from guidefield.handlers.sequence import answer_steps
 
@@ -314,30 +314,30 @@ class Engine:
             request,
             request.allowed_planning_time,
             record_to,
-            asking,
+            context,
             lambda run: partial(answer, preparing=run.prepare),
         )
 
     def _certify(
-        self, request: requests.CertifyRequest, record_to: Path | None, asking: _RequestContext
+        self, request: requests.CertifyRequest, record_to: Path | None, context: _RequestContext
     ) -> CertifyReply:
         from guidefield.handlers.certify import answer_certify
 
-        return self._run(request, request.allowed_time, record_to, asking, lambda _: answer_certify)
+        return self._run(request, request.allowed_time, record_to, context, lambda _: answer_certify)
 
     def _run(
         self,
         request: requests.MotionRequest,
         allowed: float,
         record_to: Path | None,
-        asking: _RequestContext,
+        context: _RequestContext,
         handler: Callable[[Run], Callable[..., _R]],
     ) -> _R:
         run_id = request.run_id or uuid.uuid4().hex
         to: Destination | None = None
-        proof_to = asking.proof_to
+        proof_to = context.proof_to
         if record_to is not None:
-            log = (Recordings(record_to.parent), record_to.stem) if asking.deferred else None
+            log = (Recordings(record_to.parent), record_to.stem) if context.deferred else None
             to = Destination(record_to, str(record_to), log=log)
             proof_to = proof_to or record_to.with_suffix(PROOF)
         proof_place = None if proof_to is None else (proof_to, str(proof_to))
@@ -345,16 +345,16 @@ class Engine:
             key = f"guidefield/{self._instance}/runs/{run_id}"
             to = to or Destination.stored(self._recordings, run_id, f"{key}/recording")
             proof_place = proof_place or (self._recordings.file(run_id, PROOF), f"{key}/proof")
-        watcher, received = asking.watcher, asking.received
+        watcher, received = context.watcher, context.received
         progress = None if watcher is None else ProgressReporter(run_id, received, watcher)
-        asked = cast(requests.MotionRequest, asking.asked)
-        run = Run(run_id, asked, to, asking.load.origin, progress, proof_place, asking.anchor, self._viewer)
+        asked = cast(requests.MotionRequest, context.asked)
+        run = Run(run_id, asked, to, context.load.origin, progress, proof_place, context.anchor, self._viewer)
         deadline = Deadline(received + allowed, run.is_cancelled)
         try:
-            began = time.monotonic() if asking.began is None else asking.began
+            began = time.monotonic() if context.began is None else context.began
             reply = handler(run)(
                 request,
-                asking.load(request.robot),
+                context.load(request.robot),
                 run.see(self._build_scene(request.scene, deadline)),
                 run_id=run_id,
                 received=received,
@@ -370,11 +370,7 @@ class Engine:
             return run.end(cast(_R, ended_run(run_id, request, late, time.monotonic() - received)))
 
     def motions_of(self, request: requests.CertifyRequest) -> list[Motion]:
-        """Return the parts of the motion of a certify request, for the file that the referee reads.
-
-        Raises:
-            GuidefieldError: if the request is ill-posed.
-        """
+        """Return the parts of a certify request's motion for the referee's file; GuidefieldError if it is ill-posed."""
         from guidefield.handlers.certify import motions_of
 
         near, anchor = _move_to_anchor(request, self._load_robot)
@@ -410,12 +406,12 @@ class Engine:
             stream.watch(LiveStream(self._viewer, stream))
         return stream
 
-    def _answer_kinematics(self, request: requests.KinematicsRequest, asking: _RequestContext) -> Reply:
+    def _answer_kinematics(self, request: requests.KinematicsRequest, context: _RequestContext) -> Reply:
         from guidefield.handlers.expired import ended_work
         from guidefield.handlers.kinematics import answer_kinematics
         from guidefield.handlers.preparation import prepare_field
 
-        watcher, until = asking.watcher, asking.received + request.allowed_time
+        watcher, until = context.watcher, context.received + request.allowed_time
         deadline = Deadline(until) if watcher is None else Deadline(until, watcher.is_cancelled)
         robot = None if request.robot is None else self._load_robot(request.robot)
         kinds = requests.InverseKinematics | requests.Clearance | requests.Potential
@@ -426,12 +422,12 @@ class Engine:
                 prepare_field(scene, deadline)
             if watcher is not None:
                 watcher.be_prepared()
-            if asking.anchor is None:
+            if context.anchor is None:
                 return answer_kinematics(request, robot, scene, deadline)
             reply: Any = answer_kinematics(
-                request, robot, None if scene is None else asking.anchor.see(scene), deadline
+                request, robot, None if scene is None else context.anchor.see(scene), deadline
             )
-            coarse = asking.anchor.coarse_warnings(asking.asked, scene)
+            coarse = context.anchor.coarse_warnings(context.asked, scene)
             return cast(Reply, msgspec.structs.replace(reply, warnings=[*reply.warnings, *coarse]))
         except DeadlineExpired as late:
             raise ended_work(late, request.allowed_time) from None
@@ -654,9 +650,5 @@ def answer(
 
 
 def motions_of(request: requests.CertifyRequest) -> list[Motion]:
-    """Return the parts of the motion of a certify request, for the file that the referee reads.
-
-    Raises:
-        GuidefieldError: if the request is ill-posed.
-    """
+    """Return the parts of a certify request's motion, for the referee's file; GuidefieldError if it is ill-posed."""
     return _default().motions_of(request)

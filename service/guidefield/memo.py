@@ -28,7 +28,7 @@ MISSING: Any = object()  # marks a missing result
 
 _FOUND: BoundedMap[tuple[int, int, object], tuple[Any]] = BoundedMap(FOUND)
 
-_PLACE = "_found"  # attribute of an object with its mark
+_MARK_ATTRIBUTE = "_found"  # attribute of an object with its mark
 
 _numbers = itertools.count()
 
@@ -64,18 +64,14 @@ def _no_mark() -> None:
 
 
 class Answers(Generic[Found]):
-    """The memoized results of one function.
-
-    Args:
-        most: The largest number of results for an object, the most recently used.
-    """
+    """The memoized results of one function; at most a number for an object, the most recently used."""
 
     def __init__(self, most: int = MAX_PER_OBJECT) -> None:
         self._most, self._number = most, next(_numbers)
 
     def of(self, owner: object, asked: object) -> Found:
         """Return the result for an object and arguments; `MISSING` if there is none, or it was freed."""
-        mark = vars(owner).get(_PLACE)
+        mark = vars(owner).get(_MARK_ATTRIBUTE)
         if mark is None or mark.owner != id(owner):
             return cast(Found, MISSING)
         found: tuple[Found] | None = _FOUND.get((id(mark), self._number, asked))
@@ -89,9 +85,9 @@ class Answers(Generic[Found]):
     def keep(self, owner: object, asked: object, answer: Found) -> Found:
         """Store a result unless there is one already; return the stored one."""
         with _MARKING:
-            mark = vars(owner).get(_PLACE)
+            mark = vars(owner).get(_MARK_ATTRIBUTE)
             if mark is None or mark.owner != id(owner):
-                mark = vars(owner)[_PLACE] = _Mark(owner)
+                mark = vars(owner)[_MARK_ATTRIBUTE] = _Mark(owner)
         latest = mark.asked.setdefault(self._number, {})  # before the result is there for other threads
         kept = _FOUND.insert((id(mark), self._number, asked), (answer,), size_of(answer))[0]
         latest[asked] = latest.pop(asked, None)
@@ -103,7 +99,7 @@ class Answers(Generic[Found]):
 
     def forget(self, owner: object, asked: object) -> None:
         """Free the result for an object and arguments, if there is one."""
-        mark = vars(owner).get(_PLACE)
+        mark = vars(owner).get(_MARK_ATTRIBUTE)
         if mark is not None and mark.owner == id(owner):
             mark.asked.get(self._number, {}).pop(asked, None)
             _FOUND.remove((id(mark), self._number, asked))
@@ -160,11 +156,7 @@ def memoized_by(
 
 
 def memoized_by_value(most: int) -> Callable[[Callable[Rest, Found]], Callable[Rest, Found]]:
-    """Memoize a function of hashable values.
-
-    Args:
-        most: The largest number of results, those of the most recently used values.
-    """
+    """Memoize at most a number of results of a function of hashable values, those used most recently."""
 
     def memoize(find: Callable[Rest, Found]) -> Callable[Rest, Found]:
         known = Answers[Found](most)
@@ -246,7 +238,7 @@ def _add_shared(value: Any, sizes: dict[int, int]) -> None:
 
 def _add_fields(value: Any, sizes: dict[int, int]) -> None:
     fields = getattr(value, "__dict__", _NO_FIELDS)
-    if _PLACE in fields:
+    if _MARK_ATTRIBUTE in fields:
         return
     sizes[id(value)] = 0
     for one in fields.values():

@@ -1,4 +1,4 @@
-"""Versions of the packages that make a run, as recordings and run logs hold them; replays and exports parse them."""
+"""Versions of the packages that make a run, as a line of recordings and run logs; replays read earlier lines back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rerun's viewer in a process of its own: its command, its address, and a viewer that is started where none listens."""
+"""Rerun's viewer in a process of its own: find it, start it if none listens, and send recordings to it."""
 
 from __future__ import annotations
 

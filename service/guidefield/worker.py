@@ -1,4 +1,7 @@
-"""The engine in a worker process, which answers queries: bytes in, bytes out."""
+"""The engine in a worker process, which answers queries: bytes in, bytes out.
+
+The service pickles `EngineSetup` and jobs to its workers; `endpoint/service.py` `ServiceSettings` has the same fields.
+"""
 
 from __future__ import annotations
 

@@ -297,11 +297,7 @@ class Client:
         return self._ask(questions.store_robot(name, urdf, srdf=srdf, meshes=meshes, root_joint=root_joint)).warnings
 
     def delete_robot(self, name: str) -> None:
-        """Forget a stored robot.
-
-        Raises:
-            RobotInvalid: if none of that name is stored.
-        """
+        """Forget a stored robot; raises RobotInvalid if none of that name is stored."""
         self._ask(questions.delete_robot(name))
 
     def scenes(self) -> list[str]:
@@ -321,11 +317,7 @@ class Client:
         return self._ask(questions.scene(name, version)).scene
 
     def scene_version(self, name: str) -> int | None:
-        """Return the version of a scene; None for a scene of the package, which never changes.
-
-        Raises:
-            SceneInvalid: if there is none of that name.
-        """
+        """Return a scene's version, None for one of the package, which never changes; SceneInvalid if there is none."""
         return self._ask(questions.scene(name)).version
 
     def store_scene(self, scene: Scene | dict[str, Any]) -> list[str]:
@@ -387,11 +379,7 @@ class Client:
         return self._exchange.watching_run(run_id, hear)
 
     def delete_scene(self, name: str) -> None:
-        """Forget a stored scene.
-
-        Raises:
-            SceneInvalid: if none of that name is stored.
-        """
+        """Forget a stored scene; raises SceneInvalid if none of that name is stored."""
         self._ask(questions.delete_scene(name))
 
     def runs(
@@ -422,19 +410,11 @@ class Client:
         return joined
 
     def run(self, run_id: str) -> AnyRunReply:
-        """Return one run: its request, and its reply once there is one.
-
-        Raises:
-            UnknownObject: if none of that name is kept.
-        """
+        """Return a run's request, and its reply once there is one; UnknownObject if none of that name is kept."""
         return self._ask(questions.run(run_id))
 
     def delete_run(self, run_id: str) -> None:
-        """Forget one run with its recording and proof.
-
-        Raises:
-            UnknownObject: if none of that name is kept.
-        """
+        """Forget a run with its recording and proof; raises UnknownObject if none of that name is kept."""
         self._ask(questions.delete_run(run_id))
 
     def recording(self, run_id: str) -> bytes:

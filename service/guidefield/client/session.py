@@ -1,4 +1,7 @@
-"""Open a client's Zenoh session, which connects to the given endpoints only, and explain why it has no link."""
+"""Open a client's Zenoh session, which connects to the given endpoints only, and explain why it has no link.
+
+`RETRY` decides how soon a cut link is back, before the service gives the client up (`endpoint/clients.py`).
+"""
 
 from __future__ import annotations
 

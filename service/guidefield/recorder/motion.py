@@ -1,4 +1,7 @@
-"""The motion that a recording shows, timed or the best partial path, and placements of joints and links along it."""
+"""The motion that a recording shows, timed or the best partial path, and placements of joints and links along it.
+
+`SHOWN_…` and `FRAMES` change only how smooth recordings are, and how large.
+"""
 
 from __future__ import annotations
 

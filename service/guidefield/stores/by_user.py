@@ -1,4 +1,7 @@
-"""The stores of all users: each has runs, scenes and robots of its own, in a folder of its own."""
+"""The stores of all users: each has runs, scenes and robots of its own, in a folder of its own.
+
+Names of folders are the format of data folders: existing ones must be found again.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Refusals of ROS messages, with MoveIt's error codes and a sentence that names the field; checked numbers, poses."""
+"""Refusals of ROS messages, with MoveIt's error codes and a sentence that names the field; checked numbers, poses.
+
+Codes are MoveIt's numbers (moveit_msgs/MoveItErrorCodes); `moveit_code` maps the statuses that it lacks.
+"""
 
 from __future__ import annotations
 

@@ -370,11 +370,7 @@ class ControllerClient:
 
 @contextlib.contextmanager
 def controller_at(endpoint: str, domain: int, name: str, patience: float) -> Iterator[ControllerClient]:
-    """Find a controller through the router at a Zenoh endpoint; see `ControllerClient`.
-
-    Raises:
-        NoService: if nothing is there.
-    """
+    """Find a controller through the router at a Zenoh endpoint, as `ControllerClient`; NoService if there is none."""
     try:
         session = zenoh.open(client_config(endpoint))
     except zenoh.ZError as error:
