@@ -26,6 +26,7 @@ from types import FrameType
 from typing import NoReturn
 
 from guidefield import logs
+from guidefield.endpoint.link import LOOPBACK
 from guidefield.endpoint.service import ServiceSettings, serve
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
@@ -80,9 +81,6 @@ def _await_end(reading: int, stop: threading.Event, within: float) -> None:
     _log.error("not ended %g s after it was told to, and ended by force; where its threads stood:", within)
     faulthandler.dump_traceback()
     os._exit(FORCED_EXIT_CODE)
-
-
-LOOPBACK = "127.0.0.1"
 
 
 @contextlib.contextmanager

@@ -73,7 +73,7 @@ def close_sockets_at_once() -> None:
         found.detach()  # it stays Zenoh's
 
 
-LOOPBACK = "127.0.0.1"
+LOOPBACK = "127.0.0.1"  # address of this machine alone, on which nobody else reaches a service
 DEFAULT_LISTEN = f"tcp/{LOOPBACK}:7447"  # default endpoint of a service
 KEY = "guidefield-doctor/answer"  # of the test query
 TIMEOUT_S = 5.0  # time-out of the test query, and of connecting [s]

@@ -17,6 +17,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from guidefield.endpoint.link import LOOPBACK
 from guidefield.errors import ServerBusy
 from guidefield.messages import codec
 from guidefield.messages.replies import Health, Histogram, InfoReply
@@ -61,7 +62,6 @@ class Meter:
             }
 
 
-LOOPBACK = "127.0.0.1"
 PATIENCE = 5.0  # time for a client of HTTP to ask, and to read the answer [s]
 OUTCOMES = ("asked", "answered", "refused", "dropped")  # counters of queries by outcome; the others count other events
 
