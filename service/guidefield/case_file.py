@@ -1,8 +1,8 @@
 """Write motions as plain files for the referee, and with their proofs (referee.md).
 
-Fields are those that `referee/loading.py` reads and referee.md lists: a change of their meaning needs a new `FORMAT`.
-
-Arrays are named "k/field": k is a motion's number, fields are those of `referee/proof.py` `Proof`, which reads them.
+Fields of a case are those that `referee/loading.py` reads and service/docs/referee.md lists: a change of their meaning
+needs a new `FORMAT`. Arrays of proofs are named "k/field": k is a motion's number, fields are those of `Proof` in
+`referee/proof.py`, which reads them.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """`guidefield demo`: start a service, have it plan and stream, and store recordings for the viewer.
 
-Tests and `tools/attacks` use `REQUESTS`, too.
-
-`guidefield demo` runs it; `box_at` must stay slower than the declared `FASTEST`, or pieces are proven of false motions.
+Tests and `tools/attacks` use `REQUESTS`, too. `box_at` must stay slower than the declared `FASTEST`, or pieces of the
+stream are proven against false motions.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`guidefield runs` and `guidefield replay`: list, render, compare, export stored runs; plan their requests again.
 
-`kept_runs.py` uses the table of two plans. A change of `PLAN_FIELDS` makes hashes that users noted incomparable.
+A change of `PLAN_FIELDS` makes hashes of plans that users noted incomparable.
 """
 
 from __future__ import annotations

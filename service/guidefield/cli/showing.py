@@ -1,6 +1,6 @@
 """`guidefield show`: a recording in the Rerun viewer, or the page on which goal and obstacles are dragged.
 
-It plans in this process, without a service; needs ``guidefield[web]``.
+The page plans in this process, without a service; it needs ``guidefield[web]``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Open a client's Zenoh session, which connects to the given endpoints only, and explain why it has no link.
 
-`RETRY` decides how soon a cut link is back, before the service gives the client up (`endpoint/clients.py`).
+`RETRY` decides how soon a cut link is back, before the service gives the client up (`endpoint/under_way.py` `GRACE`).
 """
 
 from __future__ import annotations

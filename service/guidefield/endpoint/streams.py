@@ -1,8 +1,9 @@
 """The streams of a service: their opening, the queries and updates for them, and their end; each with its process.
 
-Theory of operation. Each stream has a process for its life (`open_stream.py`). Its updates are put by the client, and
-can't be answered: the stream's key ``state`` tells their faults. Queries about it are answered as all others. A stream
-belongs to its user; clients that can't use the user's keys can neither see nor update it.
+Theory of operation. Each stream has a process for its life (`stream_worker.py`), whose messages `OpenStream` takes. Its
+updates are put by the client, and can't be answered: the stream's key ``state`` tells their faults. Queries about it
+are answered as all others. A stream belongs to its user; clients that can't use the user's keys can neither see nor
+update it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Queries that wait for their one answer, work under way, by name and by client, and clients that are gone.
 
 The answer of a run is given once the run is stored; if it can't be stored, that becomes a warning in the answer.
+Clients count with `GRACE` (`client/stream_link.py` `LOST_SERVICE_S`), and `rules.py` tells it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The entities of a recording: obstacles and guide planes; the robot's links over time, its tip, ghosts and forces."""
+"""The entities of a recording: obstacles and guide planes; the robot's links over time, its tip, ghosts and forces.
+
+Stores share drawn scenes by a hash that includes this file (`stored.py`); `view.py` shows entities by their names.
+"""
 
 from __future__ import annotations
 
