@@ -17,7 +17,7 @@ from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import Attach, CertifyRequest, JointsGoal, PlanRequest, PlanStep, UrdfText
 from guidefield.messages.scene import Box, Mesh, Scene
 from guidefield.messages.values import Placement
-from guidefield.robot.bodies.bounding import COVERS, DELTA, MOST, PARTS
+from guidefield.robot.bodies.bounding import COVERS, DELTA, MOST_PARTS, PARTS
 from guidefield.scene.scene import build
 from tests.robots import box_arm
 from tests.scene.solids import l_prism, mesh_message
@@ -63,7 +63,7 @@ def test_what_steps_pick_up_is_prepared_before_their_time_begins() -> None:
     for obstacle, known in ((scene.obstacles[0], True), (scene.obstacles[1], False)):
         there = AttachedObject(obstacle, "l2", Placement(position=(0.1, 0.2, 0.3)))
         held = holding(robot, [there], nowhere)
-        assert (not COVERS.search(held, DELTA).tasks and not PARTS.search(held, MOST).tasks) == known
+        assert (not COVERS.search(held, DELTA).tasks and not PARTS.search(held, MOST_PARTS).tasks) == known
 
 
 def test_what_cannot_be_picked_up_is_refused_when_the_request_is_answered() -> None:

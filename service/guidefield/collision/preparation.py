@@ -19,7 +19,7 @@ from guidefield.collision.solids import hulls_of
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.solid import clear_solids
 from guidefield.memo import MemoSet
-from guidefield.robot.bodies.bounding import COVERS, DELTA, MOST, PARTS, ShapeTask, find_in_parallel
+from guidefield.robot.bodies.bounding import COVERS, DELTA, MOST_PARTS, PARTS, ShapeTask, find_in_parallel
 from guidefield.robot.bodies.charges import link_bodies, surface_samples
 from guidefield.robot.model.model import RobotModel
 
@@ -48,7 +48,7 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Announce = 
         deadline.check(task.told)
         told(task.told)
 
-    covers, parts = COVERS.search(robot, DELTA), PARTS.search(robot, MOST)
+    covers, parts = COVERS.search(robot, DELTA), PARTS.search(robot, MOST_PARTS)
     # the cover and the parts of a mesh one after the other, from the same solid
     unfound = sorted([*covers.tasks, *parts.tasks], key=lambda task: -task.extent)
     find_in_parallel(unfound, progress)

@@ -1,1 +1,1 @@
-"""Robots: loading, limits, groups, kinematics, charges."""
+"""Robots: descriptions read and checked, limits, planning groups, kinematics, and links as bodies and charges."""

@@ -25,7 +25,7 @@ from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.mesh_files.reading import content_of, find_ignored_unit, read_mesh, read_objects, up_axis
 from guidefield.robot.mesh_files.three_mf import UNITS
 from guidefield.robot.mjcf.compilation import body_names, compile_file, import_mujoco, is_mjcf, named
-from guidefield.robot.mjcf.conversion import colliding, rest_configuration
+from guidefield.robot.mjcf.conversion import find_colliding, rest_configuration
 from guidefield.robot.urdf.meshes import MESH_SUFFIXES
 from guidefield.robot.urdf.xacro_files import ArgumentValue, is_xacro
 from guidefield.robot.urdf.xml import fault, read_xml, root_of
@@ -190,7 +190,7 @@ def read_mjcf(path: Path, builder: SceneBuilder) -> None:
     data.qpos[:] = rest_configuration(model)
     mujoco.mj_kinematics(model, data)
     names, bodies = named(model, "geom"), body_names(model)
-    for geom in np.flatnonzero(colliding(model)).tolist():
+    for geom in np.flatnonzero(find_colliding(model)).tolist():
         owners, body = list[str](), int(model.geom_bodyid[geom])
         while body:
             owners, body = [*owners, bodies[body]], int(model.body_parentid[body])

@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.geometry.convex import convex
 from guidefield.geometry.decomposition import TOLERANCE
-from guidefield.robot.bodies.bounding import MOST, convex_parts
+from guidefield.robot.bodies.bounding import MOST_PARTS, convex_parts
 from guidefield.robot.model.collision_shapes import HULL_STAND_OFF, triangulation
 from tests.robots import robot
 
@@ -20,7 +20,7 @@ def test_meshes_have_parts_and_what_is_convex_has_none() -> None:
         assert (found is not None) == (choice.judged_as == "triangle mesh")
         if found is not None:
             assert found.hull.stand_off > HULL_STAND_OFF
-            assert 1 <= len(found.parts) <= MOST
+            assert 1 <= len(found.parts) <= MOST_PARTS
             assert found.stand_off <= found.hull.stand_off + TOLERANCE  # by which either may be given too large
 
 

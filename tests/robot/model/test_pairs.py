@@ -23,7 +23,7 @@ def test_the_pairs_that_always_touch_are_those_that_do_at_all_samples(name: str)
     found = pairs._shares_touching(model.model, geometry, model.joints, links, model.rest, disabled, model.size)
     data, geometry_data = model.model.createData(), scratch_space(geometry)
     for request in geometry_data.collisionRequests:
-        request.security_margin = pairs.TOUCH
+        request.security_margin = pairs.TOUCH_DISTANCE
     counts, rng = dict.fromkeys(names, 0), np.random.default_rng(0)
     for q in [
         model.rest,
@@ -34,8 +34,8 @@ def test_the_pairs_that_always_touch_are_those_that_do_at_all_samples(name: str)
         for pair in {pair for pair, result in results if result.isCollision()}:
             counts[pair] += 1
     shares = {pair: count / (pairs.SAMPLES + 1) for pair, count in counts.items()}
-    assert {pair for pair in shares if shares[pair] > pairs.ALWAYS} == {
-        pair for pair in found if found[pair] > pairs.ALWAYS
+    assert {pair for pair in shares if shares[pair] > pairs.ALWAYS_SHARE} == {
+        pair for pair in found if found[pair] > pairs.ALWAYS_SHARE
     }
-    assert any(share > pairs.ALWAYS for share in shares.values())
+    assert any(share > pairs.ALWAYS_SHARE for share in shares.values())
     assert {pair: found.get(pair, 0.0) for pair in disabled} == {pair: shares[pair] for pair in disabled}

@@ -1,4 +1,8 @@
-"""Bounding and inscribed spheres and convex parts of a robot's links: one search for each shape, on disk."""
+"""Bounding and inscribed spheres and convex parts of a robot's links: one search for each shape, kept on disk.
+
+SIMD batches test spheres and parts before the exact shapes (`collision/lanes/robot_tables.py`). They may be coarser:
+`DELTA`, `LARGE`, `TIGHT` and `MOST_PARTS` trade the time of the first use, and of every plan, against each other.
+"""
 
 from __future__ import annotations
 
@@ -38,19 +42,19 @@ _log = logging.getLogger(__name__)
 Found = TypeVar("Found")
 
 Question = tuple[str, Arrays, Callable[[], Arrays]]
-"""What is found for a shape: the name it is kept under, what it depends on, and how it is found."""
+"""A search for a shape as `cache.find_or_compute` takes it: a kind, inputs, and a function that computes the result."""
 
 
 class ShapeTask(NamedTuple):
-    """Work on a collision shape, and those like it: ``covering link2, shape 3 of 8``, and its extent [m]."""
+    """Work on a collision shape, and on all that are equal to it."""
 
-    told: str
-    extent: float
+    told: str  # in words: ``covering link2, shape 3 of 8``
+    extent: float  # of the shape [m], or in its unit: the largest takes longest
     find: Callable[[], object]
 
     @classmethod
     def of(cls, doing: str, robot: RobotModel, index: int, extent: float, find: Callable[[], object]) -> ShapeTask:
-        """What is done about a robot's collision shape."""
+        """Make the task of a robot's collision shape."""
         shapes = robot.geometry.geometryObjects
         link = robot.model.frames[shapes[index].parentFrame].name
         return cls(f"{doing} {link}, shape {index + 1} of {len(shapes)}", extent, find)
@@ -60,16 +64,16 @@ Progress = Callable[[ShapeTask], None]  # called before each task is begun, by o
 
 
 def log_task(task: ShapeTask) -> None:
-    """Say in the log what is done."""
+    """Log what is done."""
     _log.info("%s", task.told)
 
 
 def find_in_parallel(tasks: Sequence[ShapeTask], progress: Progress, threads: int | None = None) -> None:
-    """Do tasks, the longest first, on all processors; kernels are loaded before, as threads must not load them.
+    """Do tasks in their order on all processors; kernels are loaded before, as threads must not load them.
 
     Args:
-        progress: Where it raises, no more are begun, and that is raised.
-        threads: How many; 1 for what may well be known: to load all kernels takes longer than to read it.
+        progress: If it raises, no more tasks are begun, and its exception is raised.
+        threads: How many; 1 where results are probably on disk, because loading all kernels takes longer than reading.
     """
     threads = min(threads or usable_processors(), len(tasks))
     if threads > 1:
@@ -88,7 +92,8 @@ class ByShape(Generic[Found]):
 
     Args:
         doing: A word for the search.
-        question: Of a Coal shape, the further argument and the unit of its lengths [m]; None: nothing is found for it.
+        question: Makes the search for a Coal shape, of the further argument and the unit of lengths [m]; None for a
+            shape that nothing is found for.
         restored: Makes a result in metres from its arrays and that unit.
     """
 
@@ -102,13 +107,13 @@ class ByShape(Generic[Found]):
         self._known = Answers[tuple[Found | None, ...]]()
 
     def all(self, robot: RobotModel, asked: Hashable, progress: Progress) -> tuple[Found | None, ...]:
-        """What is found for each shape, in the geometry's order; what `progress` raises comes through."""
+        """Find a result for each shape, in the geometry's order; exceptions of `progress` are raised."""
         search = self.search(robot, asked)
         find_in_parallel(search.tasks, progress)
         return search.keep()
 
     def recall(self, robot: RobotModel, asked: Hashable) -> tuple[Found | None, ...]:
-        """The same as far as it is known without computing anything; None elsewhere."""
+        """Return the results that are in memory or on disk; None for the others."""
         return self.search(robot, asked).found()
 
     def search(self, robot: RobotModel, asked: Hashable) -> ShapeSearch[Found]:
@@ -156,7 +161,7 @@ class ShapeSearch(NamedTuple, Generic[Found]):
 DELTA = 0.015  # by how much covers may leave the shapes, unless told otherwise [m], at size 1
 
 LARGE = 3_000.0
-"""A surface of more squares of delta than these gets a cover that may leave it further: as if it had as many.
+"""A surface of more than LARGE delta^2 gets a cover that may leave it further, by sqrt(area / LARGE).
 
 So the tolerance follows the size of a link: it is `DELTA` up to 0.67 m^2, and a link takes about half a second at most.
 With 1500 plans for Baxter took a twentieth longer.
@@ -164,7 +169,7 @@ With 1500 plans for Baxter took a twentieth longer.
 
 
 SMALL = 2.0
-"""Covers of smaller robots than usual may leave the shapes by this factor more, for their size.
+"""Covers of robots smaller than usual (`size`) may leave the shapes by this factor more, relative to their size.
 
 Their links are as intricate: the first use of an SO-101 takes a tenth less so. Plans of a Panda of 0.35 and 0.1 times
 the size are as long and take as long (`tools/bench otherwise`).
@@ -173,10 +178,10 @@ the size are as long and take as long (`tools/bench otherwise`).
 
 @dataclass(frozen=True, eq=False)
 class ShapeCoverage:
-    """Balls about and inside, shape (n, 4) [m], of a collision shape as it is judged, in its own frame."""
+    """Bounding and inscribed balls of a collision shape as it is judged, in its own frame."""
 
     cover: Cover
-    inner: Floats
+    inner: Floats  # shape (n, 4) [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,12 +231,12 @@ def _coverage(robot: RobotModel, delta: float) -> Coverage:
 
 
 def recall_coverage(robot: RobotModel, delta: float = DELTA) -> tuple[ShapeCoverage | None, ...]:
-    """What `coverage` gives, as far as it is known without computing anything, by shape; None where it isn't."""
+    """Return what `coverage` does for each shape, where it is in memory or on disk; None elsewhere."""
     return COVERS.recall(robot, delta)
 
 
 def _question(shape: Any, delta: float, unit: float) -> Question:
-    """What the balls of a shape, in a unit [m], are kept under: a name, what they depend on, and how they are found."""
+    """Make the search for the balls of a shape with lengths in a unit [m]."""
     kind = next((kind for kind in _KINDS if isinstance(shape, kind)), None)
     if kind is None:
         raise TypeError(f"a robot's collision shape can't be a {type(shape).__name__}")
@@ -247,7 +252,7 @@ def _question(shape: Any, delta: float, unit: float) -> Question:
 
 
 def _allowance(area: float, delta: float) -> float:
-    """By how much the cover of a surface of that area [m^2] may leave it [m], so that it is found soon."""
+    """Return by how much the cover of a surface of an area [m^2] may leave it [m]; see `LARGE`."""
     return max(delta, float(np.sqrt(area / LARGE)))
 
 
@@ -296,7 +301,7 @@ _KINDS: dict[type, tuple[Callable[[Any], Arrays], Callable[[Arrays, float], Shap
     coal.BVHModelBase: (_mesh_arrays, _mesh),
     coal.Convex: (_mesh_arrays, _mesh),
 }
-"""What the balls of each kind of shape depend on, and how they are found."""
+"""For each kind of shape the inputs that its balls depend on, and the function that finds them."""
 
 _FIELDS = ("spheres", "overhangs", "groups", "first", "bound")
 
@@ -316,10 +321,10 @@ COVERS = ByShape("covering", _question, _restore)
 
 
 TIGHT = 0.005  # a part that stands off its mesh by no more isn't halved [m], at size 1
-MOST = 4  # most parts of a mesh for a plan, which asks its triangles next. With 8, connections of a UR5 take as long
+MOST_PARTS = 4  # most parts of a mesh, whose triangles decide next. With 8, connections of a UR5 take as long
 
 
-def convex_parts(robot: RobotModel, most: int = MOST) -> tuple[Decomposition | None, ...]:
+def convex_parts(robot: RobotModel, most: int = MOST_PARTS) -> tuple[Decomposition | None, ...]:
     """Return for each shape, in the geometry's order, its hull and convex parts that together contain it; kept on disk.
 
     A mesh has at most `most` parts. None for a primitive or hull, which is convex itself, and for a mesh that is flat.
@@ -328,12 +333,12 @@ def convex_parts(robot: RobotModel, most: int = MOST) -> tuple[Decomposition | N
 
 
 def recall_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
-    """What `convex_parts` gives, where it is known without computing anything; None elsewhere, or without parts."""
-    return PARTS.recall(robot, MOST)
+    """Return what `convex_parts` does, where it is in memory or on disk; None elsewhere, or without parts."""
+    return PARTS.recall(robot, MOST_PARTS)
 
 
 def _ask_parts(shape: Any, most: int, unit: float) -> Question | None:
-    """What the parts of a mesh, in a unit [m], are kept under: a name, what they depend on, how they are found."""
+    """Make the search for the parts of a mesh with lengths in a unit [m]; None for other shapes."""
     if not isinstance(shape, coal.BVHModelBase):
         return None
     vertices, triangles = triangulation(shape)

@@ -1,7 +1,7 @@
-"""Surfaces of links: charged points spread evenly, a capsule about each, bodies that distances are taken of.
+"""Surfaces of links: charged points and capsules for the field, points and bodies for optimization.
 
-The capsule contains the points by a margin for rounding,
-whatever the search finds; its constants decide only how small it is. More candidates spread the points more evenly.
+A shape's capsule contains its points by a margin for rounding, whatever the search finds: swept capsules prove motions
+by it. The other constants are numbers and spacings of points: more follow the shape closer, and all are evaluated.
 """
 
 from __future__ import annotations
@@ -186,17 +186,17 @@ def _farthest_first(candidates: Floats, spacing: float) -> tuple[Integers, Integ
     return order[chosen[:count]], np.bincount(owner, minlength=count)
 
 
-POINTS = 200  # about how many points a robot gets at most
+POINTS = 200  # about how many charged points a robot gets at most: each is evaluated in the field
 POINTS_PER_SHAPE = 33  # about how many a robot of few shapes gets for each: the thesis' links need eight rings of four
 
 SPREAD = 0.76
-"""Spacing of spread points over the side of the square that is their share, so that their number is the wanted one."""
+"""Spacing of spread points over the square root of each one's area; measured, so that as many come out as wanted."""
 
 LEAST_SPACING = 1e-3
-"""Points of a link are no denser than this for its thinness [m]: a link can be as thin as a line. At size 1."""
+"""Points of a thin link are no closer to each other than this [m], at size 1: a link can be as thin as a line."""
 
 ALWAYS_CLOSE = 2.0  # links whose gap at rest is below this many radii of their capsules don't repel each other
-ROUNDING = 1e-9  # by how much balls are taken to be larger than they are, as a share
+ROUNDING = 1e-9  # share by which balls are taken to be larger, for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +221,7 @@ class RobotCharges:
 
 @memoized
 def robot_charges(robot: RobotModel) -> RobotCharges:
-    """Charged points, capsules and repelling pairs of a robot; computed once for each."""
+    """Build charged points, capsules and repelling pairs of a robot; once for each."""
     meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]
     areas = surface_areas(robot)
     spacing = SPREAD * float(np.sqrt(sum(areas) / min(POINTS, POINTS_PER_SHAPE * max(len(areas), 1))))
@@ -232,7 +232,7 @@ def robot_charges(robot: RobotModel) -> RobotCharges:
 
 @memoized
 def surface_areas(robot: RobotModel) -> list[float]:
-    """Area of every collision shape, in the geometry's order [m^2]; computed once for each robot."""
+    """Return the area of every collision shape, in the geometry's order [m^2]; computed once for each robot."""
     meshes = (surface(shape.geometry) for shape in robot.geometry.geometryObjects)
     return [surfaces.area_of(vertices[triangles]) for vertices, triangles in meshes]
 
@@ -281,7 +281,7 @@ def _find_charges(vertices: np.ndarray, triangles: np.ndarray, spacing: float, l
 
 
 def _repelling(robot: RobotModel, shapes: tuple[ChargedShape, ...]) -> tuple[tuple[int, int], ...]:
-    """Collision pairs that aren't always close: their gap at rest is at least `ALWAYS_CLOSE` radii."""
+    """Choose the collision pairs that aren't always close: their gap at rest is at least `ALWAYS_CLOSE` radii."""
     data, geometry_data = robot.model.createData(), scratch_space(robot.geometry)
     pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry_data, robot.rest)
     pairs = collision_pairs(robot.geometry)
@@ -312,7 +312,7 @@ def _apart(placements: Any, shapes: tuple[ChargedShape, ...], pairs: np.ndarray)
 
 
 def _gap(T_points: Any, points: np.ndarray, T_capsule: Any, capsule: Capsule) -> float:
-    """Smallest distance from points to a capsule's surface [m]."""
+    """Return the smallest distance from points to a capsule's surface [m]."""
     local = (T_capsule.actInv(T_points).homogeneous @ np.c_[points, np.ones(len(points))].T).T[:, :3]
     axis = capsule.p1 - capsule.p0
     along = np.clip((local - capsule.p0) @ axis / max(float(axis @ axis), 1e-30), 0.0, 1.0)
@@ -346,13 +346,13 @@ def _closes(vertices: np.ndarray, triangles: np.ndarray) -> bool:
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) > 0.0
 
 
-SPACING = 0.036  # largest spacing of the points [m], at size 1
+SPACING = 0.036  # largest spacing of points by which optimization keeps a robot from obstacles [m], at size 1
 
 SPACING_OF_RADIUS = 0.3
 """Largest spacing as a share of the radius of the capsule about a shape: what is slim goes where it is narrow."""
 
 SMALLEST_SPACING = 0.008  # no finer than this [m], at size 1
-MOST = 1500  # about how many points a robot gets at most; beyond, all spacings grow alike
+MOST_SAMPLES = 1500  # about how many points a robot gets at most; beyond, all spacings grow alike
 _POINTS_PER_SQUARE = 0.6  # about how many points of a spacing there are on an area of its square
 
 
@@ -367,5 +367,5 @@ def surface_samples(robot: RobotModel) -> tuple[np.ndarray, ...]:
         ]
     )
     squares = sum(area / spacing**2 for area, spacing in zip(surface_areas(robot), spacings, strict=True))
-    spacings *= np.sqrt(max(1.0, _POINTS_PER_SQUARE * squares / MOST))
+    spacings *= np.sqrt(max(1.0, _POINTS_PER_SQUARE * squares / MOST_SAMPLES))
     return tuple(surface_points(*mesh, float(spacing)).points for mesh, spacing in zip(meshes, spacings, strict=True))

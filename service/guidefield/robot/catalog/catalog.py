@@ -1,4 +1,8 @@
-"""Name to robot: the cards in `robots/`, every URDF of example-robot-data, any URDF file or text; a line about each."""
+"""Load and keep robots by name, file or what was sent, and sum each up in a line for lists.
+
+A robot is found again as long as no file that it was read from has changed (`_stamp`); lines of the catalog are kept on
+disk by a hash of the package's sources. Names, and the order in which a reference is resolved, are the public API's.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +50,7 @@ DEGREES = {**JOINT_DOF, "spherical": 3}  # degrees of freedom by kind of joint
 
 
 def summarize(entry: Entry) -> RobotSummary:
-    """Joints, groups and tip of a robot of the catalog; or what is wrong with it."""
+    """Sum up joints, groups and tip of a robot of the catalog; or say what is wrong with it."""
     card, path = entry.card, entry.folder / entry.card.urdf
     described = read_xml(entry.folder / card.srdf) if card.srdf else None
     line = RobotSummary(name=entry.name, source=entry.source, family=entry.family)
@@ -54,7 +58,7 @@ def summarize(entry: Entry) -> RobotSummary:
 
 
 def summarize_sent(robot: SentRobot, package_dirs: Iterable[Path]) -> RobotSummary:
-    """The same about a robot that a client stored; it may take meshes from those folders too."""
+    """Sum up a robot that a client stored; it may take meshes from those folders too."""
     line = RobotSummary(name=robot.name, source="stored", family=robot.name)
     card = msgspec.structs.replace(cards.EMPTY, root_joint=robot.root_joint)
     if not is_mjcf(robot.urdf):
@@ -129,7 +133,7 @@ def absolute(path: str) -> Path:
 
 
 def robot_name(urdf: Path) -> str:
-    """Return what a robot is called that a file describes: the file's name without its endings."""
+    """Return the name of a robot in a file: the file's name without its endings."""
     return Path(urdf.stem).stem if is_xacro(urdf) else urdf.stem
 
 
@@ -173,7 +177,7 @@ class Catalog:
         return list(entries())
 
     def summaries(self) -> list[RobotSummary]:
-        """A line about each name, in their order; those with a problem say it."""
+        """Return a line about each name, in their order; those with a problem say it."""
         return list(self._own_lines)
 
     @functools.cached_property
@@ -181,7 +185,7 @@ class Catalog:
         return lines_of(entries().values())
 
     def line(self, sent: SentRobot) -> RobotSummary:
-        """A line about a robot that was sent, found once; not so where it has a problem, which somebody may mend."""
+        """Return a line about a robot that was sent; it is kept, unless there is a problem, which may be mended."""
         line = self._lines.get(_key(sent))
         if line is None:
             line = summarize_sent(sent, self._package_dirs)
@@ -330,7 +334,7 @@ _SOURCES = Path(__file__).parent.parent
 
 
 def lines_of(entries: Iterable[Entry]) -> list[RobotSummary]:
-    """A line about each robot, in their order; from disk if they were found before, from the same files."""
+    """Return a line about each robot, in their order; from disk if they were made before of the same files."""
     known = list(entries)
     state = f"{_sources()} {pin.__version__}"
     for entry in known:

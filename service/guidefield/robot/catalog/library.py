@@ -1,4 +1,8 @@
-"""The robots that come with guidefield or with robot_descriptions, by name, and robots from MJCF."""
+"""Find the robots that come with guidefield or with robot_descriptions, by name, and load robots from MJCF.
+
+Names are the public API's. Downloads run in a process of their own, bounded in time. A robot from MJCF is refused if
+its placements differ from MuJoCo's.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +46,8 @@ class SentRobot:
 
     name: str  # the client's name of it
     content: str  # hash of all that was sent; the same content is the same robot
-    urdf: str  # its texts
-    srdf: str | None
+    urdf: str  # text of its URDF
+    srdf: str | None  # text of its SRDF
     meshes: Mapping[str, Path]  # files on disk by the URIs that the URDF has for them
     root_joint: RootJoint  # how it stands in the world
 
@@ -66,7 +70,7 @@ class Entry:
 
 @functools.cache
 def entries() -> dict[str, Entry]:
-    """Every name, in alphabetical order: found URDFs, a card of ours over them where there is one."""
+    """Return every name, in alphabetical order: found URDFs, and our cards, which take precedence."""
     return dict(sorted({**_find_entries(), **_ours()}.items()))
 
 
@@ -75,7 +79,7 @@ def _robots() -> Path:
 
 
 def _find_entries() -> dict[str, Entry]:
-    """The URDFs of example-robot-data by the names of their files, or of their packages where files share a name."""
+    """Find the URDFs of example-robot-data by the names of their files, or of packages where files share a name."""
     robots = _robots()
     urdfs = sorted(robots.glob("*/*/*.urdf"))
     stems = [path.stem for path in urdfs]
@@ -212,7 +216,7 @@ def _not_delivered(own: str, reason: str) -> RobotInvalid:
 
 
 _LINE = re.compile(r"^line \d+: ")
-"""Where a sentence about the URDF that an MJCF became begins with a line that nobody has written."""
+"""The line number at the beginning of sentences about a generated URDF, which nobody can look up."""
 
 
 def load_mjcf(name: str, compiled: CompiledModel, srdf_text: str | None, root_joint: RootJoint) -> RobotModel:
@@ -239,7 +243,7 @@ def load_mjcf(name: str, compiled: CompiledModel, srdf_text: str | None, root_jo
     return dataclasses.replace(robot, warnings=(*converted.warnings, *warnings))
 
 
-SAME = 1e-9
+PLACEMENT_TOLERANCE = 1e-9
 """Placements that differ by more than this [m, or 1], for each metre from the world's origin, are not the same."""
 TRIALS = 3  # random configurations at which placements are compared, beside the one at rest
 
@@ -253,7 +257,7 @@ def check_placements(
         geoms: MuJoCo's indices of the geoms behind each link's <collision>, in their order.
 
     Raises:
-        RobotInvalid: if a body or shape stands elsewhere by more than `SAME`; names it.
+        RobotInvalid: if a body or shape stands elsewhere by more than `PLACEMENT_TOLERANCE`; names it.
     """
     mujoco, rng = import_mujoco(), np.random.default_rng(0)
     model.geom_sameframe[:] = 0  # else MuJoCo takes a geom within 1e-6 of its body's inertia for being there
@@ -292,5 +296,5 @@ def mujoco_configuration(robot: RobotModel, model: Any, joints: Mapping[int, str
 
 def _compare(what: str, ours: Any, position: np.ndarray, rotation: np.ndarray) -> None:
     apart = max(np.abs(ours.translation - position).max(), np.abs(ours.rotation.ravel() - rotation).max())
-    if not apart <= SAME * max(1.0, float(np.abs(position).max())):
+    if not apart <= PLACEMENT_TOLERANCE * max(1.0, float(np.abs(position).max())):
         raise RobotInvalid(f"MJCF: {what} stands elsewhere than MuJoCo has it, by {apart:.3g}; please report this file")

@@ -1,7 +1,8 @@
-"""Mesh files that a client sent: checked, and named by their content, so that no name of theirs becomes a path.
+"""Check mesh files that a client sent, and name them by their content, so that no name of theirs becomes a path.
 
 Some kinds name others: an .obj its materials, these their textures, a .dae its textures, a .gltf its buffers. Whoever
 opens such a file opens these. So each must have been sent, too, and its name is replaced by the one that it has here.
+Files are untrusted: a further kind in `MESHES` that can name other files needs a function in `_REWRITERS`.
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ _GLB_MAGIC, _GLB_JSON = b"glTF", b"JSON"
 
 @dataclass(frozen=True)
 class NamedByContent:
-    """Content of files by names made of its hash and the kind of file; these names by the URIs as sent."""
+    """Files that were sent, by new names."""
 
-    files: Mapping[str, bytes]
-    names: Mapping[str, str]
+    files: Mapping[str, bytes]  # content by new name, which is its hash and the kind of file
+    names: Mapping[str, str]  # new names by the URIs as sent
 
 
 def name_by_content(meshes: Mapping[str, bytes]) -> NamedByContent:
@@ -142,7 +143,7 @@ def _check_glb(content: bytes, uri: str, _referred: _Referred) -> bytes:
 
 
 def _rewrite_dae(content: bytes, uri: str, referred: _Referred) -> bytes:
-    """A Collada document with the names of its images replaced; it must not draw on other documents."""
+    """Replace the names of images in a Collada document; it must not refer to other documents."""
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise _fault(uri, "must not have a <!DOCTYPE>, nor entities")
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)

@@ -1,4 +1,9 @@
-"""The joints that a request plans for: a robot reduced to them, in the world where the request puts it."""
+"""The planning group: a robot reduced to the joints that a request plans for, placed in the world.
+
+It converts between the spaces of `spaces.py`, and has the group's limits and metric (`LENGTH_OF_A_RADIAN`: another
+value makes other motions). Nearly everything takes a group; results that don't depend on where it starts are shared
+through `memoized_for_alike`.
+"""
 
 from __future__ import annotations
 
@@ -37,16 +42,16 @@ Found = TypeVar("Found")
 
 
 class Alike:
-    """Stands for groups of a robot that differ in where they start and in the limits of their rates, and in no more."""
+    """The key that groups share which differ in where they start and in limits of rates, and in nothing else."""
 
 
 def memoized_for_alike(
     find: Callable[Concatenate[PlanningGroup, Rest], Found],
 ) -> Callable[Concatenate[PlanningGroup, Rest], Found]:
-    """Call a function once for groups that are alike and the same further arguments; see `memoized`.
+    """Memoize a function for all alike groups and the same further arguments; see `memo.memoized_by`.
 
-    It depends on nothing in which such groups differ: q_reference, q_origin, limits of velocities and accelerations.
-    Its result must not hold the group.
+    It must depend on nothing in which alike groups differ: q_reference, q_origin, whole_turns, limits of velocities and
+    accelerations. Its result must not hold the group.
     """
     return memoized_by(lambda group: group.alike, find)
 
@@ -62,7 +67,7 @@ moving base become less smooth and longer in time. The tree's mean time differs 
 
 
 def units_of(joints: Sequence[Joint], size: float) -> np.ndarray:
-    """What counts as one radian in each coordinate of the chart of a robot's joints, shape (nv,) [rad or m]."""
+    """Return the change in each chart coordinate of a robot's joints that counts as one radian, (nv,) [rad or m]."""
     units = []
     for joint in joints:
         of_joint = np.ones(joint.nv)
@@ -72,11 +77,11 @@ def units_of(joints: Sequence[Joint], size: float) -> np.ndarray:
 
 
 def _travel(joint: Joint, size: float) -> float:
-    """How many times as far a joint of a robot of a size slides: small robots drive and fly as far as others."""
+    """Return the factor on lengths of a joint, by the robot's size: small robots drive and fly as far as others."""
     return size if joint.kind is JointKind.PRISMATIC else max(size, 1.0)
 
 
-LONGEST_TURN = 3.0  # how far a rotation vector may go between two rows on the wire [rad]: less than half a turn
+LONGEST_TURN = 3.0  # most that a rotation vector changes between two rows on the wire [rad]: less than half a turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +89,8 @@ class PlanningGroup:
     """A robot whose joints outside the group stand still.
 
     Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
-    planned one move with it. In the *chart* ``z`` (nv,), joint by joint as `chart` has it, straight lines and
-    splines are drawn. It is the door between these spaces, see `spaces`.
+    planned one move with it. In the *chart* ``z`` (nv,), local coordinates joint by joint (`chart.py`), straight lines
+    and splines are drawn. Its methods convert between these spaces, see `spaces.py`.
     """
 
     robot: RobotModel  # the whole robot
@@ -105,8 +110,7 @@ class PlanningGroup:
     expand_velocity: np.ndarray  # matrix (model.nv, nv) from this group's tangents to those of `model`
     expand_offset: ModelChartPoint  # shape (model.nv,): chart values of `model` are expand_velocity @ z + expand_offset
     places: np.ndarray  # where the planned joints' values stand in a configuration of the whole robot, shape (nq,)
-    # what groups share that differ in q_reference, q_origin, whole_turns and the limits of their rates only
-    alike: Alike
+    alike: Alike  # shared by groups that differ only in q_reference, q_origin, whole_turns and limits of rates
     # whole turns that the wire adds to the chart's angles, shape (nv,) [rad]: where the start was given beyond (-pi,
     # pi]; None: none
     whole_turns: ChartPoint | None = None
@@ -148,7 +152,7 @@ class PlanningGroup:
 
     @cached_property
     def units(self) -> np.ndarray:
-        """What counts as one radian in each coordinate of the chart, shape (nv,) [rad or m]: the group's metric."""
+        """The change in each chart coordinate that counts as one radian, shape (nv,) [rad or m]: the group's metric."""
         return _scales(self)[0]
 
     @cached_property
@@ -167,27 +171,27 @@ class PlanningGroup:
         return _scales(self)[3]
 
     def part_of(self, q_whole: RobotConfiguration) -> Configuration:
-        """The planned joints' part, shape (nq,), of a configuration of the whole robot, shape (robot.model.nq,)."""
+        """Return the planned joints' part, shape (nq,), of a whole robot's configuration (robot.model.nq,)."""
         part: Configuration = q_whole[self.places]
         return part
 
     def integrate(self, q: Configuration, v: Tangent) -> Configuration:
-        """Configuration, shape (nq,), reached from q, shape (nq,), along the tangent v, shape (nv,)."""
+        """Return the configuration, shape (nq,), reached from q, shape (nq,), along the tangent v, shape (nv,)."""
         reached: Configuration = pin.integrate(self.space, q, v)
         return reached
 
     def difference(self, q0: Configuration, q1: Configuration) -> Tangent:
-        """Tangent, shape (nv,), that leads from q0 to q1, each of shape (nq,), the short way."""
+        """Return the tangent, shape (nv,), that leads from q0 to q1, each of shape (nq,), the short way."""
         tangent: Tangent = pin.difference(self.space, q0, q1)
         return tangent
 
     def interpolate(self, q0: Configuration, q1: Configuration, t: float) -> Configuration:
-        """Configuration, shape (nq,), at the fraction t of the way from q0 to q1, each of shape (nq,)."""
+        """Return the configuration, shape (nq,), at the fraction t between q0 and q1, each of shape (nq,)."""
         between: Configuration = pin.interpolate(self.space, q0, q1, t)
         return between
 
     def expand(self, q: Configuration) -> ModelConfiguration:
-        """Configuration of `model`, shape (model.nq,), followers included, of one of the group, shape (nq,)."""
+        """Return the configuration of `model`, shape (model.nq,), mimic joints included, of one of the group, (nq,)."""
         if self.space is self.model:
             return cast(ModelConfiguration, q)
         z = self.expand_chart(self.chart(q))
@@ -216,7 +220,7 @@ class PlanningGroup:
         return np.concatenate([chart.from_chart(joint, expanded[at], origin) for joint, at, origin in self._all_joints])
 
     def expand_each(self, zs: ChartPoints) -> ModelConfigurations:
-        """The same of chart points (k, nv), shape (k, model.nq)."""
+        """Return `expand_from_chart` of chart points (k, nv), shape (k, model.nq)."""
         if self.space is self.model and self.nq == self.nv:
             return cast(ModelConfigurations, zs)
         expanded = np.array([self.expand_from_chart(z) for z in zs])
@@ -232,7 +236,7 @@ class PlanningGroup:
         return tuple(joints)
 
     def expand_chart(self, z: ChartPoint) -> ModelChartPoint:
-        """Chart coordinates of `model`, shape (model.nv,), followers included, of the group's, shape (nv,)."""
+        """Return chart coordinates of `model`, shape (model.nv,), mimic joints included, of the group's, (nv,)."""
         if self.space is self.model:
             return cast(ModelChartPoint, z)
         expanded: ModelChartPoint = self.expand_velocity @ z + self.expand_offset
@@ -246,13 +250,13 @@ class PlanningGroup:
         return np.concatenate(parts)
 
     def from_chart(self, z: ChartPoint) -> Configuration:
-        """Configuration, shape (nq,), of chart coordinates, shape (nv,)."""
+        """Return the configuration, shape (nq,), of chart coordinates, shape (nv,)."""
         if self.nq == self.nv:
             return np.array(z, float)
         return np.concatenate([chart.from_chart(j, z[_at_v(j)], self.q_origin[_at_q(j)]) for j in self.joints])
 
     def clamped(self, q: Configuration) -> Configuration:
-        """A configuration, shape (nq,), with every value brought within its limits; a copy."""
+        """Return a copy of a configuration, shape (nq,), with every value brought within its limits."""
         clamped = q.copy()
         if not self.limited:
             return clamped
@@ -272,7 +276,7 @@ class PlanningGroup:
         return np.array(zs)
 
     def unwrapped(self, z: ChartPoint, near: ChartPoint) -> ChartPoint:
-        """Chart coordinates of the same configuration as z nearest to others, both (nv,): whole turns added."""
+        """Return chart coordinates of the same configuration as z nearest to `near`, both (nv,): whole turns added."""
         if self.nq == self.nv:
             return z.copy()
         return np.concatenate([chart.unwrapped(j, z[_at_v(j)], near[_at_v(j)]) for j in self.joints])
@@ -290,7 +294,7 @@ class PlanningGroup:
         return cast(ChartPoints, np.array(ways).reshape(-1, self.nv))
 
     def tangent_map(self, z: ChartPoint) -> np.ndarray:
-        """Matrix, shape (nv, nv), from chart velocities at z, shape (nv,), to tangent velocities."""
+        """Return the matrix, shape (nv, nv), from chart velocities at z, shape (nv,), to tangent velocities."""
         matrix = np.zeros((self.nv, self.nv))
         for joint in self.joints:
             at = _at_v(joint)
@@ -298,7 +302,7 @@ class PlanningGroup:
         return matrix
 
     def wire_positions(self, z: ChartPoint) -> WireRow:
-        """A chart point, shape (nv,), as the wire's position columns: quaternions for rotations, unwrapped angles."""
+        """Return a chart point (nv,) as the wire's position columns: quaternions for rotations, unwrapped angles."""
         values: WireRow = self._turned(z).tolist()
         if self.is_euclidean:
             return values
@@ -318,7 +322,7 @@ class PlanningGroup:
         return tuple((j.idx_v, j.idx_v + j.nv, start) for j, start in zip(self.joints, starts, strict=True))
 
     def wire_rows(self, zs: ChartPoints) -> list[WireRow]:
-        """Chart points (n, nv), each as `wire_positions` has it."""
+        """Return chart points (n, nv), each as `wire_positions` has it."""
         if self.is_euclidean:
             rows: list[WireRow] = self._turned(zs).tolist()
             return rows
@@ -343,7 +347,7 @@ class PlanningGroup:
         return rows
 
     def turns(self, zs: ChartPoints) -> np.ndarray:
-        """How far rotation vectors go between chart points (n, nv), the largest of all joints, shape (n - 1,) [rad]."""
+        """Return the largest change of a joint's rotation vector between chart points (n, nv), shape (n - 1,) [rad]."""
         found = np.zeros(max(0, len(zs) - 1))
         for joint in self.joints:
             if joint.kind in chart.ROTATION:

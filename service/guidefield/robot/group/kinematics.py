@@ -92,7 +92,7 @@ def tangent_accelerations(
 
 
 def _rotation_columns(group: PlanningGroup) -> np.ndarray:
-    """Which chart coordinates are the rotation vectors of joints, shape (k, 3)."""
+    """Return the indices of the chart coordinates that are rotation vectors, shape (k, 3)."""
     columns = [
         np.arange(j.idx_v, j.idx_v + j.nv)[chart.ROTATION[j.kind]] for j in group.joints if j.kind in chart.ROTATION
     ]
@@ -104,7 +104,7 @@ def _slides(joint: Joint) -> slice:
 
 
 def _see_from(group: PlanningGroup, joint: Joint, zs: ChartPoints, rows: np.ndarray) -> np.ndarray:
-    """Translations (n, 2) or (n, 3) seen from the frame that a planar or floating joint has moved."""
+    """Express translations (n, 2) or (n, 3) in the frame that a planar or floating joint has moved."""
     if joint.kind is JointKind.PLANAR:
         return _turn_back(zs[:, joint.idx_v + 2], rows)
     reference = pin.Quaternion(np.asarray(group.q_origin[joint.idx_q + 3 : joint.idx_q + 7], float)).normalized()
@@ -117,7 +117,7 @@ def _turn_back(angles: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def _rotate_back(vectors: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Rows (n, 3) seen from frames turned by rotation vectors (n, 3): Rodrigues' formula, turned back."""
+    """Express rows (n, 3) in frames turned by rotation vectors (n, 3): Rodrigues' formula, turned back."""
     angles, once = np.linalg.norm(vectors, axis=1, keepdims=True), _cross(vectors, rows)
     back: np.ndarray = rows - np.sinc(angles / np.pi) * once + _factors(vectors)[0] * _cross(vectors, once)
     return back
@@ -129,7 +129,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _factors(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """f, g and their derivatives by a^2, for rotation vectors (..., 3); each of shape (..., 1).
+    """Return f, g and their derivatives by a^2, for rotation vectors (..., 3); each of shape (..., 1).
 
     f = sum (-s)^k / (2 k + 2)! and g = sum (-s)^k / (2 k + 3)! with s = a^2.
     """
@@ -152,7 +152,7 @@ def _factors(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     return f0, g0, df, dg
 
 
-DISTINCT = 0.1  # two solutions are distinct if a joint differs by this, by the group's metric [rad]
+DISTINCT = 0.1  # two solutions of inverse kinematics are distinct if a joint differs by this, by the metric [rad]
 
 _Z = np.array([0.0, 0.0, 1.0])
 
@@ -168,7 +168,7 @@ class ChainToTip:
     reach: float  # the farthest that the tip can be from where the chain begins [m]
 
     def from_target(self, T_world_target: Any) -> TipChain:
-        """The chain in a target's frame (pinocchio.SE3), so that the tip's placement is its offset from the target."""
+        """Return the chain in a target's frame (pinocchio.SE3): the tip's placement is its offset from the target."""
         first = self.table.first.reshape(3, 4)
         placed = T_world_target.actInv(pin.SE3(first[:, :3], first[:, 3]))
         return self.table._replace(first=_rows(placed))
@@ -176,7 +176,7 @@ class ChainToTip:
 
 @memoized
 def chain_to_tip(group: PlanningGroup) -> ChainToTip:
-    """The chain to a group's tip; of groups that are alike it is the same, but for where balls' charts start."""
+    """Build the chain to a group's tip; shared by alike groups, unless rotation vectors have an origin."""
     turns_freely = any(joint.kind in (JointKind.SPHERICAL, JointKind.FLOATING) for joint in group.joints)
     return _find_chain(group) if turns_freely else _found_once(group)
 
@@ -205,7 +205,7 @@ _found_once = memoized_for_alike(_find_chain)
 
 
 def chain_to(group: PlanningGroup, frame: int) -> TipChain:
-    """The chain to a frame of a group's model, by its index."""
+    """Build the chain to a frame of a group's model, by its index."""
     model, joints = group.model, joints_of(group)
     end = model.frames[frame]
     parts = _Parts()
@@ -233,7 +233,7 @@ def chain_to(group: PlanningGroup, frame: int) -> TipChain:
 
 
 class _Parts:
-    """Parts in the order from the world to the tip; `fixed` is what is fixed since the last."""
+    """Collects the parts of a chain from the world to the tip; `fixed` is the placement since the last one."""
 
     def __init__(self) -> None:
         self.fixed = pin.SE3.Identity()
@@ -243,7 +243,7 @@ class _Parts:
         self.placements: list[np.ndarray] = []
 
     def add(self, kind: int, driver: int, axis: np.ndarray, scale: tuple[float, float] = (1.0, 0.0)) -> None:
-        """A part along or about an axis (3,) of the frame so far."""
+        """Add a part that slides along or turns about an axis (3,) of the frame so far."""
         turn = pin.SE3(pin.Quaternion.FromTwoVectors(_Z, axis).matrix(), np.zeros(3))
         self.placements.append(_rows(self.fixed * turn))
         self.kinds.append(kind)
@@ -267,7 +267,7 @@ class _Parts:
 
 
 def _reach(table: TipChain) -> float:
-    """The length of everything between the first part's place and the tip, slides drawn out [m]."""
+    """Bound the distance of the tip from the first part's place by all lengths between, slides drawn out [m]."""
     reach = float(np.linalg.norm(table.placements[:, 3::4], axis=1).sum())
     for kind, driver, (scale, offset) in zip(table.kinds, table.drivers, table.scales, strict=True):
         if kind == SLIDE:
@@ -277,7 +277,7 @@ def _reach(table: TipChain) -> float:
 
 
 def without_limits(chain: ChainToTip) -> ChainToTip:
-    """The same chain without limits."""
+    """Return the same chain without limits."""
     infinite = np.full(len(chain.moving), np.inf)
     lower = -infinite
     read_only(infinite, lower)
@@ -290,7 +290,7 @@ def _rows(placement: Any) -> np.ndarray:
     return rows
 
 
-MOST = 3  # of alike groups no more are kept that nobody has: a plan needs as many
+MOST_UNUSED = 3  # of alike groups no more are kept that nobody has: a plan needs as many
 
 
 def lent_data(group: PlanningGroup, borrower: object) -> Any:
@@ -303,7 +303,7 @@ def lent_data(group: PlanningGroup, borrower: object) -> Any:
         data = unused.pop()
     except IndexError:
         data = group.model.createData()
-    weakref.finalize(borrower, lambda: unused.append(data) if len(unused) < MOST else None).atexit = False
+    weakref.finalize(borrower, lambda: unused.append(data) if len(unused) < MOST_UNUSED else None).atexit = False
     return data
 
 
@@ -314,12 +314,12 @@ def _find_unused(group: PlanningGroup) -> list[Any]:  # noqa: ARG001 - they are 
 
 @memoized_for_alike
 def joints_of(group: PlanningGroup) -> JointTable:
-    """Tables of the joints of a group's model; made once."""
+    """Build the tables of the joints of a group's model; once."""
     return joint_table(group.model)
 
 
 def group_joints(group: PlanningGroup) -> GroupJoints:
-    """Tables of a group's joints and of the local coordinates that move them."""
+    """Build the tables of a group's joints and of the local coordinates that move them."""
     origin = np.array(group.expand(group.q_origin), float)
     origin.setflags(write=False)
     return alike_group_joints(group)._replace(origin=origin)
@@ -327,7 +327,7 @@ def group_joints(group: PlanningGroup) -> GroupJoints:
 
 @memoized_for_alike
 def alike_group_joints(group: PlanningGroup) -> GroupJoints:
-    """The same, but for the origin of rotation vectors; made once."""
+    """Build `group_joints` but for the origin of rotation vectors; once for alike groups."""
     expand = group.expand_velocity
     sources, multipliers = np.abs(expand).argmax(axis=1), expand.sum(axis=1)
     assert (np.count_nonzero(expand, axis=1) <= 1).all(), "a joint follows at most one coordinate"
@@ -337,7 +337,7 @@ def alike_group_joints(group: PlanningGroup) -> GroupJoints:
 
 
 def chain_of(joints: JointTable, last: int) -> JointTable:
-    """The joints from the world to one of a table, which is the last: all that decide where it is."""
+    """Return the part of a table with the joints from the world to one of them, which is the last row."""
     rows = [last]
     while rows[0] > 0:
         rows.insert(0, int(joints.parents[rows[0]]))
@@ -372,18 +372,18 @@ class Kinematics:
         return pin.updateFramePlacement(model, self._data, frame_id).copy()
 
     def tip_position(self, q: ModelConfiguration) -> np.ndarray:
-        """Position of the tip in the world, shape (3,) [m], at a configuration of `group.model`, shape (model.nq,)."""
+        """Return the tip's position in the world, shape (3,) [m], at a configuration of `group.model`, (model.nq,)."""
         position: np.ndarray = self.frame_placement(q, self.group.tip_id).translation
         return position
 
     def tip_positions(self, zs: ChartPoints) -> np.ndarray:
-        """Positions of the tip in the world, shape (k, 3) [m], at chart points of the group, shape (k, nv)."""
+        """Return the tip's positions in the world, shape (k, 3) [m], at chart points of the group, shape (k, nv)."""
         positions = np.empty((len(zs), 3))
         frame_positions(self.tip, np.ascontiguousarray(zs, float), positions)
         return positions
 
     def tip_slopes(self, z: ChartPoint) -> np.ndarray:
-        """Derivative of the tip's position by the chart at a point of the group's, shape (nv,): shape (3, nv) [m]."""
+        """Return the derivative of the tip's position by the chart at a point (nv,), shape (3, nv) [m]."""
         slopes = np.empty((3, len(z)))
         frame_slopes(self.tip, np.ascontiguousarray(z, float), slopes)
         return slopes
@@ -405,7 +405,7 @@ class Kinematics:
 
 @memoized_for_alike
 def _alike_tip(group: PlanningGroup, tip_id: int) -> CarriedPoint:
-    """A frame of a group, but for where rotation vectors start; of the joints those that lead to it."""
+    """Build a frame of a group with the joints that lead to it, but for where rotation vectors start."""
     frame = group.model.frames[tip_id]
     joints, point = alike_group_joints(group), np.array(frame.placement.translation)
     read_only(point)
@@ -419,7 +419,7 @@ LARGEST_SLIDE = 0.1  # none slides more than this in one step [m], at size 1
 
 @memoized_for_alike
 def mover_of(group: PlanningGroup) -> Mover:
-    """Tables of a group; computed once for each."""
+    """Build the tables of a group for descents; once for alike groups."""
     E, model = group.expand_velocity, group.model
     leaders = np.argmax(E != 0.0, axis=1)
     factors = E[np.arange(model.nv), leaders]
@@ -457,7 +457,7 @@ def mover_of(group: PlanningGroup) -> Mover:
 
 @memoized_for_alike
 def find_planned_values(group: PlanningGroup) -> np.ndarray:
-    """Where a group's configuration stands in its model's, shape (nq,) of indices."""
+    """Return the indices of a group's configuration within its model's, shape (nq,)."""
     at, indices = [], joint_indices(group.model)
     for joint in group.joints:
         first = group.model.joints[indices[joint.name]].idx_q

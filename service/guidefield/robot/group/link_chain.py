@@ -1,4 +1,7 @@
-"""The robots that the thesis' own minimizer is for: chains of links joined by ball or universal joints, alone."""
+"""Recognize chains of links joined by ball or universal joints alone, for the thesis' own minimizer ('univariate').
+
+kernels/kinematics/link_chain.py reads the tables; robots that aren't such chains are refused with the reason.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ class SerialChain:
 
     @property
     def n(self) -> int:
-        """How many links."""
+        """The number of links."""
         return len(self.carriers)
 
     def places(self, q: Configuration) -> tuple[np.ndarray, np.ndarray]:
@@ -84,7 +87,7 @@ def link_chain(group: PlanningGroup) -> SerialChain:
 
 
 def _links_of(group: PlanningGroup) -> tuple[list[int], list[int], list[tuple[int, int]]]:
-    """Of each link: the joint that carries it, what joins it, where its values stand."""
+    """Return for each link the joint that carries it, the kind of its joint, and where its values stand."""
     model = group.model
     ends, kinds, at = [], [], []
     turning = (JointKind.REVOLUTE, JointKind.CONTINUOUS)
@@ -119,7 +122,7 @@ def _kind(group: PlanningGroup, index: int) -> JointKind:
 
 
 def _last_link(group: PlanningGroup, carrier: int, leads: bool) -> np.ndarray:
-    """The last link from its joint to its end (3,): the tip, or where the tip leads the far end of its shape."""
+    """Return the last link from its joint to its end (3,): the tip, or if the tip leads the far end of its shape."""
     tip = group.model.frames[group.tip_id]
     if leads:
         if tip.parentJoint != 1 or float(np.linalg.norm(tip.placement.translation)) > SAME_PLACE:

@@ -1,6 +1,8 @@
 """Path constraints of a frame: its axis in a cone, its origin near a plane, line or point, an even turn.
 
-Each is a number that must not exceed a limit, with its gradient, and a bound of its change under motion of the frame.
+Each is a number that must not exceed a limit, with its gradient, and a bound of its change under motion of the frame,
+which certificates rest on (`prove/certificate.py`). A further kind needs all methods of `Cone`, and a row for kernels
+in `_KINDS` and `_vectors`.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ class Cone:
     limit: float
 
     def value(self, placement: Any) -> float:
-        """Angle between the two [rad]."""
+        """Return the angle between the two [rad]."""
         axis = placement.rotation @ self.axis
         return float(np.arctan2(length(cross(axis, self.target)), axis @ self.target))
 
@@ -45,7 +47,7 @@ class Cone:
         return np.concatenate([np.zeros(3), normal / sine if sine > 0.0 else np.zeros(3)])
 
     def change(self, shift: float, turn: float) -> float:  # noqa: ARG002 - an orientation stays where the origin moves
-        """As much as the frame turns."""
+        """Return the bound as `PathConstraint` says: as much as the frame turns."""
         return turn
 
     def project_velocity(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -69,7 +71,7 @@ class Near:
     limit: float  # the largest distance [m]
 
     def value(self, placement: Any) -> float:
-        """Distance of the origin from the plane, line or point [m]."""
+        """Return the distance of the origin from the plane, line or point [m]."""
         return length(self.across @ (placement.translation - self.point))
 
     def row(self, placement: Any) -> np.ndarray:
@@ -79,7 +81,7 @@ class Near:
         return np.concatenate([away / distance if distance > 0.0 else np.zeros(3), np.zeros(3)])
 
     def change(self, shift: float, turn: float) -> float:  # noqa: ARG002 - a place stays where the frame turns
-        """As much as the origin moves."""
+        """Return the bound as `PathConstraint` says: as much as the origin moves."""
         return shift
 
     def project_velocity(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:  # noqa: ARG002 - it is the same everywhere
@@ -126,7 +128,7 @@ class EvenTurn:
         return by_place
 
     def value(self, placement: Any) -> float:
-        """Angle from where the even turn is, by the origin's share of the way [rad]."""
+        """Return the angle from where the even turn is, by the origin's share of the way [rad]."""
         return length(self._away(placement))
 
     def row(self, placement: Any) -> np.ndarray:
@@ -137,7 +139,7 @@ class EvenTurn:
         return np.concatenate([-(axis @ self.turn) * self.by_place, axis])
 
     def change(self, shift: float, turn: float) -> float:
-        """As much as the frame turns, and as the even turn does on so much of the way."""
+        """Return the bound: as much as the frame turns, and as the even turn does while the origin moves so far."""
         return turn + shift * float(np.linalg.norm(self.turn) * np.linalg.norm(self.by_place))
 
     def project_velocity(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:  # noqa: ARG002 - it is the same everywhere
@@ -176,11 +178,11 @@ class ConstrainedFrames:
         self._data = lent_data(group, self)
 
     def values(self, z: ChartPoint) -> np.ndarray:
-        """The constraints' numbers [rad or m] at a chart point, shape (nv,): shape (k,)."""
+        """Return the constraints' numbers [rad or m] at a chart point (nv,), shape (k,)."""
         return np.array([c.value(placed) for c, placed in zip(self.constraints, self.placements(z), strict=True)])
 
     def values_and_rows(self, z: ChartPoint) -> tuple[np.ndarray, np.ndarray]:
-        """The numbers at a chart point, shape (nv,): shape (k,), and their derivatives by the chart, shape (k, nv)."""
+        """Return the numbers at a chart point (nv,), shape (k,), and their derivatives by the chart, shape (k, nv)."""
         placed, jacobians = self.placements(z), self.jacobians(z)
         map_to_tangent = self.group.expand_velocity @ self.group.tangent_map(z)
         values = np.array([c.value(T) for c, T in zip(self.constraints, placed, strict=True)])
@@ -196,7 +198,7 @@ class ConstrainedFrames:
         ]
 
     def placements(self, z: ChartPoint) -> list[Any]:
-        """Placement in the world of each constraint's frame at a chart point, shape (nv,): pinocchio.SE3."""
+        """Return the placement in the world of each constraint's frame at a chart point (nv,), pinocchio.SE3."""
         pin.forwardKinematics(self.group.model, self._data, self.group.expand_from_chart(z))
         return [pin.updateFramePlacement(self.group.model, self._data, frame).copy() for frame in self.indices]
 
@@ -208,13 +210,13 @@ def _frame_id(model: Any, name: str) -> int:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The cross product (3,) of two vectors (3,)."""
+    """Return the cross product (3,) of two vectors (3,), in less time than NumPy's."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def length(vector: np.ndarray) -> float:
-    """The length of a vector (n,)."""
+    """Return the length of a vector (n,), in less time than NumPy's."""
     return math.sqrt(vector.dot(vector))
 
 
@@ -223,7 +225,7 @@ _KINDS: Mapping[type, int] = MappingProxyType({Cone: CONE, Near: NEAR, EvenTurn:
 
 @memoized
 def keep_frames(frames: ConstrainedFrames) -> KeptFrames:
-    """The constraints, each with the chain of joints that moves its frame; there may be none."""
+    """Build the kernels' constraints, each with the chain of joints that moves its frame; there may be none."""
     assert not frames.constraints or frames.group.is_euclidean, "path constraints are for joints of one coordinate"
     chains = [chain_to(frames.group, frame) for frame in frames.indices]
     group = frames.group

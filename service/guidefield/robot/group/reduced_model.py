@@ -1,4 +1,8 @@
-"""From a request's words to a planning group: which joints are planned, where the robot stands, what stands still."""
+"""Select a request's planning group: the joints that are planned, where the robot stands, and joints that stand still.
+
+Which joints are planned where a request names none is what users rely on. Alike groups share their models, so `_reduce`
+must not depend on where a group starts.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +63,7 @@ def select(
 
 
 _REDUCED = Answers[dict[str, Any]]()
-"""What alike groups of a robot have in common; a sequence of ten steps goes back and forth between as many."""
+"""Results of `_reduce` by robot: a sequence of steps goes back and forth between its groups."""
 
 
 def _reduce(
@@ -70,7 +74,7 @@ def _reduce(
     q_reference: RobotConfiguration,
     placement: Any,
 ) -> dict[str, Any]:
-    """What groups have in common that are alike, as `PlanningGroup` names it; but not the robot itself."""
+    """Make the fields of `PlanningGroup` that alike groups share, but for the robot itself."""
     model, geometry = _place_models(robot, placement)
     locked = [j.index for j in robot.joints if j.name not in planned and j.name not in followers]
     model, geometry = lock_joints(model, geometry, locked, q_reference)

@@ -1,6 +1,7 @@
 """Inverse kinematics: configurations that bring a tip to a pose, far from each other, or why there are none.
 
-Descents of a group to a target pose of its tip, from starts that are given or drawn.
+Solutions are ends of damped descents (kernels) from starts that are given or drawn; the same random state gives the
+same ones. `SearchSettings` trade how often a pose is missed against time.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class PoseTarget:
 
     @classmethod
     def from_wire(cls, pose: TargetPose | PoseGoal) -> PoseTarget:
-        """The target that a message means; null is a free axis."""
+        """Build the target of a message, in which null is a free axis."""
         tolerances = [
             np.array([np.inf if axis is None else axis for axis in axes])
             for axes in (pose.position_tolerance, pose.orientation_tolerance)
@@ -52,7 +53,7 @@ class PoseTarget:
         return cls(se3(pose.position, pose.quaternion_xyzw), *tolerances)
 
     def is_reached(self, T_world_tip: Any) -> bool:
-        """Whether a placement of the tip (pinocchio.SE3) is within the tolerances."""
+        """Return whether a placement of the tip (pinocchio.SE3) is within the tolerances."""
         offset = self.placement.actInv(T_world_tip)
         return bool(
             np.all(np.abs(offset.translation) <= np.maximum(self.position_tolerance, EXACT))
@@ -62,9 +63,9 @@ class PoseTarget:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Of the search for configurations that reach a pose."""
+    """Settings of the search for configurations that reach a pose: more starts find more, and take longer."""
 
-    # the middle part of a tolerance that is aimed at, so that an approach from outside ends inside. Unrecorded
+    # share of a tolerance within which a descent ends, so that an approach from outside ends inside. Unrecorded
     aim: float = 0.9
     round: int = 64  # random starts of a round. Unrecorded
     first_round: int = 16  # the same of the first rounds where one solution is asked for. Unrecorded
@@ -131,14 +132,14 @@ class PoseSearch:
         return points[np.argsort(squared, kind="stable")]
 
     def descend(self, starts: ChartPoints) -> ChartPoints:
-        """Chart points (k, nv) within the tolerances and the limits to which starts (n, nv) lead, in their order."""
+        """Descend from starts (n, nv); return those ends (k, nv) within tolerances and limits, in the starts' order."""
         starts = np.ascontiguousarray(starts, float)
         ends, reached = np.empty_like(starts), np.zeros(len(starts), np.bool_)
         kernels.descend(self._table, self._tolerances, starts, ends, reached, self._closest)
         return ends[reached]
 
     def near_base(self, points: ChartPoints) -> ChartPoints:
-        """The same configurations (n, nv), by whole turns as near to the base as the limits let them."""
+        """Return the same configurations (n, nv), moved by whole turns as near to the base as the limits let them."""
         turns = self.chain.turning
         if not len(turns):
             return points
@@ -169,14 +170,14 @@ def _freeze(array: Any) -> np.ndarray:
 
 
 class Cause(enum.Enum):
-    """What stands in the way of a pose; the values are the words of replies."""
+    """The reason why a pose isn't reached; the values are the words of replies."""
 
     OUT_OF_REACH = "out of reach"
     """The chain to the tip is too short; the one cause that is certain."""
     POSITION = "position"
-    """The place."""
+    """The place can't be reached, whatever the orientation."""
     ORIENTATION = "orientation"
-    """The orientation there."""
+    """The place can be reached, but not with this orientation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +210,7 @@ def prove_out_of_reach(chain: ChainToTip, target: PoseTarget) -> Unreached | Non
 def why_unreached(
     group: PlanningGroup, target: PoseTarget, search: PoseSearch, tried: str, rng: np.random.Generator
 ) -> Unreached:
-    """Find what stands in the way of a pose that no descent reached; by descents, so nothing of it is proved.
+    """Find the cause why no descent reached a pose; by descents, so nothing of it is proved.
 
     Args:
         search: The search that failed.
@@ -242,7 +243,7 @@ def why_unreached(
 
 
 def _turn_needed(group: PlanningGroup, target: PoseTarget, base: ChartPoint, rng: np.random.Generator) -> float:
-    """How much more the tip has to be allowed to turn about each axis until descents reach the place [rad]."""
+    """Find how much more the tip must be allowed to turn about each axis until descents reach the place [rad]."""
     low, high = 0.0, np.pi
     for _ in range(SEARCH.why_halvings):
         middle = 0.5 * (low + high)
@@ -276,7 +277,7 @@ def _limit_in_the_way(
 
 
 Accept = Callable[[ChartPoints], np.ndarray]
-"""Which of some chart points, shape (n, nv), may be solutions: shape (n,), bool."""
+"""Tells which of some chart points, shape (n, nv), may be solutions: shape (n,), bool."""
 
 Refine = Callable[[ChartPoints], ChartPoints]  # moves chart points, shape (n, nv), to others
 
@@ -298,7 +299,7 @@ class IkResult(ReadOnly):
 
     @classmethod
     def unreached(cls, why: Unreached) -> IkResult:
-        """Nothing found, and why."""
+        """Make the result that nothing was found, and why."""
         return cls((), why.reason, why.details, cause=why.cause)
 
 
@@ -391,7 +392,7 @@ class _Solution:
         self.fresh = len(self.accepted) + len(self.rejected) - before
 
     def _with(self, known: ChartPoints, others: ChartPoints) -> ChartPoints:
-        """Distinct points (n, nv) with those of others (k, nv) that are like none before."""
+        """Return distinct points (n, nv), and those of others (k, nv) that are like none before."""
         points = np.concatenate([known, others])
         kept = np.empty(len(points), np.int64)
         distinct_ones: ChartPoints = points[kept[: distinct(self._measure, points, len(known), kept)]]
@@ -410,7 +411,7 @@ def _enough(found: _Solution, count: int, drawn: int, most: int) -> bool:
 
 
 def _choose(search: PoseSearch, points: ChartPoints, from_starts: int, nearest: bool, count: int) -> list[ChartPoint]:
-    """Choose some of chart points (n, nv), far from each other; then the same by whole turns.
+    """Choose some of chart points (n, nv), far from each other; then others that differ from these by whole turns.
 
     The first `from_starts` are chosen anyway; without such the nearest to the base, if `nearest`.
     """

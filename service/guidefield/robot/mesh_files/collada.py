@@ -1,4 +1,4 @@
-"""COLLADA files: the geometry of the visual scene, instances at their nodes, in metres by the file's unit.
+"""Read COLLADA files: the geometry of the visual scene, instances at their nodes, in metres by the file's unit.
 
 The axis that is said to be up isn't turned, as in RViz and MoveIt: a URDF places the file's own frame.
 """
@@ -140,7 +140,7 @@ class _Document:
         return scenes[0]
 
     def _skinned(self, controller: Element, placement: np.ndarray) -> tuple[Element, np.ndarray]:
-        """The geometry that a controller deforms, as it was bound."""
+        """Return the geometry that a controller deforms, and its placement in the bind pose."""
         seen = set()
         while local_name(controller) == "controller" and controller not in seen:
             seen.add(controller)
@@ -153,7 +153,7 @@ class _Document:
         return controller, placement
 
     def _positions(self, primitive: Element) -> tuple[np.ndarray | None, Callable[[Element], np.ndarray]]:
-        """The vertices (v, 3) of a primitive, and how the indices of a `<p>` are those of vertices."""
+        """Return the vertices (v, 3) of a primitive, and a function from a `<p>` to indices of vertices."""
         inputs = children(primitive, "input")
         stride = max((int(one.get("offset", "0")) for one in inputs), default=0) + 1
         for one in inputs:
@@ -270,11 +270,11 @@ PRIMITIVES: dict[str, Callable[[Element, np.ndarray, Outline], np.ndarray]] = {
     "trifans": _fans,
     "tristrips": _strips,
 }
-"""Triangles (t, 3) by kind of primitive."""
+"""Functions to triangles (t, 3) by kind of primitive; other kinds are left out."""
 
 
 def _placement(node: Element) -> np.ndarray:
-    """The affine map of a node's transformations, in their order, shape (4, 4)."""
+    """Return the affine map of a node's transformations, in their order, shape (4, 4)."""
     placement = np.eye(4)
     for child in node:
         if transform := TRANSFORMS.get(local_name(child)):
@@ -300,7 +300,7 @@ def _translate(element: Element) -> np.ndarray:
 
 
 def _rotate(element: Element) -> np.ndarray:
-    """Rodrigues' formula."""
+    """Return the rotation about an axis by an angle in degrees, by Rodrigues' formula, shape (4, 4)."""
     *axis, degrees = _values(element, 4).tolist()
     angle, placement, length = math.radians(degrees), np.eye(4), float(np.linalg.norm(axis))
     if length > 0.0:
@@ -320,7 +320,7 @@ def _look_at(element: Element) -> np.ndarray:
 
 
 def _skew(element: Element) -> np.ndarray:
-    """RenderMan's skew: an angle, the axis that is turned, and the axis towards which it is."""
+    """Return RenderMan's skew, (4, 4): an angle, the axis that is turned, and the axis towards which it is turned."""
     degrees, *axes = _values(element, 7).tolist()
     turned, towards = np.array(axes).reshape(2, 3)
     towards = towards / np.linalg.norm(towards)
@@ -341,4 +341,4 @@ TRANSFORMS: dict[str, Callable[[Element], np.ndarray]] = {
     "skew": _skew,
     "translate": _translate,
 }
-"""Affine map (4, 4) by kind of transformation."""
+"""Functions to the affine map (4, 4) by kind of transformation."""

@@ -1,4 +1,4 @@
-"""glTF 2.0 files, as JSON with its buffers or as one binary: the meshes of the scene, at their nodes, in metres.
+"""Read glTF 2.0 files, as JSON with its buffers or as one binary: the scene's meshes, at their nodes, in metres.
 
 The axes aren't turned: a URDF places the file's own frame.
 """

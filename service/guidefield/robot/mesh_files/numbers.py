@@ -1,4 +1,8 @@
-"""Parts of mesh files of any kind: checked numbers, XML, polygons cut into triangles, instances at their places."""
+"""Helpers for readers of mesh files: checked numbers, XML, polygons cut into triangles, instances placed.
+
+Files are untrusted: limits below bound what a reader collects, and XML opens nothing else. Messages of `MeshFault`
+continue a sentence that begins with the file's name.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +52,7 @@ def triangulate_with_holes(vertices: np.ndarray, rings: Sequence[np.ndarray]) ->
 
 
 def _halve(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """Two triangles of each quadrilateral (q, 4), shape (q, 2, 3)."""
+    """Cut each quadrilateral (q, 4) into two triangles, shape (q, 2, 3)."""
     points = vertices[quads]
     normal = np.cross(points[:, 2] - points[:, 0], points[:, 3] - points[:, 1])
     behind, before = points - np.roll(points, 1, axis=1), np.roll(points, -1, axis=1) - points
@@ -60,7 +64,7 @@ def _halve(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
 
 
 def _cut(points: np.ndarray) -> np.ndarray:
-    """Triangles of one polygon (n, 3) as indices of its corners, shape (n - 2, 3)."""
+    """Cut one polygon (n, 3) into triangles, as indices of its corners, shape (n - 2, 3)."""
     count = len(points)
     fan = np.column_stack([np.zeros(count - 2, np.int64), np.arange(1, count - 1), np.arange(2, count)])
     flat, area = _flatten(points, count)
@@ -73,7 +77,7 @@ def _cut(points: np.ndarray) -> np.ndarray:
 
 
 def _flatten(points: np.ndarray, outline: int) -> tuple[np.ndarray, float]:
-    """Points in the plane of their first ones, the outline counter-clockwise there, and the outline's area."""
+    """Project points onto the plane of the first `outline` ones, counter-clockwise then; return also their area."""
     centred = points - points[0]
     ring = centred[:outline]
     normal = 0.5 * np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
@@ -88,7 +92,7 @@ def _flatten(points: np.ndarray, outline: int) -> tuple[np.ndarray, float]:
 
 
 def _ears(flat: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Triangles of a polygon in the plane, counter-clockwise, shape (t, 3); `ends` are those of its rings."""
+    """Cut a polygon in the plane into counter-clockwise triangles, shape (t, 3); `ends` are those of its rings."""
     found = mapbox_earcut.triangulate_float64(np.ascontiguousarray(flat), ends.astype(np.uint32))
     triangles = found.reshape(-1, 3).astype(np.int64)
     turned: np.ndarray = np.where((_twice_areas(flat[triangles]) < 0.0)[:, None], triangles[:, ::-1], triangles)

@@ -1,4 +1,4 @@
-"""PLY files, ASCII and binary of either byte order."""
+"""Read PLY files, ASCII and binary of either byte order: meshes of robots and scenes, and point clouds."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _strips(corners: np.ndarray, count: int) -> np.ndarray:
 
 
 def _header(content: bytes) -> tuple[str, list[_Element], bytes]:
-    """Byte order ("" where it is text), elements, and what follows the header."""
+    """Return byte order ("" where it is text), elements, and the rest behind the header."""
     if not content.startswith(b"ply"):
         raise MeshFault("is no PLY file: it doesn't begin with 'ply'")
     head, end, body = content.partition(b"end_header")
@@ -143,7 +143,7 @@ class _Bytes:
         return self._one_by_one(element)
 
     def _table(self, element: _Element, size: int) -> tuple[list[np.ndarray], list[np.ndarray]] | None:
-        """All rows, if each list has as many values; None if it hasn't."""
+        """Read all rows at once, if each list has `size` values; None if not."""
         fields: list[tuple[str, str, tuple[int, ...]]] = []
         for k, (_, kind, counted) in enumerate(element.properties):
             if counted is not None:

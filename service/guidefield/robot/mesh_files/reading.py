@@ -1,4 +1,8 @@
-"""Read mesh files of any kind, here OBJ, OFF and STL: vertices at one place merged, in metres, scaled by the URDF."""
+"""Read mesh files of any kind (OBJ, OFF and STL here), vertices at one place merged, in metres, scaled by the URDF.
+
+Collision, drawing and cases for the referee use this reader. A further kind needs an entry in `READERS` and `_MARKS`,
+in `MESH_SUFFIXES` of urdf/meshes.py, and in catalog/sent_meshes.py if clients may send it.
+"""
 
 from __future__ import annotations
 
@@ -110,7 +114,7 @@ def _scale_objects(path: Path, scale: np.ndarray | None) -> Objects:
 
 
 def plain_file(path: Path) -> tuple[str, bytes]:
-    """Return the name and content of a mesh file as any reader takes it: with the ending of what it holds, no mark."""
+    """Return name and content of a mesh file for any reader: with the suffix of its content, no byte order mark."""
     kind, content = _kind_and_content(path)
     return path.name if kind == path.suffix.lower() else f"{path.name}{kind}", content
 
@@ -123,7 +127,7 @@ def _kind_and_content(path: Path) -> tuple[str, bytes]:
 
 
 def _kind_of(content: bytes, suffix: str) -> str:
-    """The kind of a file: its suffix, unless the content is without the mark of that and has the mark of another."""
+    """Return the kind of a file: its suffix, unless the content lacks the mark of that and has the mark of another."""
 
     def has_mark(kind: str) -> bool:
         return (kind == ".stl" and _is_binary_stl(content)) or bool(_MARKS[kind].match(content, 0, _BEGINNING))
@@ -249,7 +253,7 @@ def _firsts(heads: Sequence[re.Match[bytes]], places: Sequence[int], before: np.
 
 
 def _vertices(rows: list[bytes]) -> np.ndarray:
-    """The first three numbers of each row, shape (v, 3); weights and colours may follow."""
+    """Read the first three numbers of each row, shape (v, 3); weights and colours may follow."""
     values = floats(b"\n".join(rows), "vertices")
     if any(row.count(b" ") != 2 for row in rows):
         words = [row.split() for row in rows]

@@ -1,4 +1,4 @@
-"""3MF files: the objects that are built, components at their places.
+"""Read 3MF files: the objects of the <build>, components placed.
 
 As other tools for robots have it, their numbers are metres, with the `scale` of the URDF: a file's own unit, which is
 millimetres by default, is reported in a warning.
@@ -127,7 +127,7 @@ def _write_elements(elements: list[Element], attributes: tuple[str, ...]) -> byt
 
 
 def _placement(reference: Element) -> np.ndarray:
-    """The affine map of an item or component, shape (4, 4): the file has it transposed, for rows."""
+    """Return the affine map of an item or component, shape (4, 4): the file has it transposed, for rows."""
     placement = np.eye(4)
     if (text := reference.get("transform")) is not None:
         values = floats(text.encode(), "transform")

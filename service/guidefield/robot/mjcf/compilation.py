@@ -1,6 +1,7 @@
-"""MuJoCo compiles an MJCF; its bodies, joints and sites become links and joints of a URDF.
+"""Compile an MJCF by MuJoCo, and write its bodies, joints and sites as links and joints of a URDF.
 
-Names that it leaves out are made up, and no two of one kind are the same.
+Names that it leaves out are made up, and no two of one kind are the same. Limits bound what MuJoCo computes for text
+from clients.
 
 A joint of MuJoCo turns or slides its body about a point of the body, several one after the other, from the placement at
 its reference value. A joint of a URDF moves its child link about the link's own origin, from zero. So a link stands at
@@ -29,14 +30,14 @@ INSTALL_IT = "MuJoCo reads MJCF: install the extra `mujoco` (pip install 'guidef
 
 _ROOT = re.compile(r"(?:\ufeff|\s+|<\?.*?\?>|<!--.*?-->)*+<mujoco(?:include)?[\s/>]", re.DOTALL)
 _FILE = re.compile(r"""\bfile[a-z]*\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-MOST_ELEMENTS = 20_000  # elements that an MJCF sent as text may have once MuJoCo has repeated what it repeats
+MOST_ELEMENTS = 20_000  # elements that an MJCF sent as text may have once MuJoCo has expanded repetitions
 MOST_FILE_ELEMENTS = 100_000  # the same of one in a file, and of each file that it includes
 MOST_SAMPLES = 2**22  # pixels or heights that an element of it may make MuJoCo compute
 MOST_PARAMETER = 200
 """Largest parameter of a built-in mesh; its facets grow with the square, and MuJoCo takes their hull."""
 _REPEATED = ("replicate", "composite", "flexcomp")  # elements that stand for `count` times what is in them
 _COMPUTED = {"texture": ("width", "height"), "hfield": ("nrow", "ncol")}
-"""Attributes whose product is the size of what is computed."""
+"""Attributes whose product is the number of pixels or heights that MuJoCo computes."""
 _BUFFERS = ("size", "custom")  # sections of an MJCF that ask for memory and say nothing about a robot
 _ALONE = threading.Lock()  # muJoCo has one handler of warnings for the process
 
@@ -141,7 +142,7 @@ def import_mujoco() -> Any:
 
 
 def _compile(name: str, load: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
-    """The model and MuJoCo's warnings, which it would write to a file in the working folder."""
+    """Return the model and MuJoCo's warnings, which it would write to a file in the working folder."""
     mujoco = import_mujoco()
     warnings: list[str] = []
     with _ALONE:
@@ -166,7 +167,7 @@ class UniqueNames:
         self._taken = set(taken)
 
     def make(self, wanted: str) -> str:
-        """The wanted name, with a number behind it where it is taken."""
+        """Return the wanted name, with a number behind it where it is taken."""
         name, number = wanted, 2
         while name in self._taken:
             name, number = f"{wanted}_{number}", number + 1
@@ -187,14 +188,14 @@ def named(model: Any, kind: str) -> list[str]:
 
 
 def body_names(model: Any) -> list[str]:
-    """Name of each body, `body<index>` where it has none."""
+    """Return the name of each body, `body<index>` where it has none."""
     given = named(model, "body")
     unique = UniqueNames(filter(None, given))
     return [name or unique.make(f"body{index}") for index, name in enumerate(given)]
 
 
 def joint_names(model: Any) -> list[str]:
-    """Name of each joint, `<body>_joint` where it has none."""
+    """Return the name of each joint, `<body>_joint` where it has none."""
     given, bodies = named(model, "joint"), body_names(model)
     unique = UniqueNames(filter(None, given))
     return [name or unique.make(f"{bodies[model.jnt_bodyid[index]]}_joint") for index, name in enumerate(given)]
@@ -250,7 +251,7 @@ def _follows(laws: JointLaws, joint: int, source: int) -> bool:
 
 
 def tendon_warnings(model: Any) -> list[str]:
-    """A sentence about the tendons, if there are any: what they couple or limit moves by itself here."""
+    """Return a sentence about the tendons, if there are any: joints that they couple or limit are free here."""
     if not model.ntendon:
         return []
     names = [name or f"number {index}" for index, name in enumerate(named(model, "tendon"))]
@@ -301,7 +302,7 @@ class _Tree:
             self._fix(parent, link, offset)
 
     def add_site(self, site: int, name: str) -> None:
-        """A link without shape for a site; `<name>_site` where a body has the name."""
+        """Add a link without shape for a site; `<name>_site` where a body has the name."""
         body = self.links[self._model.site_bodyid[site]]
         taken = name != self._unique_links.make(name)
         link = self._link(self._unique_links.make(f"{name}_site") if taken else name)
@@ -380,7 +381,7 @@ def kinematic_tree(model: Any, laws: JointLaws, free: bool, name: str) -> Kinema
 
 
 def placement(position: np.ndarray, quaternion: np.ndarray) -> Any:
-    """`pinocchio.SE3` of a position, shape (3,), and a quaternion w, x, y, z, shape (4,), as MuJoCo has them."""
+    """Return the pinocchio.SE3 of a position (3,) and a quaternion w, x, y, z (4,), as MuJoCo has them."""
     w, x, y, z = quaternion.tolist()
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(position))
 

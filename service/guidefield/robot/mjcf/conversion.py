@@ -1,4 +1,4 @@
-"""An MJCF as a URDF, which the one loader of robots reads.
+"""Convert a compiled MJCF to a URDF and the words of an SRDF, which the one loader of robots reads.
 
 Pinocchio has a reader of MJCF, too; of 152 models that people publish it places 42 as MuJoCo does (version 4.1).
 MuJoCo's own compiler is right by definition, and what it compiled is plain: a tree of bodies, joints, shapes and masks.
@@ -40,8 +40,8 @@ SUBDIVISIONS = 3  # of the icosahedron that stands about an ellipsoid: it is at 
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-def colliding(model: Any) -> Any:
-    """Which geoms MuJoCo may test against others, shape (ngeom,) bool: by their masks, or because a <pair> says so."""
+def find_colliding(model: Any) -> Any:
+    """Find the geoms that MuJoCo may test against others, (ngeom,) bool: by their masks, or because of a <pair>."""
     may = (np.asarray(model.geom_contype) != 0) | (np.asarray(model.geom_conaffinity) != 0)
     may[np.asarray(model.pair_geom1)] = True
     may[np.asarray(model.pair_geom2)] = True
@@ -72,7 +72,7 @@ class GeomWriter:
 
         RobotInvalid if the surface of a geom isn't known, or a file can't be written.
         """
-        model, may_collide = self._model, colliding(self._model)
+        model, may_collide = self._model, find_colliding(self._model)
         shown = np.asarray(model.geom_group) < VISIBLE_GROUPS
         for body in range(0 if world else 1, model.nbody):
             geoms = range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
@@ -153,7 +153,7 @@ class GeomWriter:
 
 
 def stl(vertices: np.ndarray, triangles: np.ndarray) -> bytes:
-    """A binary STL of vertices (v, 3) in single precision, which is MuJoCo's, and triangles (t, 3)."""
+    """Write a binary STL of vertices (v, 3) in single precision, which is MuJoCo's, and triangles (t, 3)."""
     records = np.zeros(len(triangles), _STL)
     records["corners"] = np.asarray(vertices)[triangles]
     return bytes(80) + len(triangles).to_bytes(4, "little") + records.tobytes()
@@ -264,19 +264,19 @@ class _Touching:
 
 
 def keyframe_states(model: Any) -> dict[str, np.ndarray]:
-    """MuJoCo's configuration, shape (nq,), of each keyframe by name, `key<index>` without one; then `reference`."""
+    """Return MuJoCo's configuration (nq,) of each keyframe by name, `key<index>` without one; then `reference`."""
     states = {name or f"key{index}": np.array(model.key_qpos[index]) for index, name in enumerate(named(model, "key"))}
     return {**states, AT_REFERENCE: np.array(model.qpos0)}
 
 
 def rest_configuration(model: Any) -> np.ndarray:
-    """MuJoCo's configuration, shape (nq,), at rest: the keyframe that an SRDF's states would be chosen by."""
+    """Return MuJoCo's configuration (nq,) at rest: a keyframe, chosen by name as states of an SRDF are."""
     states = keyframe_states(model)
     return states[next((name for name in STATES if name in states), next(iter(states)))]
 
 
 def positions(model: Any, joints: Mapping[int, str], q: np.ndarray) -> Positions:
-    """Values by joint, as on the wire, of MuJoCo's configuration (nq,): its quaternions begin with w, ours end so."""
+    """Return values by joint, as on the wire, of MuJoCo's configuration (nq,), whose quaternions begin with w."""
     kinds = import_mujoco().mjtJoint
     values: Positions = {}
     for joint, name in joints.items():

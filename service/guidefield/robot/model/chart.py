@@ -1,4 +1,4 @@
-"""The chart of a joint: as many plain numbers as it has freedoms, in which straight lines and splines are drawn.
+"""The chart of a joint: local coordinates, as many numbers as it has freedoms, in which lines and splines are drawn.
 
 Revolute and prismatic joints: their value. Continuous: the unwrapped angle. Planar: x, y and the unwrapped angle.
 Spherical: the rotation vector from a reference orientation; floating: the position and that vector. These vectors are
@@ -32,7 +32,7 @@ VELOCITY_SUFFIXES = {
     JointKind.SPHERICAL: (".wx", ".wy", ".wz"),
     JointKind.FLOATING: (".vx", ".vy", ".vz", ".wx", ".wy", ".wz"),
 }
-"""The same for velocities: tangents in the moved frame."""
+"""Names of velocity columns likewise; velocities are tangents in the moved frame."""
 
 _SMALL = 1e-4  # below this angle a series represents a sine [rad]: off by less than rounding
 
@@ -46,12 +46,12 @@ TRANSLATION = {JointKind.PRISMATIC: slice(0, 1), JointKind.PLANAR: slice(0, 2), 
 
 
 def position_names(joint: Joint) -> tuple[str, ...]:
-    """Names of a joint's position columns on the wire."""
+    """Return the names of a joint's position columns on the wire."""
     return tuple(joint.name + suffix for suffix in POSITION_SUFFIXES.get(joint.kind, ("",)))
 
 
 def velocity_names(joint: Joint) -> tuple[str, ...]:
-    """Names of a joint's velocity columns on the wire."""
+    """Return the names of a joint's velocity columns on the wire."""
     return tuple(joint.name + suffix for suffix in VELOCITY_SUFFIXES.get(joint.kind, ("",)))
 
 
@@ -118,14 +118,14 @@ def tangent_map(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarra
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:
-    """Rotation vector, shape (3,), of an evenly drawn rotation: a normal quaternion, normalised (Muller 1959)."""
+    """Draw a rotation evenly and return its vector (3,): of a normal quaternion, normalised (Muller 1959)."""
     quaternion = rng.normal(size=4)
     vector: np.ndarray = pin.log3(_matrix(quaternion / np.linalg.norm(quaternion)))
     return vector
 
 
 def unit(quaternion_xyzw: np.ndarray) -> tuple[float, float, float, float]:
-    """A quaternion of shape (4,), normalised; in plain numbers, as it takes a tenth of NumPy's time."""
+    """Normalize a quaternion of shape (4,); in plain numbers, which take a tenth of NumPy's time."""
     x, y, z, w = quaternion_xyzw.tolist()
     over = 1.0 / math.hypot(x, y, z, w)
     return over * x, over * y, over * z, over * w

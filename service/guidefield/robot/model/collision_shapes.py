@@ -1,4 +1,8 @@
-"""Collision shapes of a URDF: meshes by our reader, their triangles and hulls, and tight hulls in place of meshes."""
+"""Settle the collision shapes of a URDF: read meshes, find their hulls, and choose a tight hull in place of a mesh.
+
+What a link is judged as (`HULL_STAND_OFF`, `WIDEST_GAP`) decides every collision with it, and is told to users.
+Triangles and hulls are kept, because Coal hands them out slowly.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +38,11 @@ The hull contains the mesh, so it is safe at any distance; where it would stand 
 (a gripper's hollow, a bent link) and the mesh itself is judged.
 """
 
-ROUGHLY = 5e-4
-"""How much too large a stand-off may be given at first [m], for each metre of a mesh and for one at least: where faces
-of hull and mesh coincide it takes the square of what is saved."""
+ROUGH_TOLERANCE = 5e-4
+"""Tolerance of a first, rough stand-off, as a share of the mesh's extent or of 1 m: a finer one takes longer by the
+square where faces of hull and mesh coincide."""
 
-LEAST_FILLED = 0.01  # an opening's hollow is worth telling if the hull gains more than this share of its volume by it
+LEAST_FILLED = 0.01  # users are told of an open hollow if it is more than this share of the hull's volume
 
 WIDEST_GAP = 0.02
 """Gaps of a mesh's surface up to this extent are cracks, and closed; a mesh with wider ones has no inside [m]."""
@@ -62,12 +66,12 @@ def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def know_triangulation(shape: Any, triangles: np.ndarray, unit: float) -> None:
-    """Keep the triangles (t, 3) that a Coal mesh was made of, which needn't be read from it then, and its unit [m]."""
+    """Keep the triangles (t, 3) that a Coal mesh was made of, and its unit [m], instead of reading them from it."""
     _KNOWN.insert(_identify(shape), (np.array(triangles, np.int64), unit), triangles.nbytes)
 
 
 def _faces(shape: Any) -> tuple[np.ndarray, Callable[[int], Any], int]:
-    """Vertices of a Coal mesh or hull, shape (v, 3) [m], what returns a triangle, and how many there are."""
+    """Return the vertices of a Coal mesh or hull, (v, 3) [m], its triangles as a function, and their number."""
     if isinstance(shape, coal.BVHModelBase):
         return np.array(shape.vertices()), shape.tri_indices, shape.num_tris
     return np.array(shape.points()), shape.polygons, shape.num_polygons
@@ -85,7 +89,7 @@ _HULLS: BoundedMap[tuple[Any, ...], tuple[Any | None]] = BoundedMap(TRIANGULATIO
 
 
 def hull(mesh: Any) -> Any | None:
-    """The convex hull of a Coal mesh, computed once; None if the mesh is flat, or too fine for Coal."""
+    """Return the convex hull of a Coal mesh, computed once; None if the mesh is flat, or too fine for Coal."""
     key = _identify(mesh)
     known = _HULLS.get(key)
     if known is None:
@@ -147,14 +151,14 @@ def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
 
 
 def _hull_stand_off(around: Surface, body: Solid) -> float:
-    """How far a hull stands off a body, at most [m]; off a mesh that the body represents, at least."""
+    """Return the stand-off of a hull from a body, less `Solid.reach` [m]."""
     enough = HULL_STAND_OFF + body.reach
-    distance = stand_off(around, body, enough, ROUGHLY)
+    distance = stand_off(around, body, enough, ROUGH_TOLERANCE)
     return (stand_off(around, body, enough) if distance > enough else distance) - body.reach
 
 
 def _wall(vertices: np.ndarray, triangles: np.ndarray) -> str:
-    """Why a mesh has no inside, in words; "" of a closed one."""
+    """Say why a mesh has no inside; "" of a closed one."""
     judged = mesh_surface(vertices, triangles)
     return "" if judged is None or judged.solid else judged.warnings[-1]
 
@@ -256,19 +260,19 @@ def settle(
 
 
 class _SettledMesh(NamedTuple):
-    """As what a mesh is judged, how far that stands off [m], what it fills beyond that [m^3], why it has no inside."""
+    """The shape that a mesh is judged as."""
 
     shape: Any
-    judged_as: str
-    stand_off: float
-    filled: float
-    wall: str
+    judged_as: str  # `GeometryChoice.judged_as`
+    stand_off: float  # from the mesh [m]
+    filled: float  # volume of hollows that it fills [m^3]
+    wall: str  # why the mesh has no inside, or ""
 
 
 def _settle_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _SettledMesh]:
-    """As what each mesh is judged, by lengths in a unit [m]; new ones are found on all processors.
+    """Settle each mesh, by lengths in a unit [m]; hulls of new ones are found on all processors.
 
-    What is known is read by this thread alone: threads must not load kernels at the same time.
+    Known results are read by this thread alone: threads must not load kernels at the same time.
     """
     settled: dict[int, _SettledMesh] = {}
 
@@ -315,7 +319,7 @@ def _has_area(mesh: FileMesh) -> bool:
 
 
 def _thin_box(points: np.ndarray) -> tuple[Any, Any]:
-    """A box that contains points (n, 3) on a line, or at one place, and its placement, pinocchio.SE3."""
+    """Return a box that contains points (n, 3) on a line, or at one place, and its placement, pinocchio.SE3."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     axes = np.linalg.svd(points - middle)[2]
     axes[2] *= np.sign(np.linalg.det(axes))

@@ -1,4 +1,7 @@
-"""Configurations between the wire (joint names to values) and Pinocchio (one vector)."""
+"""Convert configurations between the wire (joint names to values) and Pinocchio (one vector), and check limits.
+
+Lengths and order of a joint's numbers on the wire (`LENGTHS`, quaternions x, y, z, w) are the public API's.
+"""
 
 from __future__ import annotations
 
@@ -87,18 +90,18 @@ def configuration_from_wire(
 
 
 def scalar(joint: Joint, q: IndexedConfiguration) -> float:
-    """Value of a joint with one degree of freedom [rad or m] in a configuration, shape (nq,)."""
+    """Return the value of a joint with one degree of freedom [rad or m] in a configuration, shape (nq,)."""
     values = q[joint.idx_q : joint.idx_q + joint.nq]
     return float(chart.to_chart(joint, values, values)[0])
 
 
 def configuration_to_wire(joints: Sequence[Joint], q: IndexedConfiguration) -> Positions:
-    """Joint names and values of a configuration, shape (nq,); joints that follow others are left out."""
+    """Return joint names and values of a configuration, shape (nq,); mimic joints are left out."""
     return {joint.name: _to_wire(joint, q) for joint in joints if joint.mimic is None}
 
 
 def limit_faults(joints: Sequence[Joint], q: IndexedConfiguration) -> list[LimitFault]:
-    """Values of a configuration, shape (nq,), beyond their limits, in the joints' order."""
+    """Return the values of a configuration, shape (nq,), beyond their limits, in the joints' order."""
     values: list[float] = q.tolist()
     return [
         LimitFault(joint.name, values[joint.idx_q], *limits)
@@ -108,7 +111,7 @@ def limit_faults(joints: Sequence[Joint], q: IndexedConfiguration) -> list[Limit
 
 
 def find_given_faults(joints: Sequence[Joint], positions: Positions) -> list[LimitFault]:
-    """Given values of joints beyond their limits, in the order given; values that don't fit their joints are passed."""
+    """Return given values beyond their limits, in the order given; values that don't fit their joints are skipped."""
     limits = {joint.name: joint.limits for joint in joints}
     return [
         LimitFault(name, value, *range_)
@@ -120,7 +123,7 @@ def find_given_faults(joints: Sequence[Joint], positions: Positions) -> list[Lim
 
 
 def clamp(joints: Sequence[Joint], q: RobotConfiguration) -> RobotConfiguration:
-    """A robot's configuration, shape (nq,), with every value of some joints brought within its limits; a copy."""
+    """Return a copy of a robot's configuration, (nq,), with every value of some joints brought within its limits."""
     clamped = q.copy()
     for joint in joints:
         if joint.kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):

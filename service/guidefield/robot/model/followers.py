@@ -1,4 +1,4 @@
-"""Joints that follow others, and Pinocchio models with joints replaced or locked.
+"""Mimic joints ("followers"), and Pinocchio models with joints replaced or locked.
 
 A follower's value is ``multiplier * x + offset`` of the unwrapped value x of the joint at the end of its chain. A
 continuous joint's configuration is the cosine and sine of its angle, in which whole turns are lost. That is right where
@@ -110,7 +110,7 @@ def with_ball_joints(name: str, model: Any, marked: Collection[str]) -> Any:
 
 
 def laws(facts: UrdfFacts) -> dict[str, Mimic]:
-    """The law by which each follower of a URDF moves; the driver is the joint at the end of its chain."""
+    """Return the law of each mimic joint of a URDF; its source is the joint at the end of its chain."""
     found = {}
     for follower in facts.mimics:
         driver, multiplier, offset = facts.mimics[follower]
@@ -137,7 +137,7 @@ def unwrapped(facts: UrdfFacts) -> dict[str, str]:
 
 
 def with_unwrapped(model: Any, facts: UrdfFacts) -> Any:
-    """The Pinocchio model of a URDF with the joints that `unwrapped` names as revolute ones, without limits."""
+    """Return the Pinocchio model of a URDF with the joints that `unwrapped` names as revolute ones, without limits."""
     indices = joint_indices(model)
     joints = {indices[name]: model.joints[indices[name]] for name in unwrapped(facts)}
     revolute = {index: pin.JointModelRevoluteUnaligned(axis_of(joint)) for index, joint in joints.items()}
@@ -145,7 +145,7 @@ def with_unwrapped(model: Any, facts: UrdfFacts) -> Any:
 
 
 def follow(joints: Sequence[Joint], q: RobotConfiguration) -> None:
-    """Set, in place, the joints that follow others in a configuration (nq,) of joints with those that they follow."""
+    """Set, in place, the mimic joints in a configuration (nq,), by the source joints, which must be among `joints`."""
     followers = [(joint, joint.mimic) for joint in joints if joint.mimic is not None]
     by_name = {joint.name: joint for joint in joints} if followers else {}
     for joint, mimic in followers:

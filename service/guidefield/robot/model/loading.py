@@ -1,4 +1,8 @@
-"""From URDF text to a `RobotModel`: check, let Pinocchio parse, settle shapes, groups, pairs, limits, tip and rest."""
+"""Load a `RobotModel` from URDF text: check, let Pinocchio parse, settle shapes, groups, pairs, limits, tip and rest.
+
+The order counts: each step needs those before. Default limits here are kept by motions where no file names others; the
+sentences are warnings of every reply about the robot.
+"""
 
 from __future__ import annotations
 
@@ -78,10 +82,10 @@ def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -
     return members
 
 
-DEFAULT_ROTATION_SPEED = 1.0  # velocity limit of a rotation for which nobody names one [rad/s]
-DEFAULT_TRANSLATION_SPEED = 0.5  # velocity limit of a translation for which nobody names one [m/s]
+DEFAULT_ROTATION_SPEED = 1.0  # velocity limit of a rotation where URDF, card and request name none [rad/s]
+DEFAULT_TRANSLATION_SPEED = 0.5  # velocity limit of a translation likewise [m/s]
 NO_SPEED_LIMIT = 1e6  # a velocity limit of this or more represents none [rad/s or m/s]
-TIME_TO_SPEED = 0.5  # acceleration limits that nobody names let a joint reach its velocity limit in this time [s]
+TIME_TO_SPEED = 0.5  # default acceleration limits let a joint reach its velocity limit in this time [s]
 FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
 """No joint is planned for further than this from its zero [rad or m]: limits beyond stand for none, and a motion of
 millions of turns could not be judged."""
@@ -169,7 +173,7 @@ def load(
 
 
 def _differing_root(described: srdf.Srdf, root_joint: str) -> list[str]:
-    """A sentence for each virtual joint of an SRDF by which the robot would stand in the world otherwise."""
+    """Return a sentence for each virtual joint of an SRDF that means another root joint than the robot has."""
     return [
         f"the SRDF's virtual joint {name!r} is {kind}, but the robot's root is {root_joint}: `root_joint` may be"
         f" {VIRTUAL_ROOTS[kind]!r}"
@@ -275,7 +279,7 @@ def _joint(
 
 
 def _velocity_limit(kind: JointKind, nv: int, urdf: float | None, card: float | None) -> tuple[np.ndarray, LimitSource]:
-    """Velocity limit of each freedom; what a URDF says of a joint with several freedoms binds each of them."""
+    """Return the velocity limit of each freedom; a URDF's limit of a joint with several freedoms binds each of them."""
     if card is not None:
         return np.full(nv, card), LimitSource.CARD
     if urdf is not None and 0.0 < urdf < NO_SPEED_LIMIT:
@@ -290,7 +294,7 @@ def _velocity_limit(kind: JointKind, nv: int, urdf: float | None, card: float | 
 
 
 def default_tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:
-    """Frame that goals are about: the card's, else the SRDF's end effector, else the one that most joints move."""
+    """Return the frame that goals are about: the card's, else the SRDF's, else the one that most joints move."""
     if card.tip is not None:
         return card.tip
     for parent_link, _ in described.end_effectors:

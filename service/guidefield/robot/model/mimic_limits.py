@@ -1,4 +1,7 @@
-"""Limits of mimic joints as limits of their source joints, which alone are planned for."""
+"""Turn limits of mimic joints into limits of their source joints, which alone are planned for.
+
+Limits may only be narrowed: motions are tested against those of the source joints alone.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from guidefield.robot.model.model import Joint, JointKind, LimitSource, Mimic
 
 LIMITED = (JointKind.REVOLUTE, JointKind.PRISMATIC)
 ROUNDING = 1e-6
-"""That a follower narrows a range or a velocity by less is not told [rad or m, per s]: few digits are written."""
+"""A limit that is narrowed by less isn't worth a warning [rad or m, per s]: files are written with few digits."""
 _NOBODY = LimitSource.DEFAULT
 
 
@@ -68,7 +71,7 @@ def bind_rates(joints: Sequence[Joint]) -> tuple[Joint, ...]:
 
 
 def describe_bound_rates(joints: Sequence[Joint]) -> list[str]:
-    """A sentence for each joint that `bind_rates` makes slower."""
+    """Return a sentence for each joint that `bind_rates` makes slower."""
     return [
         f"joint {bound.name!r}, which {bound.velocity_owner!r} follows, moves at {bound.velocity[0]:g} at most, so that"
         " its follower keeps its velocity limit"

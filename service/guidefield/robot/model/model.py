@@ -1,14 +1,12 @@
 """The robot as a value: Pinocchio's model with its joints and frames, the collision geometry that counts, and limits.
 
-Links and joints may share a name, and then the link's frame is meant.
+Links and joints may share a name, and then the link's frame is meant. A robot card has the few defaults that a URDF and
+an SRDF don't settle; its fields are those of the files `robots/<name>.card.json`.
 
-The size of a robot: chosen lengths are stated for a usual arm, and grow and shrink with a robot.
-
-A Panda, a UR5, a Fetch and a Baxter reach 1.1 to 1.5 m, and all lengths were chosen with them. So robots of about their
-reach have the size 1, to the last bit; others the ratio of their reach to a usual one. What a user gives, and what is
-promised in metres, stays as it is.
-
-A robot card: the few defaults of a robot that its URDF and SRDF don't settle.
+Lengths that were chosen (margins, steps, spacings) are stated for a usual arm, and scale with a robot's size. A Panda,
+a UR5, a Fetch and a Baxter reach 1.1 to 1.5 m: all lengths were chosen with them. So robots of about their reach have
+the size 1, to the last bit; others the ratio of their reach to a usual one. What a user gives, and what is promised in
+metres, stays as it is.
 """
 
 from __future__ import annotations
@@ -53,7 +51,7 @@ CODES = {
 
 
 def joint_table(model: Any) -> JointTable:
-    """Tables of a model's joints, in its order; row 0 is the world."""
+    """Build the kernels' tables of a model's joints, in its order; row 0 is the world."""
     n = model.njoints
     parents, kinds, idx_q, idx_v, nv = (np.zeros(n, np.int64) for _ in range(5))
     axes, placements = np.zeros((n, 3)), np.zeros((n, 3, 4))
@@ -71,7 +69,7 @@ def joint_table(model: Any) -> JointTable:
 
 
 def axis_of(joint: Any) -> np.ndarray:
-    """Axis of a Pinocchio joint with one degree of freedom, shape (3,): where its subspace isn't zero."""
+    """Return the axis of a Pinocchio joint with one degree of freedom, shape (3,)."""
     data = joint.createData()
     joint.calc(data, np.zeros(joint.idx_q + joint.nq))
     subspace = np.asarray(data.S, float).ravel()
@@ -85,7 +83,7 @@ def joint_indices(model: Any) -> dict[str, int]:
 
 
 def frame_index(model: Any, name: str) -> int | None:
-    """Pinocchio's index of a link's frame, else of any other frame of that name; None if there is none."""
+    """Return Pinocchio's index of a link's frame, else of any other frame of that name; None if there is none."""
     if model.existFrame(name, pin.FrameType.BODY):
         return int(model.getFrameId(name, pin.FrameType.BODY))
     for index, frame in enumerate(model.frames):
@@ -95,20 +93,20 @@ def frame_index(model: Any, name: str) -> int | None:
 
 
 def moving_joint(model: Any, name: str) -> int:
-    """Index of the joint that moves a frame; 0 if it stands still or there is none of that name."""
+    """Return the index of the joint that moves a frame; 0 if it stands still or there is none of that name."""
     index = frame_index(model, name)
     return 0 if index is None else int(model.frames[index].parentJoint)
 
 
 def joints_to(model: Any, frame: str) -> list[str]:
-    """Names of the joints between the root and a frame, from the root on."""
+    """Return the names of the joints between the root and a frame, from the root on."""
     return [model.names[index] for index in model.supports[moving_joint(model, frame)] if index]
 
 
 ROOT_JOINT = "root_joint"  # name of the joint by which a robot moves in the world, unless its root is fixed
 
 NO_GEOMETRY = "has no collision geometry, so nothing can be said about collisions"
-"""The fault of a robot that can be asked for kinematics alone."""
+"""The fault of a robot that is good for kinematics alone."""
 
 
 class JointKind(enum.StrEnum):
@@ -123,7 +121,7 @@ class JointKind(enum.StrEnum):
 
 
 class LimitSource(enum.StrEnum):
-    """Who said so."""
+    """Where a limit comes from; the values are words of replies."""
 
     REQUEST = "request"
     CARD = "card"
@@ -133,9 +131,9 @@ class LimitSource(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that follows another, which follows none: value = multiplier * driver's unwrapped value + offset."""
+    """The law of a mimic joint: value = multiplier * unwrapped value of the driver + offset."""
 
-    driver: str
+    driver: str  # the source joint, which follows none itself
     multiplier: float
     offset: float
 
@@ -155,9 +153,9 @@ class Joint:
     # on and on, but isn't the same after a whole turn, for others follow it
     lower: np.ndarray
     upper: np.ndarray
-    velocity: np.ndarray  # largest magnitudes, shape (nv,) [rad or m, per s and s^2]
-    acceleration: np.ndarray
-    velocity_source: LimitSource  # where those come from
+    velocity: np.ndarray  # largest magnitude, shape (nv,) [rad/s or m/s]
+    acceleration: np.ndarray  # likewise [rad/s^2 or m/s^2]
+    velocity_source: LimitSource
     acceleration_source: LimitSource
     mimic: Mimic | None = None  # the joint that it follows, if it does; then it can't be planned for
     # whether the SRDF says that nothing drives it; it is planned for only where a request names it
@@ -227,12 +225,11 @@ class RobotModel:
     remarks: tuple[str, ...] = ()
     rest_state: str | None = None  # name of the SRDF's state that it is, as far as that goes
     held: tuple[str, ...] = ()  # names of the links that are objects it holds
-    # of its reach over a usual one, 1 where that is usual: lengths that are chosen for it are that many times as large
-    # (`size`)
+    # its reach over a usual one, or 1 where that is usual: factor on the lengths that are chosen "at size 1"
     size: float = 1.0
 
     def joint(self, name: str) -> Joint | None:
-        """The movable joint of that name, or None."""
+        """Return the movable joint of that name, or None."""
         return self._joints_by_name.get(name)
 
     @cached_property
@@ -245,7 +242,7 @@ class RobotModel:
             raise RobotInvalid(f"robot {self.name!r} {NO_GEOMETRY}", robot=self.name)
 
     def link_of_geometry(self, index: int) -> str:
-        """Name of the link that a collision shape belongs to."""
+        """Return the name of the link that a collision shape belongs to."""
         return self.geometry_choices[index].link
 
     def frame_id(self, name: str) -> int:
@@ -278,18 +275,18 @@ LEAST_USUAL, MOST_USUAL = 0.75, 2.5
 """Robots that reach no less and no more than this have that size, too [m]: those that lengths were chosen with."""
 
 USUAL_RADIUS, LEAST_RADIUS, MOST_RADIUS = 0.25, 0.05, 1.0
-"""The same of robots of which nothing but the root turns, such as a gantry, a box that slides or one that flies: how
-far the corners of their largest body are from its middle [m]. How far they go is no matter of their size."""
+"""For robots of which nothing but the root turns, such as a gantry, a box that slides or one that flies, the same three
+numbers of the radius of the largest moving body [m]: how far they go is no matter of their size."""
 
-POINT = 1e-5  # robots that extend less far are points, as bodies of size zero are, and have the size 1 [m]
+POINT_EXTENT = 1e-5  # robots that extend less far are points, as bodies of size zero are, and have the size 1 [m]
 
 MARGIN = 2e-3
-"""What bodies keep from each other beyond the distance that is asked for, wherever this house chooses [m], at size 1.
+"""Margin that the planner keeps beyond the clearance that is asked for [m], at size 1.
 
-It is 200 times the certificate's floor, and next to nothing of free space. With it the certificate refuses a tenth as
-many of a tree's shortened paths as without; they are 0.5 % longer (`tools/bench connect`). For shortcuts end where they
-graze something, and samples overlook corners. Steps of the guided planner keep it, motions among moving obstacles, the
-lowest floor of the optimiser, and links that the stated rest has in contact.
+It is 200 times the certificate's resolution, and next to nothing of free space. With it the certificate refuses a tenth
+as many of a tree's shortened paths as without, because shortcuts end where they graze something and samples overlook
+corners; paths are 0.5 % longer (`tools/bench connect`). It holds for steps of the guided planner, motions among moving
+obstacles, the lowest clearance of the optimiser, and links that are in contact at the stated rest.
 """
 
 
@@ -302,9 +299,9 @@ def find_size(model: Any, geometry: Any, meshes: Mapping[str, np.ndarray]) -> fl
     if all(name in FREE or name.startswith("JointModelP") for name in names[1:]):
         corners = [_find_corners(shape, meshes) for shape in geometry.geometryObjects if shape.parentJoint > 0]
         radius = max((0.5 * float(np.linalg.norm(np.ptp(one, axis=0))) for one in corners), default=0.0)
-        return 1.0 if radius < POINT or LEAST_RADIUS <= radius <= MOST_RADIUS else radius / USUAL_RADIUS
+        return 1.0 if radius < POINT_EXTENT or LEAST_RADIUS <= radius <= MOST_RADIUS else radius / USUAL_RADIUS
     reach = _find_reach(model, geometry, meshes)
-    return 1.0 if reach < POINT or LEAST_USUAL <= reach <= MOST_USUAL else reach / USUAL_REACH
+    return 1.0 if reach < POINT_EXTENT or LEAST_USUAL <= reach <= MOST_USUAL else reach / USUAL_REACH
 
 
 FREE = ("JointModelPlanar", "JointModelFreeFlyer")  # Pinocchio's names of joints that turn a whole robot
@@ -350,7 +347,7 @@ def power_of_two(size: float) -> float:
 
 
 class RobotCard(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Declared in `robots/<name>.json`; everything but `urdf` only where a default must be chosen."""
+    """Declared in `robots/<name>.card.json`; everything but `urdf` only where a default must be chosen."""
 
     urdf: str  # path inside example-robot-data's robots folder, or beside the card
     srdf: str | None = None  # the same for the SRDF; null where there is none

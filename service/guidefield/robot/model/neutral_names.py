@@ -1,4 +1,4 @@
-"""Neutral names for links and joints while Pinocchio parses a URDF, and what its parser writes to stderr.
+"""Give links and joints neutral names while Pinocchio parses a URDF, and capture what its parser writes to stderr.
 
 Pinocchio gives names of its own (`universe`, `root_joint`) and resolves frames by name while it builds a model. A fixed
 joint called `universe` then loses its placement, and a joint called `root_joint` is merged with a moving root. With
@@ -20,7 +20,7 @@ from typing import Any
 
 from lxml import etree
 
-MAX_CAUGHT_BYTES = 64 * 1024  # only so much of what was written is kept, from its beginning
+MAX_CAUGHT_BYTES = 64 * 1024  # most that is kept of what was written, from its beginning
 
 _STDERR = 2
 _FIRST_ORDINARY = 3
@@ -29,18 +29,18 @@ _SOURCE_LINE = re.compile(r"\s*at line \d+ in \S+")
 
 
 class CapturedStderr:
-    """What has been written to stderr so far; readable within the capture and after it."""
+    """The text written to stderr so far; readable within the capture and after it."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor: int | None = descriptor
         self._kept = b""
 
     def text(self) -> str:
-        """Everything that was written, as it was."""
+        """Return everything that was written, as it was."""
         return self._bytes().decode(errors="replace")
 
     def reason(self) -> str:
-        """The same on one line: without severities, places in the library's source, and repetitions."""
+        """Return it on one line: without severities, places in the library's source, and repetitions."""
         lines = (line.strip().removeprefix("Error:").strip() for line in self.text().splitlines())
         stated = dict.fromkeys(line for line in lines if line and not _SOURCE_LINE.fullmatch(line))
         return "; ".join(stated)
@@ -83,7 +83,7 @@ def capture_stderr() -> Iterator[CapturedStderr]:
 
 
 def _duplicate(descriptor: int) -> int | None:
-    """Another descriptor of the same file, never one of the three standard ones; None if it is closed."""
+    """Duplicate a descriptor, never as one of the three standard ones; None if it is closed."""
     try:
         return fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _FIRST_ORDINARY)
     except OSError:
@@ -125,7 +125,7 @@ class NeutralNames:
             shape.name = f"{self.links[link]}_{number}"
 
     def restore_text(self, message: str) -> str:
-        """A message with the URDF's own names."""
+        """Return a message with the URDF's own names."""
         for neutral, name in (*self.links.items(), *self.joints.items()):
             message = message.replace(neutral, name)
         return message

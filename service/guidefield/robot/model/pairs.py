@@ -1,4 +1,8 @@
-"""The pairs of links that are tested against each other, the reason for each other pair, and a robot's own contacts."""
+"""Choose the pairs of links that are tested against each other, with a reason for each other pair; test self-contacts.
+
+What is left out here is never tested, in plans and in certificates: samples may only leave out pairs that always touch.
+Reasons and warnings are sentences that users read.
+"""
 
 from __future__ import annotations
 
@@ -57,8 +61,8 @@ def _alike(requests: Any, one: Any, count: int) -> Any:
     return requests
 
 
-ROUNDING = 1e-9  # by how much spheres about shapes are believed larger than they are, as a share
-SLACK = 1e-6  # hulls have to be this much further apart than a margin to tell the meshes in them apart [m]
+ROUNDING = 1e-9  # share by which spheres about shapes are taken to be larger, for rounding
+SLACK = 1e-6  # meshes aren't tested if their hulls are this much further apart than a margin [m]: Coal's accuracy
 
 
 class SelfContacts:
@@ -91,7 +95,7 @@ class SelfContacts:
         return near
 
     def is_contact(self, pair: int, margin: float) -> bool:
-        """Whether the shapes of a pair are no further apart than a margin [m]."""
+        """Return whether the shapes of a pair are no further apart than a margin [m]."""
         if self._hulls_apart(pair, margin):
             return False
         self.exact_tests += 1
@@ -103,7 +107,7 @@ class SelfContacts:
         return [pair for pair in self.find_near(margin) if self.is_contact(pair, margin)]
 
     def _hulls_apart(self, pair: int, margin: float) -> bool:
-        """Whether the hulls of a pair with a mesh are further apart than a margin [m], for certain."""
+        """Return whether the hulls of a pair with a mesh are further apart than a margin [m], for certain."""
         first, second = self._pairs[pair].tolist()
         shapes = [self.geometry.geometryObjects[index].geometry for index in (first, second)]
         if not any(isinstance(shape, coal.BVHModelBase) for shape in shapes):
@@ -125,11 +129,11 @@ class SelfContacts:
 
 SAMPLES = 200  # random configurations that tell whether two links always touch
 ROAM = 1.0  # how far sliding joints are drawn from their zero at most [m], at size 1
-TOUCH = 1e-4
+TOUCH_DISTANCE = 1e-4
 """Links this close count as touching [m], at size 1: faces that slide on each other, which no motion could be certified
 for."""
 
-ALWAYS, OFTEN = 0.95, 0.05
+ALWAYS_SHARE, OFTEN_SHARE = 0.95, 0.05
 """Shares of those configurations: links that touch in more always touch; an SRDF that disables more hides something."""
 
 
@@ -174,10 +178,10 @@ def settle(
     warnings = [
         f"the {said_by} disables {' and '.join(sorted(pair))}, which touch in {_percent(touching[pair])}"
         for pair in sorted(disabled, key=sorted)
-        if pair not in adjacent and OFTEN < touching.get(pair, 0.0) <= ALWAYS
+        if pair not in adjacent and OFTEN_SHARE < touching.get(pair, 0.0) <= ALWAYS_SHARE
     ]
     for pair in sorted(touching, key=sorted):
-        if touching[pair] > ALWAYS and pair not in reasons:
+        if touching[pair] > ALWAYS_SHARE and pair not in reasons:
             reasons[pair] = f"touching in {_percent(touching[pair])}"
             if disabled or said_by != "SRDF":
                 told = " and ".join(sorted(pair))
@@ -224,12 +228,12 @@ def _shares_touching(
     """Return the share of configurations, at rest and random but repeatable, in which each pair of links touches.
 
     A pair that was apart so often that it can't always touch is tested no more, unless the SRDF disables it: its share
-    is too small then, and below `ALWAYS`.
+    is too small then, and below `ALWAYS_SHARE`.
     """
     contacts = SelfContacts(model, geometry)
     rng = np.random.default_rng(0)
     pairs, counts = collision_pairs(geometry), Counter[frozenset[str]]()
-    most, touch = (1.0 - ALWAYS) * (SAMPLES + 1), TOUCH * size
+    most, touch = (1.0 - ALWAYS_SHARE) * (SAMPLES + 1), TOUCH_DISTANCE * size
     for done, q in enumerate([rest, *(random_configuration(model, joints, rng, size) for _ in range(SAMPLES))]):
         contacts.place(q)
         found: set[frozenset[str]] = set()

@@ -1,4 +1,8 @@
-"""The rest configuration of a robot: what its card or its SRDF states, else zero; or near that, where it is free."""
+"""Find the rest configuration of a robot: as its card or SRDF states it, else zero; moved a little where it touches.
+
+Joints that requests leave out have its values, and replies show it; the random search is seeded, so that it is always
+the same.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,7 @@ from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
 
 SHARES = np.linspace(0.05, 1.0, 20)  # how much of the way to random values is tried, nearest first
 DRAWS = 25  # random directions for each of them
-MOST = np.pi  # joints without limits are drawn within this of their zero [rad or m]
+DRAW_RANGE = np.pi  # joints without limits are drawn within this of their zero [rad or m]
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard
 def _state(
     joints: Sequence[Joint], described: Srdf, card: RobotCard, warnings: list[str]
 ) -> tuple[str | None, Positions]:
-    """Name and values of the SRDF's state that is the rest configuration; none where it has none."""
+    """Return name and values of the SRDF's state that is the rest configuration; None and nothing if it has none."""
     states: dict[str, Positions] = {}
     known = ("", *described.groups)
     for state in sorted(described.states, key=lambda state: state.group not in known):
@@ -156,7 +160,7 @@ class _RestSearch:
         self._last = -1  # the pair that was found last: probably the next trial touches there too
 
     def touching(self, q: RobotConfiguration, margin: float = 0.0) -> list[int]:
-        """Pairs of shapes that are no further apart than a margin [m]."""
+        """Return the pairs of shapes that are no further apart than a margin [m]."""
         self._contacts.place(q)
         return self._contacts.find_contacts(margin)
 
@@ -187,7 +191,7 @@ class _RestSearch:
         return q if fallback is None else fallback
 
     def _touches_none(self, q: RobotConfiguration, first: int, pairs: set[int], margin: float) -> bool:
-        """Whether none of some pairs is within a margin [m]; one that probably is can be tested first."""
+        """Return whether none of some pairs is within a margin [m]; the pair `first` is tested first."""
         self._contacts.place(q)
         near = [pair for pair in self._contacts.find_near(margin) if pair in pairs]
         for pair in sorted(near, key=lambda pair: (pair != first, pair != self._last)):
@@ -197,7 +201,7 @@ class _RestSearch:
         return True
 
     def _find_moved_by(self, moving: Sequence[Joint]) -> set[int]:
-        """Pairs whose shapes move relative to each other with some joints, or with those that follow these."""
+        """Find the pairs whose shapes move relative to each other with some joints or their mimic joints."""
         names = {joint.name for joint in moving}
         turned = {
             joint.index
@@ -209,7 +213,7 @@ class _RestSearch:
         return {index for index, pair in pairs if supports[pair.first] != supports[pair.second]}
 
     def _find_between(self, pair: int) -> list[Joint]:
-        """Joints that move the links of a pair relative to each other, or are followed by such."""
+        """Find the joints that move the links of a pair relative to each other, or whose mimic joints do."""
         bodies = self._geometry.collisionPairs[pair]
         first, second = (
             set(self._model.supports[self._geometry.geometryObjects[body].parentJoint])
@@ -234,11 +238,11 @@ def _draw_configuration(
     share: float,
     rng: np.random.Generator,
 ) -> RobotConfiguration:
-    """Some joints moved towards random values by a share of the way; their followers with them."""
+    """Move some joints, and their mimic joints, towards random values by a share of the way."""
     step = np.zeros(model.nv)
     for joint in moving:
         value = q[joint.idx_q] if joint.nq == 1 else 0.0
-        lower, upper = max(float(joint.lower[0]), -MOST), min(float(joint.upper[0]), MOST)
+        lower, upper = max(float(joint.lower[0]), -DRAW_RANGE), min(float(joint.upper[0]), DRAW_RANGE)
         step[joint.idx_v] = share * (rng.uniform(lower, max(lower, upper)) - value)
     trial: RobotConfiguration = pin.integrate(model, q, step)
     trial = clamp(joints, trial)

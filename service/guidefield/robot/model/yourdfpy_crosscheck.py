@@ -1,4 +1,4 @@
-"""A second reader of URDFs that nobody has tried: yourdfpy beside Pinocchio, and what it reads otherwise in words."""
+"""Compare Pinocchio's reading of a URDF that isn't in the catalog with yourdfpy's, and warn of differences."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import RobotConfiguration
 
-SAME = 1e-6  # placements of links that differ by more than this [m, or 1] are not the same
-MOST_TOLD = 5  # of this many differences a sentence is made each; of the rest, how many they are
-BENT = 0.3
+PLACEMENT_TOLERANCE = 1e-6  # placements of links that differ by more than this [m, or 1] are not the same
+MOST_TOLD = 5  # differences that get a sentence each; the others are counted
+BENT_SHARE = 0.3
 """Where in its range each joint stands while placements are compared; the value of those without limits [rad or m]."""
 _UNREAD = ("visual", "collision", "transmission", "gazebo")
 """Elements that the other reader isn't given: it could open files for them."""
@@ -110,7 +110,7 @@ def _find_misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> lis
     for link in other.link_map:
         ours = root.actInv(data.oMf[robot.frame_id(link)]).homogeneous
         apart = float(np.abs(ours - placed[link]).max())
-        if not apart <= SAME * max(1.0, float(np.abs(ours).max())):
+        if not apart <= PLACEMENT_TOLERANCE * max(1.0, float(np.abs(ours).max())):
             told.append(f"yourdfpy places link {link!r} otherwise, by {apart:.3g}")
     return told
 
@@ -134,12 +134,12 @@ def _placements(other: Any) -> dict[str, np.ndarray]:
 
 
 def _choose_configuration(robot: RobotModel) -> RobotConfiguration:
-    """A configuration with every joint away from zero and from its limits, shape (nq,); followers where they belong."""
+    """Return a configuration (nq,) with every joint away from zero and from its limits; mimic joints follow."""
     q = robot.rest.copy()
     for joint in robot.joints:
         if joint.kind in _SCALAR:
             limited = bool(np.isfinite([joint.lower[0], joint.upper[0]]).all())
-            value = joint.lower[0] + BENT * (joint.upper[0] - joint.lower[0]) if limited else BENT
+            value = joint.lower[0] + BENT_SHARE * (joint.upper[0] - joint.lower[0]) if limited else BENT_SHARE
             q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
     follow(robot.joints, q)
     return q

@@ -1,1 +1,1 @@
-"""URDFs and SRDFs, read strictly."""
+"""URDFs and SRDFs, read strictly: each fault is named by its line before Pinocchio can misread it."""

@@ -1,4 +1,7 @@
-"""The links and joints of a URDF, checked, and facts about one that has been checked."""
+"""Check the links and joints of a URDF, and hold the facts about one that has been checked.
+
+Everything that can make Pinocchio's parser lose or misread collision geometry is refused or rewritten here.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ SCALAR_JOINTS = ("revolute", "continuous", "prismatic")
 
 @dataclass(frozen=True)
 class JointFacts:
-    """One joint as written."""
+    """One joint as its URDF has it."""
 
     name: str
     kind: str  # its type, a key of `JOINT_DOF`
@@ -83,7 +86,7 @@ PLAIN_AXIS = (1e-3, 1e3)
 """Smallest and largest entry of an axis that parsers are given as it is; the squares of others may overflow."""
 LARGEST_FACTOR = 1e6  # largest multiplier of a mimic joint, and its largest offset [rad or m]
 LEAST_SPEED = 1e-9
-"""Least velocity limit but zero, which says none [rad/s or m/s]; no motion with a smaller one would end."""
+"""Least velocity limit, except zero, which means none [rad/s or m/s]; no motion with a smaller one would end."""
 DEFAULT_AXIS = (1.0, 0.0, 0.0)  # axis of a joint without `<axis>`
 
 _UNUSED_NUMBERS = {
@@ -91,7 +94,7 @@ _UNUSED_NUMBERS = {
     "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
     "calibration": ("rising", "falling"),
 }
-"""Numbers of elements that planning doesn't use; not being numbers, they would make the parser refuse the joint."""
+"""Attributes that planning doesn't use; if they weren't numbers, the parser would refuse the joint for them."""
 
 _WITHOUT_AXIS = ("fixed", "floating")
 _RANGED = ("revolute", "prismatic")
@@ -140,7 +143,7 @@ def check_joint(joint: Element, links: Collection[str], version: tuple[int, int]
 def check_mimics(
     elements: Mapping[str, Element], joints: Mapping[str, JointFacts], warnings: list[str]
 ) -> dict[str, tuple[str, float, float]]:
-    """Check who follows whom: follower to (name of the joint followed, multiplier, offset), of those that move.
+    """Check mimic joints: name to (name of the joint followed, multiplier, offset), of those that move.
 
     A name that is wrong only in that it lacks the prefix of the follower (`left_finger2` follows `finger1`, and there
     is a `left_finger1`) is taken for the one with the prefix, with a warning: files made by macros have this fault.
@@ -172,7 +175,7 @@ def check_mimics(
 
 
 def _driver(mimic: Element, follower: JointFacts, joints: Mapping[str, JointFacts], warnings: list[str]) -> str | None:
-    """The joint that is followed; None where the follower doesn't move anyway."""
+    """Return the joint that is followed; None where the follower doesn't move anyway."""
     driver = mimic.get("joint", "")
     if follower.kind == "fixed":
         warnings.append(warning(mimic, f"a fixed joint can't mimic {driver!r}; it stays fixed"))
@@ -218,7 +221,7 @@ def _find_end(joint: Element, tag: str, links: Collection[str]) -> str:
 
 
 def _check_axis(axis: Element) -> tuple[float, float, float]:
-    """The direction of an axis; written with plain numbers, as only its direction counts."""
+    """Check an axis and return its direction, rewritten with numbers of a plain size, as only the direction counts."""
     direction = numbers(axis, "xyz", 3)
     if direction is None:  # Pinocchio would take it for zero; a joint without <axis> has its default, x
         raise fault(axis, "<axis> must have 'xyz'", attribute="xyz")
@@ -233,7 +236,7 @@ def _check_axis(axis: Element) -> tuple[float, float, float]:
 
 
 def _is_any_angle(kind: str, figures: tuple[float, float, float, float]) -> bool:
-    """Whether a range that means nothing takes nothing away: none is given, or a continuous joint's is a turn."""
+    """Return whether a range that is ignored restricts nothing: none is given, or a continuous joint's is a turn."""
     lower, upper, _, _ = figures
     return lower == upper == 0.0 or (kind == "continuous" and upper - lower >= 2.0 * math.pi - 1e-2)
 
@@ -282,7 +285,7 @@ SHAPES = {
 """What a `<geometry>` can be, and how many numbers each of its required attributes has (0: it is a name)."""
 
 THICKNESS = 2e-6  # thickness of a collision body that has none [m]
-NO_LENGTH = 1e-9  # a length below this is taken as zero [m]: areas of the like of 1e-150 are
+NO_LENGTH = 1e-9  # a length below this is taken as zero [m], because products of such lengths underflow
 
 NEVER_JUDGED = "a <visual> is never judged"
 NOT_DRAWN = "this <visual> will not be drawn"
@@ -419,7 +422,7 @@ def _thicken(shape: Element, warnings: list[str]) -> None:
 
 
 def _settle_collision_mesh(mesh: Element, resolver: MeshResolver) -> Path:
-    """Put the real path into a `<mesh>`, or name it and all later ones that can't be had."""
+    """Put the real path into a `<mesh>`; if it isn't there, the fault names it and all later ones that aren't."""
     try:
         return _settle_mesh(mesh, resolver)
     except RobotInvalid as error:

@@ -1,4 +1,8 @@
-"""From the mesh URIs of a URDF to real files, confined to allowed folders."""
+"""Find the files that mesh URIs of a URDF mean, confined to allowed folders.
+
+For robots sent over the wire it is the barrier that no other file of this machine is read (`for_wire`): every path that
+is returned has been resolved and compared with `folders`. Local files are searched more widely (`nearby_files.py`).
+"""
 
 from __future__ import annotations
 
@@ -39,7 +43,7 @@ NAME_ITS_FOLDER = "name the folder of its package: `package_dirs`, or --package-
 
 @functools.cache
 def catalog_share() -> Path:
-    """The folder that holds the package `example-robot-data`: a wheel's, else that of a conda environment."""
+    """Return the folder that holds the package `example-robot-data`: a wheel's, else that of a conda environment."""
     with contextlib.suppress(PackageNotFoundError):
         found = Path(str(distribution(CATALOG_PACKAGE).locate_file("cmeel.prefix/share"))).resolve()
         if found.is_dir():
@@ -95,7 +99,7 @@ class MeshResolver:
 
     @classmethod
     def for_catalog(cls, urdf_path: Path) -> MeshResolver:
-        """For a URDF that comes with guidefield: its package holds all that it needs."""
+        """Take, for a URDF that comes with guidefield, its package alone, which has all that it needs."""
         folder = urdf_path.resolve().parent
         return cls(packages={**_catalog_packages(), **_enclosing_package(folder)}, base=folder)
 

@@ -1,4 +1,7 @@
-"""Files in the folders about a URDF, found by the end of their path."""
+"""Find files in the folders about a URDF by the end of their path, where a mesh isn't at its URI.
+
+Only for robots in local files. Limits keep a search off large trees; a looser match would take another robot's mesh.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +64,7 @@ def enclosing_folders(folder: Path) -> list[Path]:
 
 
 class Kind(enum.Enum):
-    """Where a folder is that is searched: the less it has to do with the robot, the more of a path must agree."""
+    """The kind of a searched folder: the less it has to do with the robot, the more of a path must agree."""
 
     OWN = enum.auto()
     """In the robot's package: the file's name is enough."""

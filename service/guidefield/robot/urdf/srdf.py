@@ -1,4 +1,4 @@
-"""An SRDF: groups, named states, end effectors, virtual and passive joints, and pairs of links not to test."""
+"""Read an SRDF: groups, named states, end effectors, virtual and passive joints, and pairs of links not to test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Validation of URDFs before Pinocchio, which refuses faults without a reason or accepts them in silence."""
+"""Validate URDFs before Pinocchio, which refuses faults without a reason or accepts them in silence.
+
+Faults are refused if they could change what is judged; others are warnings and are left out of the text that goes on.
+An element or attribute that starts to matter belongs in `ELEMENTS` or `ATTRIBUTES`, so that misspelt ones are noticed.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +41,7 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
     """Check a URDF before Pinocchio sees it.
 
     Raises:
-        RobotInvalid: at the first fault; `details` hold its line and element, and the joint or link it is in.
+        RobotInvalid: at the first fault; its details hold line and element, and the joint or link that it is in.
     """
     warnings: list[str] = []
     root = parse(text, warnings)
@@ -92,7 +96,7 @@ def check_geometry_complete(facts: UrdfFacts, geometry_model: Any, model: Any) -
 
 
 def _fold(warnings: Collection[str]) -> list[str]:
-    """Keep the first of the warnings that say the same about many links, with the number of the others."""
+    """Merge warnings that say the same about many links: keep the first, with the number of the others."""
     ends = {sentence: sentence.rpartition("; ")[2] for sentence in warnings}
     counts = Counter(ends[sentence] for sentence in warnings)
     kept: list[str] = []
@@ -154,7 +158,7 @@ def _add_root(root: Element, links: dict[str, Element], joints: Mapping[str, Ele
 def _check_tree(
     root: Element, links: Collection[str], joints: Mapping[str, JointFacts], elements: Mapping[str, Element]
 ) -> str:
-    """The root link of a URDF whose joints make one tree of all links."""
+    """Return the root link of a URDF, and refuse joints that don't make one tree of all links."""
     above: dict[str, JointFacts] = {}
     for joint in joints.values():
         if joint.child in above:
@@ -175,7 +179,7 @@ def _check_tree(
 
 
 def _loop(links: Collection[str], above: Mapping[str, JointFacts]) -> list[JointFacts]:
-    """Joints of a loop, each below the next; empty if every link leads up to a root."""
+    """Find the joints of a loop, each below the next; empty if every link leads up to a root."""
     rooted: set[str] = set()
     for start in links:
         climbed: dict[str, JointFacts] = {}
@@ -207,7 +211,7 @@ ATTRIBUTES = {
     "mimic": ("joint", "multiplier", "offset"),
     "mesh": ("filename", "scale"),
 }
-"""Attributes that do the same."""
+"""Attributes of each element that do the same."""
 
 SIMILAR = 0.8  # least similarity of a misspelt name to the one that is meant, as `difflib` has it
 
@@ -227,7 +231,7 @@ def warn_of_misspelt(root: Element, warnings: list[str]) -> None:
 
 
 def _meant(name: str, known: Iterable[str]) -> str | None:
-    """The known name that another one, which isn't known, is nearly."""
+    """Return the known name that an unknown one resembles, or None."""
     if name in known:
         return None
     close = difflib.get_close_matches(name.lower(), list(known), 1, SIMILAR)

@@ -1,4 +1,7 @@
-"""Expand xacro files by the package xacro, with packages found as meshes are."""
+"""Expand xacro files by the package xacro, with packages found as meshes are (`meshes.py`).
+
+Expressions in a xacro file are evaluated as Python: only local files are expanded, never text from a client.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""XML of robots: its encoding, a URDF's text as elements, their numbers, and faults that name line and element."""
+"""Parse the XML of robots: its encoding, elements, their numbers, and faults that name line and element.
+
+Text may come from clients: entities, DOCTYPEs and network access stay off (`_STRICT`).
+"""
 
 from __future__ import annotations
 
@@ -168,7 +171,7 @@ def root_of(text: str, kind: str, warnings: list[str]) -> Element:
 
 
 def fault(element: Element, message: str, **details: Any) -> RobotInvalid:
-    """The error for what is wrong with an element; its details name line, element, and the joint or link it is in."""
+    """Make the error for a fault of an element; its details name line, element, and the joint or link it is in."""
     owners = [element, *element.iterancestors()]
     named = {owner.tag: owner.get("name") for owner in owners if owner.tag in ("joint", "link") and owner.get("name")}
     where = "".join(f"{kind} {name!r}: " for kind, name in named.items())
@@ -177,7 +180,7 @@ def fault(element: Element, message: str, **details: Any) -> RobotInvalid:
 
 
 def warning(element: Element, message: str) -> str:
-    """The same as a sentence, for what is odd but harmless."""
+    """Return the sentence of `fault`, for an oddity that is harmless."""
     return fault(element, message).message
 
 
@@ -197,7 +200,7 @@ def leaving_out(element: Element, end: str, warnings: list[str]) -> Iterator[Non
 
 
 def name_of(element: Element) -> str:
-    """The name of an element that must have one."""
+    """Return the name of an element; a fault if it has none."""
     name: str = element.get("name", "")
     if not name.strip():
         raise fault(element, f"<{element.tag}> must have a name")
@@ -225,7 +228,7 @@ def numbers(element: Element, attribute: str, count: int, largest: float = math.
 
 
 def number(element: Element, attribute: str, default: float | None = None, largest: float = math.inf) -> float:
-    """One finite number; `default` where the attribute is left out, a fault where there is no default."""
+    """Return one finite number; `default` where the attribute is left out, a fault where there is no default."""
     values = numbers(element, attribute, 1, largest)
     if values is not None:
         return values[0]
@@ -250,7 +253,7 @@ def check_origins(element: Element, version: tuple[int, int]) -> None:
 
 
 def _drop_undeclared(root: Element, warnings: list[str]) -> None:
-    """Take out what has a prefix that isn't declared; xacro's is declared instead, to be settled like any other."""
+    """Take out elements and attributes with an undeclared prefix; xacro's is declared, and handled as usual."""
     lines: dict[str, int] = {}
     for element in list(root.iter(etree.Element)):
         prefix, colon, local = element.tag.partition(":") if element.tag[0] != "{" else ("", "", "")
@@ -293,7 +296,7 @@ def _is_xacro(element: Element) -> bool:
 
 
 def _drop(element: Element) -> None:
-    """Take an element out; nothing is done about a root element, which is refused for its name."""
+    """Take an element out, but not a root element, which is refused for its name."""
     if (parent := element.getparent()) is not None:
         parent.remove(element)
 
