@@ -105,7 +105,7 @@ _ROOMS = {
         "RequestTooLarge", "RobotInvalid", "SceneInvalid", "ServerBusy", "Status", "StreamUnknown", "TimedOut",
         "UnknownFrame", "UnknownObject", "WorkerCrashed",
     ),
-    "messages.executed": ("JointStates", "judgement_of"),
+    "messages.certify_reply": ("JointStates", "judgement_of"),
     "messages.replies": ("CertifyReply", "PlanReply", "Progress"),
     "messages.requests": (
         "Attach", "CertifyRequest", "Clearance", "ConfigurationTable", "Dynamics", "ExecutionOptions",

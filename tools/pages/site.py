@@ -44,7 +44,7 @@ ROOM_TITLES = {
     "messages.scene": "Obstacles and scenes",
     "messages.scene_changes": "Changes of scenes",
     "messages.values": "Values",
-    "messages.executed": "Executed motions",
+    "messages.certify_reply": "Executed motions",
     "arrays": "Runs as arrays",
     "endpoint.service": "Serve",
     "errors": "Errors",
