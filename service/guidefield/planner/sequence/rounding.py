@@ -60,6 +60,7 @@ INSIDE = 0.95  # share of a radius up to which the tip is at a goal
 TIME_SHARE = 0.5  # share of the remaining time that may be taken: later steps need some, too
 # motions that are judged at most; after the first with more weight on the clearance and twice the pieces
 OPTIMIZED_TRIES = 2
+EDGE_HALVINGS = 20  # of a piece of a motion, until the edge of a goal's radius is found
 
 
 def optimize_past_goals(parts: Sequence[StepPart], first: JoinedMotion, stages: Stages) -> JoinedMotion | None:
@@ -74,6 +75,7 @@ def optimize_past_goals(parts: Sequence[StepPart], first: JoinedMotion, stages: 
         return None
     passages = _passages(parts, first)
     sections, settings = _sections(problem, parts), _choose_settings(problem, parts, first.motion)
+    best: JoinedMotion | None = None
     for _ in range(OPTIMIZED_TRIES):
         with stages.entered("relax", f"past the goals, shape and time together, {problem.objective.value}") as stage:
             optimized = optimize(problem, first.motion, settings, (), passages, sections)
@@ -86,14 +88,17 @@ def optimize_past_goals(parts: Sequence[StepPart], first: JoinedMotion, stages: 
                 fault = find_refused_part(parts, joined)
                 stage.outcome = "free" if fault is None else fault[1].reason.value
             if fault is None:
-                return joined
+                found = _retime(parts, joined, stages) or joined
+                if found is not joined or not problem.beside:
+                    return found
+                best = joined
         if problem.deadline.expired():
             break
         pieces = 2 * settings.least_pieces
         settings = dataclasses.replace(
             presets.closer(settings), least_pieces=pieces, most_pieces=2 * settings.most_pieces
         )
-    return None
+    return best
 
 
 def _can_be_optimized(parts: Sequence[StepPart]) -> bool:
@@ -167,13 +172,33 @@ def _passages(parts: Sequence[StepPart], joined: JoinedMotion) -> tuple[Passage,
 
 
 def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[StepPart]) -> JoinedMotion:
-    bounds = [0, *passed, len(motion.times) - 1]
     goals = [one.goal for one in parts if one.goal is not None]
+    knots, motion = motion.times[[0, *passed, -1]], _add_edges(motion, goals)
+    bounds = np.searchsorted(motion.times, knots).tolist()
     passages = list[GoalPassage]()
     for goal, first, about, last in zip(goals, bounds, bounds[1:], bounds[2:], strict=False):
         since = max(first, passages[-1].nearest) if passages else first  # within large radii they stay in order, too
         passages.append(find_passage(goal, motion, (since, about, last)))
     return JoinedMotion(motion, tuple(passages))
+
+
+def _add_edges(motion: Trajectory, goals: Sequence[PassedGoal]) -> Trajectory:
+    """The same motion with a knot wherever it enters or leaves a goal's radius, just within it.
+
+    From its last knot within a radius on it has to keep to a straight way, which it may reach at the edge alone.
+    """
+    times, edges = motion.times, list[float]()
+    for goal in goals:
+        within = goal.distances(motion.positions) <= goal.radius
+        for k in np.flatnonzero(within[:-1] != within[1:]).tolist():
+            inside, outside = (times[k], times[k + 1]) if within[k] else (times[k + 1], times[k])
+            for _ in range(EDGE_HALVINGS):
+                middle = 0.5 * (inside + outside)
+                is_within = goal.distances(motion.evaluate(np.array([middle]))[0])[0] <= goal.radius
+                inside, outside = (middle, outside) if is_within else (inside, middle)
+            edges.append(inside)
+    refined = np.unique([*times.tolist(), *edges])
+    return Trajectory(refined, *motion.evaluate(refined)[:2])
 
 
 LOOKS = 8  # chords of each piece of a motion by which its length is measured
@@ -342,8 +367,7 @@ def join_motions(parts: Sequence[StepPart], stages: Stages) -> JoinedMotion:
     along = round_motion(still, stages)
     first = stopping if along is None else _time_path_ignoring_jerk(still, along[1])
     optimized = optimize_past_goals(still, first, stages)
-    anew = None if optimized is None else _retime(still, optimized, stages)
-    past = [anew or optimized, None if along is None else along[0]]
+    past = [optimized, None if along is None else along[0]]
     found = [_schedule(parts, one, stages) for one in past if one is not None and not _exceeds(still, one)]
     return min(filter(None, [*found, stopping]), key=lambda one: one.motion.duration)
 
