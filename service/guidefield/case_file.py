@@ -32,7 +32,7 @@ from guidefield.memo import memoized
 from guidefield.messages.conditions import AttachedObject, PathConstraint
 from guidefield.messages.scene import Mesh, Polygon
 from guidefield.messages.values import ORIGIN, Placement
-from guidefield.planner.motion.given_motion import GivenMotion
+from guidefield.planner.motion.submitted_motion import SubmittedMotion
 from guidefield.prove.curve import Curve
 from guidefield.prove.proof import Proof, prove
 from guidefield.prove.search import SearchQuery
@@ -332,5 +332,5 @@ def curve_of(motion: Motion) -> Curve:
     count = len(motion.positions)
     times = np.arange(float(count)) if motion.times is None else np.asarray(motion.times, float)
     rates = motion.velocities, motion.accelerations
-    drawn = GivenMotion.through(times, motion.positions, *rates, motion.tolerance, steps=motion.steps)
+    drawn = SubmittedMotion.through(times, motion.positions, *rates, motion.tolerance, steps=motion.steps)
     return Curve(drawn.pieces, np.append(times, times[0] + MOMENT) if count == 1 else times, drawn.tube)

@@ -20,7 +20,7 @@ from guidefield.messages import codec
 from guidefield.messages.kinematics_replies import ForwardKinematicsReply
 from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import certify_motion, settle_execution
+from guidefield.planner.motion_certificate import certify_motion, choose_execution
 from guidefield.planner.task.problem import ConfigurationGoal, ControllerModel, Interpolation
 from guidefield.planner.task.stages import Stages
 from guidefield.referee.case import Answer
@@ -279,12 +279,12 @@ def test_a_quintic_beyond_a_limit_is_slowed_down() -> None:
     tight = dataclasses.replace(arm, acceleration_limits=np.full(arm.nv, 5.0))
     execution = ControllerModel(Interpolation.QUINTIC, None, np.zeros(arm.nv))
     posed = dataclasses.replace(posed, group=tight, execution=execution)
-    assert settle_execution(posed, jumps).stretch > 1.0
+    assert choose_execution(posed, jumps).stretch > 1.0
     made = certify_motion(posed, jumps, {}, Stages(posed))
     assert made.verdict.free
     assert made.trajectory is not None
     assert 1.0 < made.trajectory.duration / jumps.duration < 1.5
-    rows = settle_execution(posed, made.trajectory).drawn
+    rows = choose_execution(posed, made.trajectory).drawn
     curve = BPoly.from_derivatives(rows.times, np.stack([rows.positions, rows.velocities, rows.accelerations], axis=1))
     dense = np.abs(curve.derivative(2)(np.linspace(0.0, rows.times[-1], 10001))).max()
     assert 0.95 * 5.0 < dense <= 5.0 * (1.0 + 1e-6)

@@ -11,8 +11,8 @@ from guidefield.collision.clearance import clearance_at, contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.planner.motion.limit_load import measure_limit_shares
+from guidefield.planner.motion.submitted_motion import CurveKind, SubmittedMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import plan
 from guidefield.planner.task.problem import Conditions, Problem
@@ -120,7 +120,7 @@ def certify_as_given(made: Problem, motion: Trajectory) -> Judgement:
     """A motion of a problem, judged as anybody's."""
     fields = {field.name: getattr(made, field.name) for field in dataclasses.fields(Conditions)}
     rows = np.arange(len(motion.times))
-    given = GivenMotion(CurveKind.HERMITE, motion.positions, rows, motion.times, motion.velocities)
+    given = SubmittedMotion(CurveKind.HERMITE, motion.positions, rows, motion.times, motion.velocities)
     return judge(GivenProblem(**fields, motion=given), measure_limit_shares(given, made.group, None))
 
 

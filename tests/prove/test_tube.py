@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.world import World
 from guidefield.messages import requests
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
+from guidefield.planner.motion.submitted_motion import CurveKind, SubmittedMotion
 from guidefield.prove.certificate import certify, certify_constraints
 from guidefield.prove.closest import world_at
 from guidefield.prove.verdict import Reason
@@ -75,7 +75,7 @@ def test_certified_steps_are_free_in_the_boxes_between_commands(place, seed, cou
     world, judge = strewn(place)
     rng, way = np.random.default_rng(seed), dense(motions(world, seed), 1e-3)
     commands = way[np.linspace(0, len(way) - 1, count).astype(int)]
-    motion = GivenMotion(CurveKind.STEPS, commands, np.arange(count), 0.1 * np.arange(count))
+    motion = SubmittedMotion(CurveKind.STEPS, commands, np.arange(count), 0.1 * np.arange(count))
     verdict = certify(world, motion.pieces, times=motion.times, tube=motion.tube)
     if verdict.free:
         for first, second in itertools.pairwise(commands):
@@ -119,7 +119,7 @@ def test_a_tube_is_free_of_what_moves_at_each_time(seed, steps):
     times = np.linspace(0.0, 2.0, 30)
     points = way[np.linspace(0, len(way) - 1, len(times)).astype(int)]
     kind = CurveKind.STEPS if steps else CurveKind.LINEAR
-    motion = GivenMotion(kind, points, np.arange(len(times)), times, tolerance=np.full(world.group.nv, 0.01))
+    motion = SubmittedMotion(kind, points, np.arange(len(times)), times, tolerance=np.full(world.group.nv, 0.01))
     verdict = certify(world, motion.pieces, times=times, tube=motion.tube)
     if verdict.free:
         for piece, tube, begin, end in zip(motion.pieces, motion.tube, times, times[1:], strict=False):

@@ -20,8 +20,13 @@ import tempfile
 import zipfile
 from pathlib import Path
 
-LEVELS = {"x86_64": ("x86-64-v4", "x86-64-v3"), "aarch64": ("generic",)}
-"""Which levels of `first_start.LEVELS` a family of processors has."""
+LEVELS = """
+import platform
+from guidefield.first_start import LEVELS
+
+print(*(level for level in LEVELS if level.startswith("x86-64") == (platform.machine() == "x86_64")))
+"""
+"""Print the levels that this family of processors has."""
 
 PACK = """
 import sys
@@ -39,11 +44,9 @@ pack(names, cache_folder(), level(), fingerprint, Path(sys.argv[1]))
 
 def main(wheel: Path, python: str, folder: Path) -> Path:
     """Compile, pack, and write the wheel."""
-    tag = subprocess.run(
-        [python, "-c", "import sys; print('cp%d%d' % sys.version_info[:2])"], check=True, capture_output=True, text=True
-    ).stdout.strip()
+    tag = _ask(python, "import sys; print('cp%d%d' % sys.version_info[:2])")
     with tempfile.TemporaryDirectory() as scratch:
-        for level in LEVELS[platform.machine()]:
+        for level in _ask(python, LEVELS).split():
             environment = {**os.environ, "NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": ""}
             ahead = [python, "-m", "guidefield.kernels.jit.compile_ahead"]
             subprocess.run(ahead, check=True, env=environment, stdout=sys.stderr, cwd=scratch)
@@ -52,6 +55,10 @@ def main(wheel: Path, python: str, folder: Path) -> Path:
             f"guidefield/machine_code/{path.name}": path.read_bytes() for path in sorted(Path(scratch).iterdir())
         }
     return write_wheel(wheel, archives, f"{tag}-{tag}-manylinux2014_{platform.machine()}", folder)
+
+
+def _ask(python: str, code: str) -> str:
+    return subprocess.run([python, "-c", code], check=True, capture_output=True, text=True).stdout.strip()
 
 
 def write_wheel(wheel: Path, more: dict[str, bytes], tag: str, folder: Path) -> Path:

@@ -130,13 +130,13 @@ def _curve(rows: ExecutionFigures) -> tuple[np.ndarray, np.ndarray]:
     """Return times (n,) [s] and close samples, shape (n, k) [rad or m], of the curve that a controller follows."""
     import numpy as np  # it and the planner are loaded only here
 
-    from guidefield.planner.motion.given_motion import GivenMotion
+    from guidefield.planner.motion.submitted_motion import SubmittedMotion
 
     times, positions = np.array(rows.times), np.array(rows.positions)
     if len(times) == 1:
         return np.repeat(times, 2), np.repeat(positions, 2, axis=0)
     rates = (None if one is None else np.array(one) for one in (rows.velocities, rows.accelerations))
-    drawn = GivenMotion.through(times, positions, *rates).scheduled
+    drawn = SubmittedMotion.through(times, positions, *rates).scheduled
     pieces = drawn.bezier()
     degree = pieces.shape[1] - 1
     bends = np.abs(np.diff(pieces, 2, axis=1)).max(axis=(1, 2), initial=0.0) * degree * (degree - 1) / 8.0

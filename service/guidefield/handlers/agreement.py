@@ -22,7 +22,7 @@ from guidefield.collision.pairs import PairNames
 from guidefield.collision.world import World
 from guidefield.geometry import cache
 from guidefield.messages.requests import AttachedObject, MotionRequest
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
+from guidefield.planner.motion.submitted_motion import CurveKind, SubmittedMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import Clearance
 from guidefield.planner.task.problem import Conditions
@@ -61,7 +61,7 @@ def keep_contradictions(answer: _Answer) -> _Answer:
 def declare(
     request: MotionRequest,
     conditions: Conditions,
-    motion: Trajectory | GivenMotion,
+    motion: Trajectory | SubmittedMotion,
     held: Sequence[AttachedObject] | None = None,
     *,
     touching: Sequence[tuple[str, str]] = (),
@@ -74,7 +74,7 @@ def declare(
         touching: Pairs that touch at the start and part, which aren't tested.
         outside_proof: Certified properties that no case or proof contains, in words; None: those of the conditions.
     """
-    given = motion if isinstance(motion, GivenMotion) else GivenMotion.of(motion)
+    given = motion if isinstance(motion, SubmittedMotion) else SubmittedMotion.of(motion)
     return Motion(
         world=conditions.world,
         placement=request.robot_placement,
@@ -95,7 +95,7 @@ def declare(
 
 
 def declare_parts(
-    request: MotionRequest, parts: Sequence[tuple[Conditions, GivenMotion]], contacts: Sequence[Contact]
+    request: MotionRequest, parts: Sequence[tuple[Conditions, SubmittedMotion]], contacts: Sequence[Contact]
 ) -> list[Motion]:
     """Make the referee's motions of one that leaves contacts, from `judgement.Leaving.parts`."""
     touching = [one.pair for one in contacts]

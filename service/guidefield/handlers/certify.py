@@ -42,8 +42,8 @@ from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, Judgement, Leaving, judge, judge_leaving
 from guidefield.planner.leaving import warn_of_left_contacts
 from guidefield.planner.motion.drawn_motion import deviations
-from guidefield.planner.motion.given_motion import QuinticMotion
 from guidefield.planner.motion.limit_load import LimitUse, measure_limit_shares
+from guidefield.planner.motion.submitted_motion import QuinticMotion
 from guidefield.planner.quality import (
     UNMEASURED,
     Clearance,

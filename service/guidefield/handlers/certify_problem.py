@@ -35,11 +35,11 @@ from guidefield.handlers.configurations import (
 from guidefield.messages.requests import CertifyRequest, GivenTrajectory
 from guidefield.planner.judgement import GivenProblem
 from guidefield.planner.motion.drawn_motion import DrawnMotion, draw
-from guidefield.planner.motion.given_motion import (
+from guidefield.planner.motion.submitted_motion import (
     CurveKind,
-    GivenMotion,
     QuinticMotion,
     StraightMotion,
+    SubmittedMotion,
     spline_rates,
 )
 from guidefield.planner.motion.trajectory import piece_accelerations
@@ -185,11 +185,11 @@ def _build_motion(
     columns: Columns,
     rows: np.ndarray,
     group: PlanningGroup,
-) -> tuple[GivenMotion, list[str]]:
+) -> tuple[SubmittedMotion, list[str]]:
     points, warnings = chart_points(columns, rows, group, "path" if given is None else f"{field}.positions")
     if given is None:
         kept = np.flatnonzero(np.r_[True, (np.diff(points, axis=0) != 0.0).any(axis=1)])
-        return GivenMotion(CurveKind.LINEAR, points[kept], _with_end(kept, len(points))), warnings
+        return SubmittedMotion(CurveKind.LINEAR, points[kept], _with_end(kept, len(points))), warnings
     times = _times(request, given)
     rates = _rates(request, given.velocities, f"{field}.velocities", columns, group, points)
     kept, odd = _select_rows(times, points, rates, field)
@@ -197,7 +197,7 @@ def _build_motion(
     given_points = points
     times, points, end = times[kept], points[kept], _with_end(kept, len(points))
     if rates is not None:
-        motion = GivenMotion(CurveKind.HERMITE, points, end, times, rates[kept])
+        motion = SubmittedMotion(CurveKind.HERMITE, points, end, times, rates[kept])
         accelerations = _accelerations(request, given, field, columns, group, given_points)
         if accelerations is not None and (motion.is_point or request.execution is not None):
             motion = dataclasses.replace(
@@ -205,13 +205,13 @@ def _build_motion(
             )
         return motion, warnings + ([] if accelerations is None else _other_accelerations(motion, accelerations[kept]))
     if request.interpolation == "linear":
-        return GivenMotion(CurveKind.LINEAR, points, end, times), warnings
-    return GivenMotion(CurveKind.SPLINE, points, end, times, spline_rates(times, points)), warnings
+        return SubmittedMotion(CurveKind.LINEAR, points, end, times), warnings
+    return SubmittedMotion(CurveKind.SPLINE, points, end, times, spline_rates(times, points)), warnings
 
 
 def _planned(
-    request: CertifyRequest, planned: GivenTrajectory, given: GivenMotion, columns: Columns, group: PlanningGroup
-) -> GivenMotion:
+    request: CertifyRequest, planned: GivenTrajectory, given: SubmittedMotion, columns: Columns, group: PlanningGroup
+) -> SubmittedMotion:
     """The motion that was to be executed, by whole turns next to the one that is judged.
 
     Raises:
@@ -230,7 +230,7 @@ def _planned(
     return dataclasses.replace(motion, positions=cast(ChartPoints, motion.positions + 2.0 * np.pi * turns))
 
 
-def _draw(planned: GivenMotion, execution: ControllerModel) -> DrawnMotion:
+def _draw(planned: SubmittedMotion, execution: ControllerModel) -> DrawnMotion:
     given = planned.scheduled
     assert not isinstance(given, QuinticMotion), "rows that are given are cubic or straight"
     if execution.interpolation in READ_VELOCITIES and isinstance(given, StraightMotion):
@@ -313,7 +313,7 @@ def _select_rows(
     return kept, [f"rows that repeat the one before, its time too, were left out: {len(times) - len(kept)}"]
 
 
-def _other_accelerations(motion: GivenMotion, accelerations: np.ndarray) -> list[str]:
+def _other_accelerations(motion: SubmittedMotion, accelerations: np.ndarray) -> list[str]:
     """Warn where given accelerations (n, nv) are not those of the curve."""
     if motion.is_point or motion.times is None or motion.velocities is None:
         return []

@@ -28,7 +28,7 @@ from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.planner.guide.guide import ATTEMPTS, PROJECTED
 from guidefield.planner.judgement import split_where_left
 from guidefield.planner.motion.drawn_motion import draw_plan
-from guidefield.planner.motion.given_motion import GivenMotion
+from guidefield.planner.motion.submitted_motion import SubmittedMotion
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.quality import UNMEASURED, TimedMotion, measure_clearances
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
@@ -128,7 +128,7 @@ def _is_guided(request: PlanRequest, problem: Problem) -> bool:
 def _motions(request: PlanRequest, problem: Problem, made: Plan) -> list[Motion]:
     """A plan's motion for the referee, as it is executed: in two parts where it leaves a contact at the start."""
     assert made.trajectory is not None, "it was measured"
-    motion = GivenMotion.of(made.trajectory) if made.drawn is None else made.drawn.motion
+    motion = SubmittedMotion.of(made.trajectory) if made.drawn is None else made.drawn.motion
     if not made.judged_from:
         return [declare(request, problem, motion)]
     contacts = contacts_at(problem.world_at(0.0), problem.group.expand_from_chart(problem.z_start))

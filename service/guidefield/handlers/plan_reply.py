@@ -15,7 +15,7 @@ from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import GuidePlane
 from guidefield.planner.motion.drawn_motion import Deviations, DrawnMotion, deviations
-from guidefield.planner.motion.given_motion import GivenMotion, StraightMotion
+from guidefield.planner.motion.submitted_motion import StraightMotion, SubmittedMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import efforts_along, speeds_along
 from guidefield.planner.plan import Plan
@@ -232,17 +232,19 @@ def warn_of_bounds(measured: Clearance | None) -> list[str]:
     ]
 
 
-def cartesian_uses(limits: tuple[CartesianLimit, ...], motion: Trajectory | GivenMotion) -> list[replies.CartesianUse]:
+def cartesian_uses(
+    limits: tuple[CartesianLimit, ...], motion: Trajectory | SubmittedMotion
+) -> list[replies.CartesianUse]:
     """The largest speeds and accelerations of what is limited in space."""
     if not limits:
         return []
-    jumps = isinstance(motion, GivenMotion) and motion.velocities is None
+    jumps = isinstance(motion, SubmittedMotion) and motion.velocities is None
     return [wire_cartesian_use(use, jumps=jumps) for use in speeds_along(motion, limits)]
 
 
-def effort_figures(conditions: Conditions, motion: Trajectory | GivenMotion) -> replies.EffortFigures | None:
+def effort_figures(conditions: Conditions, motion: Trajectory | SubmittedMotion) -> replies.EffortFigures | None:
     """The torques along a motion; None of what has no accelerations."""
-    if isinstance(motion, GivenMotion) and motion.velocities is None:
+    if isinstance(motion, SubmittedMotion) and motion.velocities is None:
         return None
     group, limit = conditions.group, conditions.effort_limit
     known = measure_efforts(group, None, motion.polynomials) if limit is None else efforts_along(motion, group, limit)

@@ -121,7 +121,9 @@ def _optimize_path(
     def time(path: ChartPoints) -> Trajectory:
         if ends is None:
             return time_through_planes(problem, found, path)
-        return ends.around(time_path_ignoring_jerk(resting, path, resting.beside))  # its time isn't scaled in the end
+        return ends.around(
+            time_path_ignoring_jerk(resting, path, resting.motion_limits)
+        )  # its time isn't scaled in the end
 
     with stages.entered("parameterize", "as fast as the limits allow along the path") as stage:
         motion = time(found.path)

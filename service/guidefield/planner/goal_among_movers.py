@@ -178,7 +178,7 @@ class _Search:
             return self._excess
         if refusal is not None:
             names, leave_by = " and ".join(refusal.pair or ("a link", "an obstacle")), problem.began + leave_by
-            kept = f", where {problem.outside_proof}" if problem.beside else ""
+            kept = f", where {problem.outside_proof}" if problem.motion_limits else ""
             message = (
                 f"at {leave_by:.2f} s {names} meet where the robot starts, and no way was found that leaves before"
                 f"{kept}"
@@ -214,7 +214,7 @@ class _Search:
             if len(remove_repetitions(way.found.path)) == 1 or key in known or not self._ends_free(way):
                 continue
             known.add(key)
-            if self._problem.beside:  # they may let it be many times as slow
+            if self._problem.motion_limits:  # they may let it be many times as slow
                 motion = time_path(way.problem, way.found.path)
             else:
                 motion = time_through_planes(way.problem, way.found, way.found.path)
@@ -319,7 +319,7 @@ class _Search:
         found += [
             schedule_at_any_rate(problem, motion, room, occupancy, by) for room in rooms if motion.duration / room < by
         ]
-        waits = isinstance(even, Stuck) or bool(problem.beside)  # at its own rate it keeps all limits
+        waits = isinstance(even, Stuck) or bool(problem.motion_limits)  # at its own rate it keeps all limits
         if waits and occupancy.free_at_rest and occupancy.leave_by == np.inf:
             found.append(depart_after(motion, problem.scene.end, choose_step(problem.group)))
         schedules = sorted((one for one in found if isinstance(one, Schedule)), key=lambda one: one.arrival)

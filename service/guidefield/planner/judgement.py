@@ -22,8 +22,8 @@ from guidefield.collision.world import World
 from guidefield.deadline import DeadlineExpired
 from guidefield.planner.leaving import DISTANCE_ERROR, LEFT_DISTANCE, SLIGHT_DEPTH, measure_distances, touching_pairs
 from guidefield.planner.motion.drawn_motion import DrawnMotion
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.planner.motion.limit_load import LimitUses
+from guidefield.planner.motion.submitted_motion import CurveKind, SubmittedMotion
 from guidefield.planner.motion_certificate import certify_given, find_enclosed_start
 from guidefield.planner.task.effort import Efforts, measure_efforts
 from guidefield.planner.task.motion_limits import CartesianUse, measure_cartesian
@@ -48,10 +48,10 @@ class Leaving:
     share: float  # share of that piece that has passed by then
     leaves: bool
     # both parts of it with their conditions: until it has left them, without the pairs that touch, and from then on
-    parts: tuple[tuple[Conditions, GivenMotion], ...] = ()
+    parts: tuple[tuple[Conditions, SubmittedMotion], ...] = ()
 
 
-def judge_leaving(conditions: Conditions, motion: GivenMotion) -> Leaving | None:
+def judge_leaving(conditions: Conditions, motion: SubmittedMotion) -> Leaving | None:
     """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `SLIGHT_DEPTH`."""
     begin = motion.along(0, 0.0)[1] or 0.0
     contacts = tuple(contacts_at(conditions.world_at(begin), conditions.group.expand_from_chart(motion.start)))
@@ -68,8 +68,8 @@ def judge_leaving(conditions: Conditions, motion: GivenMotion) -> Leaving | None
 
 
 def split_where_left(
-    conditions: Conditions, motion: GivenMotion, contacts: Sequence[Contact], left: tuple[int, float]
-) -> tuple[tuple[Conditions, GivenMotion], ...]:
+    conditions: Conditions, motion: SubmittedMotion, contacts: Sequence[Contact], left: tuple[int, float]
+) -> tuple[tuple[Conditions, SubmittedMotion], ...]:
     """Split a motion at the place by which it leaves contacts; the parts are those of `Leaving`."""
     allowed = (*conditions.allowed_collisions, *(one.pair for one in contacts))
     others = World.build(conditions.group, conditions.scene, allowed)
@@ -78,13 +78,13 @@ def split_where_left(
     return (out,) if left == end else (out, (conditions, motion.between(left, end)))
 
 
-def _place(motion: GivenMotion, piece: int, share: float) -> ChartPoint:
+def _place(motion: SubmittedMotion, piece: int, share: float) -> ChartPoint:
     """A place on a motion (nv,); of steps on the straight way between both."""
     return point_on((motion.straight if motion.kind is CurveKind.STEPS else motion.pieces)[piece], share)
 
 
 def _judge_way_out(
-    conditions: Conditions, motion: GivenMotion, contacts: tuple[Contact, ...]
+    conditions: Conditions, motion: SubmittedMotion, contacts: tuple[Contact, ...]
 ) -> tuple[int, float, int | None]:
     world = conditions.world
     pairs = touching_pairs(world, contacts)
@@ -105,7 +105,7 @@ def _judge_way_out(
     return len(motion.pieces) - 1, 1.0, pairs[int(np.argmin(before))]
 
 
-def _is_free_beside(conditions: Conditions, motion: GivenMotion, piece: int, share: float) -> bool:
+def _is_free_beside(conditions: Conditions, motion: SubmittedMotion, piece: int, share: float) -> bool:
     """Return whether nothing touches anywhere in the tube about a place."""
     if motion.tube is None:
         return True
@@ -115,13 +115,13 @@ def _is_free_beside(conditions: Conditions, motion: GivenMotion, piece: int, sha
     return certify(world, still, conditions.min_clearance, deadline=conditions.deadline, tube=tube).free
 
 
-def _choose_moments(conditions: Conditions, motion: GivenMotion, piece: int) -> int:
+def _choose_moments(conditions: Conditions, motion: SubmittedMotion, piece: int) -> int:
     """Number of moments of a piece at which distances to what moves are measured, whether the robot moves or not."""
     begin, end = (motion.along(piece, share)[1] for share in (0.0, 1.0))
     return 0 if not conditions.scene.moves or begin is None or end is None else math.ceil((end - begin) / INTERVAL)
 
 
-def _judge_parts(parts: Sequence[tuple[Conditions, GivenMotion]], piece: int, share: float) -> Verdict:
+def _judge_parts(parts: Sequence[tuple[Conditions, SubmittedMotion]], piece: int, share: float) -> Verdict:
     (others, out), *after = parts
     leaving = certify_given(others, out, others.deadline)
     if not leaving.free or not after:
@@ -149,8 +149,8 @@ def _place_on_whole(verdict: Verdict, first: int, cut: int, begin: float, end: f
 class GivenProblem(Conditions):
     """A given motion with the conditions that it is judged by."""
 
-    motion: GivenMotion
-    planned: GivenMotion | None = None  # the motion that `motion` is to follow, if there is another one
+    motion: SubmittedMotion
+    planned: SubmittedMotion | None = None  # the motion that `motion` is to follow, if there is another one
     drawn: DrawnMotion | None = None  # what a controller is sent to draw `motion`; None: it is the one that was given
 
     @cached_property

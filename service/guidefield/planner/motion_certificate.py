@@ -16,8 +16,8 @@ from guidefield.errors import Status
 from guidefield.memo import MISSING, Answers, memoized
 from guidefield.messages.execution import MOST_SENT_ROWS
 from guidefield.planner.motion.drawn_motion import DrawnMotion, draw_plan
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
 from guidefield.planner.motion.limit_load import measure_limit_shares
+from guidefield.planner.motion.submitted_motion import CurveKind, SubmittedMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
@@ -58,8 +58,8 @@ def judge(problem: Problem, trajectory: Trajectory) -> Verdict:
     """Judge whether a motion from a free start is free of what rests and what moves, and keeps the path constraints."""
     deadline = problem.deadline.at_least(CERTIFY_GRACE_S)
     if problem.execution is not None:
-        settled = settle_execution(problem, trajectory)
-        return _at_same_times(settled.verdict, settled.drawn.motion, trajectory)
+        chosen = choose_execution(problem, trajectory)
+        return _at_same_times(chosen.verdict, chosen.drawn.motion, trajectory)
     pieces, times = trajectory.bezier(), trajectory.piece_times()
     if problem.scene.moves:  # a better one may follow, so that only the last is measured
         verdict = certify(problem.world, pieces, problem.min_clearance, deadline=deadline, times=times)
@@ -72,11 +72,11 @@ def judge_itself(problem: Problem, trajectory: Trajectory) -> Verdict:
     """Judge a part of a motion, as `judge`: by itself, within the tolerance, whatever a controller draws of it."""
     if problem.execution is None:
         return judge(problem, trajectory)
-    motion = GivenMotion.of(trajectory, problem.execution.tube)
+    motion = SubmittedMotion.of(trajectory, problem.execution.tube)
     return judge_drawn(problem, motion, problem.deadline.at_least(CERTIFY_GRACE_S))[0]
 
 
-def _at_same_times(verdict: Verdict, judged: GivenMotion, trajectory: Trajectory) -> Verdict:
+def _at_same_times(verdict: Verdict, judged: SubmittedMotion, trajectory: Trajectory) -> Verdict:
     """Return a verdict about one motion with its places on the pieces of another, by their times."""
     if verdict.piece is None or verdict.parameter is None or verdict.free_until is None:
         return verdict
@@ -91,7 +91,7 @@ def _at_same_times(verdict: Verdict, judged: GivenMotion, trajectory: Trajectory
 
 
 @dataclass(frozen=True, eq=False)
-class SettledExecution(ReadOnly):
+class ChosenExecution(ReadOnly):
     """The rows that a controller is sent of a motion, and the certificate's verdict about the drawn curve."""
 
     drawn: DrawnMotion
@@ -104,28 +104,28 @@ class SettledExecution(ReadOnly):
         return self.verdict.free and self.stretch <= 1.0
 
 
-_SETTLED = Answers[tuple[SettledExecution, "weakref.ref[World]"]](1)
-"""The last execution that was settled, by its trajectory, and its world."""
+_CHOSEN = Answers[tuple[ChosenExecution, "weakref.ref[World]"]](1)
+"""The last execution that was chosen, by its trajectory, and its world."""
 
-JudgeDrawn = Callable[[GivenMotion], tuple[Verdict, float]]  # tells the verdict, and `SettledExecution.stretch`
+JudgeDrawn = Callable[[SubmittedMotion], tuple[Verdict, float]]  # tells the verdict, and `ChosenExecution.stretch`
 
 
-def settle_execution(problem: Problem, trajectory: Trajectory) -> SettledExecution:
+def choose_execution(problem: Problem, trajectory: Trajectory) -> ChosenExecution:
     """Choose the rows that a controller is sent of a motion, as `choose_rows`."""
     execution, deadline = problem.execution, problem.deadline.at_least(CERTIFY_GRACE_S)
     assert execution is not None, "it is asked for"
-    known = _SETTLED.of(trajectory, execution)
+    known = _CHOSEN.of(trajectory, execution)
     if known is not MISSING and known[1]() is problem.world:
         return known[0]
-    _SETTLED.forget(trajectory, execution)
-    settled = choose_rows(trajectory, execution, deadline, lambda motion: judge_drawn(problem, motion, deadline))
-    _SETTLED.keep(trajectory, execution, (settled, weakref.ref(problem.world)))
-    return settled
+    _CHOSEN.forget(trajectory, execution)
+    chosen = choose_rows(trajectory, execution, deadline, lambda motion: judge_drawn(problem, motion, deadline))
+    _CHOSEN.keep(trajectory, execution, (chosen, weakref.ref(problem.world)))
+    return chosen
 
 
 def choose_rows(
     trajectory: Trajectory, execution: ControllerModel, deadline: Deadline, judge_motion: JudgeDrawn
-) -> SettledExecution:
+) -> ChosenExecution:
     """Choose the rows that a controller is sent of a motion: more of them until what it draws is certified.
 
     Where the motion itself, within the tolerance, isn't certified, no more are tried; nor where a limit is exceeded
@@ -134,38 +134,38 @@ def choose_rows(
     parts, refines, before = 1, execution.interpolation in (Interpolation.LINEAR, Interpolation.QUINTIC), np.inf
     while True:
         drawn = draw_plan(trajectory, execution, parts)
-        settled = SettledExecution(drawn, *judge_motion(drawn.motion))
-        if settled.is_kept or not refines or parts >= MOST_PARTS or deadline.expired():
-            return settled
+        chosen = ChosenExecution(drawn, *judge_motion(drawn.motion))
+        if chosen.is_kept or not refines or parts >= MOST_PARTS or deadline.expired():
+            return chosen
         if execution.count_rows(trajectory.times, 2 * parts) > MOST_SENT_ROWS:
-            return settled
-        if settled.stretch > 1.0 and settled.stretch - 1.0 > REFINED * (before - 1.0):
-            return settled
+            return chosen
+        if chosen.stretch > 1.0 and chosen.stretch - 1.0 > REFINED * (before - 1.0):
+            return chosen
         if parts == 1:
-            verdict, stretch = judge_motion(GivenMotion.of(trajectory, execution.tube))
+            verdict, stretch = judge_motion(SubmittedMotion.of(trajectory, execution.tube))
             if not verdict.free or stretch > 1.0:
-                return settled
-        parts, before = 2 * parts, settled.stretch if settled.stretch > 1.0 else np.inf
+                return chosen
+        parts, before = 2 * parts, chosen.stretch if chosen.stretch > 1.0 else np.inf
 
 
-def judge_drawn(conditions: Conditions, motion: GivenMotion, deadline: Deadline) -> tuple[Verdict, float]:
+def judge_drawn(conditions: Conditions, motion: SubmittedMotion, deadline: Deadline) -> tuple[Verdict, float]:
     """Judge what a controller draws: free, and as `judge_rates`."""
     return judge_rates(conditions, motion, certify_given(conditions, motion, deadline), deadline)
 
 
 def judge_rates(
-    conditions: Conditions, motion: GivenMotion, verdict: Verdict, deadline: Deadline
+    conditions: Conditions, motion: SubmittedMotion, verdict: Verdict, deadline: Deadline
 ) -> tuple[Verdict, float]:
-    """Judge whether a motion keeps path constraints and limits of rates, too; and `SettledExecution.stretch`."""
+    """Judge whether a motion keeps path constraints and limits of rates, too; and `ChosenExecution.stretch`."""
     verdict = _with_constraints(conditions, verdict, motion.pieces, deadline, motion.tube)
     if not verdict.free:
         return verdict, 1.0
     group, uses = conditions.group, measure_limit_shares(motion, conditions.group, conditions.jerk_limits)
     stretch, refused = 1.0, list[Verdict]()
     if find_excess(conditions, motion) is not None:
-        beside: list[MotionLimit] = [*conditions.cartesian_limits]
-        beside += [] if conditions.effort_limit is None else [conditions.effort_limit]
-        stretch = max(limit.stretch(motion.polynomials) for limit in beside)
+        motion_limits: list[MotionLimit] = [*conditions.cartesian_limits]
+        motion_limits += [] if conditions.effort_limit is None else [conditions.effort_limit]
+        stretch = max(limit.stretch(motion.polynomials) for limit in motion_limits)
     rates = (
         (Reason.BEYOND_VELOCITY, uses.velocity, group.velocity_limits),
         (Reason.BEYOND_ACCELERATION, uses.acceleration, group.acceleration_limits),
@@ -182,7 +182,9 @@ def judge_rates(
     return refused[0] if refused else verdict, stretch
 
 
-def certify_given(conditions: Conditions, motion: GivenMotion, deadline: Deadline, count: int | None = None) -> Verdict:
+def certify_given(
+    conditions: Conditions, motion: SubmittedMotion, deadline: Deadline, count: int | None = None
+) -> Verdict:
     """Judge whether a motion, or its first pieces, is free, within the tube about it, and within joint limits."""
     pieces, world = motion.pieces[:count], conditions.world
     if len(pieces) == len(motion.pieces) and motion.velocities is not None and motion.tube is None:
@@ -216,7 +218,7 @@ def certify_motion(
     with stages.entered("certify", message) as stage:
         verdict = judged_by(problem, trajectory)
         for attempt in range(MOST_SLOWED if problem.execution is not None and not problem.in_motion else 0):
-            stretch = settle_execution(problem, trajectory).stretch
+            stretch = choose_execution(problem, trajectory).stretch
             if stretch <= 1.0 or not np.isfinite(stretch) or problem.deadline.expired():
                 break
             problem.counters.collision_checks += verdict.evaluations
@@ -248,18 +250,18 @@ def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) 
 
 
 @memoized
-def speeds_along(motion: Trajectory | GivenMotion, limits: tuple[CartesianLimit, ...]) -> tuple[CartesianUse, ...]:
+def speeds_along(motion: Trajectory | SubmittedMotion, limits: tuple[CartesianLimit, ...]) -> tuple[CartesianUse, ...]:
     """The largest speeds and accelerations of bodies with limits along a motion."""
     return measure_cartesian(limits, motion.polynomials)
 
 
 @memoized
-def efforts_along(motion: Trajectory | GivenMotion, group: PlanningGroup, limit: EffortLimit) -> Efforts:
+def efforts_along(motion: Trajectory | SubmittedMotion, group: PlanningGroup, limit: EffortLimit) -> Efforts:
     """The torques along a motion, by the limits that bind it."""
     return measure_efforts(group, limit, motion.polynomials)
 
 
-def find_excess(conditions: Conditions, motion: Trajectory | GivenMotion | None) -> Ending | None:
+def find_excess(conditions: Conditions, motion: Trajectory | SubmittedMotion | None) -> Ending | None:
     """The refusal of a motion that exceeds a limit of speed in space or of torque; None where it doesn't."""
     if motion is None or not (conditions.cartesian_limits or conditions.effort_limit):
         return None

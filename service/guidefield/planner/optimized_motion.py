@@ -166,7 +166,7 @@ def _choose_usual_settings(problem: Problem, passes: bool) -> presets.Optimizati
         return presets.of_many(settings)
     settings = presets.free(settings)
     if problem.in_motion or problem.scene.moves:
-        return presets.unscaled(settings) if problem.beside and not problem.scene.moves else settings
+        return presets.unscaled(settings) if problem.motion_limits and not problem.scene.moves else settings
     settings = presets.in_few_pieces(settings)
     return presets.in_space(settings) if problem.cartesian_limits else settings
 
@@ -188,7 +188,7 @@ def _certify_optimized(
     if problem.scene.moves:
         within = _time_within_limits(problem, optimized.trajectory, found[1], crossed, arrive_from)
         candidates = (one for one in within if is_better(problem, one[0], begun, settings))
-    elif problem.beside and not problem.in_motion:
+    elif problem.motion_limits and not problem.in_motion:
         candidates = filter(None, (_retime(problem, optimized.trajectory, crossed), found))
     for shaped, passed in candidates:
         whole = wait_until_begin(shaped)
@@ -223,7 +223,7 @@ def bring_onto_planes(
         return None
     knots, passed = with_knots(*exact)
     limits = limits_of(problem)
-    trajectory = stretch_to_limits(*knots, *limits[:3], limits.beside, limits.deadline)
+    trajectory = stretch_to_limits(*knots, *limits[:3], limits.motion_limits, limits.deadline)
     return trajectory, crossed.knots(trajectory, passed)
 
 
@@ -236,12 +236,12 @@ def _time_within_limits(
     """
     begin, rates = float(motion.times[0]), limits_of(problem)
     knots = (motion.times - begin, motion.positions, motion.velocities)
-    fast = stretch_to_limits(*knots, *rates[:3], rates.beside, rates.deadline)
-    anew = _retime(problem, fast, crossed) if rates.beside else None
+    fast = stretch_to_limits(*knots, *rates[:3], rates.motion_limits, rates.deadline)
+    anew = _retime(problem, fast, crossed) if rates.motion_limits else None
     for one, on_planes in filter(None, (anew, (fast, passed))):
         if begin + one.duration >= arrive_from:
             yield Trajectory(begin + one.times, one.positions, one.velocities), on_planes
     if measure_limit_load(*knots, *rates[:3]) <= 1.0 and all(
-        it.stretch(motion.polynomials) <= 1.0 for it in rates.beside
+        it.stretch(motion.polynomials) <= 1.0 for it in rates.motion_limits
     ):
         yield motion, passed

@@ -37,7 +37,7 @@ def limits_of(problem: Problem) -> Limits:
     jerk = problem.jerk_limits
     unlimited = cast(ChartRate, np.full(group.nv, np.inf))
     own = unlimited if jerk is None else jerk
-    return Limits(group.velocity_limits, group.acceleration_limits, own, problem.beside, problem.deadline)
+    return Limits(group.velocity_limits, group.acceleration_limits, own, problem.motion_limits, problem.deadline)
 
 
 def round_path(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> BSpline:
@@ -59,10 +59,12 @@ def time_path(problem: Problem, path: ChartPoints, finer: int = 1) -> Trajectory
     return _time_within(problem, path, limits_of(problem), finer)
 
 
-def time_path_ignoring_jerk(problem: Problem, path: ChartPoints, beside: tuple[MotionLimit, ...] = ()) -> Trajectory:
+def time_path_ignoring_jerk(
+    problem: Problem, path: ChartPoints, motion_limits: tuple[MotionLimit, ...] = ()
+) -> Trajectory:
     """As `time_path`, whatever its jerk; within the given limits of the whole instead of the problem's."""
     unlimited = cast(ChartRate, np.full(problem.group.nv, np.inf))
-    return _time_within(problem, path, limits_of(problem)._replace(jerk=unlimited, beside=beside))
+    return _time_within(problem, path, limits_of(problem)._replace(jerk=unlimited, motion_limits=motion_limits))
 
 
 def _time_within(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> Trajectory:

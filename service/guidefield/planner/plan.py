@@ -26,7 +26,7 @@ from guidefield.planner.in_motion import STOPS, MovingEnds, moving_ends
 from guidefield.planner.judgement import judge_leaving
 from guidefield.planner.leaving import continue_after, join_way_out, leave_contacts
 from guidefield.planner.motion.drawn_motion import DrawnMotion
-from guidefield.planner.motion.given_motion import GivenMotion
+from guidefield.planner.motion.submitted_motion import SubmittedMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import (
     CERTIFY_GRACE_S,
@@ -34,10 +34,10 @@ from guidefield.planner.motion_certificate import (
     CertifiedMotion,
     certify_given,
     certify_motion,
+    choose_execution,
     choose_rows,
     find_excess,
     judge_rates,
-    settle_execution,
     slow_down,
 )
 from guidefield.planner.path_so_far import PathSoFar
@@ -176,17 +176,17 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
         return _make_plan(problem, finished, stages)
     whole, drawn = join_way_out(left, finished), None
     if problem.execution is not None and whole.trajectory is not None and whole.verdict.free:
-        whole, drawn = _settle_leaving(problem, problem.execution, whole, whole.trajectory)
+        whole, drawn = _choose_leaving(problem, problem.execution, whole, whole.trajectory)
     return _make_plan(problem, whole, stages, drawn)
 
 
-def _settle_leaving(
+def _choose_leaving(
     problem: Problem, execution: ControllerModel, whole: CertifiedMotion, trajectory: Trajectory
 ) -> tuple[CertifiedMotion, DrawnMotion]:
     """Choose the rows of a motion that leaves a contact at its start, slower where it has to be."""
     deadline, left_at = problem.deadline.at_least(CERTIFY_GRACE_S), whole.judged_from
 
-    def judge_motion(motion: GivenMotion) -> tuple[Verdict, float]:
+    def judge_motion(motion: SubmittedMotion) -> tuple[Verdict, float]:
         nonlocal left_at
         leaving = judge_leaving(problem, motion)
         verdict = certify_given(problem, motion, deadline) if leaving is None else leaving.verdict
@@ -194,11 +194,11 @@ def _settle_leaving(
         return judge_rates(problem, motion, verdict, deadline)
 
     for attempt in range(MOST_SLOWED):
-        settled = choose_rows(trajectory, execution, deadline, judge_motion)
-        if settled.stretch <= 1.0 or not np.isfinite(settled.stretch) or problem.in_motion or deadline.expired():
+        chosen = choose_rows(trajectory, execution, deadline, judge_motion)
+        if chosen.stretch <= 1.0 or not np.isfinite(chosen.stretch) or problem.in_motion or deadline.expired():
             break
-        trajectory = slow_down(trajectory, settled.stretch, attempt)
-    return replace(whole, verdict=settled.verdict, trajectory=trajectory, judged_from=left_at), settled.drawn
+        trajectory = slow_down(trajectory, chosen.stretch, attempt)
+    return replace(whole, verdict=chosen.verdict, trajectory=trajectory, judged_from=left_at), chosen.drawn
 
 
 def make_refused_plan(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
@@ -308,7 +308,7 @@ def _refuse_start(problem: Problem, failure: Ending, stages: Stages) -> Certifie
 def _make_plan(problem: Problem, finished: CertifiedMotion, stages: Stages, drawn: DrawnMotion | None = None) -> Plan:
     trajectory = finished.trajectory
     if drawn is None and trajectory is not None and problem.execution is not None:
-        drawn = settle_execution(problem, trajectory).drawn
+        drawn = choose_execution(problem, trajectory).drawn
     if finished.failure is not None:
         ended = finished.failure
     elif not finished.verdict.free:

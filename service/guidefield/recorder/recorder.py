@@ -18,7 +18,7 @@ from rerun.chunk import Chunk
 from guidefield.errors import Status
 from guidefield.memo import memoized_by_value
 from guidefield.messages.replies import PlanReply, Trajectory
-from guidefield.planner.motion.given_motion import GivenMotion
+from guidefield.planner.motion.submitted_motion import SubmittedMotion
 from guidefield.planner.motion.trajectory import piece_accelerations
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.task.trace import (
@@ -330,7 +330,9 @@ def record_plan(place: RecordingPlace, run: PlanRun, log: EventLog) -> None:
     view.write(place, chunks, colliding, timeline)
 
 
-def record_judgement(place: RecordingPlace, run: JudgedRun, given: GivenMotion, planned: GivenMotion | None) -> None:
+def record_judgement(
+    place: RecordingPlace, run: JudgedRun, given: SubmittedMotion, planned: SubmittedMotion | None
+) -> None:
     """Write the recording of a motion that was judged, as `record_plan`; "full" adds the field to the summary.
 
     The planned motion that it was to follow, if there is one, is drawn over it.
@@ -352,7 +354,7 @@ def record_judgement(place: RecordingPlace, run: JudgedRun, given: GivenMotion, 
     view.write(place, chunks, at_fault, PATH_TIME)
 
 
-def _lay_over(group: PlanningGroup, given: GivenMotion, planned: GivenMotion) -> Iterator[Chunk]:
+def _lay_over(group: PlanningGroup, given: SubmittedMotion, planned: SubmittedMotion) -> Iterator[Chunk]:
     """Draw the tip's path along a planned motion, and plot how far each joint is from it at the same time."""
     names = group.position_names
     times = np.union1d(given.scheduled.times, planned.scheduled.times)
@@ -439,7 +441,7 @@ def _planning(
         yield from step_points(log, poses(group, [step.q for _, step in steps]).tip, group.size)
 
 
-def _knots(group: PlanningGroup, given: GivenMotion) -> Trajectory | None:
+def _knots(group: PlanningGroup, given: SubmittedMotion) -> Trajectory | None:
     if given.times is None or given.velocities is None or given.is_point or not group.is_euclidean:
         return None
     rises = given.accelerations

@@ -10,6 +10,7 @@ from guidefield.messages import scene as messages
 from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
 from guidefield.planner.guide.guided_path import reach_point
 from guidefield.planner.guide.rounds import ON_PLANE
+from guidefield.planner.guide.tip_reach import explain_unreachable, inset_of
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 
@@ -60,6 +61,17 @@ def test_a_plane_inside_an_obstacle_is_refused_at_once() -> None:
     crossing = cross_plane(made, made.q_start, build(plane_at(0.6), 0), 0)
     assert crossing.status is Status.GUIDE_PLANE_UNREACHABLE
     assert crossing.details["obstacle"] == "block"
+
+
+def test_a_plane_with_free_places_between_small_obstacles_is_not_called_blocked() -> None:
+    plane = build(plane_at(0.6, half=0.3), 0)
+    corners = plane.inset_vertices(inset_of(problem("panda", scene_of()), plane))
+    places = [plane.centroid, *(plane.centroid + t * (corners - plane.centroid) for t in (0.5, 1.0))]
+    spheres = [
+        messages.Sphere(name=f"s{i}", radius=0.01, position=tuple(map(float, place)))
+        for i, place in enumerate(np.vstack(places))
+    ]
+    assert explain_unreachable(problem("panda", scene_of(*spheres)), plane) is None
 
 
 def test_a_plane_behind_a_wall_gets_it_stuck_with_the_pair_named() -> None:

@@ -25,7 +25,7 @@ NORMAL = np.array([0.6, 0.0, 0.8])
 
 def settled(made: Problem, minimizer: Minimizer, normal: np.ndarray = NORMAL) -> GuidedPath:
     guided = GuidedPath(made, made.q_start, 2e-3, 0)
-    minimizer.settle(guided, guided.tip, normal, ANYWHERE)
+    minimizer.minimize(guided, guided.tip, normal, ANYWHERE)
     return guided
 
 

@@ -11,10 +11,10 @@ from scipy.interpolate import BPoly, CubicHermiteSpline
 from guidefield.errors import MalformedRequest
 from guidefield.messages.scene import Box
 from guidefield.planner.motion.drawn_motion import deviations, draw_plan
-from guidefield.planner.motion.given_motion import CurveKind
 from guidefield.planner.motion.limit_load import measure_limit_shares
+from guidefield.planner.motion.submitted_motion import CurveKind
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import judge, settle_execution
+from guidefield.planner.motion_certificate import choose_execution, judge
 from guidefield.planner.task.problem import ConfigurationGoal, ControllerModel, Interpolation
 from guidefield.prove.curve import largest_magnitudes, point_on
 from guidefield.prove.verdict import Reason
@@ -180,9 +180,9 @@ def test_more_rows_are_sent_until_what_is_drawn_is_free(width, free):
     )
     assert judge(posed, plan).free
     posed = dataclasses.replace(posed, execution=ControllerModel(Interpolation.LINEAR, None, np.full(2, width)))
-    settled = settle_execution(posed, plan)
+    settled = choose_execution(posed, plan)
     assert judge(posed, plan).free is settled.verdict.free is free
     assert settled.drawn.parts > 1 if free else settled.drawn.parts == 1
     assert len(settled.drawn.times) == settled.drawn.parts + 1
     refused = dataclasses.replace(posed, execution=ControllerModel(Interpolation.FIRST_ORDER_HOLD, 0.2, np.zeros(2)))
-    assert settle_execution(refused, plan).verdict.reason is Reason.CONTACT
+    assert choose_execution(refused, plan).verdict.reason is Reason.CONTACT

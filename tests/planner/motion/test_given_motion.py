@@ -9,8 +9,8 @@ import pytest
 import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, StraightMotion, spline_rates
 from guidefield.planner.motion.limit_load import measure_limit_shares
+from guidefield.planner.motion.submitted_motion import CurveKind, StraightMotion, SubmittedMotion, spline_rates
 from guidefield.planner.motion.trajectory import Trajectory
 from tests.robots import group
 
@@ -18,7 +18,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 ARM = group("panda")
 
 
-def random_motion(seed: int, kind: CurveKind = CurveKind.HERMITE, knots: int = 12) -> GivenMotion:
+def random_motion(seed: int, kind: CurveKind = CurveKind.HERMITE, knots: int = 12) -> SubmittedMotion:
     """A motion of the Panda from seed to seed, within and beyond its limits, from a time that isn't 0."""
     rng = np.random.default_rng(seed)
     times = 3.0 + np.cumsum(rng.uniform(0.05, 0.6, size=knots))
@@ -30,11 +30,11 @@ def random_motion(seed: int, kind: CurveKind = CurveKind.HERMITE, knots: int = 1
         case CurveKind.SPLINE:
             rates = spline_rates(times, positions)
         case CurveKind.LINEAR | CurveKind.STEPS:
-            return GivenMotion(kind, positions, rows, times)
+            return SubmittedMotion(kind, positions, rows, times)
         case CurveKind.QUINTIC:
             rates, rises = rng.normal(size=(2, *positions.shape)) * 3.0
-            return GivenMotion(kind, positions, rows, times, rates, rises)
-    return GivenMotion(kind, positions, rows, times, rates)
+            return SubmittedMotion(kind, positions, rows, times, rates, rises)
+    return SubmittedMotion(kind, positions, rows, times, rates)
 
 
 @settings(max_examples=18, deadline=None)

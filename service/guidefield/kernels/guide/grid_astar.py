@@ -20,7 +20,7 @@ CAP = 0.25  # clearance beyond this doesn't count [m], at size 1
 _HASTE = 1.1
 """The path found costs at most this many times the cheapest: the estimate of the rest is larger by this factor."""
 
-_SETTLED = -1.0  # cost of a point that is settled or out of bounds
+_CHOSEN = -1.0  # cost of a point that is settled or out of bounds
 _ROOM = 1 << 14  # entries that the heap has room for at first
 
 
@@ -136,7 +136,7 @@ def wavefront(
         here = float(cost[cell])
         if here < 0.0:
             continue
-        cost[cell] = _SETTLED
+        cost[cell] = _CHOSEN
         if cell == last:
             return _way_back(origin, last, way_out)
         roomy = min(float(free_out[cell]), ample)
@@ -152,7 +152,7 @@ def wavefront(
             x, y, z = low[0] + spacing * a, low[1] + spacing * b, low[2] + spacing * c
             clear = _free_at(there, x, y, z, tables, centre, reach, cap, candidates, free_out)
             if clear <= floor:
-                cost[there] = _SETTLED
+                cost[there] = _CHOSEN
                 continue
             new = here + step * (1.0 + (2.0 * comfort / (min(clear, ample) + roomy)) ** 2)
             if clear + free_out[cell] <= step or new >= cost[there]:

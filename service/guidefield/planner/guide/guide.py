@@ -79,7 +79,7 @@ class Univariate:
         if not self.chain.leads and (reached := reach_point(problem, q, point)) is not None:
             yield reached
 
-    def settle(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:  # noqa: ARG002
+    def minimize(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:  # noqa: ARG002
         """Slide and reorient on a plane until U falls by next to nothing, or rounds are over.
 
         Every step is parallel to the plane: its point is not needed. See `Minimizer`, with the same shapes.

@@ -179,7 +179,7 @@ class Projected:
         if reached is not None:
             yield reached
 
-    def settle(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
+    def minimize(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
         """Slide and reorient on a plane until U falls no more; see `Minimizer`, with the same shapes."""
         problem, group = guided.problem, guided.problem.group
         if self.blocks is Blocks.ONE:

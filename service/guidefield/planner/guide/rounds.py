@@ -94,7 +94,7 @@ class Minimizer(Protocol):
     def reach(self, problem: Problem, q: Configuration, point: np.ndarray) -> Iterable[Configuration]:
         """Configurations near q (nq,) whose tip is at a point (3,) [m]: those that an advance tries, in order."""
 
-    def settle(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
+    def minimize(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
         """Slide and reorient on a plane, a point (3,) and a unit normal (3,), until U falls no more.
 
         The guided path takes each step.
@@ -155,10 +155,10 @@ def approach(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Round:
     arrived = moved.step >= distance - on_plane
     if arrived:  # minimise in the guide plane itself, inside its polygon
         plane = aim.plane
-        attempt.minimizer.settle(guided, plane.centroid, plane.normal, aim.inside(0.5 * aim.inset))
+        attempt.minimizer.minimize(guided, plane.centroid, plane.normal, aim.inside(0.5 * aim.inset))
     else:
         gained = distance - aim.distance(guided.tip)
-        attempt.minimizer.settle(guided, guided.tip, direction, aim.within(distance - GUARD * gained))
+        attempt.minimizer.minimize(guided, guided.tip, direction, aim.within(distance - GUARD * gained))
     guided.straighten(since)
     if attempt.careful and step > SHORT_STEP * guided.size and guided.dips(since):
         guided.undo(since)

@@ -10,7 +10,7 @@ import numpy as np
 
 from guidefield.collision.swept import swept_world
 from guidefield.geometry.convex import balls_as_capsules
-from guidefield.kernels.distance.distance import distance_at_points
+from guidefield.kernels.distance.distance import DistanceTables, distance_at_points
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.bodies.charges import robot_charges
@@ -20,6 +20,7 @@ from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
+DIVISIONS = 6  # how often a plane's triangles are divided to see that none of its places is free
 _ROUNDING = 1e-9  # added to a reach, for rounding [m]
 
 
@@ -100,16 +101,30 @@ def explain_unreachable(problem: Problem, plane: GuidePlane) -> tuple[str, dict[
             {"distance": nearest - reach, "reach": reach},
         )
     corners = plane.inset_vertices(inset_of(problem, plane))
-    places = np.vstack([plane.centroid, *(plane.centroid + t * (corners - plane.centroid) for t in (0.5, 1.0))])
-    if distance_at_points(swept_world(problem.world).tables, places, 2.0 * radius)[0].max() > radius:
+    fan = np.stack([np.broadcast_to(plane.centroid, corners.shape), corners, np.roll(corners, -1, axis=0)], axis=1)
+    blocking = find_touched_obstacle(problem.scene, plane.centroid, radius)
+    if blocking is None or not _are_all_blocked(swept_world(problem.world).tables, fan, radius):
         return None
-    blocking = None
-    for place in places:
-        touched = find_touched_obstacle(problem.scene, place, radius)
-        if touched is None:
-            return None
-        blocking = blocking or touched
     return "every place on it where the tip's body would fit is inside an obstacle", {"obstacle": blocking}
+
+
+def _are_all_blocked(tables: DistanceTables, triangles: np.ndarray, radius: float) -> bool:
+    """Return whether obstacles are within a radius of all places in triangles (n, 3, 3) [m]; False where undecided.
+
+    A triangle is blocked if the distance at its middle leaves no place in it free; others are divided into four.
+    """
+    for _ in range(DIVISIONS):
+        middles = triangles.mean(axis=1)
+        apart = distance_at_points(tables, middles, 2.0 * radius)[0]
+        if apart.max() > radius:
+            return False
+        spreads = np.linalg.norm(triangles - middles[:, None], axis=2).max(axis=1)
+        a, b, c = np.moveaxis(triangles[apart + spreads > radius - _ROUNDING], 1, 0)
+        if not len(a):
+            return True
+        ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+        triangles = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    return False
 
 
 def arm_reach(problem: Problem) -> tuple[np.ndarray, float]:

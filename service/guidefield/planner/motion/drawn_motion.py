@@ -19,7 +19,7 @@ import numpy as np
 
 from guidefield.errors import MalformedRequest
 from guidefield.messages.execution import MOST_SENT_ROWS
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, StraightMotion
+from guidefield.planner.motion.submitted_motion import CurveKind, StraightMotion, SubmittedMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import ROUNDING, ControllerModel, Interpolation
 from guidefield.prove.curve import find_pieces, largest_magnitudes, restrict_curves
@@ -37,7 +37,7 @@ class DrawnMotion(ReadOnly):
     positions: ChartPoints  # shape (n, nv) [rad or m]
     velocities: ChartRates | None  # shape (n, nv) [rad/s or m/s]; None where they aren't read
     accelerations: ChartRates | None  # shape (n, nv) [rad/s² or m/s²]; None where they aren't read
-    motion: GivenMotion  # what is drawn, with the tube about it
+    motion: SubmittedMotion  # what is drawn, with the tube about it
     parts: int = 1  # into which the span between two rows is divided
 
 
@@ -79,25 +79,25 @@ def draw(
         if kind is Interpolation.ZERO_ORDER_HOLD:
             after = np.append(times, times[-1] + 1.0 / _rate_of(execution))
             reached = cast(ChartPoints, np.concatenate([commands[:1], commands]))
-            drawn = GivenMotion(
+            drawn = SubmittedMotion(
                 CurveKind.STEPS, reached, np.interp(after, planned.times, rows), after, tolerance=tolerance
             )
         else:
             row_numbers = np.interp(times, planned.times, rows)
-            drawn = GivenMotion(CurveKind.LINEAR, commands, row_numbers, times, tolerance=tolerance)
+            drawn = SubmittedMotion(CurveKind.LINEAR, commands, row_numbers, times, tolerance=tolerance)
         return DrawnMotion(times, commands, None, None, drawn)
     times = _row_times(planned.times, execution, parts)
     row_numbers = np.interp(times, planned.times, rows)
     if kind is Interpolation.LINEAR or isinstance(planned, StraightMotion):
         positions = planned.evaluate(times)[0]
         positions[-1] = planned.positions[-1]
-        drawn = GivenMotion(CurveKind.LINEAR, positions, row_numbers, times, tolerance=tolerance)
+        drawn = SubmittedMotion(CurveKind.LINEAR, positions, row_numbers, times, tolerance=tolerance)
         return DrawnMotion(times, positions, None, None, drawn, parts)
     positions, velocities, rises = _states(planned, times, accelerations)
     if kind is Interpolation.CUBIC:
-        drawn = GivenMotion(CurveKind.HERMITE, positions, row_numbers, times, velocities, tolerance=tolerance)
+        drawn = SubmittedMotion(CurveKind.HERMITE, positions, row_numbers, times, velocities, tolerance=tolerance)
         return DrawnMotion(times, positions, velocities, None, drawn, parts)
-    drawn = GivenMotion(CurveKind.QUINTIC, positions, row_numbers, times, velocities, rises, tolerance)
+    drawn = SubmittedMotion(CurveKind.QUINTIC, positions, row_numbers, times, velocities, rises, tolerance)
     return DrawnMotion(times, positions, velocities, rises, drawn, parts)
 
 
@@ -147,7 +147,7 @@ def _states(
     return q, v, a
 
 
-def deviations(planned: Trajectory | StraightMotion, drawn: GivenMotion) -> Deviations:
+def deviations(planned: Trajectory | StraightMotion, drawn: SubmittedMotion) -> Deviations:
     """Measure the deviation of the drawn curve from the planned motion at the same times, exactly, without tolerance.
 
     The planned motion stands before its begin and after its end; so does the other one.
@@ -167,7 +167,7 @@ def deviations(planned: Trajectory | StraightMotion, drawn: GivenMotion) -> Devi
 
 
 def _deviations_at(
-    planned: Trajectory | StraightMotion, drawn: GivenMotion, knots: np.ndarray
+    planned: Trajectory | StraightMotion, drawn: SubmittedMotion, knots: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The largest deviation of each coordinate between some of all knots (n,) of both motions, and when, (nv,) each."""
     times = drawn.scheduled.piece_times()

@@ -10,7 +10,7 @@ import numpy as np
 
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.timing import hermite
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, QuinticMotion
+from guidefield.planner.motion.submitted_motion import CurveKind, QuinticMotion, SubmittedMotion
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.task.motion_limits import KEPT_SHARE, MotionLimit
 from guidefield.prove.curve import largest_magnitudes
@@ -47,12 +47,12 @@ def stretch_to_limits(
     velocity_limits: ChartRate,
     acceleration_limits: ChartRate,
     jerk_limits: ChartRate,
-    beside: Sequence[MotionLimit] = (),
+    motion_limits: Sequence[MotionLimit] = (),
     deadline: Deadline = UNLIMITED,
 ) -> Trajectory:
     """A motion, given as for `measure_limit_load`, with time scaled so that it reaches a limit and exceeds none.
 
-    A limit beside those of rates that no time is long enough for is left exceeded, and so may any be when time is up.
+    A limit of the whole motion that no time is long enough for is left exceeded, and so may any be when time is up.
     """
     stretch, margin = 1.0, 1e-12
     for _ in range(MOST_ROUNDS):
@@ -64,9 +64,9 @@ def stretch_to_limits(
         # rounding can leave a trace of excess: judge again, with more margin each time
         stretch *= load * (1.0 + margin)
         margin *= 4.0
-    for _ in range(MOST_ROUNDS if beside else 0):
+    for _ in range(MOST_ROUNDS if motion_limits else 0):
         motion = Trajectory(times * stretch, positions, velocities / stretch)
-        load = max(limit.stretch(motion.polynomials) for limit in beside)
+        load = max(limit.stretch(motion.polynomials) for limit in motion_limits)
         if load <= 1.0 or not math.isfinite(load) or deadline.expired():
             break
         stretch *= load * (1.0 + margin)
@@ -108,7 +108,7 @@ class LimitUses:
     jerk: LimitUse = LimitUse()
 
 
-def measure_limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRate | None) -> LimitUses:
+def measure_limit_shares(motion: SubmittedMotion, group: PlanningGroup, jerk_limits: ChartRate | None) -> LimitUses:
     """The largest shares of its limits that a motion uses; without limits of jerk (nv,), jerk doesn't matter.
 
     Rates are those of the chart, as in a plan: a planar or floating joint's are those of its position in the world and
@@ -177,7 +177,7 @@ def _largest_of(shares: np.ndarray, counts: np.ndarray) -> LimitUse:
     return LimitUse(float(most[coordinate]), coordinate, int(pieces[coordinate]), float(places[coordinate]))
 
 
-def _at_point(motion: GivenMotion, given: ChartRates | None, limits: ChartRate) -> LimitUse:
+def _at_point(motion: SubmittedMotion, given: ChartRates | None, limits: ChartRate) -> LimitUse:
     """The largest share of a limit that the rates given at a single knot use, shape (k, nv); none without times."""
     if motion.times is None or given is None:
         return LimitUse(0.0, 0) if motion.times is not None else LimitUse()
@@ -202,7 +202,7 @@ def _extrema(
 
 
 def _step(
-    motion: GivenMotion, begins: ChartRates, ends: ChartRates, limits: ChartRate, limited: np.ndarray
+    motion: SubmittedMotion, begins: ChartRates, ends: ChartRates, limits: ChartRate, limited: np.ndarray
 ) -> LimitUse | None:
     """The largest jump of an acceleration at a knot, as a share of its limit; None where there is none."""
     if motion.kind is CurveKind.SPLINE or len(begins) < 2:

@@ -102,8 +102,8 @@ class Limits(NamedTuple):
     velocity: ChartRate
     acceleration: ChartRate
     jerk: ChartRate
-    beside: tuple[MotionLimit, ...] = ()  # limits of the motion as a whole
-    deadline: Deadline = UNLIMITED  # after it a motion is slowed down no further for those beside
+    motion_limits: tuple[MotionLimit, ...] = ()  # limits of the motion as a whole
+    deadline: Deadline = UNLIMITED  # after it a motion is slowed down no further for the limits of the whole motion
 
 
 class CurveProgress(NamedTuple):
@@ -144,13 +144,13 @@ def parameterize(curve: PathCurve, limits: Limits, finer: int = 1) -> BSpline:
     if not np.isfinite(limits.jerk).any():
         return _resample_in_time(curve, progress, min(finer * PIECES[-1], most))
     tried = (_resample_in_time(curve, progress, min(finer * count, most)) for count in PIECES)
-    rates = limits._replace(beside=())
+    rates = limits._replace(motion_limits=())
     return min(tried, key=lambda spline: stretch_spline_to_limits(spline, rates).duration)
 
 
 def stretch_spline_to_limits(spline: BSpline, limits: Limits) -> Trajectory:
     """A motion with its time scaled so that it reaches a limit and exceeds none."""
-    return stretch_to_limits(*spline.knots(), *limits[:3], limits.beside, limits.deadline)
+    return stretch_to_limits(*spline.knots(), *limits[:3], limits.motion_limits, limits.deadline)
 
 
 def find_fastest_progress(curve: PathCurve, limits: Limits) -> CurveProgress:
@@ -172,10 +172,10 @@ def find_fastest_progress(curve: PathCurve, limits: Limits) -> CurveProgress:
         cast(ChartRates, first / rate[:, None]),
         cast(ChartRates, (second - first * bend[:, None]) / (rate**2)[:, None]),
     )
-    points = curve.at(parameters) if limits.beside else None
-    beside = [] if points is None else [limit.along(points, *by_length) for limit in limits.beside]
+    points = curve.at(parameters) if limits.motion_limits else None
+    curve_limits = [] if points is None else [limit.along(points, *by_length) for limit in limits.motion_limits]
     # Simpson's rule
-    speeds = _find_speeds(*by_length, (rate[:-1] + 4.0 * rate_between + rate[1:]) / (6.0 * steps), limits, beside)
+    speeds = _find_speeds(*by_length, (rate[:-1] + 4.0 * rate_between + rate[1:]) / (6.0 * steps), limits, curve_limits)
     return CurveProgress(parameters, speeds.times, speeds.rates / rate)
 
 
@@ -187,7 +187,7 @@ class _Speeds(NamedTuple):
 
 
 def _find_speeds(
-    first: ChartRates, second: ChartRates, steps: np.ndarray, limits: Limits, beside: Sequence[CurveLimits]
+    first: ChartRates, second: ChartRates, steps: np.ndarray, limits: Limits, curve_limits: Sequence[CurveLimits]
 ) -> _Speeds:
     # where the curve all but stands still in r no speed is too large for the velocities; the accelerations decide
     slowness = np.maximum((np.abs(first) / limits.velocity).max(axis=1), 1e-30)
@@ -195,12 +195,15 @@ def _find_speeds(
     accelerations[:] = limits.acceleration
     offsets = np.zeros_like(accelerations)
     caps, on_u, on_x = slowness**-2.0, cast(np.ndarray, first), cast(np.ndarray, second)
-    if beside:
-        caps = np.minimum.reduce([caps, *(one.caps for one in beside)])
-        on_u, on_x = np.hstack([on_u, *(one.on_u for one in beside)]), np.hstack([on_x, *(one.on_x for one in beside)])
+    if curve_limits:
+        caps = np.minimum.reduce([caps, *(one.caps for one in curve_limits)])
+        on_u, on_x = (
+            np.hstack([on_u, *(one.on_u for one in curve_limits)]),
+            np.hstack([on_x, *(one.on_x for one in curve_limits)]),
+        )
         below, above = (
             np.hstack([accelerations, *(np.minimum(rows[:-1], rows[1:]) for rows in sides)])
-            for sides in ([one.below for one in beside], [one.above for one in beside])
+            for sides in ([one.below for one in curve_limits], [one.above for one in curve_limits])
         )
         accelerations, offsets = 0.5 * (below + above), (below - above) / (below + above)
     controllable, squares = np.empty(len(slowness)), np.empty(len(slowness))

@@ -183,7 +183,7 @@ class OptimizationProblem(ReadOnly):
     times: TimeLimits
     longest_step: float = math.inf  # pieces are no longer than this [s]
     passages: tuple[Passage, ...] = ()
-    beside: tuple[MotionLimit, ...] = ()  # limits of what it does as a whole
+    motion_limits: tuple[MotionLimit, ...] = ()  # limits of what it does as a whole
 
     @cached_property
     def clearance_along(self) -> _CheckedOnce:
@@ -301,7 +301,7 @@ class PenalizedObjective(ReadOnly):
         room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
         places = len(placed.pieces) + len(question.passages)
         memory = _Memory.of(places, n, nv), _Memory.of(places, n, nv)
-        loads = LoadSamples.of(question.beside, spline.pieces, nv) if question.beside else None
+        loads = LoadSamples.of(question.motion_limits, spline.pieces, nv) if question.motion_limits else None
         return cls(question, placed, near, samples, loads, constrained, ends, unit, room, no_loads(nv), memory)
 
     def look(

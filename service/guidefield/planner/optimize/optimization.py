@@ -264,7 +264,7 @@ def optimize(
         trajectory = Trajectory(spline.begin + times, positions, velocities)
     else:
         rates = limits.velocity, limits.acceleration, limits.jerk
-        trajectory = stretch_to_limits(*knots, *rates, problem.beside, problem.deadline)
+        trajectory = stretch_to_limits(*knots, *rates, problem.motion_limits, problem.deadline)
     steps, outcome = descending.steps, descending.outcome or Outcome.OPTIMISED
     problem.tell(Note(f"optimised in {steps} steps: {motion.duration:.3f} s became {trajectory.duration:.3f} s"))
     return Optimized(trajectory, steps, motion.duration, outcome, passed)
@@ -333,7 +333,7 @@ class _Descending:
             TimeLimits(int(first.begin > 0.0), self._leave_by, self._arrive_from, first.duration),
             longest,
             self._passages,
-            problem.beside,
+            problem.motion_limits,
         )
         within = brought_within(question, first) if problem.in_motion else first
         if within is None:

@@ -226,8 +226,8 @@ def _changes(problem: Problem, motion: Trajectory) -> tuple[np.ndarray, np.ndarr
     at = _spacing(step) * np.arange(_places(motion, step))
     points, first, second = motion.evaluate(at)
     kept = np.broadcast_to(group.acceleration_limits, first.shape)
-    beside = [limit.along(points, first, second)[1:] for limit in problem.beside]
-    on_u, on_x, below, above = map(np.hstack, zip((first, second, kept, kept), *beside, strict=True))
+    curve_limits = [limit.along(points, first, second)[1:] for limit in problem.motion_limits]
+    on_u, on_x, below, above = map(np.hstack, zip((first, second, kept, kept), *curve_limits, strict=True))
     rates = np.arange(SCHEDULE.rates + 1)[:, None] / SCHEDULE.rates
     unit = 1.0 / SCHEDULE.rates / step
     by_u = np.abs(on_u)[:, None] * unit

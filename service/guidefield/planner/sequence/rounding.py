@@ -89,7 +89,7 @@ def optimize_past_goals(parts: Sequence[StepPart], first: JoinedMotion, stages: 
                 stage.outcome = "free" if fault is None else fault[1].reason.value
             if fault is None:
                 found = _retime(parts, joined, stages) or joined
-                if found is not joined or not problem.beside:
+                if found is not joined or not problem.motion_limits:
                     return found
                 best = joined
         if problem.deadline.expired():
@@ -384,7 +384,7 @@ def _retime(parts: Sequence[StepPart], joined: JoinedMotion, stages: Stages) -> 
     """
     problem = find_slowest(parts)
     crossed = CrossedPlanes(_passages(parts, joined), tuple(range(len(joined.passages))), {})
-    spline = retime_motion(problem, joined.motion) if problem.beside else None
+    spline = retime_motion(problem, joined.motion) if problem.motion_limits else None
     found = None if spline is None else bring_onto_planes(problem, spline, crossed)
     if found is None or found[0].duration >= joined.motion.duration:
         return None

@@ -39,9 +39,9 @@ from guidefield.planner.sequence.stretches import (
     StepPart,
     Stretch,
     certify_stretch,
+    choose_stretches,
     insert_knots,
     make_stretches,
-    settle_stretches,
     whole_configuration,
 )
 from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
@@ -247,7 +247,7 @@ class _SequencePlanning(Generic[S]):
             deadline = self._deadline.at_least(CERTIFY_GRACE_S)
             judged: Iterable[Verdict] = (certify_stretch(stretch, deadline)[0] for stretch in stretches)
             if (execution := self._legs[0].conditions.execution) is not None:
-                drawn, stretches, judged = settle_stretches(trajectory, execution, stretches, deadline)
+                drawn, stretches, judged = choose_stretches(trajectory, execution, stretches, deadline)
             for stretch, verdict in zip(stretches, judged, strict=False):
                 verdicts.append(verdict)
                 if not verdicts[-1].free:

@@ -17,7 +17,7 @@ import pinocchio as pin
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.motion.drawn_motion import DrawnMotion
-from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
+from guidefield.planner.motion.submitted_motion import CurveKind, SubmittedMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import (
     certify_from_start,
@@ -162,14 +162,14 @@ class Stretch(Conditions):
     index: int
     motion: Trajectory
     way: StraightWay | None = None
-    drawn: GivenMotion | None = None  # what a controller draws of it; None: the motion itself is executed
+    drawn: SubmittedMotion | None = None  # what a controller draws of it; None: the motion itself is executed
 
     @property
-    def executed(self) -> Trajectory | GivenMotion:
+    def executed(self) -> Trajectory | SubmittedMotion:
         """The motion that a robot executes."""
         return self.motion if self.drawn is None else self.drawn
 
-    def drawn_of(self, whole: GivenMotion, *, is_last: bool) -> Stretch:
+    def drawn_of(self, whole: SubmittedMotion, *, is_last: bool) -> Stretch:
         """The same with its part of what a controller draws of the whole, which may end after the motion."""
         begin, end = float(self.motion.times[0]), float(self.motion.times[-1])
         until = (len(whole.pieces) - 1, 1.0) if is_last else whole.place_at(end)
@@ -211,7 +211,7 @@ def make_stretches(
     return stretches
 
 
-def settle_stretches(
+def choose_stretches(
     trajectory: Trajectory, execution: ControllerModel, stretches: Sequence[Stretch], deadline: Deadline
 ) -> tuple[DrawnMotion, list[Stretch], list[Verdict]]:
     """Choose the rows that a controller is sent of all stretches, as `choose_rows`.
@@ -220,7 +220,7 @@ def settle_stretches(
     """
     parts, verdicts = list[Stretch](), list[Verdict]()
 
-    def judge_motion(motion: GivenMotion) -> tuple[Verdict, float]:
+    def judge_motion(motion: SubmittedMotion) -> tuple[Verdict, float]:
         nonlocal parts, verdicts
         last = len(stretches) - 1
         parts, verdicts = [one.drawn_of(motion, is_last=k == last) for k, one in enumerate(stretches)], []
@@ -233,14 +233,14 @@ def settle_stretches(
                 break
         return verdicts[-1], stretched
 
-    settled = choose_rows(trajectory, execution, deadline, judge_motion)
-    if not settled.is_kept:  # the motion itself was judged after it
-        judge_motion(settled.drawn.motion)
-    return settled.drawn, parts, verdicts
+    chosen = choose_rows(trajectory, execution, deadline, judge_motion)
+    if not chosen.is_kept:  # the motion itself was judged after it
+        judge_motion(chosen.drawn.motion)
+    return chosen.drawn, parts, verdicts
 
 
 def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> tuple[Verdict, float]:
-    """Judge a stretch: free, and within its step's conditions; and `motion_certificate.SettledExecution.stretch`."""
+    """Judge a stretch: free, and within its step's conditions; and `motion_certificate.ChosenExecution.stretch`."""
     drawn, stretched = stretch.drawn, 1.0
     if drawn is None:
         verdict, pieces = certify_from_start(stretch, stretch.motion, deadline), stretch.motion.bezier()

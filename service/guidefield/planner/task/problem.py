@@ -140,7 +140,7 @@ class Conditions(ReadOnly):
         return World.build(self.group, self.scene.at(time), self.allowed_collisions)
 
     @property
-    def beside(self) -> tuple[MotionLimit, ...]:
+    def motion_limits(self) -> tuple[MotionLimit, ...]:
         """The limits of what a motion does as a whole, beside those of each coordinate's rates.
 
         They have room for what a controller draws that isn't the very motion.

@@ -219,7 +219,7 @@ def read_meshes(facts: UrdfFacts, warnings: list[str]) -> tuple[str, Meshes]:
     return etree.tostring(root, encoding="unicode"), meshes
 
 
-def settle(
+def choose_shapes(
     model: Any, geometry: Any, meshes: Meshes, uris: Mapping[str, str], size: float, warnings: list[str]
 ) -> tuple[GeometryChoice, ...]:
     """Give each shape that represents a mesh its triangles, or its hull where that is as tight; return the choices.
@@ -235,7 +235,7 @@ def settle(
     """
     choices = []
     areas = {id(mesh): mesh for *_, mesh in meshes.values() if _has_area(mesh)}
-    settled = _settle_meshes(areas, power_of_two(size))
+    settled = _choose_for_meshes(areas, power_of_two(size))
     for shape in geometry.geometryObjects:
         link = model.frames[shape.parentFrame].name
         path, scale, mesh = meshes.get(shape.name) or (Path(), np.ones(3), None)
@@ -259,7 +259,7 @@ def settle(
     return tuple(choices)
 
 
-class _SettledMesh(NamedTuple):
+class _MeshChoice(NamedTuple):
     """The shape that a mesh is judged as."""
 
     shape: Any
@@ -269,37 +269,37 @@ class _SettledMesh(NamedTuple):
     wall: str  # why the mesh has no inside, or ""
 
 
-def _settle_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _SettledMesh]:
+def _choose_for_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _MeshChoice]:
     """Settle each mesh, by lengths in a unit [m]; hulls of new ones are found on all processors.
 
     Known results are read by this thread alone: threads must not load kernels at the same time.
     """
-    settled: dict[int, _SettledMesh] = {}
+    settled: dict[int, _MeshChoice] = {}
 
-    def settle_one(key: int, mesh: FileMesh) -> None:
-        settled[key] = _settle_mesh(mesh, find_or_compute(*hull_question(*mesh, unit)), unit)
+    def choose_one(key: int, mesh: FileMesh) -> None:
+        settled[key] = _choose_shape(mesh, find_or_compute(*hull_question(*mesh, unit)), unit)
 
     works = []
     for key, mesh in meshes.items():
         known = recall(*hull_question(*mesh, unit))
         if known is None:
-            works.append(functools.partial(settle_one, key, mesh))
+            works.append(functools.partial(choose_one, key, mesh))
         else:
-            settled[key] = _settle_mesh(mesh, known, unit)
+            settled[key] = _choose_shape(mesh, known, unit)
     if works:
         load_imported("cover.", "distance.", "linalg.")
         run_queue(iter(works), min(usable_processors(), len(works)))
     return settled
 
 
-def _settle_mesh(mesh: FileMesh, found: Arrays, unit: float) -> _SettledMesh:
+def _choose_shape(mesh: FileMesh, found: Arrays, unit: float) -> _MeshChoice:
     found = hull_in_metres(found, unit)
     (distance,), (filled,) = found["stand_off"].tolist(), found["filled"].tolist()
     if distance <= HULL_STAND_OFF * unit:
-        return _SettledMesh(convex(found["vertices"], found["triangles"]), "convex hull", distance, filled, "")
+        return _MeshChoice(convex(found["vertices"], found["triangles"]), "convex hull", distance, filled, "")
     tree = bvh(*mesh)
     know_triangulation(tree, mesh.triangles, unit)
-    return _SettledMesh(tree, "triangle mesh", 0.0, 0.0, found["wall"].tobytes().decode())
+    return _MeshChoice(tree, "triangle mesh", 0.0, 0.0, found["wall"].tobytes().decode())
 
 
 def _unit_hint(path: Path) -> str:

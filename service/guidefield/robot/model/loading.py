@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.model import chart, followers, pairs, rest
-from guidefield.robot.model.collision_shapes import Meshes, read_meshes, settle
+from guidefield.robot.model.collision_shapes import Meshes, choose_shapes, read_meshes
 from guidefield.robot.model.followers import with_ball_joints
 from guidefield.robot.model.mimic_limits import bind_ranges, describe_bound_rates
 from guidefield.robot.model.model import (
@@ -135,7 +135,7 @@ def load(
     if not geometry.ngeoms:
         warnings.append(f"robot {name!r} {NO_GEOMETRY}: it can be asked for forward and inverse kinematics alone")
     size = find_size(model, geometry, {name: mesh.vertices for name, (*_, mesh) in meshes.items()})
-    choices = settle(model, geometry, meshes, facts.meshes, size, warnings)
+    choices = choose_shapes(model, geometry, meshes, facts.meshes, size, warnings)
     laws = followers.laws(facts)
     joints = tuple(_joint(model, index, facts, laws, card, warnings) for index in range(1, model.njoints))
     _check_columns(name, joints)
@@ -151,9 +151,9 @@ def load(
     stated = rest.stated(model, joints, described, card, warnings)
     links = [choice.link for choice in choices]
     disabled = described.find_disabled(facts.links)
-    settled = pairs.settle(model, geometry, joints, links, disabled, described.said_by, stated.q, size)
+    settled = pairs.choose_pairs(model, geometry, joints, links, disabled, described.said_by, stated.q, size)
     warnings += settled.warnings
-    q_rest = rest.settle(model, geometry, joints, links, stated.q, size, warnings)
+    q_rest = rest.choose_rest(model, geometry, joints, links, stated.q, size, warnings)
     return RobotModel(
         name=name,
         model=model,

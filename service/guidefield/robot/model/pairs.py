@@ -138,14 +138,14 @@ ALWAYS_SHARE, OFTEN_SHARE = 0.95, 0.05
 
 
 @dataclass(frozen=True)
-class SettledPairs:
+class ChosenPairs:
     """The pairs of links that are left out, and what was odd about the SRDF."""
 
     left_out: tuple[PairLeftOut, ...]
     warnings: tuple[str, ...]
 
 
-def settle(
+def choose_pairs(
     model: Any,
     geometry: Any,
     joints: Sequence[Joint],
@@ -154,7 +154,7 @@ def settle(
     said_by: str,
     rest: RobotConfiguration,
     size: float,
-) -> SettledPairs:
+) -> ChosenPairs:
     """Choose the collision pairs of a geometry model in place.
 
     Pairs that the SRDF or MJCF disables are left out; without any in an SRDF, those that are adjacent (joined by one
@@ -190,7 +190,7 @@ def settle(
     geometry.setCollisionPairs(tested & ~left_out, True)
     present = {frozenset((links[first], links[second])) for first, second in np.argwhere(left_out).tolist()}
     gone = sorted((pair for pair in reasons if pair in present), key=sorted)
-    return SettledPairs(tuple(PairLeftOut((min(pair), max(pair)), reasons[pair]) for pair in gone), tuple(warnings))
+    return ChosenPairs(tuple(PairLeftOut((min(pair), max(pair)), reasons[pair]) for pair in gone), tuple(warnings))
 
 
 def _percent(share: float) -> str:

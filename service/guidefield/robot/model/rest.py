@@ -122,7 +122,7 @@ def _fitting(state: SrdfState, joints: Sequence[Joint], described: Srdf, warning
     return fitting
 
 
-def settle(
+def choose_rest(
     model: Any,
     geometry: Any,
     joints: Sequence[Joint],

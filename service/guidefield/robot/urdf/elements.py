@@ -353,7 +353,7 @@ def _check_collision(
     check_origins(collision, version)
     shape = _check_geometry(collision, version, None)
     _thicken(shape, warnings)
-    mesh = _settle_collision_mesh(shape, resolver) if shape.tag == "mesh" else None
+    mesh = _resolve_collision_mesh(shape, resolver) if shape.tag == "mesh" else None
     return CollisionFacts(link=name_of(collision.getparent()), shape=shape.tag, mesh=mesh, line=collision.sourceline)
 
 
@@ -365,7 +365,7 @@ def _check_visual(visual: Element, version: tuple[int, int], resolver: MeshResol
             raise fault(material, "<material> must have a name")
     if shape.tag == "mesh":
         try:
-            _settle_mesh(shape, resolver)
+            _resolve_mesh(shape, resolver)
         except RobotInvalid:
             raise fault(shape, f"mesh {shape.get('filename')!r} can't be read") from None
 
@@ -421,10 +421,10 @@ def _thicken(shape: Element, warnings: list[str]) -> None:
         warnings.append(warning(shape, told))
 
 
-def _settle_collision_mesh(mesh: Element, resolver: MeshResolver) -> Path:
+def _resolve_collision_mesh(mesh: Element, resolver: MeshResolver) -> Path:
     """Put the real path into a `<mesh>`; if it isn't there, the fault names it and all later ones that aren't."""
     try:
-        return _settle_mesh(mesh, resolver)
+        return _resolve_mesh(mesh, resolver)
     except RobotInvalid as error:
         meshes = mesh.getroottree().getroot().findall("link/collision/geometry/mesh")
         own, *later = dict.fromkeys(one.get("filename", "").strip() for one in meshes[meshes.index(mesh) :])
@@ -444,7 +444,7 @@ def _can_be_had(uri: str, resolver: MeshResolver) -> bool:
         return False
 
 
-def _settle_mesh(mesh: Element, resolver: MeshResolver) -> Path:
+def _resolve_mesh(mesh: Element, resolver: MeshResolver) -> Path:
     try:
         path = resolver.resolve(mesh.get("filename").strip())
     except RobotInvalid as error:

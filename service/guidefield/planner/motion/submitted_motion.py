@@ -126,7 +126,7 @@ class QuinticMotion(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
-class GivenMotion(ReadOnly):
+class SubmittedMotion(ReadOnly):
     """A curve through the rows of a motion, or through those that a controller is sent; and a tube about it.
 
     Steps (`CurveKind.STEPS`) from one position to the next may have every joint anywhere between both.
@@ -153,10 +153,10 @@ class GivenMotion(ReadOnly):
         tolerance: np.ndarray | None = None,
         *,
         steps: bool = False,
-    ) -> GivenMotion:
+    ) -> SubmittedMotion:
         """The curve through rows, by what they have: straight, cubic by velocities, of degree 5 by accelerations, too.
 
-        Times (n,) [s], all others of shape (n, nv), but for the tolerance (nv,), as `GivenMotion` has them.
+        Times (n,) [s], all others of shape (n, nv), but for the tolerance (nv,), as `SubmittedMotion` has them.
         """
         kind = CurveKind.HERMITE if accelerations is None else CurveKind.QUINTIC
         if velocities is None:
@@ -165,7 +165,7 @@ class GivenMotion(ReadOnly):
         return cls(kind, cast(ChartPoints, positions), np.arange(len(positions)), times, rate, rise, tolerance)
 
     @classmethod
-    def of(cls, motion: Trajectory, tolerance: np.ndarray | None = None) -> GivenMotion:
+    def of(cls, motion: Trajectory, tolerance: np.ndarray | None = None) -> SubmittedMotion:
         """A trajectory as it is, with a tolerance (nv,) about it."""
         return cls.through(motion.times, motion.positions, motion.velocities, tolerance=tolerance)
 
@@ -282,7 +282,7 @@ class GivenMotion(ReadOnly):
         piece, share = find_pieces(self.times, np.array([time]))
         return int(piece[0]), float(share[0])
 
-    def between(self, begin: tuple[int, float], end: tuple[int, float]) -> GivenMotion:
+    def between(self, begin: tuple[int, float], end: tuple[int, float]) -> SubmittedMotion:
         """The part between two places, each a piece and the share of it that has passed; steps aren't cut."""
         if self.is_point:
             return self
