@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from guidefield.errors import Status
+from guidefield.kernel_wait import seconds_waited
 
 
 def _never() -> bool:
@@ -25,22 +26,26 @@ class Deadline:
     Loops ask `expired` and return the best that they have; a stage without any result calls `check`.
     """
 
-    at: float = math.inf  # on the clock of `time.monotonic` [s]
+    at: float = math.inf  # on the clock of `time.monotonic` [s]; later by what this process waits for kernels from now
     is_cancelled: Callable[[], bool] = _never  # asks whether the work is to end early
+    waited: float = field(default_factory=seconds_waited, compare=False)  # for kernels before `at` was chosen [s]
 
     def remaining(self) -> float:
         """Return the time that is left [s], at least 0."""
-        return max(0.0, self.at - time.monotonic())
+        return max(0.0, self._end() - time.monotonic())
+
+    def _end(self) -> float:
+        return self.at + seconds_waited() - self.waited
 
     def expired(self) -> bool:
         """Return whether the work must end."""
-        return self.is_cancelled() or time.monotonic() >= self.at
+        return self.is_cancelled() or time.monotonic() >= self._end()
 
     def status(self) -> Status | None:
         """Return PREEMPTED or TIMED_OUT if the work must end, else None."""
         if self.is_cancelled():
             return Status.PREEMPTED
-        return Status.TIMED_OUT if time.monotonic() >= self.at else None
+        return Status.TIMED_OUT if time.monotonic() >= self._end() else None
 
     def check(self, step: str) -> None:
         """Raise DeadlineExpired if the work must end before a step, such as "scene hall was built"."""
@@ -49,12 +54,12 @@ class Deadline:
 
     def share(self, fraction: float) -> Deadline:
         """Return the deadline of a part that may take a fraction of the remaining time."""
-        return replace(self, at=time.monotonic() + fraction * self.remaining())
+        return Deadline(time.monotonic() + fraction * self.remaining(), self.is_cancelled)
 
     def at_least(self, seconds: float) -> Deadline:
         """Return the deadline of work that begins now and may always take some time [s], even if cancelled."""
         earliest = time.monotonic() + seconds
-        return Deadline(max(self.at, earliest), lambda: time.monotonic() >= earliest and self.is_cancelled())
+        return Deadline(max(self._end(), earliest), lambda: time.monotonic() >= earliest and self.is_cancelled())
 
     def or_if(self, is_cancelled: Callable[[], bool]) -> Deadline:
         """Return a deadline that another reason ends early, too."""

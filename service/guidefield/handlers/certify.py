@@ -35,6 +35,7 @@ from guidefield.handlers.plan_reply import (
 )
 from guidefield.handlers.preparation import crop_to_reach, prepare_plan
 from guidefield.handlers.recording import PackedMotion, PlainMotion, Prove, Record
+from guidefield.kernel_wait import seconds_waited
 from guidefield.messages import replies, scene as messages
 from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply
@@ -333,7 +334,7 @@ def answer_certify(
     uses = measure_limit_shares(problem.motion, problem.group, problem.jerk_limits)
     recording = record(problem.group, scene)
     problem = dataclasses.replace(problem, observer=recording or Silent())
-    load_seconds = time.monotonic() - began
+    load_seconds, waited = time.monotonic() - began, seconds_waited()
     stages = Stages(problem)
     with stages.entered("certify", "on the exact geometry, between rows too") as stage:
         judgement = judge(problem, uses)
@@ -347,6 +348,7 @@ def answer_certify(
     if measured is not None and judgement.verdict.free:
         file = functools.partial(motions_of, request, robot, scene)
         require_agreement(run_id, [Certified(measured, problem.min_clearance, file, _since(problem, judgement))])
+    load_seconds += seconds_waited() - waited
     seconds = {"queue": began - received, "load": load_seconds, **stages.seconds}
     reply = reply_to(problem, judgement, measured, run_id, received, seconds, warnings)
     if recording is not None:

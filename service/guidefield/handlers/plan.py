@@ -22,6 +22,7 @@ from guidefield.handlers.plan_problem import Derivation, problem_of, with_derive
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.preparation import connects, crop_to_reach, is_laid_out, prepare_links, prepare_problem
 from guidefield.handlers.recording import PackedMotion, PlainMotion, Prove, Record
+from guidefield.kernel_wait import seconds_waited
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject, PlanRequest
@@ -82,7 +83,7 @@ def answer_plan(
     if recording is not None:
         problem = dataclasses.replace(problem, observer=recording)
     others = [*(refusal.seconds.values() if refusal else ()), *([derivation.left.seconds] if derivation.left else ())]
-    load_seconds = time.monotonic() - began - sum(others)
+    load_seconds, waited = time.monotonic() - began - sum(others), seconds_waited()
     made = derivation.add_to(refusal or plan(problem, Planner(request.planner), attempts))
     drawn = made.drawn
     motion = made.trajectory if drawn is None else drawn.motion.measured_among(problem.scene)
@@ -98,7 +99,7 @@ def answer_plan(
     if request.proof:
         certified = made.trajectory is not None and made.verdict.free
         prove(_motions(request, problem, made) if certified else [], deadline)
-    seconds = {"queue": began - received, "load": load_seconds}
+    seconds = {"queue": began - received, "load": load_seconds + seconds_waited() - waited}
     reply = reply_to(request, problem, made, drawn, found, run_id, received, seconds, warnings)
     if recording is not None:
         parts = 1 if drawn is None else drawn.parts

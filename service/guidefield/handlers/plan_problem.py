@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +27,7 @@ from guidefield.handlers.asked_group import (
     warn_of_missing_masses,
 )
 from guidefield.handlers.attached import holding
+from guidefield.kernel_wait import working_time
 from guidefield.messages import requests
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
 from guidefield.planner.guide.auto_planes import derive_planes
@@ -84,9 +84,9 @@ def with_derived_planes(problem: Problem, request: PlanRequest) -> tuple[Problem
     """The problem with guide planes derived, if the request asks for that: among obstacles as they come to rest."""
     if request.guide_planes != "auto" or request.planner == "tree":
         return problem, Derivation()
-    begin = time.perf_counter()
+    begin = working_time()
     planes = derive_planes(problem.at(problem.scene.end), _goal_place(problem))
-    seconds = time.perf_counter() - begin
+    seconds = working_time() - begin
     if planes is None:
         warning = (
             "no guide planes could be derived: the tip alone finds no way to the goal, or an end of it is in contact"

@@ -47,6 +47,7 @@ from guidefield.handlers.recording import (
     Record,
 )
 from guidefield.handlers.steps import Steps
+from guidefield.kernel_wait import seconds_waited, working_time
 from guidefield.messages import replies, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
@@ -248,9 +249,9 @@ def answer_steps(
     course.require_posed()
     prepare_plan(robot, scene, deadline, preparing)
     recording = record(course.whole, scene)
-    load_seconds = time.monotonic() - began
+    load_seconds, waited = time.monotonic() - began, seconds_waited()
     made = plan_sequence(course, course.start, course.whole, deadline, recording or Silent())
-    begin = time.monotonic()
+    begin = working_time()
     stretches = select_moving_stretches(made)
     found = measure_clearances([(executed_in_time(stretch), stretch) for stretch in stretches])
     measured = None if found is None else [*zip(stretches, found, strict=True)]
@@ -267,8 +268,8 @@ def answer_steps(
     if request.proof:
         certified = made.stretches if made.status is Status.SUCCESS else ()
         prove(_motions(request, made, certified), deadline)
-    load_seconds += made.seconds.get("load", 0.0)
-    seconds = {"queue": began - received, "load": load_seconds, "measure": time.monotonic() - begin}
+    load_seconds += made.seconds.get("load", 0.0) + seconds_waited() - waited
+    seconds = {"queue": began - received, "load": load_seconds, "measure": working_time() - begin}
     reply = reply_to(request, course, made, measured, run_id, received, seconds)
     if recording is not None:
         recording.finish(reply, SequenceMotion.of(course, made, measured or []))
@@ -311,11 +312,11 @@ def reply_to(
     `measured` has the stretches on which something moves, None where time was up before; `received` is as in
     `answer_plan`; `seconds` is the time of waiting, loading and measuring [s].
     """
-    group, begin = course.whole, time.monotonic()
+    group, begin = course.whole, working_time()
     metrics = motion_metrics(made.trajectory, Kinematics(group))
     path, trajectory = group.wire_path(made.path), wire_trajectory(made.trajectory, request.sample_rate, group)
     spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | seconds
-    spent["measure"] += time.monotonic() - begin
+    spent["measure"] += working_time() - begin
     robot = course.start.robot
     problems = [leg.problem for leg in made.legs if leg.problem is not None]
     planes = [plane for problem in problems for plane in problem.guide_planes]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -32,6 +31,7 @@ from guidefield.handlers.attached import HeldObject, StepSituation, holding, pay
 from guidefield.handlers.plan import refuse_ends
 from guidefield.handlers.plan_problem import in_motion, problem_of, with_derived_planes
 from guidefield.handlers.preparation import prepare_problem
+from guidefield.kernel_wait import working_time
 from guidefield.messages import requests
 from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal
@@ -246,11 +246,11 @@ class Steps:
 
     def _planned(self, asked: PlanRequest, way: StraightWay | None) -> Callable[[Problem], Plan]:
         def planned(problem: Problem) -> Plan:
-            began = time.perf_counter()
+            began = working_time()
             if (refusal := refuse_ends(problem)) is not None:
                 return refusal
             prepare_problem(asked, problem, self._preparing)
-            loaded = time.perf_counter() - began
+            loaded = working_time() - began
             if way is not None:
                 made = straight_plan(problem, way)
             else:

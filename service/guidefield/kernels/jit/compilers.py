@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from guidefield.first_start import plain_numba
+from guidefield.kernel_wait import waiting_for_kernels
 from guidefield.kernels.jit.cache import is_kept, use_kernel_folders
 
 
@@ -40,7 +41,8 @@ def kernel(signatures: Any, **options: Any) -> Callable[[Callable[..., Any]], An
         use_kernel_folders()
         # C calls none: what numba would make for that is left out
         common = {"cache": is_kept(function), "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
-        return _COMPILER.kernel(signatures, **{**common, **options})(function)
+        with waiting_for_kernels():  # the plain compiler compiles at once
+            return _COMPILER.kernel(signatures, **{**common, **options})(function)
 
     return decorate
 

@@ -35,6 +35,7 @@ from numba.extending import overload
 from numba.np import arrayobj
 
 from guidefield.first_start import target_variables
+from guidefield.kernel_wait import waiting_for_kernels
 from guidefield.kernels.jit.cache import await_machine_code, use_kernel_folders
 
 _making = threading.RLock()  # a type that is freed here may have others made
@@ -137,7 +138,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
 
     def load(self) -> None:
         """Load its machine code and that of all it calls by name, or make it; at once if that was done before."""
-        with _LOADING:
+        with waiting_for_kernels(), _LOADING:
             if self._is_loaded:
                 return
             self._is_loaded = True

@@ -7,7 +7,6 @@ is passed is planned to its end, too, and joined with the next one (rounding.py)
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, cast
@@ -17,6 +16,7 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline, DeadlineExpired, end_reason
 from guidefield.errors import Status
+from guidefield.kernel_wait import working_time
 from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import CERTIFY_GRACE_S, find_excess
@@ -151,7 +151,7 @@ class _SequencePlanning(Generic[S]):
         if index and (status := self._deadline.status()) is not None:
             ending = Ending(status, f"{end_reason(status)} before it was planned", {"stage": "ends"})
             return self._make_refusal(StepRefusal(index, ending), index, at)
-        began = time.perf_counter()
+        began = working_time()
         conditions, motion = course.conditions(index, at), course.motion(index, at, self._now)
         self._spend("load", began)
         path, q = self._z[None], at.q
@@ -173,7 +173,7 @@ class _SequencePlanning(Generic[S]):
         self._legs.append(StepResult(index, at, (now, now), conditions, path, way, (now, now), problem))
         if course.passes(index) is None:
             self._composed(index)
-        began = time.perf_counter()
+        began = working_time()
         self._at = course.after(index, at, q, self._now)
         self._spend("load", began)
         return None
@@ -230,7 +230,7 @@ class _SequencePlanning(Generic[S]):
 
     def _planned(self, index: int, motion: StepMotion, embedding: Embedding) -> Plan | StepRefusal:
         watched = StepObserver(self._observer, motion.problem.group, self._whole, embedding)
-        began = time.perf_counter()
+        began = working_time()
         problem = keep_possible_goals(self._course, index, self._at, motion)
         self._spend("ends", began)
         if isinstance(problem, StepRefusal):
@@ -342,7 +342,7 @@ class _SequencePlanning(Generic[S]):
         self._warnings += [f"{where}{warning}" for warning in warnings]
 
     def _spend(self, stage: str, began: float) -> None:
-        self._seconds[stage] = self._seconds.get(stage, 0.0) + time.perf_counter() - began
+        self._seconds[stage] = self._seconds.get(stage, 0.0) + working_time() - began
 
     def _describe(self) -> dict[str, Any]:
         return {

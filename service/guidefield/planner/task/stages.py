@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ from typing import Any
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
+from guidefield.kernel_wait import working_time
 from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.planner.task.trace import StageEntered, StageLeft
 from guidefield.prove.verdict import Reason, Verdict
@@ -127,7 +127,7 @@ class Stages:
 
     def __init__(self, conditions: Conditions) -> None:
         self._conditions = conditions
-        self._ended = time.perf_counter()
+        self._ended = working_time()
         self._within = 0
         self.left: list[StageLeft] = []
         self.seconds: dict[str, float] = {}
@@ -135,7 +135,7 @@ class Stages:
     @contextmanager
     def entered(self, name: str, message: str, plane: int | None = None) -> Iterator[Stage]:
         """Run a stage: its time is counted under its name, and its end is reported however it ends."""
-        begin = time.perf_counter() if self._within else self._ended
+        begin = working_time() if self._within else self._ended
         self._conditions.tell(StageEntered(name, message))
         stage = Stage()
         self._within += 1
@@ -146,7 +146,7 @@ class Stages:
             raise
         finally:
             self._within -= 1
-            self._ended = time.perf_counter()
+            self._ended = working_time()
             seconds = self._ended - begin
             self.seconds[name] = self.seconds.get(name, 0.0) + seconds
             left = StageLeft(name, stage.outcome, seconds, plane)
