@@ -150,6 +150,7 @@ from guidefield import first_start
 from guidefield.kernels.jit import compile_ahead
 first_start.compile_kernels(print, wholly=False)
 print("returned")
+first_start.compile_kernels(print, wholly=False)
 """
 
 

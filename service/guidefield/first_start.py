@@ -8,6 +8,7 @@ turn waits for it (`jit.cache`).
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import functools
 import hashlib
 import os
@@ -73,9 +74,14 @@ def compile_kernels(
     """
     if compiled_marker().exists() or _take_shipped():
         return
+    command = [sys.executable, "-m", "guidefield.kernels.jit.compile_ahead", *([] if wholly else [UNTIL_READY])]
+    if not wholly and ready_marker().exists():
+        if not is_compiling():  # the rest was left, as its compiler was ended
+            rest = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, process_group=0)  # noqa: S603 - ourselves
+            threading.Thread(target=rest.wait, daemon=True).start()
+        return
     told(FIRST_PROGRESS)
     last = -PROGRESS_PERIOD_S
-    command = [sys.executable, "-m", "guidefield.kernels.jit.compile_ahead", *([] if wholly else [UNTIL_READY])]
     with tempfile.TemporaryFile("w+") as log:  # a pipe that nobody reads could fill up
         child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, process_group=0)  # noqa: S603 - ourselves
         is_left = False
@@ -123,6 +129,28 @@ def _take_shipped() -> bool:
 def compiled_marker() -> Path:
     """Return the file that exists once all kernels of this version are compiled; `SHIPPED` is in it if by others."""
     return cache_parent() / "guidefield" / "kernels" / f"all-{kernels_fingerprint()}"
+
+
+def ready_marker() -> Path:
+    """Return the file that exists from when a first plan's kernels are compiled until all are."""
+    return compiled_marker().with_name(f"first-{kernels_fingerprint()}")
+
+
+def compiling_lock() -> Path:
+    """Return the file that a process locks as long as it compiles this version's kernels."""
+    return compiled_marker().with_name(f"compiling-{kernels_fingerprint()}")
+
+
+def is_compiling() -> bool:
+    """Return whether a process compiles this version's kernels; False where a file system has no locks."""
+    try:
+        with compiling_lock().open() as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def _read_lines(child: subprocess.Popen[bytes], is_cancelled: Callable[[], bool]) -> Iterator[str]:

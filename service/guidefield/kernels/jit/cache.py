@@ -26,7 +26,14 @@ from pathlib import Path
 from numba import config
 from numba.core.caching import UserProvidedCacheLocator
 
-from guidefield.first_start import KERNELS, cache_parent, kernel_compiler, kernels_fingerprint
+from guidefield.first_start import (
+    KERNELS,
+    cache_parent,
+    compiling_lock,
+    is_compiling,
+    kernel_compiler,
+    kernels_fingerprint,
+)
 from guidefield.whole_file import write_whole
 
 Symbol = tuple[str, str]  # a name that a file defines: the file's own name, with dots, and that name
@@ -38,6 +45,7 @@ class Statement:
 
     text: str  # its syntax, without docstrings and comments
     names: frozenset[str]  # the names that it mentions
+    is_kernel: bool  # whether it is a function whose machine code is kept
 
 
 @dataclass(frozen=True)
@@ -65,6 +73,7 @@ class Sources:
         self.package = package
         self._others = others
         self._read: dict[str, Source] = {}
+        self._called: dict[str, set[str]] = {}
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -92,6 +101,21 @@ class Sources:
             found |= new
             waiting += new
         return found
+
+    def called(self, name: str) -> set[str]:
+        """The names of all files with kernels that those of one call, themselves or through parts; its own too."""
+        found, waiting = {name}, [name]
+        while waiting:
+            new = self._called_directly(waiting.pop()) - found
+            found |= new
+            waiting += new
+        return found
+
+    def _called_directly(self, name: str) -> set[str]:
+        if name not in self._called:
+            needed = self._needed(name).items()
+            self._called[name] = {file for (file, _), statements in needed if any(one.is_kernel for one in statements)}
+        return self._called[name]
 
     def fingerprint(self, name: str, also: str = "") -> str:
         """Sixteen hexadecimal digits that change with a file and with every definition that its code depends on.
@@ -210,10 +234,16 @@ def _statement(node: ast.stmt) -> Statement:
         if isinstance(within, ast.FunctionDef | ast.ClassDef):
             within.body = [one for one in within.body if not _is_docstring(one)] or [ast.Pass()]
     names = frozenset(one.id for one in ast.walk(node) if isinstance(one, ast.Name))
-    return Statement(ast.dump(node), names)
+    return Statement(ast.dump(node), names, isinstance(node, ast.FunctionDef) and _is_kernel(node))
 
 
-_KEPT = re.compile(r"^@(?:kernel|compiled|inner_kernel|exact_kernel|lane_kernel|lane_step)\b", re.MULTILINE)
+def _is_kernel(node: ast.FunctionDef) -> bool:
+    decorators = [one.func if isinstance(one, ast.Call) else one for one in node.decorator_list]
+    return any(isinstance(one, ast.Name) and one.id in _KERNELS for one in decorators)
+
+
+_KERNELS = ("kernel", "compiled", "inner_kernel", "exact_kernel", "lane_kernel", "lane_step")  # their decorators
+_KEPT = re.compile(rf"^@(?:{'|'.join(_KERNELS)})\b", re.MULTILINE)
 
 _WHOLE, _WANTED = "whole", "wanted"  # in a folder: all of its machine code is there; somebody waits for it
 _POLL_S = 0.05  # period at which a waiting process looks [s]
@@ -315,7 +345,7 @@ def compile_alone() -> Iterator[bool]:
 
     Where a file system has no locks everybody compiles.
     """
-    file = _lock_file()
+    file = compiling_lock()
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("a") as lock:
         try:
@@ -335,30 +365,14 @@ def compile_alone() -> Iterator[bool]:
 def await_machine_code(function: Callable[..., object]) -> None:
     """Wait for the machine code of a kernel's file as long as another process compiles this version's kernels."""
     file = Path(inspect.getfile(function))
-    if not file.is_relative_to(KERNELS) or is_compiled(name := _name(file, KERNELS)) or not _is_under_way():
+    if not file.is_relative_to(KERNELS) or is_compiled(name := _name(file, KERNELS)) or not is_compiling():
         return
     _log.warning("waits until the kernels of %s are compiled, once for this version", name)
     with contextlib.suppress(OSError):
         kernel_folder(name).mkdir(parents=True, exist_ok=True)
         (kernel_folder(name) / _WANTED).touch()
-    while not is_compiled(name) and _is_under_way():
+    while not is_compiled(name) and is_compiling():
         time.sleep(_POLL_S)
-
-
-def _is_under_way() -> bool:
-    """Whether a process compiles this version's kernels."""
-    try:
-        with _lock_file().open() as lock:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    return False
-
-
-def _lock_file() -> Path:
-    return cache_folder() / f"compiling-{kernels_fingerprint()}"
 
 
 def kernel_folder(name: str) -> Path:

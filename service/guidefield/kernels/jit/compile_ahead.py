@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 
-from guidefield.first_start import READY, UNTIL_READY, compiled_marker, target_variables
+from guidefield.first_start import READY, UNTIL_READY, compiled_marker, ready_marker, target_variables
 from guidefield.kernels.jit.cache import compile_alone, is_wanted, note_compiled, sources, uncompiled
 from guidefield.kernels.jit.compilers import load, quicken
 from guidefield.parallel import usable_processors
@@ -27,8 +27,12 @@ from guidefield.parallel import usable_processors
 Told = Callable[[str], None]  # told, in one sentence, how far it is
 
 FIRST = (
+    "barrier.obstacle_barrier",
+    "barrier.self_barrier",
     "collide.batch_collision",
+    "collide.near_pairs",
     "collide.parts",
+    "collide.primitive",
     "collide.primitives_layout",
     "cover.ball_cover",
     "cover.crop_to_ball",
@@ -41,16 +45,21 @@ FIRST = (
     "cover.small_surfaces",
     "cover.winding",
     "distance.convex_polygon",
+    "distance.distance",
     "kinematics.inverse_kinematics",
+    "linalg.small_systems",
+    "optimize.clearance_model",
     "optimize.newton_descent",
+    "prove.placement",
     "prove.search",
+    "timing.hermite",
     "timing.path_parameterization",
     "timing.torques",
     "timing.travel",
     "tree.rrt_connect",
     "tree.shortcut",
 )
-"""Files that, with all they import, a plan to a configuration or pose needs for a robot that nothing is kept of."""
+"""Files that, with all they call, a plan to a configuration or pose needs for a robot that nothing is kept of."""
 _CHILD = "--child"
 _TURN_S = 0.5  # period of checks whether another process is done compiling [s]
 _LATER = 10  # how nice the compilers are with what nobody waits for
@@ -70,7 +79,7 @@ def compile_missing(told: Told, processes: int | None = None, *, until_ready: bo
     missing = uncompiled()
     if not missing:
         return
-    work = _Work({name: sources().imported(name) & missing - {name} for name in missing}, told, until_ready)
+    work = _Work({name: sources().called(name) & missing - {name} for name in missing}, told, until_ready)
     threads = [
         threading.Thread(target=work.in_a_child, daemon=True)
         for _ in range(min(len(missing), processes or usable_processors()))
@@ -171,7 +180,7 @@ class _Work:
 def find_needed_first() -> set[str]:
     """Find all files that a first plan needs."""
     names = set(sources().names)
-    return set().union(*(sources().imported(name) for name in FIRST if name in names))
+    return set().union(*(sources().called(name) for name in FIRST if name in names))
 
 
 def _size_of(name: str, known: Iterable[str] = ()) -> int:
@@ -212,6 +221,8 @@ def _compile_for_all(until_ready: bool) -> None:
     """Compile what is missing, or wait until another process has; `until_ready`: for what a first plan needs."""
 
     def tell(sentence: str) -> None:
+        if sentence == READY:
+            ready_marker().touch()
         with contextlib.suppress(BrokenPipeError):  # the process that waited for a first plan may have ended
             _tell(sentence)
         if sentence == READY and until_ready:
@@ -222,10 +233,11 @@ def _compile_for_all(until_ready: bool) -> None:
             if alone:
                 compile_missing(tell, until_ready=until_ready)
                 compiled_marker().touch()
+                ready_marker().unlink(missing_ok=True)
                 break
         missing = uncompiled()
         if until_ready and not find_needed_first() & missing:
-            tell(READY)
+            _tell(READY)
             break
         tell(f"another process compiles the kernels, once for this version: {len(missing)} files are left")
         time.sleep(_TURN_S)

@@ -13,6 +13,7 @@ functions that numba knows are for callers that are yet to be compiled.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from types import CodeType, ModuleType
@@ -20,7 +21,7 @@ from typing import Any
 
 from llvmlite.binding import Linkage, parse_bitcode
 from numba import _dynfunc, config
-from numba.core import ir, sigutils, typeinfer
+from numba.core import errors, event, ir, sigutils, typeinfer
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult, DefaultPassBuilder, Flags
@@ -430,12 +431,21 @@ def _optimize_defined(library: Any, module: Any) -> None:
             passes.run(function, builder)
 
 
+def _silence() -> None:
+    """Have numba tell nobody of its steps, as nobody listens, and not colour what it says of vain attempts."""
+    event.start_event = event.end_event = lambda *_arguments, **_by_name: None
+    event.trigger_event = lambda *_arguments, **_by_name: contextlib.nullcontext()
+    if hasattr(errors, "HighlightColorScheme"):  # where colours are installed
+        errors.HighlightColorScheme._markup = lambda _scheme, message, *_others, **_by_name: message
+
+
 def quicken() -> None:
     """Have numba remember types, and leave both shapes out of what it says of such an assignment, in this process.
 
     It compiles half of what it knows of strings for them.
     """
     quicken_typing()
+    _silence()
     _COMPILES_ONLY.append(True)
     arrayobj.raise_with_shape_context = _refuse_shape
     JITCodeLibrary._optimize_functions = _optimize_defined
