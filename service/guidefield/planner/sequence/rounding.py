@@ -89,9 +89,9 @@ def optimize_past_goals(parts: Sequence[StepPart], first: JoinedMotion, stages: 
                 stage.outcome = "free" if fault is None else fault[1].reason.value
             if fault is None:
                 found = _retime(parts, joined, stages) or joined
-                if found is not joined or not problem.motion_limits:
-                    return found
-                best = joined
+                best = found if best is None else min(best, found, key=lambda one: one.motion.duration)
+                if not problem.motion_limits or best.motion.duration < first.motion.duration:
+                    return best
         if problem.deadline.expired():
             break
         pieces = 2 * settings.least_pieces
