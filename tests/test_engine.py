@@ -220,7 +220,7 @@ def test_the_log_of_a_run_is_kept_or_its_recording_where_no_log_can_be(
     assert received <= planned[0]["began"] <= time.monotonic()
     assert [file.name for file in (tmp_path / "recordings").iterdir()] == ["r1.log"]
     assert FINISHED == []
-    monkeypatch.setattr(Recordings, "owe", _refuse)
+    monkeypatch.setattr(Recordings, "store_log", _refuse)
     assert keeping.answer(msgspec.structs.replace(PLAN, run_id="r2")).recording == "guidefield/cell/runs/r2/recording"
     assert FINISHED == ["guidefield/cell/runs/r2/recording"]
     assert (tmp_path / "recordings" / "r2.rrd").read_bytes() == b"recording"
@@ -234,7 +234,7 @@ def test_a_full_disk_is_a_warning_and_the_plan_is_answered(
     keeping: Engine, planned: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("guidefield.recorder.recorder.record_plan", _refuse_to_record)
-    monkeypatch.setattr(Recordings, "owe", _refuse)
+    monkeypatch.setattr(Recordings, "store_log", _refuse)
     reply = keeping.answer(PLAN)
     assert reply.recording is None
     assert any("No space left" in warning for warning in reply.warnings)
