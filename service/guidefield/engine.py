@@ -94,7 +94,7 @@ class _RequestContext:
     received: float  # arrival, by `time.monotonic()` [s]
     watcher: Watcher | None
     load: _RobotLoader
-    began: float | None = None  # begin of its work, if before decoding, by the same clock [s]
+    began: float | None = None  # begin of loading, if before its handler's, by the same clock [s]
     deferred: bool = False  # whether only the log of its recording is written
     proof_to: Path | None = None
     anchor: Anchor | None = None  # the far-away point that handlers get positions relative to
@@ -197,11 +197,11 @@ class Engine:
             proof_to: Where to write the proof of a plan or judgement, which then is asked for; None: where the request
                 asks for one, beside the recording.
             deferred: True to write only the log of that file, which ends with .rrd, beside it.
-            received: Arrival of the request, by `time.monotonic()` [s]; None: now, after the planner is loaded and the
-                robot prepared for its first use. Deadlines count from it.
+            received: Arrival of the request, by `time.monotonic()` [s]; deadlines count from it. None: `came`, but
+                without the time in which the planner is loaded and the robot prepared for its first use.
             watcher: Takes progress, and may end the run.
-            came: Begin of decoding, on the same clock [s]; None: now. Without `received`, decoding counts for the
-                deadline, and as loading.
+            came: Begin of decoding, on the same clock [s], if it was decoded before this call; None: now. Without
+                `received`, decoding counts for the deadline, and as loading.
 
         Raises:
             GuidefieldError: any error that travels as ``reply_err``; DiskRefused for a disk, and InternalFailure for a

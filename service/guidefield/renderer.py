@@ -102,7 +102,7 @@ class Renderer:
                 return
             self._deaths[named] += 1
             cause = death.message.partition(";")[0]
-            if "mebibytes" in death.details or "MemoryError" in cause:  # as `pool/slot.py` says it
+            if "mebibytes" in death.details or "MemoryError" in cause:  # as `pool/pool.py` and `process.py` say
                 self._give_up(named, f"rendering it takes more than {self._memory >> 20} MiB of memory")
             elif self._deaths[named] < MAX_ATTEMPTS:
                 self._postpone(named, cause)

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from guidefield.scene.anchor import Anchor
     from guidefield.scene.scene import Scene
 
-LARGEST_RECORDING = 512 * 2**20  # the largest recording, or proof, that is stored; of a stream, that is sent [bytes]
+LARGEST_RECORDING = 512 * 2**20
+"""The largest recording or proof of a run that is stored, and the largest recording of a stream to be sent [bytes]."""
 
 _log = logging.getLogger(__name__)
 

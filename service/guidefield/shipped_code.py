@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 
 def list_shipped(folder: Path = SHIPPED) -> list[str]:
-    """List the levels of processors that there is machine code for."""
+    """List the levels of processors that there is machine code for, of `LEVELS` of `first_start.py`."""
     return sorted(path.name.rsplit(".", 4)[0] for path in folder.glob(f"*{ENDING}"))
 
 
@@ -63,7 +63,7 @@ def pack(names: Sequence[str], cache: Path, level: str, fingerprint: str, folder
     Args:
         names: Their names; of a folder numba's files are packed, and then what says that they are whole.
         cache: The folder of all kernels' machine code.
-        level: What the archive is for.
+        level: The level of processors that it was compiled for.
         fingerprint: The fingerprint of the version's kernels.
         folder: Where the archive goes.
     """

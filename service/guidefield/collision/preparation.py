@@ -59,6 +59,7 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Announce = 
     on_links = [
         ShapeTask(f"{doing} {robot.name}", 0.0, functools.partial(find, robot)) for doing, find in whole.items()
     ]
+    # if no cover or part was missing, these are probably on disk, and one thread reads them sooner than kernels load
     find_in_parallel([*_surfaces(robot), *on_links], progress, None if unfound else 1)
     hulls_of(robot)
     _prepared.add(robot)

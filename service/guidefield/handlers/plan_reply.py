@@ -186,7 +186,10 @@ def _add_turning_knots(trajectory: Trajectory, group: PlanningGroup) -> Trajecto
 
 
 def clearance_figures(measured: Clearance, certified: float) -> replies.ClearanceFigures:
-    """Distances from obstacles as the reply has them; `certified` is kept all along, by the certificate [m]."""
+    """Distances from obstacles as the reply has them; `certified` is kept all along, by the certificate [m].
+
+    `inner` leaves out the way near start and goal, `ends` is the smaller distance at these two.
+    """
     closest = measured.obstacle
     if closest.pair is None:
         return replies.ClearanceFigures(minimum=None, mean=None, inner=None, ends=None, pair=None, time=None)

@@ -1,7 +1,8 @@
 """Separating axes of bodies at sixteen configurations: bodies' reach along them, and the stored form of an axis.
 
 A stored axis has one body's reach along it: what is beyond counts as apart, so that a reach may be too large, not too
-small. Which axes are kept is a matter of speed.
+small. Which axes are kept is a matter of speed, but within `BAND` of contact of the answer, too: a search begins with
+none (`batch_collision.forget`), so that it repeats to the bit.
 """
 
 from __future__ import annotations
@@ -90,7 +91,8 @@ def forget_axes(axes: Floats, places: Integers) -> None:
 def write_separating(parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int) -> None:
     """Write the axis that separated, of length 1 and in the frame of a pose (12,), and a body's reach along it [m].
 
-    The world axis stands in `work` (WORK,); `way` is -1 where the reach against the axis is wanted; (n,) gets both.
+    The world axis stands in `work` (WORK,); `way` is 1 for how far the body of `root` reaches along it, -1 for how far
+    against it. `axes` (n,) gets axis and reach, from `at` on; where the root has no part, the reach is infinite.
     """
     divide_axis(work, max(axis_length(work), 1e-30))
     x, y, z = axis_in(work)

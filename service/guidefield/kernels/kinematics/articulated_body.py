@@ -153,7 +153,7 @@ def solve(joints: JointTable, factors: Any, right: Floats, forces: Floats, solut
 
 @inlined
 def _accelerate(i: int, first: int, size: int, D: Floats, S: Floats, forces: Floats, solution: Floats) -> None:
-    """Y = D^-1 u of joint i in place of u; its acceleration is the parent's and S y."""
+    """Y = D^-1 u of joint i in place of u, for up to six tangents; its acceleration is the parent's and S y."""
     y0, y1, y2, y3, y4, y5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for m in range(size):
         u = solution[first + m]

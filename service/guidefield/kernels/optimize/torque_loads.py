@@ -28,6 +28,8 @@ def largest_torque_loads(
 ) -> float:
     """Write the largest load at each sample, shape (pieces samples,); return the sum of squares beyond a share.
 
+    The sum has to be that in `load_penalty`, which is what is minimized; so has that in `speed_loads`.
+
     Args:
         tree: The bodies.
         limits: Of each coordinate, shape (nv,), infinite where there is none [N m or N].

@@ -80,8 +80,8 @@ def closest_pairs(
 ) -> None:
     """Find the closest pairs at configurations (n, nq) and times (n,) [s], and all farther by at most `within` [m].
 
-    Writes the distances of the closest own pair and of the closest with an obstacle (n, 2) [m], how deep bodies are in
-    each other isn't known, and the pairs (n, 2, CANDIDATES) as `_find_closest` does.
+    Writes the distances of the closest own pair and of the closest with an obstacle (n, 2) [m], of bodies in contact at
+    most 0 but not their depth, and the pairs (n, 2, CANDIDATES) as `_find_closest` does.
     """
     search, own = new_search(moving, np.zeros(LOG_ROWS)), moving.pairs.own.shape[0]
     every = own + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]
@@ -97,7 +97,7 @@ def closest_pairs(
 def first_contacts(moving: MovingRobot, configurations: Rows, touching: float, pairs_out: IndicesOut) -> None:
     """Find a pair in contact, within `touching` [m], or -1 at each configuration (n, nq), shape (n,).
 
-    The pair that touched before is examined first.
+    The pair that touched before is examined first, and is the one that is found if it still does.
     """
     search, last, own = new_search(moving, np.zeros(LOG_ROWS)), -1, moving.pairs.own.shape[0]
     count = own + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]

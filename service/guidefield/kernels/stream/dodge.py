@@ -46,7 +46,8 @@ class KeptClearances(NamedTuple):
 
     # what to keep from each on the move, where the robot waits, and at the way's end at least; shape (3, k) [m]
     kept: Rows
-    # if the end is closer to something than the first two, this is kept in addition for each second before it [m/s]
+    # where the end is closer to an obstacle than the first two ask, its distance then is enough, and this more for each
+    # second before it [m/s]
     widening: float
     dear: float  # what a lack of 1 m for 1 s costs [s]
 

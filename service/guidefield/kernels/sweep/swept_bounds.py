@@ -41,8 +41,7 @@ class SweptRobot(NamedTuple):
     capsules: Rows  # (c, CAPSULE) ends and radius in the frame of their joint [m]
     carriers: Indices  # (c,) the joint of each; 0 stands still
     own: IndexRows  # (k, 2) capsules that must not touch each other
-    # (k, 2) of the joints that move one of these and not the other the one nearest to the root, for both; 0 where there
-    # is none
+    # (k, 2) for each of these two the joint nearest to the root that moves it and not the other; 0 if none does
     apart: IndexRows
 
 

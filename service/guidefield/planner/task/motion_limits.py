@@ -140,7 +140,10 @@ class CartesianLimit(ReadOnly):
 
 
 SHARED = 0.85
-"""Share of an acceleration's limit that is used along the way, and across it: between all and the root of a half."""
+"""Share of an acceleration's limit that is allowed along the way, and as much across it.
+
+With the root of a half (0.71) both together keep the limit; with more they may exceed it, and the motion is stretched.
+"""
 
 
 def frame_limit(group: PlanningGroup, frame: str, speed: float, acceleration: float) -> CartesianLimit:

@@ -282,7 +282,10 @@ SHAPES = {
     "capsule": {"radius": 1, "length": 1},
     "mesh": {"filename": 0},
 }
-"""What a `<geometry>` can be, and how many numbers each of its required attributes has (0: it is a name)."""
+"""What a `<geometry>` can be, and how many numbers each of its required attributes has (0: it is a name).
+
+These are the shapes that Pinocchio's parser reads: it would lose any other.
+"""
 
 THICKNESS = 2e-6  # thickness of a collision body that has none [m]
 NO_LENGTH = 1e-9  # a length below this is taken as zero [m], because products of such lengths underflow
@@ -291,7 +294,8 @@ NEVER_JUDGED = "a <visual> is never judged"
 NOT_DRAWN = "this <visual> will not be drawn"
 MASSLESS = "is left out: the link has no mass"
 THIN = f"what is zero is judged as {1e3 * THICKNESS:g} mm"
-REPEATED = (NEVER_JUDGED, NOT_DRAWN, THIN)  # ends of warnings that a robot may have for each of its links
+REPEATED = (NEVER_JUDGED, NOT_DRAWN, THIN)
+"""Ends of warnings that a robot may have for each of its links: `urdf_validation.py` merges those of the same end."""
 
 CAPSULE_SINCE = (1, 1)
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
