@@ -1,4 +1,4 @@
-"""Time in which this process waits for kernels, as they are compiled or their machine code is loaded.
+"""Time in which this process waits for kernels while they are compiled or loaded.
 
 That isn't time of planning: deadlines pass it over, and replies count it as loading. Whatever makes machine code ready
 at a first call does so within `waiting_for_kernels`.

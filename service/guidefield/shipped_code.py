@@ -2,7 +2,7 @@
 
 The wheel for one version of Python and one family of processors has an archive for each level of these. The name of an
 archive tells what it fits, by the fingerprint that names the kernels of a version in the cache, too, and the hash of
-its content: nothing of another version, level or compiler is looked at, and nothing that is damaged is unpacked.
+its content: machine code of another version, level or compiler is left alone, and nothing that is damaged is unpacked.
 """
 
 from __future__ import annotations

@@ -173,7 +173,7 @@ class TryPage:
             "/goal", scale=0.25, position=at.position, wxyz=_wxyz(placed[-1])
         )
         self._handle.on_update(lambda _: self._aim())
-        self._make_controls()  # last: a browser that is there already may use them at once
+        self._make_controls()  # last: a connected browser may use them at once
 
     def run(self) -> None:
         """Plan and show motions until the process ends."""

@@ -22,7 +22,7 @@ from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import ROTATION, TRANSLATION
 
 PARTS = 8
-"""The box about a robot body is halved into so many boxes: balls about them follow a long body closer than one ball."""
+"""Number of boxes that a robot body's box is halved into: balls about them follow a long body closer than one ball."""
 
 
 def joint_placements(data: Any, *, writeable: bool = False) -> np.ndarray:

@@ -82,7 +82,7 @@ class PendingQuery:
 
         Args:
             let_in: Takes the query without its payload, and the payload's size [bytes]; raises the error with which it
-                is refused. The payload is copied only after that, because nothing else is answered meanwhile.
+                is refused. The payload is copied only after that, because nothing else is answered in that time.
 
         Raises:
             MalformedRequest: if its encoding is unknown, or its key has wildcards or an invalid user.

@@ -187,7 +187,7 @@ _IDENTITY.setflags(write=False)
 
 NO_SURFACE = SurfaceTables(np.empty((0, 6)), np.empty((0, 9)), np.empty((0, 21)))
 
-SMALL_SHEET = 32  # an open surface of at most so many triangles gets axes in which its box is thin (`sheets`)
+SMALL_SHEET = 32  # an open surface of at most this many triangles gets axes in which its box is thin (`sheets`)
 ROUNDING = 1e-9  # by how much boxes in the world are made larger, so that rounding can't hide a body [m, and a share]
 
 

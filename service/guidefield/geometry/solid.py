@@ -1,7 +1,7 @@
 """The body that a surface of triangles bounds, the depth of points in it, and a cache in memory of meshes' solids.
 
 Covers, inscribed balls and convex parts of links are certain as far as `Solid.depths` is: never too large, and a
-surface without a closed piece has no inside. `CELL`, `FINE` and `WORTH` decide when a simpler surface stands for a fine
+surface without a closed piece has no inside. `CELL`, `FINE` and `WORTH` decide when a simpler surface replaces a fine
 mesh; by how much at most is its `reach`, which every user adds to its margin.
 """
 

@@ -42,11 +42,11 @@ def find_blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) ->
     Args:
         q: A configuration of the group's model that reaches it, shape (model.nq,).
     """
-    aside, turned = (
+    shift, turned = (
         2.0 * float(np.linalg.norm(np.maximum(each, EXACT)))
         for each in (target.position_tolerance, target.orientation_tolerance)
     )
-    if not np.isfinite(aside + turned):
+    if not np.isfinite(shift + turned):
         return None
     group, about = world.group, world.bodies
     tip = group.model.frames[group.tip_id]
@@ -57,7 +57,7 @@ def find_blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) ->
             continue
         reach = float(np.linalg.norm(about.centres[body] - tip.placement.translation) + about.radii[body])
         depth = depth_of(world, pair)
-        if depth is not None and depth > SURE_DEPTH * group.size + aside + turned * reach:
+        if depth is not None and depth > SURE_DEPTH * group.size + shift + turned * reach:
             depths.setdefault(world.pair_names(pair), depth)
     if not depths:
         return None
@@ -151,8 +151,8 @@ def _find_standing_goal(problem: Problem, target: PoseTarget) -> ChartPoints | N
 def _sample_about_start(problem: Problem) -> ChartPoints:
     """Chart points (k, nv) about the start, within limits, from which configurations next to it are found."""
     group = problem.group
-    aside = np.random.default_rng([problem.seed, 4]).normal(scale=START_SPREAD, size=(STARTS, group.nv))
-    about: ChartPoints = np.clip(problem.z_start + aside * group.units, group.lower, group.upper)
+    shift = np.random.default_rng([problem.seed, 4]).normal(scale=START_SPREAD, size=(STARTS, group.nv))
+    about: ChartPoints = np.clip(problem.z_start + shift * group.units, group.lower, group.upper)
     return about
 
 

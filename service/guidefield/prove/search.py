@@ -128,7 +128,7 @@ class SearchLog(NamedTuple):
 
     @classmethod
     def with_capacity(cls, rows: int) -> SearchLog:
-        """Allocate a log for so many rows, and as many segments."""
+        """Allocate a log for a number of rows and of segments."""
         numbers = np.zeros(LOG_ROWS + LOG_ROW * rows)
         numbers[LOG_CAPACITY] = rows
         return cls(numbers, np.full((rows, LOG_ENDS), np.nan))

@@ -40,7 +40,7 @@ def winding(point: np.ndarray, triangles: np.ndarray) -> float:
     return float(np.arctan2(np.linalg.det(arms), a * b * c + ab * c + bc * a + ca * b).sum() / (2 * np.pi))
 
 
-SPECK = 1e-9  # side of the triangle that stands for a point [m], and as a share of its distance from the origin
+SPECK = 1e-9  # side of the triangle that represents a point [m], and as a share of its distance from the origin
 SINGLE = 1e-6  # rounding of single precision, as a share of a mesh's largest coordinate or of 1 m
 
 NO_TRIANGLES = np.empty((0, 3, 3))

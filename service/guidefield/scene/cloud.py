@@ -23,7 +23,7 @@ from guidefield.memo import memoized
 from guidefield.scene.recipe import Charges
 
 SOFTENING = 0.1  # softening length over the spacing: the field of a point stays finite
-NEIGHBOURS = 6  # so many nearest neighbours tell how densely points lie
+NEIGHBOURS = 6  # number of nearest neighbours by which density is estimated
 _AT_ONCE = 512  # points whose distances to all are held in memory
 
 

@@ -35,7 +35,7 @@ SIDE_HALVINGS = (0, 6, 3, 2)
 LEAST_MOTION, MOST_LEVELS = 5e-4, 4
 """Cells in which bodies move less than this past each other [m] aren't divided, and none more often than this."""
 
-MOST_CHILDREN = 1 << 22  # room for so many children of cells; when it is used up, no more are divided
+MOST_CHILDREN = 1 << 22  # room for children of cells; when it is used up, no more are divided
 MOTION_FACTOR = 1.001  # on the motion within a cell, because places on the grid are rounded to float32
 
 

@@ -60,7 +60,7 @@ SURFACE_POINTS = 24  # points of its surface that stand for an open mesh's insid
 SPREAD_POINTS = 48  # most points that stand for the surface of a piece
 
 MOST_PLANES = 64
-"""A triangle belongs to a piece if it isn't beyond any of the planes of the piece's largest faces, so many at most."""
+"""A triangle belongs to a piece if it isn't beyond a plane of a piece's largest faces, of which this is the most."""
 
 ROUNDING = 1e-6  # by how much a triangle has to be beyond a piece's plane to be left out [m]
 _QUARTER_TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # the rotation about x by a right angle

@@ -2,7 +2,7 @@
 
 Primitives are written by a kernel; a mesh stands as convex solids or boxes about clusters of triangles, each the root
 of a tree of parts; a cloud as balls. Columns are those of kernels/collide (layout.py, primitives_layout.py, parts.py).
-What stands for an obstacle must contain it; the parts are the exact shapes that decide. The memory of a scene's
+The shapes that represent an obstacle must contain it; parts are the exact shapes that decide. The memory of a scene's
 primitives and of a world's scratch is laid out here, too: lengths, and offsets in the order in which `lay_out` and
 `primitive_tables` read them.
 """
@@ -167,7 +167,7 @@ class _Tables(NamedTuple):
 class LaneScene:
     """Obstacles for SIMD batches, primitives first."""
 
-    owners: np.ndarray  # the obstacle of the scene that each primitive stands for, shape (n,)
+    owners: np.ndarray  # the obstacle of the scene that each primitive represents, shape (n,)
     # root of each obstacle of the scene in the parts, shape (o,); a cloud's is one ball at the origin
     roots: np.ndarray
     words: Words  # obstacles and parts, packed: valid as long as this is held
@@ -362,7 +362,7 @@ def balls_of_cloud(obstacle: Obstacle) -> Parts:
 
 
 def _stand_ins(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return what stands for an obstacle: kind, whether it is the obstacle itself, root, (k, 3); and numbers."""
+    """Return what represents an obstacle: kind, whether it is the obstacle itself, root, (k, 3); and numbers."""
     if obstacle.cloud is not None:
         return _cloud(obstacle.cloud, table)
     if obstacle.facets is not None:

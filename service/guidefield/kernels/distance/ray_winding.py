@@ -21,7 +21,7 @@ from guidefield.kernels.linalg.small_systems import cross, dot
 
 RAYS = 64  # directions that are tried, at most
 GRAZING = 1e-12  # an edge is grazed if the ray passes it closer than this, over the lengths involved
-GRAZED = 1 << 40  # stands for a ray that grazes an edge in a sum of crossings: more than there are
+GRAZED = 1 << 40  # marks a ray that grazes an edge in a sum of crossings: more than there are
 
 _STACK = 64  # nodes that wait, at most
 _FLAT = 1e-12  # least part of a direction along an axis, where boxes are met: smaller ones count as this

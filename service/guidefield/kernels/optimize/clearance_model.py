@@ -185,7 +185,7 @@ def clearance_along(
         most: Value above which the result isn't wanted.
         near: What is remembered of the samples; of the same motion, moved, and the same ranges.
         gradient_out: Shape (n, nv).
-        pieces_out: Shape (s,), at least of as many as there are samples, as are the next two.
+        pieces_out: Shape (s,), at least one for each sample, as are the next two.
         basis_out: Shape (s, 4).
         hessians_out: Shape (s, nv, nv).
         border_out: Shape (2, n, nv).

@@ -1,4 +1,4 @@
-"""The cheapest schedule of a path among drifting obstacles: going on, waiting, turning back or stepping aside.
+"""The cheapest schedule of a path among drifting obstacles: going on, waiting, turning back or stepping off the path.
 
 Dynamic programming over time, step by step, in a tube about the path: its places, and some steps beside them to some
 sides. On the path alone all states are examined; beside it the most promising ones at each step. `stream/dodging.py`

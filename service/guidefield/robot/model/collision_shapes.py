@@ -1,6 +1,6 @@
 """Settle the collision shapes of a URDF: read meshes, find their hulls, and choose a tight hull in place of a mesh.
 
-What a link is judged as (`HULL_STAND_OFF`, `WIDEST_GAP`) decides every collision with it, and is told to users.
+What a link is judged as (`HULL_STAND_OFF`, `WIDEST_GAP`) decides every collision with it, and is reported to users.
 Triangles and hulls are kept, because Coal hands them out slowly.
 """
 
@@ -42,7 +42,7 @@ ROUGH_TOLERANCE = 5e-4
 """Tolerance of a first, rough stand-off, as a share of the mesh's extent or of 1 m: a finer one takes longer by the
 square where faces of hull and mesh coincide."""
 
-LEAST_FILLED = 0.01  # users are told of an open hollow if it is more than this share of the hull's volume
+LEAST_FILLED = 0.01  # an open hollow is reported if it is more than this share of the hull's volume
 
 WIDEST_GAP = 0.02
 """Gaps of a mesh's surface up to this extent are cracks, and closed; a mesh with wider ones has no inside [m]."""
