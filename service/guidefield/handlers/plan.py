@@ -72,7 +72,7 @@ def answer_plan(
     deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
     problem, warnings = problem_of(request, robot, scene, deadline)
     guided = _is_guided(request, problem)
-    if not (guided or request.proof):  # a proof is about the scene as it is declared
+    if not (guided or request.proof):  # a proof contains the problem's scene: all of it, as it is declared
         problem = crop_to_reach(problem, deadline)
     attempts = ATTEMPTS[request.minimizer](problem.group) if guided or request.minimizer == "univariate" else PROJECTED
     refusal, derivation = refuse_ends(problem), Derivation()
@@ -82,6 +82,7 @@ def answer_plan(
     recording = record(problem.group, scene)
     if recording is not None:
         problem = dataclasses.replace(problem, observer=recording)
+    # stages until here report their own time: it doesn't count as loading
     others = [*(refusal.seconds.values() if refusal else ()), *([derivation.left.seconds] if derivation.left else ())]
     load_seconds, waited = time.monotonic() - began - sum(others), seconds_waited()
     made = derivation.add_to(refusal or plan(problem, Planner(request.planner), attempts))
@@ -108,7 +109,10 @@ def answer_plan(
 
 
 def restore_plan(request: PlanRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> PlainMotion:
-    """Restore the motion of a plan from its log, for the recording; arguments as those of `answer_plan`."""
+    """Restore the motion of a plan from its log, for the recording; arguments as those of `answer_plan`.
+
+    Its scene is cropped also where a proof was asked for: distances are the same (`crop_to_reach`).
+    """
     problem, _ = problem_of(request, robot, scene, UNLIMITED)
     if not _is_guided(request, problem):
         problem = crop_to_reach(problem, UNLIMITED)
@@ -202,6 +206,7 @@ def refuse_ends(problem: Problem) -> Plan | None:
 
 
 def _limit_message(end: str, faults: list[LimitFault], robot: RobotModel) -> tuple[str, dict[str, Any]]:
+    """Return the sentence and its values, whose names are the wire (`Outcome.details`)."""
     first, *others = sorted(faults, key=lambda fault: -fault.excess)
     joint = robot.joint(first.joint)
     unit = {1: " m" if joint.kind is JointKind.PRISMATIC else " rad"}.get(joint.nv, "") if joint else ""

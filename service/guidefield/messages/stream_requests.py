@@ -1,4 +1,7 @@
-"""Requests and replies about open streams, and their keys, `streams/<id>/...`; streams.py has motions and updates."""
+"""Requests and replies about open streams, and their keys, `streams/<id>/...`; streams.py has motions and updates.
+
+Chunks of keys and names of fields are the wire. A further query needs its answer in `endpoint/streams.py`, too.
+"""
 
 from __future__ import annotations
 

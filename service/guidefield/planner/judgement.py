@@ -1,4 +1,6 @@
-"""Judge a given motion for a certify request: free, within its limits, and keeping the request's conditions.
+"""Judge a given motion for a certify request: collisions, joint, Cartesian and effort limits, path constraints.
+
+Limits of rates are judged before (`LimitUses`). Plans that begin in contact use `judge_leaving` and `split_where_left`.
 
 It begins as a plan does: a body wholly inside another, or a slight contact that may be left. Then certificates judge
 it among obstacles at rest and in motion, and its path constraints; of their refusals the first along the motion counts.

@@ -76,7 +76,7 @@ def _time_within(problem: Problem, path: ChartPoints, limits: Limits, finer: int
 def retime_motion(problem: Problem, motion: Trajectory) -> BSpline | None:
     """The fastest motion along the way of another one from rest to rest; None where that goes nowhere.
 
-    It keeps to the way but for what its pieces are long, see `timing`.
+    It leaves the way a little where that bends, the less the shorter its pieces are: see `timing`.
     """
     times = np.linspace(motion.times[0], motion.times[-1], RETIMED_SAMPLES)
     points = cast(ChartPoints, motion.evaluate(times)[0] / problem.group.sizes)

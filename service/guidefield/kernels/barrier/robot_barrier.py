@@ -32,10 +32,11 @@ def robot_barrier(
     """The barrier of a robot at one configuration and time; its derivatives by time alone are left in `moved`.
 
     Args:
-        s: Under which number bodies near the configuration are remembered.
+        s: Index of the configuration's sample in `near`, where bodies near it are remembered from call to call.
         z: Local coordinates, shape (nv,) [rad or m].
         time: When those that move are met [s].
-        walls: Range, wall and floor of the barrier against obstacles, see `obstacle_barrier` [m].
+        walls: Of the barrier against obstacles: its range, the distance from them at which its wall stands, and the
+            floor, the distance below which points cost more [m]; see `obstacle_barrier`.
         share: Factor of the barrier between links; where it is 0 that isn't evaluated.
         gradient_out: Its gradient by z, shape (nv,); nothing is written where the barrier is 0.
         hessian_out: Gauss and Newton's approximation of its Hessian, shape (nv, nv); the same.

@@ -66,7 +66,9 @@ _LATER = 10  # how nice the compilers are with what nobody waits for
 
 
 def compile_missing(told: Told, processes: int | None = None, *, until_ready: bool = False) -> None:
-    """Compile what is missing: a file when all that it calls is compiled, those at the head of the longest way first.
+    """Compile what is missing: a file when all that it calls is compiled.
+
+    Of such files those come first after which most is left to compile, one after the other (`_ahead_of`).
 
     Args:
         told: Told before each file, and once a first plan can be made; not at all if nothing is missing.
@@ -142,7 +144,8 @@ class _Work:
     def _next(self, known: set[str]) -> str | None:
         """The next file whose needs are met, waiting for one if need be; None if there is nothing left to do.
 
-        Parts that it shares with files that the child knows needn't be compiled again: others wait longer.
+        Parts that it shares with files that the child knows needn't be compiled again: what would have to be counts
+        against a file, twice (unrecorded), as its own size counts for it in `_ahead`.
         """
         with self._changed:
             while self._waiting and self.fault is None:

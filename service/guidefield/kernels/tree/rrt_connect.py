@@ -103,6 +103,8 @@ def _few(lanes: int) -> bool:
 def certain_hits(world: LaneWorld, clearance: float, coordinates: Floats32, hits: Integers) -> int:
     """Return the lanes where a ball inside a body meets an obstacle; some where one does may be missing.
 
+    Such tests in float32 are off by less than `BAND`, so balls inside are smaller by it.
+
     `coordinates` (nv * 16) are sixteen values of each local coordinate, `clearance` is kept from obstacles [m], >= 0;
     `hits` (HIT * SIEVE,) are balls that met an obstacle lately: body, obstacle, ball; -1 where there is none; changed.
     """
@@ -122,6 +124,7 @@ def certain_hits(world: LaneWorld, clearance: float, coordinates: Floats32, hits
                 o = block * LANES + first_lane(candidates)
                 candidates &= candidates - 1
                 about = near_obstacle(obstacles, o, x, y, z, reach, ALL_LANES & ~mask)
+                # a hit on a primitive that only contains its obstacle isn't certain
                 if obstacles.whole[o] == 0 or about & ~mask == 0:
                     continue
                 for k in range(members[c], members[c + 1]):
@@ -154,8 +157,9 @@ PATIENCE = 16
 BALANCE = 1.0  # a tree that is this many times smaller than the other grows again; else they take turns
 
 STUBBORN, SHORTEST = 2000, 4
-"""After every 2000 failed extensions of a node the next ones are half as long, up to 4 times: what holds
-nearly everything of a length back lets something shorter pass. Sooner, or more gently, costs more than it gains."""
+"""Failed extensions of a node after which its next ones are half as long, each time, and how often at most: to a
+sixteenth. What holds nearly everything of a length back lets something shorter pass. Sooner, or more gently, costs more
+than it gains."""
 
 ALONE = 64
 """Motions that are judged one by one before sixteen extensions are chosen at a time: easy searches end before."""

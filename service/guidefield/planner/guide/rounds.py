@@ -1,7 +1,8 @@
 """Rounds of advance, slide and reorient towards a guide plane (service/docs/algorithm.md, "Crossing a guide plane").
 
-A round is made step by step, or several of them in one kernel if nothing has to be judged outside it: Projected in one
-block, for robots whose capsules are their very shapes. Both have to do the same: kernels/guide/plane_rounds.py.
+A round is made step by step, or several of them in one kernel if nothing has to be judged outside it: if `Projected`
+slides and reorients at once (`Blocks.ONE`), and all shapes of the robot are capsules (`SweptWorld.exact`). Both have to
+do the same: kernels/guide/plane_rounds.py. `Unrecorded`: nobody knows what chose a constant; measure before a change.
 """
 
 from __future__ import annotations
