@@ -69,8 +69,8 @@ class Motion:
     path_constraints: Sequence[PathConstraint] = ()  # as declared
     touching: Sequence[tuple[str, str]] = ()  # pairs of names that aren't tested because they touch, and part
     limited: PlanningGroup | None = None  # the same joints with the limits that count; None: those of the world's group
-    outside_proof: str = ""  # certified properties that no case or proof contains, in words
-    anchor: Anchor | None = None  # from which all of it is seen; None: the world's origin
+    outside_proof: str = ""  # what is certified and no case or proof tells, for a warning: "the tip keeps its speed"
+    anchor: Anchor | None = None  # to which its places are relative, in the case to the world; None: to the world, too
 
 
 def write(path: Path, *motions: Motion) -> None:

@@ -55,7 +55,7 @@ class Joined(NamedTuple):
 
     @property
     def welded(self) -> np.ndarray:
-        """The triangles with each vertex as the one it should be, but those that are none then, shape (k, 3)."""
+        """The triangles with the cracks closed by `seams`, without those that lose a corner by that, shape (k, 3)."""
         if self.width == 0.0:
             return self.triangles
         corners = self.seams[self.triangles]

@@ -50,7 +50,7 @@ from guidefield.scene.scene import Scene
 STEP_FIELDS = ("goal", "tip", "guide_planes", "attach", "detach", "cartesian_limits")
 """Fields of a step that a plan request of its own has, too."""
 UNSERVED_KINDS = (JointKind.SPHERICAL, JointKind.FLOATING)
-"""Kinds of joints whose chart begins anew with every step: they are not served in sequences."""
+"""Kinds of joints whose chart begins anew with every step: steps can't be joined in one chart of theirs."""
 
 
 class Steps:
@@ -262,6 +262,7 @@ class Steps:
         return planned
 
     def _require_passable(self) -> None:
+        """Refuse goals that can't be passed without a stop: the planner rounds motions of the same joints only."""
         for index, step in enumerate(self._request.steps):
             if step.stop:
                 continue

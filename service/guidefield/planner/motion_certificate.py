@@ -1,4 +1,4 @@
-"""The certificate of a plan's motion, or of the curve that a controller draws; a still scene is one that ends at 0."""
+"""The certificate's verdict about a plan's motion, or about the curve that a controller draws from its rows."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CERTIFY_GRACE_S = 0.03
 """Time to judge a motion after the deadline, or when the run is cancelled [s]: a proven motion is worth it."""
 
 MOST_PARTS = 64  # most parts of the span between two knots, by which rows are added until the drawn curve is certified
-REFINED = 0.5  # if twice the rows leave more than this share of an excess, the motion is slowed down. A choice
+REFINED = 0.5  # twice the rows must leave no more than this share of an excess, or the motion is slowed down. A choice
 MOST_SLOWED = 8  # how often a motion is slowed down at most until the drawn curve keeps all limits
 
 

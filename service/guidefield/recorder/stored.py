@@ -159,7 +159,7 @@ UNUSED_S = 3600.0  # age from which a scene's file without a link is deleted [s]
 class SharedScene:
     """The scene of a recording, which many runs may share."""
 
-    digest: str  # hash of the scene and of the code that draws it
+    digest: str  # hash of all that its file shows, and of the code that draws it: runs of one digest share the file
     is_large: bool  # whether it has a file of its own in a store
     chunks: Callable[[], Sequence[Chunk]]
 

@@ -241,7 +241,7 @@ class SeenObstacles(NamedTuple):
 
     bodies: ObstacleBodies
     movers: MovingObstacles  # the motion of those that were declared
-    reserved: MovingObstacles  # the same with larger margins: by what they may cover in the reserved time
+    reserved: MovingObstacles  # the same with margins larger by what they may cover in `STREAM.reserve`
     left_out: np.ndarray  # pairs with obstacles that may touch, as `PairTable` has them, shape (k,)
     closed: tuple[ClosedSurface, ...]
     error: float  # largest error of distances from them [m]
@@ -282,6 +282,7 @@ class Judge:
 
         Args:
             most: Largest number of segments that are judged.
+            reserved: Whether obstacles have the margins of `SeenObstacles.reserved`.
             since: Begin of the judged part [s]; None: its beginning.
         """
         stops = commit.stops - commit.begins
@@ -295,7 +296,7 @@ class Judge:
         verdict = np.zeros(VERDICT)
         verdict[[KINDS, MARGIN, ERROR, END]] = EVERY_KIND, self._keep, self._error + seen.error, np.inf
         verdict[RESOLUTION] = RESOLUTION_FLOOR * self._group.size
-        # most refusals are at the end, where obstacles may have come closest: that is examined first
+        # most refusals are at the end, where obstacles may have come closest: that is examined, and told, first
         count = self._search(moving, stops, stops + STANDING, most, verdict)
         if verdict[REASON] == FREE and stops > begin:
             count = self._search(moving, begin, stops, most, verdict)

@@ -42,8 +42,9 @@ MOTION_FACTOR = 1.001  # on the motion within a cell, because places on the grid
 class Grids(NamedTuple):
     """The arrays of kernels/collide/layout.py's `LaneBodies` of the same names, with nothing known of any cell.
 
-    `cells` has a header of `CHILDREN`, the undivided cells and groups of these, and `MOST_CHILDREN`; `apart` has a bit
-    for each of them but the last.
+    `cells` has a header of `CHILDREN`, whose first number says where the array is free; then each grid's undivided
+    cells and the blocks of these that are judged together; then room for `MOST_CHILDREN`. `apart` has a bit for each
+    number before that room.
     """
 
     grids: np.ndarray
@@ -83,7 +84,7 @@ def lane_grids(
         sides = None if way is None else _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
         every.append(None if sides is None or len(sides) > allowed else sides)
     share = max(ALWAYS_ALLOWED, MOST_IN_ALL // max(1, sum(sides is not None for sides in every)))
-    places, values, cells = [], [], CHILDREN  # above all that is said of a cell itself
+    places, values, cells = [], [], CHILDREN  # where children stand is above all verdicts on a cell
     for sides in every:
         if sides is None:
             places.append([0] * GRID_PLACES)

@@ -1,7 +1,8 @@
 """Solution of a symmetric, positive definite, banded system with one or two more rows, by a banded Cholesky factor.
 
 With A = U^T U the border (B, C) adds the Schur complement C - B^T A^{-1} B. Rows of A's blocks fall into groups one
-after the other; those of different groups aren't coupled in any block, and each group has a factor of its own.
+after the other; those of different groups aren't coupled in any block, and each group has a factor of its own. In it
+rows of the identity fill each block up to whole tiles.
 `optimize/newton_descent.py` solves its steps by it: `COUPLED` is that of cubic splines, of four control points.
 """
 
@@ -25,7 +26,7 @@ FIRST, PAST = 0, 1  # columns of spans: the first row of a strip that isn't zero
 def fill(blocks: Floats, first: int, size: int, damping: float, strips_out: Floats) -> None:
     """Write a group's upper triangle, with whole blocks on its diagonal, which is multiplied by 1 + damping.
 
-    `blocks` (n, m, 4 m) are as in `factorize_bordered`, the group has `size` rows from `first` on;
+    `blocks` (n, m, 4 m) are as in `factorize_bordered`, the group has `size` rows from `first` on; the strips are
     (n, strips, rows `TILE`). The damping is not negative.
     """
     n, whole = blocks.shape[0], blocks.shape[1]
@@ -250,7 +251,7 @@ def _substitute_tile_back(inverse: Floats, x: Floats) -> None:
 def substitute(strips: Floats, inverses: Floats, right: Floats) -> None:
     """Replace b by (U^T U)^{-1} b, with strips (n, strips, rows `TILE`) and inverses of `factorize`.
 
-    b has the rows of the identity, and those of three more blocks, which are zero: ((n + 3) rows,).
+    b has blocks filled up to whole tiles, as the factor, and three more, of zeros, behind them: ((n + 3) rows,).
     """
     n, count, _ = strips.shape
     per_block = count // (COUPLED + 1)
@@ -305,7 +306,7 @@ class BorderedFactor(NamedTuple):
     strips: RowOut  # U of A = U^T U, group by group as `factorize` leaves it
     spans: IndicesOut  # where its strips aren't zero
     inverses: RowOut  # of its tiles on the diagonal, transposed
-    padded: RowOut  # memory for a group's right side with the rows of the identity, and three more blocks
+    padded: RowOut  # memory for a group's right side, as `substitute` takes it
     border: RowsOut  # B by its columns, shape (k, n m)
     across: RowsOut  # A^-1 B by its columns, shape (k, n m)
     # of S = C - B^T A^-1 B: the first, the one that the first leaves of the second, and the share of the first row that

@@ -54,7 +54,7 @@ class PlanePlace:
 
     @classmethod
     def through(cls, problem: Problem, plane: GuidePlane, z: ChartPoint) -> PlanePlace:
-        """The crossing of a plane at a chart point, with a share of the guide's inset or what it has, if less.
+        """Where a path crosses a plane: the tip keeps a share of the guide's inset, or, if less, its own depth there.
 
         Args:
             z: Chart point with the tip on it, shape (nv,).
@@ -110,7 +110,7 @@ class Place(Protocol):
         ...
 
     def rows(self, z: ChartPoint) -> np.ndarray:
-        """Its derivative by the chart at a point (nv,), shape (k, nv); where it is zero, that towards being missed."""
+        """The misses' derivative by the chart at a point (nv,), shape (k, nv); zero of one-sided ones that are zero."""
         ...
 
 

@@ -194,7 +194,7 @@ def schedule_at_any_rate(
     """The earliest schedule that changes its rate within the limits of acceleration and jerk.
 
     Args:
-        room: Share of the limits' rates that it uses as stretched in time; the rest is for changes of rate.
+        room: Share of the motion's own rate that it doesn't exceed; the rest of the limits is for changes of rate.
         by: A schedule that arrives later is of no use [s].
     """
     slower = Trajectory(motion.times / room, motion.positions, motion.velocities * room)
