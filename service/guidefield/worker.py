@@ -1,6 +1,6 @@
 """The engine in a worker process, which answers queries: bytes in, bytes out.
 
-The service pickles `EngineSetup` and jobs to its workers; `endpoint/service.py` `ServiceSettings` has the same fields.
+The service pickles `EngineSetup` and jobs to its workers; `endpoint/service.py` `ServiceSettings` inherits its fields.
 """
 
 from __future__ import annotations

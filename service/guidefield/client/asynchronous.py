@@ -1,6 +1,7 @@
-"""The client for asyncio, and its streams: the methods of `client.py` and `streams.py` as coroutines.
+"""The client for asyncio, and its streams: the methods of `client.py` and `streams.py`, those that wait as coroutines.
 
-Each method asks the same question (`questions.py`) as its counterpart: a new one goes into both classes.
+What a method asks is the same question (`questions.py`) as its counterpart's: a new one goes into both classes. Only
+`Client.alive` has no counterpart.
 """
 
 from __future__ import annotations

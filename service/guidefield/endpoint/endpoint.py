@@ -50,7 +50,11 @@ from guidefield.worker import EngineSetup, Job
 _log = logging.getLogger(__name__)
 
 HEAVY_KEYS = ("plan", "certify", "kinematics", "robots")
-"""First chunks of keys that need a worker; any other query with a payload does, too."""
+"""First chunks of keys whose queries need a worker; by `_sort` those with a payload do, too, whatever their key is.
+
+So of these only `robots` decides anything for valid queries. `_read_files` alone sends proofs and tells of deleted
+scenes: `runs` and `scenes` can't be added.
+"""
 KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "streams", "info")
 """First chunks of keys under which queries are timed."""
 LATE, LATE_SHARE = 0.02, 0.03

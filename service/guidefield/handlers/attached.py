@@ -67,7 +67,7 @@ class StepSituation:
 
     @property
     def touches(self) -> tuple[Touch, ...]:
-        """HeldBetween objects, each with an obstacle that it may touch where it is picked up and put down."""
+        """Held objects, each with an obstacle that it may touch where it is picked up and put down."""
         return tuple((one.name, other) for one in self.objects for other in one.touch_objects)
 
     @cached_property

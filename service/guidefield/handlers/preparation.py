@@ -32,7 +32,9 @@ from guidefield.scene.scene import Scene, unplaced
 
 Asked = TypeVar("Asked", bound=Conditions)
 
-MANY_HELD = 10_000  # triangles and points; moving obstacles of fewer are laid out at a time within some milliseconds
+# triangles and points, of resting meshes and clouds too; where any obstacle moves, a scene of fewer is laid out at a
+# time within some milliseconds
+MANY_HELD = 10_000
 
 
 def prepare_plan(

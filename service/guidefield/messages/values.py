@@ -37,7 +37,7 @@ InertiaTensor = tuple[float, float, float, float, float, float]
 """Ixx, Ixy, Ixz, Iyy, Iyz, Izz [kg m^2]."""
 NO_INERTIA: InertiaTensor = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 QUATERNION_TOLERANCE = 1e-6
-"""Largest deviation of the norm of a quaternion from 1."""
+"""Largest deviation of the norm of a quaternion from 1, in configurations, too: docs/certify.md promises it."""
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -22,7 +22,7 @@ from guidefield.prove.closest import measure
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 
-SLIGHT_DEPTH = 0.01  # a contact deeper than this is not slight [m]: docs/certificate.md promises it
+SLIGHT_DEPTH = 0.01  # a contact deeper than this is not slight [m]: docs/certificate.md and docs/goals.md promise it
 LEFT_DISTANCE = 1e-3  # distance that what touched keeps in the end, at least [m]. Unrecorded
 
 WAY_OUT_LENGTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)

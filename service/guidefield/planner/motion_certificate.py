@@ -36,7 +36,8 @@ from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, 
 CERTIFY_GRACE_S = 0.03
 """Time to judge a motion after the deadline, or when the run is cancelled [s]: a proven motion is worth it."""
 
-MOST_PARTS = 64  # most parts of the span between two knots, by which rows are added until the drawn curve is certified
+MOST_PARTS = 64
+"""Most parts of a span between knots, by which rows are added until the drawn curve is certified: docs/execution.md."""
 REFINED = 0.5  # twice the rows must leave no more than this share of an excess, or the motion is slowed down. A choice
 MOST_SLOWED = 8  # how often a motion is slowed down at most until the drawn curve keeps all limits
 

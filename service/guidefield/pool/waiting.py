@@ -29,6 +29,7 @@ from guidefield.messages.identities import ANONYMOUS, Asker
 Answer = tuple[bool, bytes]  # true for a reply, False for an error; and the payload
 BACKSTOP = 60.0  # a worker that plans longer than its request allows by this is to be stopped [s]
 LONGEST_WORK = 600.0  # a worker that works longer on anything but a plan is to be stopped [s]
+# both are in docs/wire.md by endpoint/rules.py: after a change, `tools/wire_page`
 STANDBY_WAIT_S = 0.4  # wait of a user without a worker, after which the worker that stands by takes its task [s]
 TRIAL_S = 0.4  # time for which that one works on a task before another user's may take its place [s]
 MIN_RETRY_S, MAX_RETRY_S = 0.1, 30.0  # bounds of the time after which a client is asked to come back [s]

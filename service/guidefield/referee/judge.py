@@ -2,7 +2,7 @@
 
 A segment of the motion is tested at its middle: there Coal says how far two bodies are apart, and `_reach` bounds how
 far their points move within it. Bodies farther apart than that are free; for others both halves are tested. What is
-promised, and the tolerances below, are in docs/certificate.md.
+promised is in docs/certificate.md, what stays undecided in docs/referee.md.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ from guidefield.referee.case import (
 )
 from guidefield.referee.shapes import distance, distinct, is_closed, winding
 
-SLACK = FLOOR = 1e-6  # error of constraints and Coal's distances (2e-6 more a metre); less motion is undecided
+# SLACK: Coal's error, so bodies have to be farther apart by it (and 2e-6 more a metre) to be free, and closer by it to
+# be too close; constraints, and corners outside of parts, may be off by it. FLOOR: less motion is undecided
+SLACK = FLOOR = 1e-6
 ROUNDING = 1e-9  # tolerance for a corner to be in a convex part [m]
 Judgement = tuple[Answer | None, float, float]  # what is broken; margin above what is required; distance
 

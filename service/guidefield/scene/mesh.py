@@ -1,7 +1,7 @@
 """Judge the mesh of an obstacle (closed, convex, crossing itself), and divide it into solids.
 
-Facts of a large mesh, and its cleaned surface, are cached on disk by the hash of what was declared; names and types of
-these arrays are read again in `_restore` and `_LargeMesh.surface`.
+Facts of a large mesh, and its cleaned surface, are cached on disk by the hash of what was declared, and of this code:
+no old ones are read. Names and types of these arrays are read again in `_restore` and `_LargeMesh.surface`.
 """
 
 from __future__ import annotations

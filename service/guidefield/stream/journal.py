@@ -30,8 +30,8 @@ from guidefield.stream.state import Snapshot, StreamWatcher, decode_part, encode
 from guidefield.stream.stream import CertifiedStream, GoalSearch
 
 ENDING = ".stream"  # of the files
-FILE_BYTES = 8 << 20  # size of entries at which a file ends, and another one begins [bytes]
-MOST_FILES = 16  # files kept of a stream; the oldest are dropped first
+FILE_BYTES = 8 << 20  # size of entries at which a file ends, and another one begins [bytes] (docs/stream.md)
+MOST_FILES = 16  # files kept of a stream; the oldest are dropped first (docs/stream.md)
 MOST_WAITING = 2_000  # entries that may wait to be written; with more the file ends
 RETRY_AFTER = 10.0  # time from a refusal of the disk to the begin of another file [s]
 LONGEST_ENTRY = 1 << 30  # a length beyond this means that the file is damaged [bytes]

@@ -106,6 +106,7 @@ def meets_drifting(world: LaneWorld) -> bool:
             since, left = since - rint(since / period) * period, left - rint(left / period) * period
         first = largest_of(first, magnitude(since) * drifting.rates[j])
         last = largest_of(last, magnitude(left) * drifting.rates[j])
+    # the same rule as `later` in `_among` of stream/path_planner.py, which measures `KEPT_AT_GOAL` by it
     then = smallest_of(first, splat(drifting.numbers[HORIZON]))
     first, last = first * drifting.numbers[WIDENING], last * drifting.numbers[WIDENING]
     for k in range(drifting.size):

@@ -1,8 +1,8 @@
 """Rounds towards a guide plane in one call: the tip advances, the arm descends by Projected, the path is straightened.
 
-service/docs/algorithm.md, "Crossing a guide plane". guide.py and guided_path.py of planner/guide do the same step by
-step for other minimizers, and for robots whose motions capsules can't judge alone: a rule changed here is to be changed
-there. `planner/guide/rounds.py` reads `Record`.
+service/docs/algorithm.md, "Crossing a guide plane". rounds.py (`approach`) and guided_path.py of planner/guide do the
+same step by step for other minimizers, and for robots whose motions capsules can't judge alone: a rule changed here is
+to be changed there. rounds.py also reads `Record`.
 """
 
 from __future__ import annotations

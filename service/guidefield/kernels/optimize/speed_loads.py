@@ -82,7 +82,8 @@ def expand_speed_loads(
 ) -> int:
     """Expand loads above a share, three rows each, behind those that are there; return how many rows there are then.
 
-    See `torque_loads.expand_torque_loads`. Where points are balls their turning counts as if the velocity were longer.
+    See `torque_loads.expand_torque_loads`. Where points are balls their turning counts as if the velocity were longer:
+    `scale` follows what `_fastest` takes for the speed.
     """
     nv, joints = points.shape[1], body.joints
     places, state, twist = joint_places(joints), empty_bounds(nv, joints.sources.shape[0]), np.empty(6)

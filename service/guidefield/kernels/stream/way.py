@@ -182,7 +182,8 @@ def piece_and_braking(
             u = _ending_at(q, v, a, u, edge, piece, most, jerk)
         wanted[k], counts[k] = u, 0
     for part in range(2):
-        # a coordinate that changes less takes as long as the slowest, so that all go straight on together
+        # a coordinate that changes less takes as long as the slowest, so that all go straight on together; not on its
+        # last approach, to a finite goal
         slowest = 0.0
         for k in range(count):
             u = wanted[k] if part == 0 else 0.0

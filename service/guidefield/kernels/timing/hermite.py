@@ -1,6 +1,7 @@
 """Cubic splines: Hermite curves in time with exact extrema, uniform B-splines, not-a-knot interpolation.
 
 `planner/motion` evaluates trajectories and splines by it: limits, certificates and replies speak of these very curves.
+docs/certify.md promises "not a knot"; `spline_rates` in `planner/motion/submitted_motion.py` does two or three samples.
 """
 
 from __future__ import annotations

@@ -47,10 +47,10 @@ FEW_WAYS = 3
 ROUND_MOTIONS = 2000  # motions that a round of making a path shorter judges at most. Unrecorded
 ROUNDS_SHARE = 0.5  # such rounds end when this share of the time left is over: the rest is for what follows. A choice
 LEAST_SHORTER = 1e-3  # by what share a path has to be shorter to be taken. A choice: less is not worth a round
-# a path to a single goal whose score is more than this times the straight one's is a detour, and has this many rounds
-# unless a request says how many. Motions of a Fetch, a Baxter, a Panda take 1.2, 0.7, 0.5 % less, some a third, and
-# whole answers 1.02, 0.99, 0.98 of the time, as shorter ones are optimised sooner; with 8 rounds a Fetch's take 4 %
-# less, and answers 1.11 of the time
+# a path to a goal, single or one of several tried together, whose score is more than this times the straight one's is a
+# detour, and has this many rounds unless a request says how many. Motions of a Fetch, a Baxter, a Panda take 1.2, 0.7,
+# 0.5 % less, some a third, and whole answers 1.02, 0.99, 0.98 of the time, as shorter ones are optimised sooner; with 8
+# rounds a Fetch's take 4 % less, and answers 1.11 of the time
 DETOUR = 2.0
 DETOUR_ROUNDS = 3  # this many. With 2 a Fetch's motions take 1.1 % less
 

@@ -33,7 +33,7 @@ class OptimizationSettings:
     floor: float = 0.045
     # with much room at both ends it is `clearance_samples.FLOOR_SHARE` of that, at most this [m]
     farthest_floor: float = 0.045
-    least_floor: float = 0.002  # the same at least, at ends [m]: the margin of all motions
+    least_floor: float = 0.002  # the same at least, at ends [m]: as `MARGIN` of robot/model/model.py
     samples: int = 2  # on a piece before the last subdivision. Problems: with three motions keep as much
     fine_samples: int = 1  # the same after it. Problems: with two motions keep as much, in twice the time
     # whether few of the points of a motion that passes something count after it too. Guided chains keep as much with a

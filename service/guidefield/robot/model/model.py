@@ -286,7 +286,8 @@ MARGIN = 2e-3
 It is 200 times the certificate's resolution, and next to nothing of free space. With it the certificate refuses a tenth
 as many of a tree's shortened paths as without, because shortcuts end where they graze something and samples overlook
 corners; paths are 0.5 % longer (`tools/bench connect`). It holds for steps of the guided planner, motions among moving
-obstacles, the lowest clearance of the optimiser, and links that are in contact at the stated rest.
+obstacles, and links that are in contact at the stated rest. `least_floor` of `planner/optimize/settings.py`, the lowest
+clearance of the optimiser, has the same value written out.
 """
 
 
