@@ -433,17 +433,17 @@ class Engine:
             raise ended_work(late, request.allowed_time) from None
 
     def _read_robots(self, _request: requests.ReadRobots) -> RobotsReply:
-        from guidefield.handlers.info import robots
+        from guidefield.handlers.robots import robots
 
         return robots(self._loaded.catalog, self._robots)
 
     def _read_robot(self, request: requests.ReadRobot) -> RobotReply:
-        from guidefield.handlers.info import robot
+        from guidefield.handlers.robots import robot
 
         return robot(self._load_robot(request.robot))
 
     def _store_robot(self, request: requests.StoreRobot) -> Done:
-        from guidefield.handlers.info import prepare_stored
+        from guidefield.handlers.robots import prepare_stored
 
         self._robots.write(request.name, request.files, self._loaded.catalog.load)
         stored = self._load_robot(request.name)
@@ -486,7 +486,7 @@ class Engine:
 
     def summaries(self, names: Sequence[str]) -> list[RobotSummary]:
         """Summarize other users' robots, named ``user:name``; some may have been deleted."""
-        from guidefield.handlers.info import summaries_of
+        from guidefield.handlers.robots import summaries_of
 
         found = []
         for name in names:

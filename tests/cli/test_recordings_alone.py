@@ -46,8 +46,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[PlanRequest, Plan
 
 @pytest.fixture(autouse=True)
 def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
-    for room in ("kept_runs", "replaying"):
-        monkeypatch.setattr(f"guidefield.cli.{room}.out", Console(width=300))
+    monkeypatch.setattr("guidefield.cli.kept_runs.out", Console(width=300))
 
 
 def _said(code: int, *arguments: object) -> str:

@@ -17,9 +17,9 @@ import pytest
 import viser
 from rich.console import Console
 
-from guidefield.cli import showing
+from guidefield.cli import trying
 from guidefield.cli.serving import free_port
-from guidefield.cli.showing import TryPage
+from guidefield.cli.trying import TryPage
 from guidefield.errors import MalformedRequest
 from guidefield.messages.scene import Box
 from guidefield.messages.values import Placement
@@ -149,8 +149,8 @@ def test_the_page_tells_where_it_is_if_its_port_is_occupied(monkeypatch: pytest.
         return next(word for word in told.split() if word.startswith("http://"))
 
     out = io.StringIO()
-    monkeypatch.setattr(showing, "TryPage", lambda *_: SimpleNamespace(run=interrupt))
+    monkeypatch.setattr(trying, "TryPage", lambda *_: SimpleNamespace(run=interrupt))
     with socket.create_server((LOOPBACK, 0)) as other:
         port = other.getsockname()[1]
-        showing.serve_page("ur5", "table", port, Console(file=out))
+        trying.serve_page("ur5", "table", port, Console(file=out))
     assert not find_address(out.getvalue()).endswith(f":{port}")

@@ -89,7 +89,7 @@ def test_other_inputs_are_another_entry(monkeypatch: pytest.MonkeyPatch) -> None
 def test_an_edit_of_what_computes_is_another_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = tmp_path / "guidefield"
     for name, text in {
-        "robot/bodies/sphere_cover": (
+        "robot/bodies/bounding": (
             "from guidefield.geometry import cover\nfrom guidefield.robot.model.model import Robot"
         ),
         "robot/model/model": "",
@@ -104,7 +104,7 @@ def test_an_edit_of_what_computes_is_another_entry(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(cache, "_PACKAGE", package)
     monkeypatch.setattr(cache, "_sources", functools.cache(cache._sources.__wrapped__))  # the others keep what is real
     seen = {_fingerprint()}
-    for name in ("kernels/bits", "geometry/cover", "robot/bodies/sphere_cover"):
+    for name in ("kernels/bits", "geometry/cover", "robot/bodies/bounding"):
         with (package / f"{name}.py").open("a") as file:
             file.write("\n# edited")
         seen.add(_fingerprint())

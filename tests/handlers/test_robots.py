@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from guidefield.handlers.info import robot as described
+from guidefield.handlers.robots import robot as described
 from guidefield.robot.bodies.bounding import convex_parts, coverage
 from tests.robots import robot
 

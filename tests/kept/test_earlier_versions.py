@@ -68,8 +68,7 @@ def kept(version: str, tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
-    for room in ("kept_runs", "replaying"):
-        monkeypatch.setattr(f"guidefield.cli.{room}.out", Console(width=300))
+    monkeypatch.setattr("guidefield.cli.kept_runs.out", Console(width=300))
 
 
 def _ran(*arguments: object) -> tuple[int, str]:

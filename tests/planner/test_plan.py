@@ -155,11 +155,11 @@ def test_guided_alone_gives_up_honestly_with_the_motion_so_far() -> None:
 
 
 def test_auto_goes_on_with_the_tree_where_the_field_is_stuck(monkeypatch) -> None:
-    from guidefield.planner import plan
+    from guidefield.planner import plan as plans
     from guidefield.planner.guide.guide import PlaneCrossing
 
     made = problem("panda", "wall_with_window")
-    real, calls = plan.cross_plane, []
+    real, calls = plans.cross_plane, []
 
     def stuck_at_the_first(problem, q, plane, index, attempts):
         calls.append(index)
@@ -167,7 +167,7 @@ def test_auto_goes_on_with_the_tree_where_the_field_is_stuck(monkeypatch) -> Non
             return PlaneCrossing(Status.STUCK_IN_MINIMUM, "stuck", q[None], {"stage": "guide", "distance": 1.0})
         return real(problem, q, plane, index, attempts)
 
-    monkeypatch.setattr(plan, "cross_plane", stuck_at_the_first)
+    monkeypatch.setattr(plans, "cross_plane", stuck_at_the_first)
     result = plan(made, Planner.AUTO)
     check_success(made, result)
     assert calls == list(range(len(made.guide_planes)))

@@ -98,7 +98,7 @@ def kinds() -> set[str]:
 
 
 def nothing_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    for owner, name in ((cache, "write_arrays"), (cache.Draft, "room")):
+    for owner, name in ((cache, "write_arrays"), (cache.Draft, "allocate")):
         monkeypatch.setattr(owner, name, lambda *_: pytest.fail("it is there"))
 
 

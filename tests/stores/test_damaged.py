@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from guidefield.errors import RobotInvalid, SceneInvalid, UnknownObject
-from guidefield.handlers.info import robots
+from guidefield.handlers.robots import robots
 from guidefield.messages.requests import RobotFiles
 from guidefield.messages.scene import Box, Scene
 from guidefield.robot.catalog.catalog import Catalog

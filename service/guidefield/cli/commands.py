@@ -516,7 +516,7 @@ def show(
         if not web:
             raise MalformedRequest("name a run or a recording's file; --web alone opens a page to try")
         try:
-            from guidefield.cli.showing import serve_page
+            from guidefield.cli.trying import serve_page
         except ImportError:
             raise CannotShow("the page needs a package more: pip install 'guidefield[web]'") from None
         compile_kernels(err.print, wholly=False)

@@ -10,7 +10,7 @@ import pytest
 from guidefield.engine import Engine, LocalFiles
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import ReadRobot
-from guidefield.robot.catalog import library
+from guidefield.robot.catalog import robot_descriptions
 from guidefield.robot.catalog.catalog import Catalog
 from tests.robots import box_arm
 
@@ -34,7 +34,7 @@ def descriptions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         f"PACKAGE_PATH = REPOSITORY_PATH + '/arm_description'\nURDF_PATH = PACKAGE_PATH + '/urdf/arm.urdf'\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(package.parent))
-    vars(library.find_description.__wrapped__).pop("_found", None)  # frees what other tests found
+    vars(robot_descriptions.find_description.__wrapped__).pop("_found", None)  # frees what other tests found
     return urdf
 
 
@@ -44,7 +44,7 @@ def test_a_description_is_found_by_its_loader(descriptions: Path) -> None:
     assert robot.source.urdf_path == descriptions
     assert len(robot.joints) == 2
     assert catalog.load("robot_descriptions:arm_description") is robot
-    folders = library.find_description("robot_descriptions:arm_description").package_dirs
+    folders = robot_descriptions.find_description("robot_descriptions:arm_description").package_dirs
     assert folders == [str(descriptions.parents[2]), str(descriptions.parents[3])]
 
 
@@ -65,7 +65,7 @@ def test_what_cant_be_had_is_told_in_a_sentence(descriptions: Path, name: str, w
 
 
 def test_a_download_without_end_is_ended(descriptions: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(library, "MAX_DOWNLOAD_SECONDS", 1.0)
+    monkeypatch.setattr(robot_descriptions, "MAX_DOWNLOAD_SECONDS", 1.0)
     began = time.monotonic()
     with pytest.raises(RobotInvalid, match="took more than 1 s"):
         Catalog().load("robot_descriptions:slow_description")

@@ -5,7 +5,8 @@ import pinocchio as pin
 import pytest
 
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.model.model import RobotCard, RobotModel
+from guidefield.robot.model.card import RobotCard
+from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.rest import stated
 from guidefield.robot.urdf.srdf import Srdf
 from tests.robots import load, robot

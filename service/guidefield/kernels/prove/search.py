@@ -170,6 +170,7 @@ def _is_done(
     level: Floats,
     least: float,
     longest: float,
+    tolerance: float,
     questions: Floats,
     verdict: Floats,
 ) -> bool:
@@ -187,7 +188,7 @@ def _is_done(
     own = is_own(moving.pairs, pair)
     was_told = since <= last[WHEN] <= until and last[APART] > 0.0
     if was_told and moved > verdict[RESOLUTION] and asked > last[APART] + known[TRAVEL]:
-        return _is_fine(verdict, since, moved)  # it isn't as far apart in the middle either
+        return _is_fine(verdict, since, moved, tolerance)  # it isn't as far apart in the middle either
     kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.query)
     if kept == np.inf:
         return True
@@ -208,13 +209,16 @@ def _is_done(
         log[LOG_PATIENT], log[LOG_COUNT] = 0.0, begun  # it is judged again, in halves
         if kept < np.inf:
             _leave_undecided(verdict, since, until, pair)
-    return _is_fine(verdict, since, moved)
+    return _is_fine(verdict, since, moved, tolerance)
 
 
 @uncounted
-def _is_fine(verdict: Floats, since: float, travel: float) -> bool:
-    """Return whether a pair needs no shorter segments: no verdict is asked for there, and it moves at most `FINE`."""
-    return bool(travel <= FINE and not (verdict[RESOLUTION] >= 0.0 and since < verdict[END]))
+def _is_fine(verdict: Floats, since: float, travel: float, tolerance: float) -> bool:
+    """Return whether a pair needs no shorter segments: no verdict is asked for there, and it moves at most `FINE`.
+
+    Of a small robot at most the tolerance of what is asked for.
+    """
+    return bool(travel <= min(FINE, tolerance) and not (verdict[RESOLUTION] >= 0.0 and since < verdict[END]))
 
 
 @uncounted
@@ -281,7 +285,9 @@ def _judge(
         pair = left.pairs[index]
         own = is_own(moving.pairs, pair)
         least = of_own if own == 1 else asked
-        if least == -np.inf or _is_done(moving, search, pair, segment, share, row, least, longest, questions, verdict):
+        if least == -np.inf or _is_done(
+            moving, search, pair, segment, share, row, least, longest, tolerance, questions, verdict
+        ):
             continue
         asked = required_distance(questions, verdict, 0, since, until, tolerance)
         of_own = required_distance(questions, verdict, 1, since, until, tolerance)

@@ -26,15 +26,18 @@ from guidefield.geometry.cache import Arrays, find_or_compute
 from guidefield.messages.faults import find_nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
-from guidefield.robot.catalog.library import Entry, SentRobot, entries, find_description, is_description, load_mjcf
+from guidefield.robot.catalog.library import Entry, SentRobot, entries
+from guidefield.robot.catalog.mjcf_robots import load_mjcf
+from guidefield.robot.catalog.robot_descriptions import find_description, is_description
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import companions
 from guidefield.robot.mjcf.compilation import compile_file, compile_text, is_mjcf
 from guidefield.robot.mjcf.conversion import convert, root_is_fixed
-from guidefield.robot.model import model as cards
+from guidefield.robot.model import card as cards
+from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.followers import unwrapped, with_ball_joints
 from guidefield.robot.model.loading import default_tip, load
-from guidefield.robot.model.model import RobotCard, RobotModel, RobotSource
+from guidefield.robot.model.model import RobotModel, RobotSource
 from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
 from guidefield.robot.model.yourdfpy_crosscheck import crosscheck
 from guidefield.robot.urdf import srdf

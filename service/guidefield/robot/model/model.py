@@ -1,7 +1,6 @@
 """The robot as a value: Pinocchio's model with its joints and frames, the collision geometry that counts, and limits.
 
-Links and joints may share a name, and then the link's frame is meant. A robot card has the few defaults that a URDF and
-an SRDF don't settle; its fields are those of the files `robots/<name>.card.json`.
+Links and joints may share a name, and then the link's frame is meant.
 
 Lengths that were chosen (margins, steps, spacings) are stated for a usual arm, and scale with a robot's size. A Panda,
 a UR5, a Fetch and a Baxter reach 1.1 to 1.5 m: all lengths were chosen with them. So robots of about their reach have
@@ -16,9 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import msgspec
 import numpy as np
 import pinocchio as pin
 
@@ -33,8 +31,6 @@ from guidefield.kernels.kinematics.forward_kinematics import (
     SPHERICAL,
     JointTable,
 )
-from guidefield.messages.requests import Positions
-from guidefield.messages.values import Positive
 from guidefield.robot.model.spaces import RobotConfiguration
 
 CODES = {
@@ -345,22 +341,3 @@ def scale(arrays: Arrays, factor: float, *names: str) -> Arrays:
 def power_of_two(size: float) -> float:
     """Return the power of two next to a size: lengths are divided and multiplied by it without rounding."""
     return float(np.exp2(np.round(np.log2(size))))
-
-
-class RobotCard(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Declared in `robots/<name>.card.json`; everything but `urdf` only where a default must be chosen."""
-
-    urdf: str  # path inside example-robot-data's robots folder, or beside the card
-    srdf: str | None = None  # the same for the SRDF; null where there is none
-    tip: str | None = None  # frame that goals are about
-    rest: Positions = {}  # values of the rest configuration by joint, as on the wire
-    group: list[str] | None = None  # joints that are planned for by default; null: all between root and tip
-    root_joint: Literal["fixed", "planar", "free"] = "fixed"  # how the robot stands in the world
-    ball_joints: list[str] = []  # joints that the URDF calls floating and that only turn
-    acceleration: dict[str, Positive] = {}  # acceleration limits by joint [rad/s^2 or m/s^2]
-    velocity: dict[str, Positive] = {}  # velocity limits by joint [rad/s or m/s]
-
-
-EMPTY = RobotCard(urdf="")  # the card of a robot that has none
-
-decode = msgspec.json.Decoder(RobotCard).decode

@@ -16,9 +16,10 @@ import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import Positions
+from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.configuration import LENGTHS, LIMIT_TOLERANCE, clamp, values_from_wire
 from guidefield.robot.model.followers import follow
-from guidefield.robot.model.model import MARGIN, ROOT_JOINT, Joint, JointKind, RobotCard
+from guidefield.robot.model.model import MARGIN, ROOT_JOINT, Joint, JointKind
 from guidefield.robot.model.pairs import SelfContacts
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
