@@ -492,3 +492,34 @@ def test_a_single_row_is_judged_by_the_rates_that_it_gives(rate: float, rows: in
     reply = guidefield.answer({**asked, "trajectory": slow, "limits": limits})
     assert reply.limits.acceleration.share == pytest.approx(abs(rate) / 20.0)
     assert (reply.status.name == "SUCCESS") == (abs(rate) <= 20.0)
+
+
+FOLLOWED = """<robot name="followed">
+<link name="base"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>
+<link name="arm"><collision><origin xyz="0 0 0.3"/><geometry><sphere radius="0.02"/></geometry></collision></link>
+<link name="crank"><collision><origin xyz="0 0.5 0"/><geometry><sphere radius="0.02"/></geometry></collision></link>
+<link name="slide"><collision><origin xyz="0 -0.5 0"/><geometry><sphere radius="0.02"/></geometry></collision></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="2"/></joint>
+<joint name="drive" type="revolute"><parent link="base"/><child link="crank"/><axis xyz="0 0 1"/>
+<limit lower="-20" upper="20" effort="1" velocity="2"/></joint>
+<joint name="follow" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="0 0 1"/>
+<limit lower="-0.2279" upper="0.155" effort="1" velocity="2"/>
+<mimic joint="drive" multiplier="0.025" offset="-0.118"/></joint></robot>"""
+
+
+def test_a_follower_that_stands_at_its_limit_may_be_rounded_beyond_it() -> None:
+    """Its law gives 2.8e-17 m more than its limit there."""
+    assert 0.025 * 10.92 - 0.118 > 0.155
+    reply = guidefield.answer(
+        {
+            "type": "certify",
+            "robot": {"type": "urdf", "text": FOLLOWED},
+            "scene": {"name": "none", "obstacles": []},
+            "group": ["turn"],
+            "start": {"turn": 0.0, "drive": 10.92},
+            "position_names": ["turn"],
+            "path": [[0.0], [0.5]],
+        }
+    )
+    assert reply.certificate.collision_free, reply.status.message

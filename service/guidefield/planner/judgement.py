@@ -32,7 +32,7 @@ from guidefield.planner.task.motion_limits import CartesianUse, measure_cartesia
 from guidefield.planner.task.problem import Conditions
 from guidefield.prove.certificate import certify, certify_constraints
 from guidefield.prove.curve import point_on
-from guidefield.prove.verdict import Reason, Verdict, first_refused
+from guidefield.prove.verdict import LIMIT_TOLERANCE, Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 
@@ -160,7 +160,8 @@ class GivenProblem(Conditions):
         """The joint that stands still farthest beyond a limit; None if none does."""
         joints, moving = self.group.robot.joints, {joint.name for joint in self.group.joints}
         still = [j for j in joints if (j.name if j.mimic is None else j.mimic.driver) not in moving]
-        faults = limit_faults(still, self.group.q_reference)
+        # what a follower's law gives is rounded
+        faults = [fault for fault in limit_faults(still, self.group.q_reference) if fault.excess > LIMIT_TOLERANCE]
         return max(faults, key=lambda fault: fault.excess, default=None)
 
 
