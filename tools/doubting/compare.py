@@ -439,7 +439,7 @@ def _reached(request: PlanRequest, reply: PlanReply) -> list[Disagreement]:
 
 
 def _at_goal(judge: Judge, request: PlanRequest, curve: Curve) -> list[Disagreement]:
-    """That the tip doesn't end at the pose that was the goal, or within 0.1 mm of the plane."""
+    """That the tip doesn't end at the pose that was the goal, or within 0.1 mm of the plane, more for a large robot."""
     goal, frame = request.goal, request.tip or judge.subject.tip
     if not isinstance(goal, PoseGoal | GuidePlaneGoal):
         return []
@@ -457,7 +457,8 @@ def _at_goal(judge: Judge, request: PlanRequest, curve: Curve) -> list[Disagreem
         inward = np.cross(normal, np.roll(corners, -1, axis=0) - corners)
         inward /= np.linalg.norm(inward, axis=1, keepdims=True)
         off = tip.translation - corners
-        beyond = [abs(float(normal @ off[0])) - OFF, *(-(off * inward).sum(axis=1) - OFF)]
+        off_allowed = OFF * max(judge.subject.size, 1.0)
+        beyond = [abs(float(normal @ off[0])) - off_allowed, *(-(off * inward).sum(axis=1) - off_allowed)]
     if max(beyond, default=0.0) > REACHED:
         return [Disagreement(Kind.ENDS, f"the tip is {max(beyond):.3g} beyond what the goal allows")]
     return []
