@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 from numba import types
 
 from guidefield.collision.part_tables import PartsTable
-from guidefield.kernels.collide.gjk import WORK
+from guidefield.kernels.collide.gjk import AXIS, WORK
 from guidefield.kernels.collide.parts import PARTS, Parts
 from guidefield.kernels.jit.arrays import VECTOR, VECTOR_OUT, Floats
 from guidefield.kernels.jit.compilers import kernel
@@ -235,6 +235,37 @@ def test_what_is_told_later_is_told_in_a_shorter_time(seed: int, first: str, sec
         half, bend = 0.5 * half, 0.25 * bend
     else:
         raise AssertionError("it is never told")
+
+
+EDGE = np.array(
+    [
+        [-0.05133077, 0.16003193, -0.0119238],
+        [-0.03140953, 0.15953004, -0.00842417],
+        [-0.03984806, 0.17532482, 0.01948162],
+    ]
+)
+"""A triangle with an edge that is nearly a tangent of a cylinder's side, 5 um from it, in the cylinder's frame."""
+
+
+def test_no_axis_to_begin_with_makes_parts_touch_that_are_separated() -> None:
+    """Of a flat simplex rounding says where the origin is: from the first of these axes it was within it."""
+    cylinder, mesh = table_of(coal.Cylinder(0.162587246, 0.80723663)), coal.BVHModelOBBRSS()
+    mesh.beginModel(1, 3)
+    mesh.addTriangle(*EDGE)
+    mesh.endModel()
+    triangle, still = table_of(mesh), twists_of(pin.Motion.Zero(), pin.Motion.Zero())
+    exact = [-0.1452751933493983, 0.6069085761146729, 0.7813815319264688, -0.14978307124153725, -0.8802009834937949]
+    exact += [0.2813760110863194, -0.3821959825033585, -0.018882572578070966, -0.45182003812784904, -0.7432963881411045]
+    at = np.array([*exact, 0.4933245711725064, 0.08100070348517124])
+    outwards = at.reshape(3, 4)[:, :3] @ [-0.25, 0.97, 0.0]
+    rng = np.random.default_rng(0)
+    sizes, sides = 10.0 ** rng.uniform(-7.0, -2.0, 3000), rng.choice([-1.0, 1.0], 3000)
+    axes = sides[:, None] * outwards + 10.0 ** rng.uniform(-6.0, 0.5, (3000, 1)) * rng.normal(size=(3000, 3))
+    found = [[-3.5164709716773195e-05, -2.731831793570893e-05, 3.2392857404689596e-05]]
+    for axis in np.concatenate([found, sizes[:, None] * axes]):
+        work = np.zeros(WORK)
+        work[AXIS : AXIS + 3] = axis
+        assert 5e-6 < keeps(cylinder, at, triangle, at, still, 0.1, 1e-3, 0.0, work) < 6e-6
 
 
 def test_a_fast_body_that_passes_by_is_told_from_one_that_comes_closer() -> None:

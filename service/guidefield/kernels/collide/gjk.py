@@ -270,7 +270,11 @@ def parts_distance(
         vx, vy, vz = nearest_point(work)
         square = vx * vx + vy * vy + vz * vz
         if count == 4 or square < 1e-16:
-            return -rounding
+            if lower <= ACCURACY:
+                return -rounding
+            # an axis separates them: of a simplex so flat rounding says where the origin is; another is begun
+            count, vx, vy, vz = 0, wx, wy, wz
+            square = wx * wx + wy * wy + wz * wz
         if square <= near * abs(near):
             write_axis(work, vx, vy, vz)
             return lower - rounding
