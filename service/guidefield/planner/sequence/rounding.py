@@ -173,7 +173,9 @@ def _passages(parts: Sequence[StepPart], joined: JoinedMotion) -> tuple[Passage,
 
 def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[StepPart]) -> JoinedMotion:
     goals = [one.goal for one in parts if one.goal is not None]
-    knots, motion = motion.times[[0, *passed, -1]], _add_edges(motion, goals)
+    straight = [one.way is not None for one in parts]
+    beside = [goal for goal, *ways in zip(goals, straight, straight[1:], strict=False) if any(ways)]
+    knots, motion = motion.times[[0, *passed, -1]], _add_edges(motion, beside)
     bounds = np.searchsorted(motion.times, knots).tolist()
     passages = list[GoalPassage]()
     for goal, first, about, last in zip(goals, bounds, bounds[1:], bounds[2:], strict=False):
@@ -183,7 +185,7 @@ def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[StepPart]) 
 
 
 def _add_edges(motion: Trajectory, goals: Sequence[PassedGoal]) -> Trajectory:
-    """The same motion with a knot wherever it enters or leaves a goal's radius, just within it.
+    """Return the same motion with a knot wherever it enters or leaves a goal's radius, just within it.
 
     From its last knot within a radius on it has to keep to a straight way, which it may reach at the edge alone.
     """
