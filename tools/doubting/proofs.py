@@ -22,9 +22,11 @@ import numpy as np
 
 from doubting.compare import OFF, Disagreement, Kind
 from doubting.loaded import Loaded
+from doubting.refereed import contradicts
 from guidefield.case_file import pack_arrays
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
+from guidefield.prove.verdict import Reason
 from guidefield.referee.case import Answer, Verdict
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import UnusableFile, case_of
@@ -94,7 +96,9 @@ def doubt_proof(
         answered = loaded.engine.answer(request, proof_to=file)
         if not isinstance(answered, CertifyReply) or answered.proof is None:
             warnings = getattr(answered, "warnings", [f"{answered}"])
-            if any("no proof is kept: time was up" in warning for warning in warnings):
+            # a proof is about the whole scene, whose rounding is larger than that of what is within reach
+            untold = isinstance(answered, CertifyReply) and answered.certificate.reason == Reason.UNDECIDED.value
+            if untold or any("no proof is kept: time was up" in warning for warning in warnings):
                 counts["proof:undecided"] += 1
                 return counts, []
             return counts, [Disagreement(Kind.PROOF, f"there is none: {warnings}")]
@@ -166,8 +170,10 @@ def _false(one: Proved, arrays: Arrays, verdict: Verdict) -> str:
     """What speaks against a proof that is replayed."""
     if arrays["cases"] is one.arrays["cases"]:
         return "" if verdict.kept <= one.least + OFF else f"{verdict.kept:g} m are kept, and {one.least:g} m measured"
-    against = judge(case_of(json.loads(arrays["cases"].tobytes())[0]), seconds=SECONDS)
-    return f"the referee's judge says {against.finding}" if against.answer in AGAINST else ""
+    case = case_of(json.loads(arrays["cases"].tobytes())[0])
+    against = judge(case, seconds=SECONDS)
+    is_false = against.answer in AGAINST and contradicts(against.finding, case.clearance)
+    return f"the referee's judge says {against.finding}" if is_false else ""
 
 
 def _some(rng: np.random.Generator, among: Sequence[Any]) -> Any:

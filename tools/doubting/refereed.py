@@ -65,7 +65,7 @@ def refereed(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> tu
     if refused and found.answer is Answer.FREE:
         said = f"{verdict.reason} of {verdict.pair}, but the referee proves {extra:g} m more than required"
         return Outcome.DISAGREES, [Disagreement(Kind.FALSE_REFUSAL, said)]
-    if refused or found.answer is Answer.FREE or not _counts(found, request):
+    if refused or found.answer is Answer.FREE or not contradicts(found, request.min_clearance):
         return Outcome.AGREES, []
     said = f"the referee says {found.answer.value}: {found.about} at {found.time:.9g}, {found.distance:.9g}"
     return Outcome.DISAGREES, [Disagreement(Kind.FALSE_CERTIFICATE, said)]
@@ -115,17 +115,19 @@ def _told(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> dict[
     return case
 
 
-def _counts(found: Finding, request: CertifyRequest) -> bool:
-    """Whether what the referee finds is more than what the certificate may be off by."""
+def contradicts(found: Finding, min_clearance: float) -> bool:
+    """Whether what the referee finds is more than what the certificate may be off by.
+
+    Coal tells 0 for a box that is 0.8 um from a triangle.
+
+    Args:
+        min_clearance: Distance to keep from obstacles [m].
+    """
     if found.answer in CLOSE:
         # of what must be kept only the clearance from obstacles is known here; own pairs keep nothing
-        return found.distance < -CLOSER if found.answer is Answer.CONTACT else _too_close(found, request)
+        return found.distance < -CLOSER if found.answer is Answer.CONTACT else found.distance < min_clearance - CLOSER
     if found.answer is Answer.CONSTRAINT_BROKEN:
         return found.distance > CLOSER
     if found.answer is Answer.BEYOND_LIMIT and "position" in found.about:
         return found.distance > 2.0 * BEYOND
     return True
-
-
-def _too_close(found: Finding, request: CertifyRequest) -> bool:
-    return found.distance < request.min_clearance - CLOSER
