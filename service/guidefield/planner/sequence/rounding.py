@@ -174,8 +174,8 @@ def _passages(parts: Sequence[StepPart], joined: JoinedMotion) -> tuple[Passage,
 def _join(motion: Trajectory, passed: Sequence[int], parts: Sequence[StepPart]) -> JoinedMotion:
     goals = [one.goal for one in parts if one.goal is not None]
     straight = [one.way is not None for one in parts]
-    beside = [goal for goal, *ways in zip(goals, straight, straight[1:], strict=False) if any(ways)]
-    knots, motion = motion.times[[0, *passed, -1]], _add_edges(motion, beside)
+    next_to_ways = [goal for goal, *ways in zip(goals, straight, straight[1:], strict=False) if any(ways)]
+    knots, motion = motion.times[[0, *passed, -1]], _add_edges(motion, next_to_ways)
     bounds = np.searchsorted(motion.times, knots).tolist()
     passages = list[GoalPassage]()
     for goal, first, about, last in zip(goals, bounds, bounds[1:], bounds[2:], strict=False):
