@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -38,6 +39,28 @@ def test_a_deadline_passes_over_what_is_waited_for_kernels_after_it_was_set() ->
     assert half.expired()
     assert later.expired()
     assert deadline.at_least(0.0).remaining() == 0.0
+
+
+def test_threads_that_wait_at_the_same_time_count_once() -> None:
+    both, expired = threading.Barrier(2), []
+    before, working, begin = seconds_waited(), working_time(), time.monotonic()
+    deadline = Deadline(begin + 0.1)
+
+    def wait() -> None:
+        with waiting_for_kernels():
+            both.wait()
+            time.sleep(0.3)
+            expired.append(deadline.expired())
+            both.wait()
+
+    threads = [threading.Thread(target=wait) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert expired == [False, False]
+    assert 0.3 <= seconds_waited() - before <= time.monotonic() - begin
+    assert working_time() >= working
 
 
 def test_the_first_call_of_a_kernel_counts_as_waiting() -> None:

@@ -10,37 +10,45 @@ import contextlib
 import threading
 import time
 from collections.abc import Iterator
+from typing import NamedTuple
 
 
-class _Waited(threading.local):
-    """How many waits a thread is within: what a kernel calls may have to be waited for too."""
+class _Waits(NamedTuple):
+    """Waits that are over, and the one that runs: threads that wait at the same time, or within a wait, count once."""
 
-    depth = 0
+    total: float = 0.0  # of those that are over [s]
+    waiting: int = 0  # how many calls wait now
+    since: float = 0.0  # when the first of these began [s]
 
 
-_waited, _adding = _Waited(), threading.Lock()
-_waits = [0.0]  # their sum [s]
+_waits, _counting = [_Waits()], threading.Lock()
 
 
 @contextlib.contextmanager
 def waiting_for_kernels() -> Iterator[None]:
     """Count the time until it is left."""
-    begin = time.monotonic()
-    _waited.depth += 1
+    with _counting:
+        total, waiting, since = _waits[0]
+        _waits[0] = _Waits(total, waiting + 1, since if waiting else time.monotonic())
     try:
         yield
     finally:
-        _waited.depth -= 1
-        if _waited.depth == 0:
-            with _adding:
-                _waits[0] += time.monotonic() - begin
+        with _counting:
+            total, waiting, since = _waits[0]
+            _waits[0] = _Waits(total if waiting > 1 else total + time.monotonic() - since, waiting - 1, since)
+
+
+def _find_waited(now: float) -> float:
+    total, waiting, since = _waits[0]
+    return total + max(now - since, 0.0) if waiting else total
 
 
 def seconds_waited() -> float:
-    """Return how long this process has waited for kernels in all [s]."""
-    return _waits[0]
+    """Return how long this process has waited for kernels in all, until now [s]."""
+    return _find_waited(time.monotonic())
 
 
 def working_time() -> float:
     """Return the time of a clock that stands still while this process waits for kernels [s]; only differences count."""
-    return time.perf_counter() - _waits[0]
+    now = time.monotonic()
+    return now - _find_waited(now)
