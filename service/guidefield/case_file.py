@@ -259,11 +259,15 @@ def _encode_surface(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, An
     return {"vertices": vertices.tolist(), "triangles": triangles.tolist()}
 
 
-MOMENT = 1e-9  # time that a motion of one position takes [s], as in `referee/loading.py`
-SAMPLES = 33  # samples with which the search for the smallest distance along a motion begins
+MOMENT = 1e-9  # time that a motion of one position takes [s]; must be that of `referee/loading.py`
+SAMPLES = 33
+"""Samples with which the search for the smallest distance along a motion begins.
+
+Another number changes the time and the bits of proofs, not their truth.
+"""
 WRITING_S_PER_ITEM = 1.2e-5
 """Longest time to write an obstacle, triangle, point or knot [s]; measured: 11 us a box of 100,000, 2 us a triangle or
-point of a million."""
+point of a million. A proof isn't begun to be written unless the remaining time is enough by it."""
 
 
 class UnprovedError(Exception):

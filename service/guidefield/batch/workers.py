@@ -143,7 +143,11 @@ def _outcome(item: Item, task: Task) -> ItemAnswer:
 AHEAD_OF_CORE = 4  # number of requests that are handed over for each core of the cluster
 CONNECT_WITHIN = 5.0  # longest time to connect to a cluster [s]
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # escape sequences that change a terminal's colour
-ATTEMPTS = 3  # the largest number of times that a request is repeated after its node or worker was lost
+ATTEMPTS = 3
+"""How often Ray repeats a request whose worker was lost, and how often one that Ray gave up is handed over again.
+
+So a request that kills its worker is tried (`ATTEMPTS` + 1)^2 times before its answer is CRASH.
+"""
 
 
 def answer_over_cluster(items: Iterable[Item], address: str) -> Iterator[ItemAnswer]:

@@ -331,6 +331,7 @@ def serve(
     streams: Annotated[
         int, typer.Option(min=0, help="How many streams may be open at once, each in a process of its own.")
     ] = DEFAULT_STREAMS,
+    # `DEFAULT_QUEUE` of `endpoint/service.py`, which the wire page tells
     queue: Annotated[int, typer.Option(min=1, help="How many requests may wait.")] = 64,
     memory: Annotated[int, typer.Option(min=256, help="Memory that a worker may take [MiB].")] = DEFAULT_MEMORY >> 20,
     config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (TLS, users, routers).")] = None,
@@ -345,7 +346,8 @@ def serve(
         list[str] | None, typer.Option(help="Robot to prepare for its first plan before serving; may be repeated.")
     ] = None,
     keep_runs: Annotated[int, typer.Option(min=1, help="How many runs are kept.")] = Retention.runs,
-    keep_gib: Annotated[float, typer.Option(min=0.01, help="How large they may be together [GiB].")] = 20.0,
+    keep_gib: Annotated[float, typer.Option(min=0.01, help="How large they may be together [GiB].")] = Retention.bytes
+    / 2**30,
     keep_days: Annotated[float, typer.Option(min=0.0, help="How many days they are kept.")] = float("inf"),
     quota: Annotated[
         Path | None, typer.Option(help="JSON file with what each user may have.", exists=True, dir_okay=False)

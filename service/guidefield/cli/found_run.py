@@ -63,7 +63,7 @@ def require_writable(file: Path | None) -> Path | None:
     return file
 
 
-ENDING = ".stream"  # suffix of the files of a stream's journal
+ENDING = ".stream"  # suffix of the files of a stream's journal: `ENDING` of `stream/journal.py`, which loads a planner
 
 
 def stream_files(name: str, folder: Path) -> list[Path]:

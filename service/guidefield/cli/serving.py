@@ -33,7 +33,12 @@ from guidefield.messages import codec
 from guidefield.messages.identities import Quotas
 
 FORCED_EXIT_CODE = os.EX_SOFTWARE  # exit code of a process that was ended by force
-DUMP_TIME_S = 5.0  # time to dump the traces of all threads before the system's alarm ends the process [s]
+DUMP_TIME_S = 5.0
+"""Time to dump the traces of all threads before the system's alarm ends the process [s].
+
+With `END_TIME_S` and `DEFAULT_GRACE` of `endpoint/service.py` it is 45 s, below the 50 s after which
+`tools/deploy/guidefield.service` and containers (docs/operation.md) kill the process.
+"""
 
 _log = logging.getLogger(__name__)
 
@@ -93,8 +98,12 @@ def free_port() -> Iterator[int]:
 
 
 TRACE_SIGNAL = signal.SIGUSR1  # on this signal a service writes the traces of all threads to stderr, and continues
-END_TIME_S = 30.0  # time of a service to end after its work is finished, before it is ended by force [s]
-CHILD_END_TIME_S = 60.0  # time of a child service to end, longer than that of a service that is ended by force [s]
+END_TIME_S = 30.0  # time of a service to end after its work is finished, before it is ended by force [s]; `DUMP_TIME_S`
+CHILD_END_TIME_S = 60.0
+"""Time of a child service to end before it is killed [s].
+
+It must be longer than the time in which a service ends itself by force, which writes where its threads stood.
+"""
 
 
 def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None]) -> None:
@@ -175,7 +184,7 @@ def _end_child(child: subprocess.Popen[str]) -> None:
 def _await_ready(lines: Iterator[str], announce: Callable[[str], None]) -> None:
     for line in lines:
         announce(line.strip())
-        if line.startswith("ready"):
+        if line.startswith(READY):
             return
     raise RuntimeError("the service ended before it was ready; its log is above")
 

@@ -1,4 +1,7 @@
-"""The client whose methods wait for their answers; `asynchronous.py` has its counterpart for asyncio."""
+"""The client whose methods wait for their answers; `asynchronous.py` has its counterpart for asyncio.
+
+Names and arguments of methods are public. A new method asks a question of `questions.py`, and goes into both classes.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ from guidefield.messages.scene_changes import SceneChanged
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # as `DEFAULT_LISTEN` of `endpoint/link.py`
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # must be `DEFAULT_LISTEN` of `endpoint/link.py`, which clients don't have
 GIVE_UP_WITHIN = 2.0  # time to wait for the answer to a cancel when the caller is being interrupted [s]
 
 _R = TypeVar("_R")

@@ -73,10 +73,17 @@ KinematicsReply = (
 )
 
 ANSWER_TIMEOUT = 660.0
-"""Time to wait for an answer to anything but a run; longer than the service lets a worker work [s]."""
+"""Time to wait for an answer to anything but a run and kinematics [s].
+
+It must be longer than the service lets a worker work: `LONGEST_WORK` of `pool/waiting.py`.
+"""
 _DEFAULT_FILTERS = (None, LARGEST_PAGE)
 """Values in a request for a list of runs that are the defaults, and left out."""
-PLAN_MARGIN = 90.0  # time to wait for an answer beyond its allowed time; more than the service's own margin [s]
+PLAN_MARGIN = 90.0
+"""Time to wait for the answer to a run or kinematics beyond its allowed time [s].
+
+It must be longer than the service's own margin, `BACKSTOP` of `pool/waiting.py`: then the service tells of the fault.
+"""
 _WORD = re.compile(r"[^/?#*$;]+")  # one chunk of a key, or the value of a parameter
 
 _R = TypeVar("_R")

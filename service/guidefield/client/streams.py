@@ -1,4 +1,7 @@
-"""A stream that a service answers, for a client that waits; `asynchronous.py` has its counterpart for asyncio."""
+"""A stream that a service answers, for a client that waits; `asynchronous.py` has its counterpart for asyncio.
+
+Both stand on `stream_link.py`; a new method goes into both classes.
+"""
 
 from __future__ import annotations
 

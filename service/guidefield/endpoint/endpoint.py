@@ -56,9 +56,12 @@ So of these only `robots` decides anything for valid queries. `_read_files` alon
 scenes: `runs` and `scenes` can't be added.
 """
 KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "streams", "info")
-"""First chunks of keys under which queries are timed."""
+"""First chunks of keys under which queries are timed: the kinds in `info` and metrics."""
 LATE, LATE_SHARE = 0.02, 0.03
-"""Delay after a request's time [s], and as a share of it, at which it is answered for a worker that still loads."""
+"""Delay after a request's time [s], and as a share of it, at which it is answered for a worker that still loads.
+
+The wire page tells them by `rules.py`: after a change, `tools/wire_page`.
+"""
 LATE_RESULT, LATE_RESULT_SHARE = 0.04, 0.045
 """The same for a worker that checks the deadline itself, and needs time to send its result."""
 MAX_BRIEF_BYTES = 1 << 14  # largest query of kinematics that counts as brief

@@ -1,4 +1,7 @@
-"""Zenoh links of a service: their settings, sockets that are closed without waiting, and a test query over loopback."""
+"""Zenoh links of a service: their settings, sockets that are closed without waiting, and a test query over loopback.
+
+The wire page tells `READ_WITHIN`, `LEASE` and `LONGEST_MESSAGE` by `rules.py`: after a change, `tools/wire_page`.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,7 @@ def close_sockets_at_once() -> None:
 
 
 LOOPBACK = "127.0.0.1"  # address of this machine alone, on which nobody else reaches a service
-DEFAULT_LISTEN = f"tcp/{LOOPBACK}:7447"  # default endpoint of a service
+DEFAULT_LISTEN = f"tcp/{LOOPBACK}:7447"  # default endpoint of a service: `DEFAULT_ENDPOINT` of `client/client.py`, too
 KEY = "guidefield-doctor/answer"  # of the test query
 TIMEOUT_S = 5.0  # time-out of the test query, and of connecting [s]
 

@@ -12,7 +12,7 @@ from guidefield.messages.identities import Asker
 from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
 THREADS = 2  # files that are read at once
-MOST_READS = 64  # number of queries for files that may wait
+MOST_READS = 64  # number of queries for files that may wait; in docs/wire.md by `rules.py`: then `tools/wire_page`
 TASK_TIME_S = 600.0  # time that a task states; no thread is stopped after it [s]
 
 _log = logging.getLogger(__name__)

@@ -1,6 +1,7 @@
 """The limits of a service with their values, and its rules of delivery, as `info` and the wire page tell them.
 
-A limit that a client can meet belongs here; names of limits and rules are the wire.
+A limit that a client can meet belongs here; names of limits and rules are the wire. Values are those of the modules
+that enforce them; after a change of one, or of a rule, `tools/wire_page` makes docs/wire.md anew.
 """
 
 from __future__ import annotations

@@ -47,8 +47,11 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-DEFAULT_QUEUE = 64  # default number of requests that may wait
-DEFAULT_GRACE = 10.0  # default time for requests under way at the end [s]
+DEFAULT_QUEUE = (
+    64  # default number of requests that may wait; the default of `guidefield serve --queue` must be the same
+)
+DEFAULT_GRACE = 10.0  # default time for requests under way at the end [s]; `DUMP_TIME_S` of `cli/serving.py` bounds it
+# both are in docs/wire.md by rules.py: after a change, `tools/wire_page`
 LIVELINESS_TIMEOUT_S = 5.0  # longest time to ask for a service of the same name [s]; without one nothing waits
 EAGER_PATIENCE_S = 30.0
 """Time that a worker has for the recording that it renders after its reply, before another process does it [s]."""
@@ -93,7 +96,8 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
 
     Args:
         stop: Ends the service once it is set.
-        announce: Takes sentences about the start, of which the last begins with "ready", and about the end.
+        announce: Takes sentences about the start, of which the last begins with "ready", and about the end, of which
+            the first begins with "stopping": `cli/serving.py` reads them.
 
     Raises:
         MalformedRequest: if its name can't be one.

@@ -49,6 +49,7 @@ from guidefield.worker import EngineSetup
 
 SILENCE = 10.0  # time without an update after which a stream ends [s]
 OPENED_WITHIN = 120.0  # time after which opening is given up [s]; the first use of a robot prepares it
+# both are in docs/wire.md by rules.py: after a change, `tools/wire_page`
 Publish = Callable[[str, bytes, Encoding], None]  # publishes something on a key below the stream's
 
 

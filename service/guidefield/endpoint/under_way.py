@@ -1,7 +1,8 @@
 """Queries that wait for their one answer, work under way, by name and by client, and clients that are gone.
 
 The answer of a run is given once the run is stored; if it can't be stored, that becomes a warning in the answer.
-Clients count with `GRACE` (`client/stream_link.py` `LOST_SERVICE_S`), and `rules.py` tells it.
+Clients count with `GRACE` (`client/stream_link.py` `LOST_SERVICE_S`). The wire page tells it, `LONGEST_CLIENT`,
+`REMEMBERED` and `MOST_REMEMBERED` by `rules.py`: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations
@@ -148,7 +149,12 @@ class PendingQuery:
 
 
 GRACE = 6.0
-"""Time after which a client whose token vanished is gone [s]; it notices a cut link in 2 s, and reconnects in 3 s."""
+"""Time after which a client whose token vanished is gone [s].
+
+Until then it can have its token back: its attempts to reconnect begin 0.2 s after it notices a cut link, and are at
+most a second apart (`RETRY` of `client/session.py`). Of a silent cut it learns within `LEASE` of `link.py`, as does
+the service.
+"""
 
 
 class Clients:

@@ -12,7 +12,7 @@ from guidefield.endpoint.ros.collision_objects import SceneObject, checked_id, f
 from guidefield.endpoint.ros.refusals import FrameRefused, ObjectRefused, Refused, StateRefused, number, placement
 from guidefield.endpoint.ros.snapshot import AttachedThing, Matrix, Snapshot
 
-ADD, REMOVE, APPEND, MOVE = range(4)  # operations of a CollisionObject
+ADD, REMOVE, APPEND, MOVE = range(4)  # operations of a CollisionObject: numbers of moveit_msgs
 MOST_OBJECTS = 10_000  # number of objects in a scene
 
 

@@ -127,11 +127,11 @@ def _allowed(timeout: Any) -> float:
     return number(min(seconds, LONGEST_TIME), "ik_request.timeout")
 
 
-ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)  # kinds of bodies in a contact
+ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)  # kinds of bodies in a moveit_msgs/ContactInformation
 (SETTINGS, STATE, ATTACHED, OBJECT_NAMES, GEOMETRY, OCTOMAP, TRANSFORMS, MATRIX, PADDING, COLORS) = (
     1 << bit for bit in range(10)
 )
-"""Components of a planning scene that can be requested; none means all."""
+"""Components of a planning scene that can be requested, bits of moveit_msgs/PlanningSceneComponents; none means all."""
 Ask = Callable[[keys.Query, float], Future[Answer]]
 """Has a query answered that arrived at a time, by `time.monotonic()` [s]: `Endpoint.ask`."""
 
