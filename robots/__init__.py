@@ -1,1 +1,5 @@
-"""Robots as data: URDFs and cards."""
+"""Robots as data: URDFs and cards.
+
+`robot/catalog/library.py` finds each `<name>.card.json` here; a card may name a URDF of example-robot-data instead of
+one of these. Names are the public API's: a file may be added, but not renamed.
+"""

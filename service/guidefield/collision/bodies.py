@@ -22,7 +22,10 @@ from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import ROTATION, TRANSLATION
 
 PARTS = 8
-"""Number of boxes that a robot body's box is halved into: balls about them follow a long body closer than one ball."""
+"""Number of boxes that a robot body's box is halved into: balls about them follow a long body closer than one ball.
+
+A power of 2, and of the filter of near pairs alone (kernels/collide/near_pairs.py): it is a matter of time.
+"""
 
 
 def joint_placements(data: Any, *, writeable: bool = False) -> np.ndarray:

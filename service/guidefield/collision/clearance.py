@@ -1,7 +1,8 @@
 """Contacts and clearance at configurations, and bodies wholly inside closed meshes, which Coal judges as surfaces.
 
 Coal decides on exact shapes; balls, boxes and hulls only leave out pairs that can't be the closest, so they may be
-coarser, never wrong. Names, order and depths of pairs are what users read in replies.
+coarser, never wrong: `BOX_MARGIN` and `HULL_ACCURACY` may be larger, which costs time. `FIRST_REACH` is time alone.
+Names, order and depths of pairs are what users read in replies.
 
 Planner, certificate and distances count bodies inside as contacts. It is enough to look at a motion's start, because a
 motion without contact leads neither in nor out.
@@ -137,7 +138,7 @@ def depth_of(world: World, pair: int) -> float | None:
     return max(0.0, -world.distance(pair)[0])
 
 
-MOST_EXAMINED = 16  # configurations of which pairs are counted: the most frequent pair is known by then
+MOST_EXAMINED = 16  # configurations of which pairs are counted for messages: the most frequent pair is known by then
 
 
 @dataclass(frozen=True)

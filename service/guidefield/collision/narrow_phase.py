@@ -2,7 +2,8 @@
 
 Nothing is made of a pair before it is asked for. Answers don't depend on the questions before. A surface of very many
 triangles is judged patch by patch, by those whose boxes are near enough. The faults, found in Coal 3.0.3, stand where
-they are worked around; with another version each has to be looked for again.
+they are worked around; with another version each has to be looked for again. Depths don't decide on contact; users read
+them in replies, and `planner/leaving.py` decides by them if a motion may begin in contact.
 
 Along a unit direction n two convex bodies overlap by h(n) = max n.a - min n.b over their points a and b: moved so far
 along n, the second one just touches the first. The penetration depth is the least h (Cameron and Culley 1986), so that
@@ -45,7 +46,7 @@ STARTS, STEPS = 4, 40  # from how many directions h is descended, and in how man
 PARALLEL = 1e-9  # axes with nearest points this close (as a share of their size), or at this angle, tell no direction
 
 FACES = 64  # the normals of a hull's faces are tried where there are no more than this
-MOST_OTHERS = 17  # directions that are tried beside them: axes, their cross products, and two lines
+MOST_OTHERS = 17  # directions that `try_directions` writes beside them: axes, their cross products, and two lines
 
 
 class ClosestPoints(NamedTuple):

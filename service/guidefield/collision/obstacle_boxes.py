@@ -24,7 +24,7 @@ from guidefield.scene.scene import Scene, rows_of
 
 CHILDREN = 16  # boxes behind one box of the next level
 FIRST_OVERLAPS = 16  # overlaps of each box that memory is first made for; if there are more, they are found again
-_BITS = 16  # bits of one coordinate of a place on the curve along which boxes are sorted
+_BITS = 16  # bits of one coordinate of a place on the curve along which boxes are sorted; at most `curve_order.FINEST`
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """Bound where a robot may be by a ball in the world: whatever its joints do, or while they are within a box.
 
-Scenes are cropped to these balls (`scene/crop.py`), so they must not be too small.
+Scenes are cropped to the first (`scene/crop.py`), the certificate bounds by the second how fast moving half-spaces pass
+(`prove/tables.py`): a ball may be larger, never too small.
 """
 
 from __future__ import annotations

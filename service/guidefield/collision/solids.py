@@ -24,7 +24,8 @@ from guidefield.robot.model.collision_shapes import hull, triangulation
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.obstacle import Obstacle
 
-MOST_TRIANGLES = 20_000  # an obstacle of more gets no hull: Qhull would take seconds
+MOST_TRIANGLES = 20_000
+"""An obstacle of more gets no hull: Qhull would take seconds. Its SIMD tables are of another kind, kept on disk."""
 
 
 @memoized_for_alike

@@ -1,7 +1,8 @@
 """Certify motions fast by capsules about the links; a motion that they can't decide is left to the exact certificate.
 
-Guide planes are followed by it. The capsules contain the links, so a yes is rigorous whatever the resolution; a smaller
-one says yes more often, and takes longer to say no.
+Guide planes are followed by it, and by descents whose kernels get both numbers, too (planner/guide). The capsules
+contain the links, so a yes is rigorous whatever the resolution; a smaller one says yes more often, and takes longer to
+say no.
 """
 
 from __future__ import annotations

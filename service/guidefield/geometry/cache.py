@@ -1,9 +1,10 @@
 """A disk cache of computed arrays, by a hash of all that they depend on, the sources of what computes them included.
 
-So no entry survives a change of the code that made it, or of what that imports. Entries are files, whole and shared by
-processes, of ``<cache>/guidefield/geometry`` (``XDG_CACHE_HOME`` or ``~/.cache``): one record in NumPy's own format,
-whose fields are a checksum and the arrays. Large files are mapped, and large arrays are made in them. When the folder
-is full, the least recently used entries go.
+So no entry survives a change, be it of a comment, of the file that made it, or of those of `_PACKAGES` that this
+imports: no version has to be raised. Entries are files, whole and shared by processes, of
+``<cache>/guidefield/geometry`` (``XDG_CACHE_HOME`` or ``~/.cache``): one record in NumPy's own format, whose fields are
+a checksum and the arrays. Large files are mapped, and large arrays are made in them. When the folder is full, the least
+recently used entries go. Sizes and shares are memory and time alone; an unreadable file is computed anew.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Charged surfaces as tables for the field's kernels, with trees over faces whose multipole nodes stand for all below.
 
 Columns and their order are those of kernels/field (field_tables.py, faces.py, box.py), which read them by number. The
-field near a surface is always that of each face; block sizes and `LEAST_FACES` are time alone, an opening is accuracy.
+field near a surface is always that of each face. An opening is accuracy; block sizes and `LEAST_FACES` are time, and
+change the field within that accuracy.
 """
 
 from __future__ import annotations

@@ -4,8 +4,9 @@ Cells are halved by planes, the one whose hull stands off furthest first; each t
 cell's principal axes, that leaves the hulls of both halves the least volume. Two cells whose common hull is tight
 enough become one again. For all this a small hull represents that of a cell: of the points that are furthest in
 directions all around. The parts contain the body by construction, whatever planes are chosen and whatever the constants
-are: the corners of a cell's body are among those of the triangles clipped at its sides, and its own corners within the
-body. How far they stand off (the one-sided Hausdorff distance from the body) is bounded from above.
+are, but for `OVERLAP`, which must not be negative: the corners of a cell's body are among those of the triangles
+clipped at its sides, and its own corners within the body. How far they stand off (the one-sided Hausdorff distance from
+the body) is bounded from above. The constants choose how many and how tight the parts are, and the time to find them.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 kernels/collide/self_narrowphase.py fills cells while it plans (apart, touching, or divided further) and shares what it
 finds between all users of a robot. Columns are those of kernels/collide/layout.py. How far bodies may move within a
-cell must not be too small, or contacts are missed; numbers of cells are memory and time alone.
+cell must not be too small, or contacts are missed; numbers of cells are memory and time alone, but that within `BAND`
+of contact the answer may change.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ SIDE_HALVINGS = (0, 6, 3, 2)
 LEAST_MOTION, MOST_LEVELS = 5e-4, 4
 """Cells in which bodies move less than this past each other [m] aren't divided, and none more often than this."""
 
-MOST_CHILDREN = 1 << 22  # room for children of cells; when it is used up, no more are divided
+MOST_CHILDREN = 1 << 22  # room for children of cells, whose places are int32; when it is used up, no more are divided
 MOTION_FACTOR = 1.001  # on the motion within a cell, because places on the grid are rounded to float32
 
 

@@ -2,7 +2,8 @@
 
 Columns and order are those of kernels/collide and kernels/kinematics/batch_forward_kinematics.py. Joint frames are
 turned so that z is the axis: everything in a joint's frame has to be turned with it. Balls, hulls and pieces must
-contain the shapes (inscribed balls must be inside), else contacts pass for free.
+contain the shapes, else contacts pass for free; inscribed balls and points must be inside, else the free for contacts.
+Numbers of points and planes are time alone.
 """
 
 from __future__ import annotations
