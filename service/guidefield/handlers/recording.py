@@ -1,6 +1,7 @@
 """Interfaces between a handler and the recorder of its run: the recording, and the motion that is recorded.
 
-Packed classes are stored in a run's log by the order of their fields; a log is read by the same version alone.
+Packed classes are stored in a run's log by the order of their fields, and perhaps read by a newer version: a change of
+these needs another `MAGIC` in run_log.py.
 """
 
 from __future__ import annotations

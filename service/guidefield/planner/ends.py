@@ -5,6 +5,9 @@ joints do. Within the tolerances of a target a point of such a body is at most s
 configuration that reaches it: twice the tolerance of the position, and twice that of the orientation times the point's
 distance from the tip. Convex bodies that are deeper in each other than that touch at every configuration that reaches
 the target: else a plane would part them at one, and a way no longer than that along its normal would, too.
+
+`SURE_DEPTH` belongs to this proof, and must be more than Coal's error of a depth. The other numbers change which
+configurations are found for a request's seed, and how soon. Statuses and details are those of the wire.
 """
 
 from __future__ import annotations

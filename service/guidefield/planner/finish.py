@@ -4,6 +4,9 @@ What the certificate refuses is optimised again with more weight on the clearanc
 where it touches. Where that can't be certified either, a motion between it and the path that was found is taken, or
 that path, as fast as it can be executed round its corners. Where that is refused the motion is drawn closer to it. In
 the end it stops at every corner: then it is the path itself.
+
+Every motion that is returned has the certificate's verdict, whatever the numbers here; they change which motion it is,
+and the time. The sentences are warnings of replies.
 """
 
 from __future__ import annotations

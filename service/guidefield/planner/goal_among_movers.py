@@ -5,6 +5,9 @@ and a schedule along it is searched for that meets nothing that moves (planner/s
 their estimated arrival. If the time-dependent certificate refuses a motion, the search continues with another that
 isn't there at that time. If all else fails, the robot waits until the obstacles have come to rest, if it may wait, and
 goes as the planner among obstacles at rest goes.
+
+The settings are `SCHEDULE` and `WAYS` of schedule/slices.py: they and the order of the attempts change which motion is
+found and how soon. That certificate, over the whole scene, judges each motion before it is returned.
 """
 
 from __future__ import annotations

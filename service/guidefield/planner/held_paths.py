@@ -1,4 +1,9 @@
-"""Paths and connections to goals among moving obstacles that are left out, or held where they are at some times."""
+"""Paths and connections to goals among moving obstacles that are left out, or held where they are at some times.
+
+`goal_among_movers.py` schedules and certifies the paths, `plan.py` and it the connections: the order of holdings and
+the shares of time (`WAYS` of schedule/slices.py) change which is tried first, not what is free. A holding's draw seeds
+its search, so a new one belongs at the end.
+"""
 
 from __future__ import annotations
 

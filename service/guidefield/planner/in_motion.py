@@ -2,7 +2,8 @@
 
 What joins the two is planned from rest to rest, so there is always a motion: stop, go, and get up to speed. The
 optimiser makes one of it that doesn't stop. If a joint can't come to rest before its limit or an obstacle, the plan is
-refused. Among obstacles that move the stop is judged in time, and the run to the goal as they come to rest.
+refused. Among obstacles that move the stop is judged in time, and the run to the goal as they come to rest. Refusals
+name the fields of the wire (`_START`, `_GOAL`); `STOPS` is a sentence for people.
 """
 
 from __future__ import annotations

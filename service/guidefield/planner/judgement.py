@@ -6,7 +6,8 @@ It begins as a plan does: a body wholly inside another, or a slight contact that
 it among obstacles at rest and in motion, and its path constraints; of their refusals the first along the motion counts.
 
 Until bodies that touched at the start keep a distance again they must not come closer, at samples; all other pairs are
-certified until then, and from then on all are.
+certified until then, and from then on all are. So `SPACING` and `INTERVAL` enter the verdict on the way out of contact
+and nothing else: smaller ones overlook less and take longer.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Leaving a slight contact at the start: a short straight motion out of it, free of everything else."""
+"""Leaving a slight contact at the start: a short straight motion out of it, free of everything else.
+
+Given motions are judged by the same `SLIGHT_DEPTH`, `LEFT_DISTANCE` and `DISTANCE_ERROR` (`judgement.py`). With fewer
+`WAY_OUT_SAMPLES` it is seen less well that touching bodies come no closer; lengths and directions are a search.
+"""
 
 from __future__ import annotations
 

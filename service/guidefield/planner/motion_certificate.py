@@ -1,4 +1,9 @@
-"""The certificate's verdict about a plan's motion, or about the curve that a controller draws from its rows."""
+"""The certificate's verdict about a plan's motion, or about the curve that a controller draws from its rows.
+
+What plans and sequences call certified is what `judge` says here: free (`prove/`), within the path constraints and,
+of a drawn curve, within the limits of rates. Numbers of rows and of attempts change how often a motion is refused or
+slowed down, never the verdict about one; `CERTIFY_GRACE_S` lets answers come so much after the deadline.
+"""
 
 from __future__ import annotations
 

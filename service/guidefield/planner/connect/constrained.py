@@ -1,4 +1,8 @@
-"""Path constraints in planning: bring configurations back to them, also at a pose, and connect within them."""
+"""Path constraints in planning: bring configurations back to them, also at a pose, and connect within them.
+
+Paths are free and within the constraints at samples; the certificate judges both between them (`prove/certificate.py`).
+The constants change what is found and how soon.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,10 @@
 The algorithm is the thesis' (service/docs/algorithm.md, "Crossing a guide plane") with five additions: the robot repels
 itself, a slide may not undo an advance (guard), the tip heads for the polygon inset by its radius, the last advance
 stops at the plane, and every accepted step belongs to the path.
+
+Each step is judged free when it is taken (`GuidedPath.free`, or the same capsules in kernels), so the constants change
+clearance and time of the motions, not what is free. Keys of `ATTEMPTS` are names of the wire; that document repeats
+`FIRST_STEP`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """The path towards a guide plane: advances of the tip, every accepted configuration, and straight motions between.
 
-service/docs/algorithm.md, "Crossing a guide plane", has the algorithm.
+service/docs/algorithm.md, "Crossing a guide plane", has the algorithm. Motions are free by capsules or, where these
+can't tell, by the certificate; the constants only choose between free ways. `COMFORTABLE` and `MARGINS` go to the
+kernel of whole rounds, too (`rounds.py`). Lengths in m are for a robot of size 1.
 """
 
 from __future__ import annotations

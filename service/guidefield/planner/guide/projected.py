@@ -1,4 +1,8 @@
-"""Projected, a `Minimizer` (rounds.py) for any joints: it descends on the manifold of configurations on a plane."""
+"""Projected, a `Minimizer` (rounds.py) for any joints: it descends on the manifold of configurations on a plane.
+
+Kernels take its steps by the same settings, alone or in whole rounds (kernels/guide). A step is taken if it is free, so
+the constants trade the clearance that a motion keeps against time.
+"""
 
 from __future__ import annotations
 

@@ -6,7 +6,8 @@ of what accelerations the optimal motion has. Its extrema are known exactly: tim
 and exceeds none. It keeps to the curve but for a sixth of the second difference of its control points.
 
 Jerk is limited by that scaling alone. The longer its pieces are, the less jerk a motion has, so several lengths are
-tried.
+tried. So no constant here decides whether limits are kept: they change how long a motion takes, how far it is from the
+path, and the time to find it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
 """Newton's method on a motion's control points and the length of its pieces, between looks at its clearance.
 
 A look evaluates clearance and loads (torques, speeds in space) with their derivatives, which takes far more time than
-all else. So Newton's method goes on with its quadratic model as long as that brings much, before the next look.
+all else. So Newton's method goes on with its quadratic model as long as that brings much, before the next look. The
+constants change the motion and the number of looks; the results keep their limits whatever they are, and loads are
+measured again in the end.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The motion that keeps a schedule: along the same path at other times, within the limits of rates exactly."""
+"""The motion that keeps a schedule: along the same path at other times, within the limits of rates exactly.
+
+Its curve is beside the path a little, so it is certified anew. `KNOTS` may be changed, for a motion closer to the
+schedule or fewer pieces; `ROUNDING` has to stay below `LIMIT_TOLERANCE` of prove/verdict.py, the certificate's.
+"""
 
 from __future__ import annotations
 

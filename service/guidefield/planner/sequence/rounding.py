@@ -11,6 +11,9 @@ to where B has gone a length ``b``, with ``u`` from 0 to 1,
 lengths counted from c, takes their place. It begins along A and ends along B, as a parabola between two straight lines;
 nothing else of the curves is changed. (With u³ (2 - u) for u² the curvature has no step, and motions were 2 % slower,
 with limits of jerk up to 7 %.)
+
+Each part is certified, and has to pass its goal within the radius, so the constants change how fast motions are and how
+long they are searched for. `NO_RADIUS` must not be less than `passages.REACHED`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Plan a sequence: each step from where the one before ended, joined as one motion, and certified as it is executed.
 
 It fails as a whole. The goals of a step are chosen so that the later steps stay possible (ahead.py). A step whose goal
-is passed is planned to its end, too, and joined with the next one (rounding.py).
+is passed is planned to its end, too, and joined with the next one (rounding.py). Only what is certified as a whole,
+each stretch by its own conditions (stretches.py), is a success; names of stages and details are those of replies.
 """
 
 from __future__ import annotations

@@ -255,7 +255,8 @@ def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> tuple[V
 
 
 INSIDE = 0.999
-"""Share of a radius within which an optimised motion passes a goal: what is missed in the end is within the rest."""
+"""Share of a radius within which an optimised motion passes a goal: what is missed in the end (`passages.REACHED`) is
+within the rest of radii from a millimetre on; `find_refused_part` refuses what doesn't pass it."""
 
 
 @dataclass(frozen=True, eq=False)

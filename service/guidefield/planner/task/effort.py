@@ -2,6 +2,9 @@
 
 They are those of rigid bodies, of the group's joints, with what the robot holds, under the earth's gravity; without
 friction and the inertia of rotors. The torque that a mimic joint takes is its source joint's.
+
+Limits are judged by the bounds of `measure_efforts`: smaller accuracies refuse less that is just within, and take
+longer. Samples and margins only choose how much a motion is slowed down before.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ BOUND_ACCURACY = 1e-2  # a bound of a torque is above the found value by at most
 CLOSE_ACCURACY = 1e-4  # the same where the limit is between the two
 PIECE_SAMPLES = 4  # samples of a piece by which a motion is slowed down to keep a limit
 SAMPLE_MARGIN = 2e-3  # share of a limit that is left for torques between samples, and for the bound
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # share by which a stretch of time may be above 1, and be left out
 SLOWING = 1.002  # factor of a motion's time where its bound is above a limit, and no sample is
 LEAST_SHARE = 1e-3  # share of a limit that is reserved for speeding up, though gravity takes more
 

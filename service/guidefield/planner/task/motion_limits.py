@@ -2,6 +2,9 @@
 
 Limits of torque are in effort.py. What a motion reaches is known between samples too, by
 `kernels.timing.carried_rates`: no point is faster than is reported by more than `ACCURACY`.
+
+A motion is refused where a bound is beyond `KEPT_SHARE` of its limit, which also judges rates (motion/limit_load.py)
+and torques. `_balls` has to contain the shape. `FEW_POINTS` and `PIECES_AT_ONCE` are time alone.
 """
 
 from __future__ import annotations
@@ -40,7 +43,7 @@ CLOSE_ACCURACY = 1e-6  # the same where a limit is between the two
 KEPT_SHARE = 1.0 + 1e-6  # a share up to this keeps its limit, for rounding
 PIECES_AT_ONCE = 10_000  # pieces of a motion that are examined between two looks at the deadline
 FEW_POINTS = 12  # points of a body that represent all where no bound is needed
-CORNERS = 16  # corners on each rim of the prism about a cylinder
+CORNERS = 16  # corners on each rim of the prism about a cylinder, which is up to 2 % wider; with more it is less
 
 
 class CurveLimits(NamedTuple):

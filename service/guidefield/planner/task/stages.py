@@ -27,7 +27,10 @@ class Ending:
 
 
 SLACK = 1e-3
-"""A refused motion whose distance is below the clearance asked for plus this counts as too close [m]."""
+"""A refused motion whose distance is below the clearance asked for plus this counts as too close [m].
+
+It chooses the status and sentence of a refusal, CLEARANCE_BELOW_MINIMUM, and nothing else.
+"""
 
 
 def describe_kept(min_clearance: float) -> str:

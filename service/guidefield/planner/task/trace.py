@@ -1,4 +1,9 @@
-"""Events that the planner tells an observer, and their log, from which recordings of the same version are drawn."""
+"""Events that the planner tells an observer, and their log, from which recordings are drawn.
+
+Packed logs are stored with runs, and hold fields of events and `_KINDS` by their order: a change of these needs another
+`MAGIC` in run_log.py, because a newer version may draw them. Words of kinds are those of recordings; the numbers choose
+how much of a search these show.
+"""
 
 from __future__ import annotations
 
