@@ -17,8 +17,9 @@ from typer.testing import CliRunner
 
 import guidefield
 from guidefield.batch.results import RESULTS, Item
-from guidefield.batch.workers import _why
+from guidefield.batch.workers import _why, find_longest_time
 from guidefield.cli import app
+from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK
 from guidefield.recorder.stored import read_recording
 from guidefield.stores.recordings import Recordings
 
@@ -133,6 +134,20 @@ def test_a_cluster_that_loses_a_node_answers_all(tmp_path: Path) -> None:
     finally:
         ray.shutdown()
         cluster.shutdown()
+
+
+def test_a_worker_has_the_time_of_its_request_and_that_of_preparing_a_robot() -> None:
+    """A worker was ended, as crashed, that prepared a robot for a minute, or whose kinematics were allowed more."""
+    certified = {"type": "certify", "robot": "ur5", "scene": "table", "path": [[0.0], [0.1]], "allowed_time": 900.0}
+    for asked, allowed in (
+        (PLAN, 60.0),
+        ({**PLAN, "allowed_planning_time": 900.0}, 900.0),
+        (certified, 900.0),
+        ({**_potential(0), "allowed_time": 900.0}, 900.0),
+        (_potential(0), 60.0),
+    ):
+        assert find_longest_time(json.dumps(asked).encode()) == max(LONGEST_WORK, allowed + BACKSTOP)
+    assert find_longest_time(b"{") == LONGEST_WORK
 
 
 def test_what_a_node_lacks_is_said_without_colours() -> None:

@@ -21,7 +21,7 @@ from guidefield.errors import GuidefieldError, WorkerCrashed, strip_path
 from guidefield.first_start import CannotStart
 from guidefield.messages import codec
 from guidefield.messages.replies import make_error_reply
-from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
+from guidefield.messages.requests import CertifyRequest, KinematicsRequest, MotionRequest, PlanRequest
 from guidefield.pool.pool import Pool
 from guidefield.pool.process import Call, Setup, Work
 from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK, Answer, Limits, Task
@@ -43,14 +43,16 @@ def answer_one(engine: Engine, request: bytes, record_to: Path | None, *, deferr
 
 
 def find_longest_time(request: bytes) -> float:
-    """Return the longest time that a worker may take for a request [s]."""
+    """Return the longest time that a worker may take for a request, which loads and prepares before its time [s]."""
     try:
         decoded = codec.decode_request(request)
     except GuidefieldError:
         return LONGEST_WORK
     if isinstance(decoded, PlanRequest):
-        return decoded.allowed_planning_time + BACKSTOP
-    return decoded.allowed_time + BACKSTOP if isinstance(decoded, CertifyRequest) else LONGEST_WORK
+        return max(LONGEST_WORK, decoded.allowed_planning_time + BACKSTOP)
+    if isinstance(decoded, CertifyRequest | KinematicsRequest):
+        return max(LONGEST_WORK, decoded.allowed_time + BACKSTOP)
+    return LONGEST_WORK
 
 
 AHEAD = 4  # requests handed over for each worker or core: with fewer one may wait, with more they fill memory
