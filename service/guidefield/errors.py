@@ -1,6 +1,7 @@
 """All exceptions of guidefield, each with its wire code and the values of its message.
 
-Codes and class names are the wire and the public API; a new code needs a meaning in `messages/served.py`.
+Codes and class names are the wire and the public API; a new code needs a meaning in `messages/served.py` and advice in
+`mcp_server/words.py`. `endpoint/ros/refusals.py` maps our own codes, -101 and below, to MoveIt's.
 """
 
 from __future__ import annotations
@@ -209,7 +210,10 @@ class InternalFailure(GuidefieldError):
 
 
 ERRORS: dict[Status, type[GuidefieldError]] = {kind.code: kind for kind in GuidefieldError.__subclasses__()}
-"""Exception by wire code, for clients that turn a ``reply_err`` back into an exception."""
+"""Exception by wire code, for clients that turn a ``reply_err`` back into an exception.
+
+So each exception is a direct subclass of `GuidefieldError`, with a code of its own.
+"""
 
 
 def convert_exception(error: Exception) -> GuidefieldError:

@@ -51,7 +51,8 @@ LEVELS = {
 Linux calls the features that each of its processors has."""
 SHIPPED = "shipped"  # what the marker of kernels says whose machine code came with the package
 PLAIN_VARIABLE = "GUIDEFIELD_PLAIN_NUMBA"  # the environment variable that disables the changes to numba's internals
-KNOWN_NUMBA = ("0.68.0", "0.68.1")  # versions of numba whose internals are changed; others are used unchanged
+KNOWN_NUMBA = ("0.68.0", "0.68.1")
+"""Versions of numba whose internals `kernels/jit` changes; with others kernels are compiled by plain numba, slower."""
 
 
 class CannotStart(RuntimeError):

@@ -1,7 +1,7 @@
 """Logging of the service's processes: lines for a person, or one JSON object per line.
 
 If standard error is the system's journal, which records time and process of each line, lines begin with their level
-as the journal reads it (sd-daemon(3)).
+as the journal reads it (sd-daemon(3)). Fields of JSON are what operators' programs read (docs/service.md).
 """
 
 from __future__ import annotations

@@ -34,7 +34,10 @@ if TYPE_CHECKING:
     from guidefield.scene.scene import Scene
 
 LARGEST_RECORDING = 512 * 2**20
-"""The largest recording or proof of a run that is stored, and the largest recording of a stream to be sent [bytes]."""
+"""The largest recording or proof of a run that is stored, and the largest recording of a stream to be sent [bytes].
+
+docs/wire.md tells it by `endpoint/rules.py`: after a change, `tools/wire_page`.
+"""
 
 _log = logging.getLogger(__name__)
 

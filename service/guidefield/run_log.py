@@ -2,7 +2,8 @@
 
 It holds the request, the planner's events, the reply and the motion, and robot and scene as they were then: a large
 scene, its largest obstacles and a robot that a client stored are in files beside, which many logs share. A log lives
-until it is rendered, perhaps by a newer version: a change of `_Log` that can't decode older logs needs another `MAGIC`.
+until it is rendered, perhaps by a newer version: a change of `_Log`, or of what it packs by the order of its fields
+(`handlers/recording.py`, `EventLog`), that reads older logs wrongly needs another `MAGIC`.
 """
 
 from __future__ import annotations

@@ -39,7 +39,9 @@ if TYPE_CHECKING:
     from guidefield.stream.stream import CertifiedStream, GoalSearch
 
 MAX_MESSAGES_PER_CYCLE = 256  # messages that a cycle takes at most, so that it ends although a sender never pauses
-MAX_GOAL_SEARCHES = 8  # number of goals whose configurations may be searched at the same time
+# number of goals whose configurations may be searched at the same time; docs/wire.md tells it: after a change,
+# `tools/wire_page`
+MAX_GOAL_SEARCHES = 8
 NICENESS = -10  # of a stream's process, where the system allows one below 0
 REHEARSAL_UPDATES = 3  # updates answered on a stream of trial before it opens, so that everything is loaded
 FAR_AWAY = Placement((0.0, 0.0, 50.0))  # of an observed obstacle in those

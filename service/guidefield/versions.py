@@ -1,4 +1,8 @@
-"""Versions of the packages that make a run, as a line of recordings and run logs; replays read earlier lines back."""
+"""Versions of the packages that make a run, as a line of recordings and run logs.
+
+Replays read lines of earlier versions back: the form of a line, `PACKAGE` and `PROCESSOR` stay. Another of `PACKAGES`
+may be added.
+"""
 
 from __future__ import annotations
 

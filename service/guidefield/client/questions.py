@@ -75,7 +75,8 @@ KinematicsReply = (
 ANSWER_TIMEOUT = 660.0
 """Time to wait for an answer to anything but a run and kinematics [s].
 
-It must be longer than the service lets a worker work: `LONGEST_WORK` of `pool/waiting.py`.
+It must be longer than the service lets a worker work on it: `STORE_TIME_LIMIT` of `messages/keys.py` and `BACKSTOP` of
+`pool/waiting.py`.
 """
 _DEFAULT_FILTERS = (None, LARGEST_PAGE)
 """Values in a request for a list of runs that are the defaults, and left out."""

@@ -17,11 +17,11 @@ MAX_USERS = 1_000  # number of users above which full buckets are forgotten
 MINUTE_S = 60.0
 STEADY_USE_S = HALF_LIFE_S / math.log(2.0)
 """Use of the processors, as the queue measures it, of a user who has had one processor all the time [s]."""
-BURST_BYTES = 256 * 2**20  # payload that a user may send at once
+BURST_BYTES = 256 * 2**20  # payload that a user may send at once; `Quota` of `messages/identities.py` tells it
 LIST_COUNTS = 10.0
 """Number of queries as which a list, or all of `info`, counts: it takes that much longer to answer.
 
-The wire page tells it by `rules.py`: after a change, `tools/wire_page`.
+`Quota` of `messages/identities.py` tells it in words, the wire page by `rules.py`: after a change, `tools/wire_page`.
 """
 MIN_RETRY_S = 0.001  # shortest time after which a user may ask again [s]
 

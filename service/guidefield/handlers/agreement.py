@@ -34,7 +34,11 @@ from guidefield.prove.tables import ROUNDED
 from guidefield.prove.verdict import with_coal_error
 from guidefield.robot.model.spaces import ChartRate
 
-ACCURACY = 2.0 * ROUNDED  # largest error of a distance that was found [m]: rounding of kernels, and Coal's error
+ACCURACY = 2.0 * ROUNDED
+"""Largest error of a distance that was found, beside Coal's [m]: rounding of kernels.
+
+Larger, contradictions pass unseen; smaller, true replies are refused as failures.
+"""
 
 _log = logging.getLogger(__name__)
 

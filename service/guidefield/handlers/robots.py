@@ -27,7 +27,11 @@ from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.mimic_limits import bind_rates
 from guidefield.robot.model.model import Joint, RobotModel
 
-PREPARE_WITHIN = 60.0  # longest time to prepare a robot that a client stores; its first plan does the rest [s]
+PREPARE_WITHIN = 60.0
+"""Longest time to prepare a robot that a client stores; its first plan does the rest [s].
+
+With loading it must stay below `STORE_TIME_LIMIT` of `messages/keys.py`, the time that the request may take.
+"""
 
 
 class StoredRobots(Protocol):

@@ -48,7 +48,7 @@ from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.scene.scene import Scene
 
 STEP_FIELDS = ("goal", "tip", "guide_planes", "attach", "detach", "cartesian_limits")
-"""Fields of a step that a plan request of its own has, too."""
+"""Fields of a step to which the path of a fault leads, `$.steps[i].goal`; of others it leads to the step."""
 UNSERVED_KINDS = (JointKind.SPHERICAL, JointKind.FLOATING)
 """Kinds of joints whose chart begins anew with every step: steps can't be joined in one chart of theirs."""
 

@@ -1,4 +1,8 @@
-"""The reply to a certify request; sentences about verdicts; the judgement of an executed plan's joint states."""
+"""The reply to a certify request; sentences about verdicts; the judgement of an executed plan's joint states.
+
+Names, meanings and defaults of fields are the wire. Docstrings of messages are in docs/wire.md and the schemas: after a
+change, `tools/wire_page`.
+"""
 
 from __future__ import annotations
 
@@ -224,7 +228,10 @@ SHARED_FIELDS = (
     "max_acceleration_scaling_factor",
     "leave_start_contact",
 )
-"""Fields that plan and certify requests have both; the command line copies them to judge a stored run again."""
+"""Fields of a plan request that describe its motion, and that a certify request has, too.
+
+`judgement_of`, and the command line to judge a stored run again, copy them: a field that is left out isn't judged by.
+"""
 
 
 class JointStates(NamedTuple):

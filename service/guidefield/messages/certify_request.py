@@ -1,4 +1,8 @@
-"""The certify request: certify a given motion, from any source; the handlers' certify_problem.py reads its curve."""
+"""The certify request: certify a given motion, from any source; the handlers' certify_problem.py reads its curve.
+
+Names, order, defaults and meanings of fields are the wire and the Python API: a new one comes last. Docstrings of
+messages are in docs/wire.md and the schemas, and `MOST_ROWS` among its limits: after a change, `tools/wire_page`.
+"""
 
 from __future__ import annotations
 

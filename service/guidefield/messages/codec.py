@@ -23,7 +23,10 @@ from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import FrozenFacts, RequestScene, freeze
 
 MAX_REQUEST_BYTES = 64 * 2**20
-"""Largest payload that is decoded; a larger one is refused as too large."""
+"""Largest payload that is decoded; a larger one is refused as too large.
+
+docs/wire.md tells it: after a change, `tools/wire_page`. `endpoint/link.py` lets messages of four times this through.
+"""
 
 MAX_EXPLAINED_BYTES = 2**20
 """Largest payload that is decoded again after a fault, to list the valid choices."""

@@ -1,4 +1,8 @@
-"""Parts that requests about motions and configurations share: robot and scene, conditions, held objects, limits."""
+"""Parts that requests about motions and configurations share: robot and scene, conditions, held objects, limits.
+
+Names, order, defaults and meanings of fields are the wire and the Python API: a new one comes last. Docstrings of
+messages, and the largest numbers here, are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
+"""
 
 from __future__ import annotations
 

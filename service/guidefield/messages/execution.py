@@ -1,6 +1,7 @@
 """The curve that a controller draws of a motion, the rows that it is sent, and the files by which it takes these.
 
-Each file names the interpolation that it is certified for; `KINDS` names them by their endings.
+Each file names the interpolation that it is certified for; `KINDS` names them by their endings. Names and meanings of
+fields are the wire. Docstrings of messages are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

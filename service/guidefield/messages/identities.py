@@ -3,6 +3,9 @@
 A payload or an attachment can claim anything. A key can't, if access control lets only a user use the keys of this
 user. So the identity is the key: `guidefield/<i>/as/<user>/…` belongs to the user, and all other keys belong to one
 identity, `PLAIN`.
+
+Keys, and fields of quotas, are the wire and files of operators. Docstrings of messages are in the schemas: after a
+change, `tools/wire_page`.
 """
 
 from __future__ import annotations

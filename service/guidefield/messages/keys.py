@@ -1,6 +1,7 @@
 """Decode queries: the request of a key below an instance's, its parameters and its payload.
 
 `_RULES` decides which keys are served, but for streams (stream_requests.py); served.py describes them for clients.
+Heads repeat fields of requests, with their defaults, so that a run can be queued before all of its request is decoded.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ from guidefield.messages.served import SERVED, SHARING
 from guidefield.messages.values import LONGEST_TIME, PLANNING_TIME, RunId
 
 STORE_TIME_LIMIT = 120.0
-"""Allowed time to store or describe a robot or scene, to list robots, or to make a stream's recording [s]."""
+"""Allowed time to store or describe a robot or scene, to list robots, or to make a stream's recording [s].
+
+docs/wire.md tells it: after a change, `tools/wire_page`.
+"""
 
 MIN_BESIDE = 1 << 16
 """Smallest payload that is sent to a worker out of band, beside the pickled query, instead of copied [bytes]."""

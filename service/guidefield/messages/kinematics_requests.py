@@ -1,4 +1,8 @@
-"""Requests about configurations, poses and points, one or a batch of them in one request."""
+"""Requests about configurations, poses and points, one or a batch of them in one request.
+
+Names, order, defaults and meanings of fields are the wire and the Python API: a new one comes last. Docstrings of
+messages, and the largest numbers here, are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
+"""
 
 from __future__ import annotations
 

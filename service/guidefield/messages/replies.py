@@ -1,6 +1,7 @@
 """The replies of the service, one Struct per request: all by this module, those about robots, scenes and runs in it.
 
-Errors travel as `ErrorReply`; `make_error_reply` and `make_error` convert exceptions.
+Errors travel as `ErrorReply`; `make_error_reply` and `make_error` convert exceptions. Names, meanings and defaults of
+fields are the wire. Docstrings of messages are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Requests of clients: the plan request with its steps, those about stored things and the service; others by name."""
+"""Requests of clients: the plan request with its steps, those about stored things and the service; others by name.
+
+Names, order, defaults and meanings of fields are the wire and the Python API: a new one comes last. Docstrings of
+messages, and the largest numbers here, are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """Obstacles, guide planes and scenes: one schema for the wire and for stored files, with the largest counts of each.
 
-Points and triangles are checked fast by the standard library, which the light client has.
+Points and triangles are checked fast by the standard library, which the light client has. Names, defaults and meanings
+of fields are the wire and users' files. Docstrings of messages, and the largest numbers here, are in docs/wire.md and
+the schemas: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations
@@ -102,7 +104,7 @@ def _require_below(count: int, first: int, triangles: Iterable[Iterable[int]]) -
 
 
 _SMALL = bytes(sign | exponent for sign in (0, 0x80) for exponent in range(0x4E))
-"""Highest bytes (sign and most of the exponent) of the float32 below 2^29 in magnitude, which is within `LARGEST`."""
+"""Highest bytes (sign and most of the exponent) of the float32 below 2^29 in magnitude; `LARGEST` is no less."""
 
 
 _POSITIVE = bytes(range(0x80))

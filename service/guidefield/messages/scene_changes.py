@@ -1,7 +1,8 @@
 """Changes of a scene, which add, move and remove obstacles; scenes of requests, declared by changes; frozen scenes.
 
 A frozen scene isn't changed any more, so that all that is computed of it stays valid (`FrozenFacts`). A change of one
-makes another frozen scene, which knows the one before it: scene/scene.py then builds only what changed.
+makes another frozen scene, which knows the one before it: scene/scene.py then builds only what changed. Fields and
+docstrings of messages are the wire, and in docs/wire.md and the schemas: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations
@@ -142,7 +143,7 @@ MOST_CHANGES = 100_000
 MAX_SINGLE_DELETIONS = 64
 """Up to this number, deleting obstacles one by one is faster than making a new list of thousands."""
 MAX_VERSIONS = 16
-"""The number of newest versions of a stored scene that can be read."""
+"""The number of newest versions of a stored scene that can be read; `served.py`, clients and docs/scenes.md tell it."""
 
 Added = Annotated[list[Obstacle], msgspec.Meta(max_length=MOST_CHANGES)]
 Moved = Annotated[dict[Name, Placement], msgspec.Meta(max_length=MOST_CHANGES)]

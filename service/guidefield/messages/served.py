@@ -1,7 +1,7 @@
 """The keys of a service, their purposes, parameters and messages, and the meaning of each status code.
 
 What is served is decided by `_RULES` of messages/keys.py and by messages/stream_requests.py, which take only `SHARING`
-from here; tests compare the two. Words here change `info` and docs/wire.md alone.
+from here; tests compare the two. Words here change `info` and docs/wire.md alone: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Replies about the service and the runs under way."""
+"""Replies about the service and the runs under way.
+
+Names, meanings and defaults of fields are the wire. Docstrings of messages are in docs/wire.md and the schemas: after a
+change, `tools/wire_page`.
+"""
 
 from __future__ import annotations
 

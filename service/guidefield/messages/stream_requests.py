@@ -1,6 +1,7 @@
 """Requests and replies about open streams, and their keys, `streams/<id>/...`; streams.py has motions and updates.
 
-Chunks of keys and names of fields are the wire. A further query needs its answer in `endpoint/streams.py`, too.
+Chunks of keys and names of fields are the wire. A further query needs its answer in `endpoint/streams.py` and its line
+in served.py, too. Docstrings of messages are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,9 @@
 """Messages of streams: the request that opens one, observations of a client, and pieces of motion.
 
 All times are on the client's clock, in seconds from an origin of its choice; they are compared with no other clock.
+
+Names, order, defaults and meanings of fields are the wire and the Python API: a new one comes last. Docstrings of
+messages, and the largest numbers here, are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ answers are bounded for each client, each user and all; one user has at most `US
 
 One more thread polls the workers (`pool.py`), and sends the answers that it posts itself, since waking another thread
 takes longer than sending. If sending takes longer than `STALL_TIME_S`, another thread polls instead, and for
-`SLOW_USER_S` the polling thread sends nothing to that user. The service lists these limits (`endpoint/rules.py`).
+`SLOW_USER_S` the polling thread sends nothing to that user. The service and docs/wire.md list the limits of bytes and
+answers, and `USER_SHARE` (`endpoint/rules.py`): after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

@@ -43,10 +43,15 @@ REAPING_S = 1.0  # longest wait for a killed process to end [s]
 ENDING_PROCESSOR_S = 2.0  # processor time for a job to end early when the pool is closed [s]
 ENDING_S = 10.0  # time for that on a busy machine [s]
 REQUIRED_WORK_S = 10.0  # time for required work after answers when the pool is closed [s]
-STOPPING_S = 10.0  # time for killed workers to end, and for their tasks to be settled [s]
+STOPPING_S = 10.0
+"""Time for killed workers to end, and for their tasks to be settled [s].
+
+`ENDING_S`, `REQUIRED_WORK_S` and this are together at most `END_TIME_S` of `cli/serving.py`: then the service is ended
+by force.
+"""
 CLOSING_CHECK_S = 0.01  # period at which the end of these is checked [s]
 DEFAULT_LIMITS = Limits()
-DEFAULT_MEMORY = 4 << 30  # memory that a worker may have [bytes]
+DEFAULT_MEMORY = 4 << 30  # memory that a worker may have [bytes]; in docs/wire.md: after a change, `tools/wire_page`
 
 _log = logging.getLogger(__name__)
 

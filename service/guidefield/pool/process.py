@@ -227,6 +227,7 @@ CHECK_INTERVAL_S = 0.1  # period at which a process is checked [s]
 MAX_WAITING_MESSAGES = 1_000  # maximum number of messages that wait to be sent
 MAX_WAITING_BYTES = 64 << 20  # their maximum size together [bytes]
 MAX_SILENCE_S = 10.0  # time without an acknowledgement, while messages wait, after which a process is ended [s]
+# this and the number of messages are in docs/wire.md by endpoint/rules.py: after a change, `tools/wire_page`
 
 _spawn = multiprocessing.get_context("spawn")
 

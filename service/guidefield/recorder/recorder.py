@@ -2,7 +2,8 @@
 
 `run.py` calls `record_plan` and `record_judgement`; a new entity has to be placed in a view (`view.py`), too.
 
-Draw the planner's work over the timeline of steps: its log, steps, trees, and the motion as it was optimised.
+The planner's work is drawn over the timeline of steps: its log, steps, trees, and the motion as it was optimised.
+Colours and numbers of what is drawn may be changed; they cost file size and drawing time alone.
 """
 
 from __future__ import annotations

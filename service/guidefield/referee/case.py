@@ -155,7 +155,8 @@ def lines(verdict: Verdict, rests_on: str = "distances") -> Iterator[str]:
         yield f"  {first} and {second}: {why}"
 
 
-SLACK, ROUNDING = 1e-6, 1e-9  # excess that is allowed: share of a rate's limit; beyond one of position [rad or m]
+SLACK, ROUNDING = 1e-6, 1e-9
+"""Excess that is allowed, as docs/certificate.md says: share of a rate's limit; beyond one of position [rad or m]."""
 DIGITS = 4e-15  # relative error of double precision, summed up over a few operations
 KINDS = ("position", "velocity", "acceleration", "jerk")
 HALVINGS = 60  # of a span in which a rate's zero is: down to rounding

@@ -1,4 +1,7 @@
-"""Paths of the stores' files with their checked names, a lock between processes, and reading of files that may lack."""
+"""Paths of the stores' files with their checked names, a lock between processes, and reading of files that may lack.
+
+Folders and valid names are the format of data folders: what is there must be found again.
+"""
 
 from __future__ import annotations
 

@@ -28,7 +28,8 @@ from guidefield.stores.files import checked_name, decode_if_whole, lock_file, re
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
 
 MAX_ROBOTS = 200  # of a user
-MAX_BYTES = 4 * 2**30  # largest size of a user's robots together [bytes]; `endpoint/rules.py` lists both
+MAX_BYTES = 4 * 2**30  # largest size of a user's robots together [bytes]
+# both are in docs/wire.md by endpoint/rules.py: after a change, `tools/wire_page`
 
 _DESCRIPTION = "robot.json"  # file of a `_Description`
 _CONTENT = re.compile(r"[0-9a-f]{64}")  # the hash in a name\'s file

@@ -38,7 +38,10 @@ SWEEP_INTERVAL_S = 60.0  # time between two searches for runs that are too old, 
 
 @dataclass(frozen=True)
 class Retention:
-    """Limits for each user, beyond which the oldest runs are dropped: number, total size, age [s]."""
+    """Limits for each user, beyond which the oldest runs are dropped: number, total size, age [s].
+
+    The defaults of number and size are in docs/wire.md: after a change, `tools/wire_page`.
+    """
 
     runs: int = 1_000
     bytes: int = 20 * 2**30

@@ -1,6 +1,7 @@
 """Commits, a piece of constant jerk and the hardest braking after it, and their judge: limits, and plans' proof.
 
-The judge proves the curve of a commit, clients get its `trajectory`: both have to be the same motion.
+The judge proves the curve of a commit, clients get its `trajectory`: both have to be the same motion. Names of a
+`Commit`'s fields are in the files of journals, as those of `state.py` are.
 """
 
 from __future__ import annotations

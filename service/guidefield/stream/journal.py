@@ -264,7 +264,7 @@ def entries_of(file: Path) -> Iterator[Entry]:
             yield _decoder.decode(payload)
 
 
-MOST_KEPT = 8  # streams kept of a user, an open one among them
+MOST_KEPT = 8  # streams kept of a user, an open one among them (docs/stream.md)
 
 
 def file_bytes(most: int | None) -> int:

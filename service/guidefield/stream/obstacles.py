@@ -78,7 +78,7 @@ class DriftingObstacles(ReadOnly):
 
 @dataclass(eq=False)
 class Obstacles:
-    """All obstacles of a stream, those of its scene first; `judge.SeenObstacles` counts them so."""
+    """All obstacles of a stream, those of its scene first; `commit.SeenObstacles` counts them so."""
 
     scene: Scene
     assumption: Assumption

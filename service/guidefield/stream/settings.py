@@ -1,4 +1,8 @@
-"""The numbers of streams, each with what chose it; distances kept are stated at size 1."""
+"""The numbers of streams, each with what chose it; distances kept are stated at size 1.
+
+They decide which motions are tried and sent: the judge (`commit.py`) proves each, whatever they are. With other numbers
+journals that are kept replay to other pieces.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The state of a stream: its phases, the events that lead from one to another, the data of each; and its watchers.
 
-A `Snapshot` is stored in journals: names of its fields are in the files.
+A `Snapshot` is stored in journals: names of its fields and of those of its parts, and values of `Phase`, are in files.
 """
 
 from __future__ import annotations
