@@ -62,7 +62,7 @@ def warn_of_clamped_goals(goal: Goal | RelativeGoal | None, robot: RobotModel) -
 
 
 def clamp_slight(robot: RobotModel, q: RobotConfiguration) -> RobotConfiguration:
-    """A configuration (nq,) with values beyond a limit by at most `LIMIT_TOLERANCE` brought back to it."""
+    """A configuration (nq,) with values beyond a limit by at most `CLAMP_TOLERANCE` brought back to it."""
     slight = [j for f in limit_faults(robot.joints, q) if f.is_slight and (j := robot.joint(f.joint))]
     return clamp(slight, q)
 

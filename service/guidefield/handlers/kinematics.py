@@ -48,7 +48,7 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.ik.inverse_kinematics import PoseTarget, solve
-from guidefield.robot.model.configuration import LIMIT_TOLERANCE, configuration_from_wire, configuration_to_wire
+from guidefield.robot.model.configuration import CLAMP_TOLERANCE, configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ModelConfiguration, RobotConfiguration, RobotConfigurations
 from guidefield.scene import scene as scenes
@@ -88,7 +88,7 @@ def _warn_beyond_limits(robot: RobotModel, configurations: RobotConfigurations, 
         values = configurations[:, joint.idx_q]
         excess = np.maximum(lower - values, values - upper)
         worst = int(np.argmax(excess))
-        if excess[worst] > LIMIT_TOLERANCE:
+        if excess[worst] > CLAMP_TOLERANCE:
             warnings.append(
                 f"`{field}[{worst}]` has joint {joint.name} at {values[worst]:.6g}, {excess[worst]:.3g} beyond its"
                 f" limits [{lower:.6g}, {upper:.6g}]; limits don't count here"

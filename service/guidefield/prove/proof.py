@@ -45,7 +45,10 @@ from guidefield.scene.movers import motion_of, movers
 FIRST_ROWS = 4096  # rows of the log at first (a Panda's motion has some hundred); with too few the search is repeated
 
 CLAIM_MARGIN = 1e-6
-"""A claimed distance is by this less than what was found, because a proof's numbers are in single precision [m]."""
+"""A claimed distance is by this less than what was found, because a proof's numbers are in single precision [m].
+
+With less the referee may refuse a claim that is true; with more a proof claims less.
+"""
 
 
 @dataclass(frozen=True, eq=False)

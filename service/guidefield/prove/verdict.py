@@ -1,7 +1,9 @@
 """Verdicts of certificates: whether a motion is free, and where and why it is refused; tolerances of the decision.
 
 The values of `Reason` are on the wire and in recordings. A smaller accuracy of Coal's than it has would turn verdicts
-into contradictions.
+into contradictions. docs/certificate.md states `COAL_ACCURACY`, `COAL_RELATIVE` and `LIMIT_TOLERANCE`, and the referee
+has a tolerance of limits of its own (`referee/case.py`). A smaller `CONSTRAINT_RESOLUTION` refuses less, and takes
+longer.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ def with_coal_error(distance: _D) -> _D:
     return asked
 
 
-LIMIT_TOLERANCE = 1e-9  # a coordinate may be this much beyond its limit, for rounding [rad or m]
+LIMIT_TOLERANCE = 1e-9  # a motion's coordinate may be this much beyond its limit, for rounding [rad or m]
 
 
 class Reason(enum.Enum):

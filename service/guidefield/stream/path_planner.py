@@ -37,7 +37,7 @@ from guidefield.planner.connect import tree_search
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import lent_data
 from guidefield.robot.ik.inverse_kinematics import PoseTarget, solve
-from guidefield.robot.model.configuration import LIMIT_TOLERANCE, configuration_from_wire, limit_faults
+from guidefield.robot.model.configuration import CLAMP_TOLERANCE, configuration_from_wire, limit_faults
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.stream.commit import JointBounds
 from guidefield.stream.dodging import ScheduledPath, TimedPath, build_tube, choose_sides, draw_sides, schedule_path
@@ -283,7 +283,7 @@ def find_goals(
         return np.array(found.solutions)
     given = goal.positions if isinstance(goal, JointSetGoal) else [goal.positions]
     zs = np.array([_configuration(goal, index, group, near) for index in range(len(given))])
-    within = ((zs >= group.lower - LIMIT_TOLERANCE) & (zs <= group.upper + LIMIT_TOLERANCE)).all(axis=1)
+    within = ((zs >= group.lower - CLAMP_TOLERANCE) & (zs <= group.upper + CLAMP_TOLERANCE)).all(axis=1)
     if not within.any():
         q = group.from_chart(zs[0])
         fault = limit_faults(group.joints, q)[0]

@@ -1,7 +1,8 @@
 """Bounding and inscribed spheres and convex parts of a robot's links: one search for each shape, kept on disk.
 
 SIMD batches test spheres and parts before the exact shapes (`collision/lanes/robot_tables.py`). They may be coarser:
-`DELTA`, `LARGE`, `TIGHT` and `MOST_PARTS` trade the time of the first use, and of every plan, against each other.
+`DELTA`, `LARGE`, `SMALL`, `TIGHT` and `MOST_PARTS` trade the time of the first use, and of every plan, against each
+other. A change makes what is on disk anew.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Load and keep robots by name, file or what was sent, and sum each up in a line for lists.
 
 A robot is found again as long as no file that it was read from has changed (`_stamp`); lines of the catalog are kept on
-disk by a hash of the package's sources. Names, and the order in which a reference is resolved, are the public API's.
+disk by the state of their files and a hash of the sources of robot/. Names, and the order in which a reference is
+resolved, are the public API's.
 """
 
 from __future__ import annotations

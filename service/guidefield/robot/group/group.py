@@ -1,8 +1,8 @@
 """The planning group: a robot reduced to the joints that a request plans for, placed in the world.
 
 It converts between the spaces of `spaces.py`, and has the group's limits and metric (`LENGTH_OF_A_RADIAN`: another
-value makes other motions). Nearly everything takes a group; results that don't depend on where it starts are shared
-through `memoized_for_alike`.
+value makes other motions, and docs state it). Nearly everything takes a group; results that don't depend on where it
+starts are shared through `memoized_for_alike`. Columns of the wire are named and ordered here.
 """
 
 from __future__ import annotations

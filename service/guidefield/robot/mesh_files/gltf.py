@@ -1,6 +1,6 @@
 """Read glTF 2.0 files, as JSON with its buffers or as one binary: the scene's meshes, at their nodes, in metres.
 
-The axes aren't turned: a URDF places the file's own frame.
+The axes aren't turned: a URDF places the file's own frame. Numbers and names below are glTF's, but for `MAX_ZEROS`.
 """
 
 from __future__ import annotations

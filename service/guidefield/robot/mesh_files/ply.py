@@ -1,4 +1,8 @@
-"""Read PLY files, ASCII and binary of either byte order: meshes of robots and scenes, and point clouds."""
+"""Read PLY files, ASCII and binary of either byte order: meshes of robots and scenes, and point clouds.
+
+Words of types, orders and lists are PLY's; a further name of a list belongs in `OUTLINES`. The vertices of a file
+without faces are a cloud (`scene_files/clouds.py`).
+"""
 
 from __future__ import annotations
 

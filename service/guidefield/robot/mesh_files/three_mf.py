@@ -1,7 +1,8 @@
 """Read 3MF files: the objects of the <build>, components placed.
 
 As other tools for robots have it, their numbers are metres, with the `scale` of the URDF: a file's own unit, which is
-millimetres by default, is reported in a warning.
+millimetres by default, is reported in a warning. Files of scenes are scaled by it (`scene_files/reading.py`). The names
+are 3MF's, so `UNITS` has to be right.
 """
 
 from __future__ import annotations

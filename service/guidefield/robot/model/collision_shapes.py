@@ -1,7 +1,8 @@
 """Settle the collision shapes of a URDF: read meshes, find their hulls, and choose a tight hull in place of a mesh.
 
-What a link is judged as (`HULL_STAND_OFF`, `WIDEST_GAP`) decides every collision with it, and is reported to users.
-Triangles and hulls are kept, because Coal hands them out slowly.
+What a link is judged as (`HULL_STAND_OFF`, `WIDEST_GAP`) decides every collision with it, and is reported to users;
+docs/robots.md states the first. `LEAST_FILLED` and `HARDLY_METRES` decide on warnings alone. Triangles and hulls are
+kept, because Coal hands them out slowly.
 """
 
 from __future__ import annotations

@@ -18,8 +18,11 @@ from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import IndexedConfiguration, RobotConfiguration
 
-LIMIT_TOLERANCE = 1e-5 + 1e-11
-"""A value beyond its limit by at most this [rad or m] is clamped, with a warning: 1e-5, and room for rounding."""
+CLAMP_TOLERANCE = 1e-5 + 1e-11
+"""A value beyond its limit by at most this [rad or m] is clamped, with a warning: 1e-5, and room for rounding.
+
+The docs promise it. Motions themselves are held to `LIMIT_TOLERANCE` of prove/verdict.py, which is far less.
+"""
 
 FURTHEST = 1e4  # largest value of a joint [rad or m]: a motion further than that could not be judged in any time
 
@@ -44,7 +47,7 @@ class LimitFault:
     @property
     def is_slight(self) -> bool:
         """Whether the value is clamped, instead of being refused."""
-        return self.excess <= LIMIT_TOLERANCE
+        return self.excess <= CLAMP_TOLERANCE
 
 
 def configuration_from_wire(

@@ -1,7 +1,7 @@
 """Find the rest configuration of a robot: as its card or SRDF states it, else zero; moved a little where it touches.
 
 Joints that requests leave out have its values, and replies show it; the random search is seeded, so that it is always
-the same.
+the same. Other shares, draws or seeds give robots that touch as stated another rest, and so other plans.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import pinocchio as pin
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import Positions
 from guidefield.robot.model.card import RobotCard
-from guidefield.robot.model.configuration import LENGTHS, LIMIT_TOLERANCE, clamp, values_from_wire
+from guidefield.robot.model.configuration import CLAMP_TOLERANCE, LENGTHS, clamp, values_from_wire
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import MARGIN, ROOT_JOINT, Joint, JointKind
 from guidefield.robot.model.pairs import SelfContacts
@@ -54,7 +54,7 @@ def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard
     within = clamp(joints, q)
     for joint in joints:
         place = slice(joint.idx_q, joint.idx_q + joint.nq)
-        if joint.name in card.rest and np.abs(within[place] - q[place]).max() > LIMIT_TOLERANCE:
+        if joint.name in card.rest and np.abs(within[place] - q[place]).max() > CLAMP_TOLERANCE:
             warnings.append(f"the card's rest value of {joint.name!r} is beyond its limits: it has the limit instead")
     q = within
     follow(joints, q)
@@ -92,7 +92,7 @@ def _beyond(values: Positions, joints: Sequence[Joint]) -> list[str]:
         if joint.mimic is None
         and joint.limits is not None
         and isinstance(value := values.get(joint.name), float)
-        and not joint.limits[0] - LIMIT_TOLERANCE <= value <= joint.limits[1] + LIMIT_TOLERANCE
+        and not joint.limits[0] - CLAMP_TOLERANCE <= value <= joint.limits[1] + CLAMP_TOLERANCE
     ]
 
 
