@@ -1,4 +1,8 @@
-"""The engines of all users: each has its own stores, and all share the caches of robots and scenes."""
+"""The engines of all users: each has its own stores, and all share the caches of robots and scenes.
+
+The caller checks rights to an owner's things (`endpoint/endpoint.py`); to what a request names as ``user:name`` they
+are checked here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Replies in a Jupyter notebook: a table, and the recording in Rerun's viewer if rerun-notebook is installed."""
+"""Replies in a Jupyter notebook: a table, and the recording in Rerun's viewer if rerun-notebook is installed.
+
+`SHOWN` must name the module in which each message is declared, or it isn't shown.
+"""
 
 from __future__ import annotations
 

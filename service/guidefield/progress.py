@@ -1,4 +1,7 @@
-"""Report the progress of a run: at every stage, and a few times a second at most."""
+"""Report the progress of a run: at every stage, and a few times a second at most.
+
+Reports are for watching: no plan depends on them. `MIN_PERIOD_S` costs time alone.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Values whose arrays are read-only, so that a value which several parts of the program hold never changes."""
+"""Values whose arrays are read-only, so that a value which several parts of the program hold never changes.
+
+tests/test_house.py asks of the planner's dataclasses with arrays to be `ReadOnly`.
+"""
 
 from __future__ import annotations
 

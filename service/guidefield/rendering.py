@@ -1,4 +1,7 @@
-"""Render recordings from the logs of their runs: for `renderer.py`'s process, for workers, and for commands."""
+"""Render recordings from the logs of their runs: for `renderer.py`'s process, for workers, and for commands.
+
+A log is deleted only once its recording is there, or the reason why there will be none.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Memory and processor time of processes, and the lowest priority for this one, on Linux and macOS."""
+"""Memory and processor time of processes, and the lowest priority for this one, on Linux and macOS.
+
+The pool ends workers that are too large by `resident`, and waits for the last ones by `processor_time`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Rerun's viewer in a process of its own: find it, start it if none listens, and send recordings to it."""
+"""Rerun's viewer in a process of its own: find it, start it if none listens, and send recordings to it.
+
+A viewer that is started here listens on loopback alone, and must: recordings are shown to whoever connects.
+"""
 
 from __future__ import annotations
 

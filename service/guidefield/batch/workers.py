@@ -1,4 +1,8 @@
-"""Answer a batch over worker processes of this machine, or a Ray cluster (``guidefield[ray]``); render recordings."""
+"""Answer a batch over worker processes of this machine, or a Ray cluster (``guidefield[ray]``); render recordings.
+
+Answers may come in any order: `results.py` files them by the line of the request. `AHEAD` and `AHEAD_OF_CORE` cost time
+or memory alone.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`guidefield batch`: answer the requests of a file on all cores or a cluster, render recordings, show progress."""
+"""`guidefield batch`: answer the requests of a file on all cores or a cluster, render recordings, show progress.
+
+Exit codes, and files as `batch/results.py` has them, are what scripts read; what is printed may be changed.
+"""
 
 from __future__ import annotations
 

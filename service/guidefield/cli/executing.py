@@ -1,4 +1,8 @@
-"""`guidefield execute`: send the certified motion of a run to a controller of ros2_control, watch it, judge it."""
+"""`guidefield execute`: send the certified motion of a run to a controller of ros2_control, watch it, judge it.
+
+The rows that are sent are those that were certified, unchanged; whatever ends the command must still stop the robot
+(`endpoint/ros/trajectory_action.py`).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Find the runs, streams and files that a command line names; check, fetch or replay them; their common options."""
+"""Find the runs, streams and files that a command line names; check, fetch or replay them; their common options.
+
+All commands that name a run do it so: an id, ``user:id``, or a file by its suffix.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Tables of plans, verdicts and robots for a terminal; the notebook shows the rows of plans and verdicts, too."""
+"""Tables of plans, verdicts and robots for a terminal; the notebook shows the rows of plans and verdicts, too.
+
+They are for people, and words may be changed: programs read the replies' JSON.
+"""
 
 from __future__ import annotations
 

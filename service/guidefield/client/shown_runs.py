@@ -1,4 +1,7 @@
-"""Show a client's runs in a Rerun viewer: their recordings are fetched and sent there in a thread of its own."""
+"""Show a client's runs in a Rerun viewer: their recordings are fetched and sent there in a thread of its own.
+
+What fails is logged, and never reaches the caller.
+"""
 
 from __future__ import annotations
 

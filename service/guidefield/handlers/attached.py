@@ -1,4 +1,8 @@
-"""Attach a request's objects to the robot as links with pairs and inertia; the situation between two steps."""
+"""Attach a request's objects to the robot as links with pairs and inertia; the situation between two steps.
+
+Robots with equal objects are one object, so that tables are made once: whatever a message says of an object must enter
+`_collect`, by which objects are equal.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Answer a certify request: its motion, the judgement, and the reply with its sentences, in order."""
+"""Answer a certify request: its motion, the judgement, and the reply with its sentences, in order.
+
+Sentences may be changed; names of `details` are the wire. `restore_certify` builds the same problem for a recording
+that is drawn later: a change of how it is built must come to both.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""From a certify request to a `GivenProblem`, its curve and conditions; what is ill-posed is refused here, by name."""
+"""From a certify request to a `GivenProblem`, its curve and conditions; what is ill-posed is refused here, by name.
+
+The curve that is built here is the one that is certified: docs/certify.md says which goes through given rows.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Jacobians and rigid-body dynamics at configurations, by Pinocchio."""
+"""Jacobians and rigid-body dynamics at configurations, by Pinocchio.
+
+Order of twists (linear part first) and names of reference frames are Pinocchio's, and the wire's.
+"""
 
 from __future__ import annotations
 

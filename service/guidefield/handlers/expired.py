@@ -1,4 +1,7 @@
-"""Replies and errors to requests whose time is up, or that are cancelled, before they have any result."""
+"""Replies and errors to requests whose time is up, or that are cancelled, before they have any result.
+
+Codes and names of `details` are the wire; sentences may be changed.
+"""
 
 from __future__ import annotations
 

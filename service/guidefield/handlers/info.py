@@ -1,4 +1,7 @@
-"""The reply of a service about itself: its versions, limits, figures and rules."""
+"""The reply of a service about itself: its versions, limits, figures and rules.
+
+The brief reply must stay cheap: clients of several instances ask each for it up to twice a second, for its load.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Answer a plan request for one goal: its problem, the plan, and the reply, in order; prepare its robot ahead."""
+"""Answer a plan request for one goal: its problem, the plan, and the reply, in order; prepare its robot ahead.
+
+`restore_plan` builds the same problem for a recording that is drawn later: a change of how it is built must come to
+both. What `prepare_ahead` leaves out counts as the plan's own time.
+"""
 
 from __future__ import annotations
 

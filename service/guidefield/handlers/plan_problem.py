@@ -1,4 +1,7 @@
-"""From a plan request to the planner's problem; what is ill-posed is refused here, by the name of its field."""
+"""From a plan request to the planner's problem; what is ill-posed is refused here, by the name of its field.
+
+The certificate takes conditions (scene, clearance, allowed pairs, limits) from the problem as it is built here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Build the reply to a plan request from the plan; the parts that replies to sequences and certify requests share."""
+"""Build the reply to a plan request from the plan; the parts that replies to sequences and certify requests share.
+
+Fields are those of messages/plan_reply.py, the wire; the sentence `CERTIFICATE` may be changed.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Answer a plan request with steps: its course, the sequence, the reply, and the motion for a recording, in order."""
+"""Answer a plan request with steps: its course, the sequence, the reply, and the motion for a recording, in order.
+
+`CARRIED_RATE`, `MAX_SAMPLES` and `MAX_CARRIED_PLACEMENTS` change recordings alone.
+"""
 
 from __future__ import annotations
 

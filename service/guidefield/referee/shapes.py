@@ -1,4 +1,7 @@
-"""Build Coal's shapes of what a case declares, and check meshes and polygons: closed, divided, enclosing a point."""
+"""Build Coal's shapes of what a case declares, and check meshes and polygons: closed, divided, enclosing a point.
+
+What is built must be what docs/referee.md says of a case; the page promises `SINGLE`, too.
+"""
 
 from __future__ import annotations
 

@@ -51,7 +51,11 @@ from guidefield.robot.model.spaces import ChartPoint
 from guidefield.stream.settings import STREAM
 from guidefield.stream.shapes import read_only_views, solid_parts
 
-SAME_TIME = 1e-9  # knots that are closer than this become one [s]; so do those within `ROUNDED`
+SAME_TIME = 1e-9
+"""Knots that are closer than this become one in what clients get [s]; so do those within `ROUNDED`.
+
+More than rounding may not become one: clients would execute another motion than the judge has proven.
+"""
 ROUNDED = 16  # steps of a double at the client's clock
 STANDING = 1e-6  # duration for which a motion that stands from its beginning on is judged [s]
 

@@ -1,4 +1,8 @@
-"""The cheapest schedule along a path among moving obstacles, within a tube about it; and flights. The judge proves."""
+"""The cheapest schedule along a path among moving obstacles, within a tube about it; and flights.
+
+Nothing here needs a proof: the judge proves each piece. A change costs time or gives other motions; journals that are
+kept replay to other pieces then.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A stream in the caller's process: robots and scenes by name, no network, no clock but the caller's."""
+"""A stream in the caller's process: robots and scenes by name, no network, no clock but the caller's.
+
+`Stream` is public: it counts work instead of reading a clock, so that the same updates give the same bits.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The obstacles of a stream: shapes made once, observed places rewritten in the arrays that the judge reads."""
+"""The obstacles of a stream: shapes made once, observed places rewritten in the arrays that the judge reads.
+
+Parts, growths and margins enter the proof: they may be larger than promised in docs/stream.md, never smaller. `boxes`
+are for planning alone.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Read the request that opens a stream: robot, scene at rest, limits; what streams don't serve is refused here."""
+"""Read the request that opens a stream: robot, scene at rest, limits; what streams don't serve is refused here.
+
+The judge takes world, limits and assumptions from the `StreamSetup` as it is made here.
+"""
 
 from __future__ import annotations
 

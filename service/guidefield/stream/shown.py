@@ -1,4 +1,7 @@
-"""The recording of a stream for a viewer: of the files of its journal, or live while the stream goes on."""
+"""The recording of a stream for a viewer: of the files of its journal, or live while the stream goes on.
+
+A watcher of a stream mustn't hold it up: `LiveStream` gives up showing before it waits for a viewer.
+"""
 
 from __future__ import annotations
 

@@ -79,7 +79,8 @@ _A = TypeVar("_A", bound=Piece | StreamState | None)
 
 GOAL_TOLERANCE = 1e-6  # a configuration this close to a goal has reached it [rad or m]
 TRAVELLED_IN = 20  # parts in which the travel of the robot is bounded, before what appears can have come
-SLACK = 1e-6  # deviation of joints that is allowed beyond the tolerance, for rounded numbers [rad or m]
+SLACK = 1e-6
+"""Deviation of joints that is allowed beyond the tolerance, for rounded numbers [rad or m]: no proof covers it."""
 
 KERNELS = (
     search,

@@ -1,4 +1,8 @@
-"""Make states, trajectories and error codes as messages of ROS; read joint states from bags."""
+"""Make states, trajectories and error codes as messages of ROS; read joint states from bags.
+
+Trajectories have no accelerations, and must have none: with them a controller would draw another curve than the
+certified one.
+"""
 
 from __future__ import annotations
 

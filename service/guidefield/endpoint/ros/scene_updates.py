@@ -1,4 +1,7 @@
-"""Apply messages to a snapshot of robot and scene, as MoveIt does: PlanningScene, RobotState and JointState."""
+"""Apply messages to a snapshot of robot and scene, as MoveIt does: PlanningScene, RobotState and JointState.
+
+A message counts as a whole or, refused, not at all: each function returns another snapshot and changes none.
+"""
 
 from __future__ import annotations
 

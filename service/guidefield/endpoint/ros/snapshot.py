@@ -1,4 +1,7 @@
-"""Robot and scene as ROS nodes described them at one moment: an immutable value, of which the newest is kept."""
+"""Robot and scene as ROS nodes described them at one moment: an immutable value, of which the newest is kept.
+
+Each request that is read gets one snapshot, so that later messages don't change what it is about.
+"""
 
 from __future__ import annotations
 
