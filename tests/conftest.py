@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Generator
 from pathlib import Path
 
@@ -22,6 +23,10 @@ settings.load_profile("the-same")
 for name in ("FORCE_COLOR", "GITHUB_ACTIONS", "PY_COLORS", "TERMINAL_WIDTH", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
     os.environ.pop(name, None)
 os.environ["COLUMNS"] = "120"
+
+# A shell has what it starts in the background ignore the first, `nohup` the second: tests send them to processes.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # Kernels of tests: their machine code is kept by all that they depend on, as that of the package is.
 keep_kernels_of("tests", Path(__file__).parent)

@@ -31,7 +31,6 @@ def take_it():
     time.sleep(0.2)  # until the main thread waits
     signal.pthread_kill(threading.get_ident(), signal.SIGINT)
 
-signal.signal(signal.SIGINT, signal.default_int_handler)
 threading.Thread(target=take_it, daemon=True).start()
 try:
     await_answer(Future())

@@ -69,10 +69,8 @@ def test_time_that_is_up_ends_a_request_and_what_waits_for_it(client: Client, wi
 
 ASKER = """
 import asyncio
-import signal
 import sys
 from guidefield import AsyncClient, Clearance
-signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
 many = Clearance(robot="panda", scene="bookshelf", gradients=True, configurations=[{}] * 100_000, allowed_time=600.0)
 async def ask():
     async with await AsyncClient.connect(sys.argv[1], wait=60.0) as client:

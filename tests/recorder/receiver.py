@@ -15,7 +15,7 @@ from rerun.chunk import Chunk, RrdReader
 from guidefield.cli.serving import free_port
 from guidefield.viewer import ADDRESS, LOOPBACK, is_listening, quiet_environment, viewer_command
 
-TIME_S = 120.0  # time for a viewer to start, or for something to arrive [s]
+TIME_S = 120.0  # time for a viewer to start or to end, or for something to arrive [s]
 
 
 @dataclass(frozen=True)
@@ -53,3 +53,4 @@ def receiver(folder: Path) -> Iterator[Receiver]:
                 yield Receiver(address, file)
             finally:
                 child.send_signal(signal.SIGINT)
+                child.wait(TIME_S)
