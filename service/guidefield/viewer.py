@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 
 LOOPBACK = "127.0.0.1"
-PORT = 9876  # default port of Rerun's viewer
+PORT = 9876  # default port of Rerun's viewer (docs/recordings.md)
 START_TIME_S = 30.0  # time that a viewer has to listen [s]
 PROBE_TIME_S = 0.5  # time to connect to a viewer, and time that it has to answer [s]
 GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])  # HTTP/2's, with no settings

@@ -32,12 +32,12 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
 from guidefield.messages.identities import Quotas
 
-FORCED_EXIT_CODE = os.EX_SOFTWARE  # exit code of a process that was ended by force
+FORCED_EXIT_CODE = os.EX_SOFTWARE  # exit code of a process that was ended by force: 70 in docs/service.md
 DUMP_TIME_S = 5.0
 """Time to dump the traces of all threads before the system's alarm ends the process [s].
 
-With `END_TIME_S` and `DEFAULT_GRACE` of `endpoint/service.py` it is 45 s, below the 50 s after which
-`tools/deploy/guidefield.service` and containers (docs/operation.md) kill the process.
+With `END_TIME_S` and `DEFAULT_GRACE` of `endpoint/service.py` it is 45 s, as docs/service.md says, below the 50 s after
+which `tools/deploy/guidefield.service` and containers (docs/operation.md) kill the process.
 """
 
 _log = logging.getLogger(__name__)

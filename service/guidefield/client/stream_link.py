@@ -1,6 +1,7 @@
 """A client's side of a stream, without waiting: it sends updates, takes pieces, and follows their execution.
 
-`streams.py` and `asynchronous.py` wait on top of it, each in its own way.
+`streams.py` and `asynchronous.py` wait on top of it, each in its own way. `Execution` takes pieces by the rule in the
+docstring of `Piece`: the service proves them for clients that do.
 """
 
 from __future__ import annotations
@@ -29,7 +30,11 @@ from guidefield.messages.stream_requests import StreamAimed, StreamReply
 from guidefield.messages.streams import MOST_STREAM_OBSTACLES, Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Positions
 
-MAX_WAITING_PIECES = 64  # the largest number of pieces that wait to begin; the oldest are dropped
+MAX_WAITING_PIECES = 64
+"""The largest number of pieces that wait to begin; the oldest are dropped.
+
+No fewer than a stream remembers: `MAX_COMMITS` of `stream/state.py`.
+"""
 
 
 @dataclass(frozen=True)

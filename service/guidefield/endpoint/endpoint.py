@@ -63,7 +63,10 @@ LATE, LATE_SHARE = 0.02, 0.03
 The wire page tells them by `rules.py`: after a change, `tools/wire_page`.
 """
 LATE_RESULT, LATE_RESULT_SHARE = 0.04, 0.045
-"""The same for a worker that checks the deadline itself, and needs time to send its result."""
+"""The same for a worker that checks the deadline itself, and needs time to send its result.
+
+docs/service.md promises answers within 50 ms and 5 % after their time: these stay below.
+"""
 MAX_BRIEF_BYTES = 1 << 14  # largest query of kinematics that counts as brief
 LAST_ANSWERS = 5.0  # time for the last answers to be read at the end [s]
 

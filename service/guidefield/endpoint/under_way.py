@@ -149,7 +149,7 @@ class PendingQuery:
 
 
 GRACE = 6.0
-"""Time after which a client whose token vanished is gone [s].
+"""Time after which a client whose token vanished is gone [s] (docs/stream.md).
 
 Until then it can have its token back: its attempts to reconnect begin 0.2 s after it notices a cut link, and are at
 most a second apart (`RETRY` of `client/session.py`). Of a silent cut it learns within `LEASE` of `link.py`, as does

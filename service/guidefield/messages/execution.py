@@ -24,7 +24,7 @@ from guidefield.messages.values import Message, NonNegative, Reply, require_fini
 
 Interpolation = Literal["linear", "cubic", "quintic", "first_order_hold", "zero_order_hold"]
 MOST_SENT_ROWS = 100_000
-"""The largest number of rows, or of commands, that a controller is sent."""
+"""The largest number of rows, or of commands, that a controller is sent (docs/execution.md)."""
 
 HOLDS = ("first_order_hold", "zero_order_hold")
 """Interpolations of commands at the ticks of a clock; the others draw between rows, as a ROS trajectory is read."""
@@ -109,7 +109,7 @@ def describe_execution(figures: ExecutionFigures) -> str:
 
 
 NANOSECONDS = 1_000_000_000
-SHORTEST_SERVO_STEP = 0.002  # of UR's e-series [s]
+SHORTEST_SERVO_STEP = 0.002  # of UR's e-series [s] (docs/execution.md)
 UR_JOINTS = 6
 SERVO_LOOKAHEAD = 0.03  # of URScript's `servoj`: the shortest that it takes [s]
 SERVO_GAIN = 300  # of `servoj`: its default

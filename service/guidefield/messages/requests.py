@@ -162,7 +162,7 @@ class ReadInfo(Message, tag_field="type", tag="info"):
 
 
 LARGEST_PAGE = 1_000
-"""The largest number of runs in a list."""
+"""The largest number of runs in a list; docs/service.md and `served.py` tell it, too."""
 
 
 class ReadRuns(Message, tag_field="type", tag="runs"):

@@ -53,7 +53,7 @@ class StreamSettings:
     ending: ClearanceRule = ClearanceRule(0.0, 0.05)
     widening: float = 0.4  # rise of the distance kept, from a closer end on [m/s]
     step: float = 0.1  # step of time of a schedule [s]
-    arriving: float = 2.5  # time for which obstacles are foreseen there [s]
+    arriving: float = 2.5  # time for which obstacles are foreseen there [s] (docs/algorithm.md)
     dear: float = 100.0  # cost of a lack of 1 m for 1 s [s]: with 60 three of eleven hard Pandas were run into
     stays: int = 3  # steps at the end for which the distance counts: else a passing obstacle stops it just before
     sides: int = 4  # directions to sidestep in that are drawn, once
@@ -76,7 +76,9 @@ class StreamSettings:
     # this many times as far away from there; else where it could stand. Paths of robots that didn't get on began ever
     # further ahead, until nobody had planned what led there
     on_it: float = 2.0
-    resting: float = 0.004  # distance of paths from what rests [m]: half a millimetre above the floor nothing is proven
+    # distance of paths, and of goals, from what rests [m] (docs/stream.md): half a millimetre above the floor nothing
+    # is proven
+    resting: float = 0.004
     resting_looked_at: float = 0.002  # the same where a path is examined [m]: less, or each path would be left soon
     # shares of that, tried one after the other where an end of a path is closer: a robot that cut a corner had no path
     # out of there any more

@@ -19,7 +19,11 @@ from guidefield.stream.commit import Commit
 from guidefield.stream.dodging import TimedPath
 from guidefield.stream.path_planner import PathOrder
 
-MAX_COMMITS = 64  # most commits that are remembered: the executed one and the last ones
+MAX_COMMITS = 64
+"""Most commits that are remembered: the executed one and the last ones; so 63 may wait (docs/stream.md).
+
+No more than `MAX_WAITING_PIECES` of `client/stream_link.py`.
+"""
 
 
 class Phase(enum.Enum):

@@ -24,6 +24,7 @@ from guidefield.messages.plan_reply import PlanReply
 from guidefield.messages.requests import InverseKinematics, PlanRequest, TargetPose
 from guidefield.messages.values import LONGEST_TIME, JointSetGoal, JointsGoal, PoseGoal
 
+# docs/ros.md tells all three
 UNSET_TIME = 1.0  # the planning time if a request has none, as in MoveIt [s]
 REST_SPEED = 1e-3
 """A joint slower than this at the start is at rest: velocities that a robot measures are never 0 [rad/s or m/s]."""
