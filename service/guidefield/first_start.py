@@ -48,7 +48,8 @@ LEVELS = {
     "generic": "asimd fp",  # any aarch64
 }
 """Levels of processors that kernels are compiled for, the highest of a family first: LLVM's name of each, and what
-Linux calls the features that each of its processors has."""
+Linux calls the features that each of its processors has. With too few of these machine code would be run by processors
+that can't."""
 SHIPPED = "shipped"  # what the marker of kernels says whose machine code came with the package
 PLAIN_VARIABLE = "GUIDEFIELD_PLAIN_NUMBA"  # the environment variable that disables the changes to numba's internals
 KNOWN_NUMBA = ("0.68.0", "0.68.1")

@@ -1,4 +1,7 @@
-"""Run work in several threads: kernels, and most of NumPy, run in parallel."""
+"""Run work in several threads: kernels, and most of NumPy, run in parallel.
+
+Works must not depend on one another: then the number of threads changes time alone.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """`guidefield certify`: make its request from a file or a kept run and from options; have the referee judge, too.
 
-Motion files are those that `arrays.py` writes, recordings, certify requests in JSON, and tables of other programs.
+Motion files are those that `arrays.py` writes, recordings, certify requests in JSON, and tables of other programs:
+suffixes, fields and names of columns must stay readable.
 """
 
 from __future__ import annotations

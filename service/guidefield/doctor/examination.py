@@ -1,7 +1,8 @@
 """Examine this machine: packages, processors, memory, disk, runs, kernels, clock, Zenoh on loopback, graphics.
 
 `guidefield doctor` prints the findings. Where a function measures, one named `…_found` judges, so that tests can give
-it other machines. A new subject is a line in `examination`.
+it other machines. A new subject is a line in `examination`. Numbers here change what is advised alone, and with `WRONG`
+the command's exit code: no service reads them.
 """
 
 from __future__ import annotations

@@ -241,7 +241,10 @@ def require_same_joints(positions: Columns, velocities: Columns) -> None:
 
 
 CONFIGURATIONS_PER_CHECK = 16
-"""Configurations answered between two looks at the deadline: with the slowest robots a few milliseconds."""
+"""Configurations answered between two looks at the deadline: with the slowest robots a few milliseconds.
+
+Replies are the same to the last bit with any number.
+"""
 
 
 def configurations_from(robot: RobotModel, given: ConfigurationBatch) -> RobotConfigurations:

@@ -1,4 +1,7 @@
-"""Answer kinematics requests, but for Jacobians and dynamics: frames, inverse kinematics, clearances, and the field."""
+"""Answer kinematics requests, but for Jacobians and dynamics: frames, inverse kinematics, clearances, and the field.
+
+A new kind of request is a line in `_ANSWERS` (and in `messages/`); order of rows and columns of replies is the wire.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,11 @@ from guidefield.scene.scene import Scene
 
 FRAMES_PER_CHECK = 1024
 """Configurations at which frames are placed between two looks at the deadline: about a millisecond."""
-POINTS_PER_CHECK = 4096  # points at which the field is computed between two looks at the deadline
+POINTS_PER_CHECK = 4096
+"""Points at which the field is computed between two looks at the deadline.
+
+A multiple of `LANES` of `kernels/field/field.py`, which evaluates as many together: else bits of replies change.
+"""
 
 _Asked = TypeVar("_Asked")
 

@@ -1,4 +1,7 @@
-"""The list of robots, and the description of one."""
+"""The list of robots, and the description of one; a stored robot is prepared here.
+
+Fields are those of `RobotsReply` and `RobotReply`, the wire.
+"""
 
 from __future__ import annotations
 

@@ -2,7 +2,8 @@
 
 In a segment the columns of the motion are at z + x, with z in its middle. With D the chord from its first point to its
 last, x = l D + e. A body goes along l by the twist J D; its points are at most `bent` off that, and `travel` from
-where they are in the middle. Every bound is that of docs/certificate.md, by Pinocchio's Jacobians.
+where they are in the middle. Every bound is that of docs/certificate.md, by Pinocchio's Jacobians: with a smaller one
+`replay.py` would accept false proofs, with a larger one refuse true ones.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """A stream in one process, driven by the caller's clock: observations go in, certified pieces come out.
 
 Each update is a cycle: take observations, follow the path to the goal by a proven piece, else flee from what comes
-close, else say why there is none. No piece is sent that the judge hasn't proven together with its stop.
+close, else say why there is none. No piece is sent that the judge hasn't proven together with its stop. With another
+order of work, or of random draws, journals that are kept replay to other pieces.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 A message is an object with the fields of its type: numbers, texts, other messages, lists of them, and NumPy arrays
 where a field has many numbers. Types are named as ROS does: ``std_msgs/msg/String``,
-``moveit_msgs/srv/GetMotionPlan_Request``.
+``moveit_msgs/srv/GetMotionPlan_Request``. Fields, their order and names of types must be those of the distribution: a
+type with another hash is another type for its nodes.
 """
 
 from __future__ import annotations

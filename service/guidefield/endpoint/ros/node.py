@@ -39,7 +39,7 @@ from guidefield.robot.urdf.xml import read_xml
 
 _log = logging.getLogger(__name__)
 
-NAME = "guidefield"  # of the node
+NAME = "guidefield"  # of the node; other programs know it, and the names of topics (docs/ros.md)
 MOST_UNDER_WAY = 64  # number of queries that may be under way
 MOST_UPDATES = 64  # number of published scenes that may wait
 LAST_ANSWERS = 5.0  # longest time for the last answers to be read at the end [s]
