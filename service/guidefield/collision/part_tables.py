@@ -338,7 +338,7 @@ def recall_mesh_tree(shape: Any) -> MeshTree:
     return tree
 
 
-NEAR_ORIGIN = 100.0  # a robot whose base is farther from the origin than this is seen from its base [m]
+NEAR_ORIGIN = 100.0  # a robot whose base is farther from the origin is seen from its base [m]: docs/certificate.md
 
 
 class BodyParts(NamedTuple):

@@ -2,10 +2,11 @@
 
 Rows and grids of equal balls. Where these leave the shape too far, or are many, the surface is covered like any other
 (`cover.py`); the fewer balls are kept. ValueError if the overhang is so small for the shape that there might be very
-many balls. Containment rests on `_ROUNDING` and `SAFETY`; the other constants are numbers of balls.
+many balls. That a cover contains its shape rests on `_ROUNDING`.
 
-Collision kernels prove contact by these balls, the most filling first; that their radii are less than the depths of
-their centres, by `SAFETY` and `Solid.reach`, makes it a proof. All other constants are how much is filled against time.
+Collision kernels prove contact by the inner balls, the most filling first; that their radii are less than the depths of
+their centres, by `SAFETY` and `Solid.reach`, makes it a proof. All other constants trade the number of balls, or how
+much they fill, against time.
 """
 
 from __future__ import annotations

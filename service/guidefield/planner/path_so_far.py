@@ -1,4 +1,8 @@
-"""The motion found so far, and motions along a path as fast as the limits allow."""
+"""The motion found so far, and motions along a path as fast as the limits allow.
+
+Motions keep limits of rates whatever the constants are (`motion/timing.py`); these change how far they are from the
+path, how long they take and how often the certificate refuses them. service/docs/algorithm.md repeats `CURVE_SPACING`.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Measure a motion: its distances from everything along the way, its length and its smoothness.
 
-The constants decide what a figure of a reply means; docs and messages state `END_LENGTH` and the accuracies.
+The constants decide what a figure of a reply means; docs and messages state `END_LENGTH`, `LAST_SEARCH_S` and the
+accuracies. How many samples there are changes `mean` and the recorded profile; the smallest distances are exact anyway.
 """
 
 from __future__ import annotations
@@ -114,7 +115,7 @@ class Clearance(ReadOnly):
     own: SmallestDistance
     times: np.ndarray  # of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move
     lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad, or m at size 1]
-    mean: float  # mean distance from obstacles over every third sample [m]
+    mean: float  # mean distance from obstacles over one sample of `COARSE_STRIDE` [m]
     ends: float  # the smaller of the distances from obstacles at start and goal [m]
     curve: Curve
     world: World

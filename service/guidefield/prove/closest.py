@@ -1,6 +1,7 @@
 """Clearance and contact at many configurations: kernels find the candidates for the closest pair, Coal measures those.
 
-What is reported is always Coal's: the kernels' margin (`NEARLY`) must cover their error, or pairs are missed.
+What is reported is always Coal's: the kernels' margins (`NEARLY` of kernels/prove/tables.py; `within`) must cover their
+error, or pairs are missed. `MAX_PAIRS` is memory and time.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ together where none of them is reached with a few motions.
 Lanes judge motions by samples only: what they find is a proposal to the certificate. One that is optimised anyway need
 not be certified before: that moves it away from where samples overlooked something. So every constant here may be
 changed: it changes the path that is found for a request's seed, its length and the time, never what counts as free.
+service/docs/algorithm.md, "Connect", repeats some.
 """
 
 from __future__ import annotations

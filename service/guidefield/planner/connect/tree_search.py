@@ -3,7 +3,7 @@
 The kernels are kernels/tree/rrt_connect.py and, within path constraints, constrained_connect.py; memory for them, and
 the box that samples are drawn from, stay with each thread. Motions are free at samples: every user of a path certifies
 what becomes of it, so the constants change which path a seed leads to and the time. `ITERATIONS_PER_CHECK` and
-`FIRST_CAPACITY` are time alone.
+`FIRST_CAPACITY` are time alone; service/docs/algorithm.md repeats `RESOLUTION` and `STRIDE`.
 """
 
 from __future__ import annotations

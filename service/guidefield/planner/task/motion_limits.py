@@ -4,7 +4,8 @@ Limits of torque are in effort.py. What a motion reaches is known between sample
 `kernels.timing.carried_rates`: no point is faster than is reported by more than `ACCURACY`.
 
 A motion is refused where a bound is beyond `KEPT_SHARE` of its limit, which also judges rates (motion/limit_load.py)
-and torques. `_balls` has to contain the shape. `FEW_POINTS` and `PIECES_AT_ONCE` are time alone.
+and torques. `_balls` has to contain the shape. `FEW_POINTS` changes what motions are optimised to, `PIECES_AT_ONCE`
+time alone.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ INSTALL_IT = "MuJoCo reads MJCF: install the extra `mujoco` (pip install 'guidef
 
 _ROOT = re.compile(r"(?:\ufeff|\s+|<\?.*?\?>|<!--.*?-->)*+<mujoco(?:include)?[\s/>]", re.DOTALL)
 _FILE = re.compile(r"""\bfile[a-z]*\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-MOST_ELEMENTS = 20_000  # elements that an MJCF sent as text may have once MuJoCo has expanded repetitions
+MOST_ELEMENTS = 20_000  # elements that an MJCF sent as text may have, repetitions expanded: docs/robots.md states it
 MOST_FILE_ELEMENTS = 100_000  # the same of one in a file, and of each file that it includes
 MOST_SAMPLES = 2**22  # pixels or heights that an element of it may make MuJoCo compute
 MOST_PARAMETER = 200

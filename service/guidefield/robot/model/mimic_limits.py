@@ -1,6 +1,7 @@
 """Turn limits of mimic joints into limits of their source joints, which alone are planned for.
 
-Limits may only be narrowed: motions are tested against those of the source joints alone.
+Limits may only be narrowed: motions are tested against those of the source joints alone. The one exception are limits
+of a mimic joint that leave its source no room to move: they are dropped, with a warning.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from guidefield.robot.model.model import Joint, JointKind, LimitSource, Mimic
 
 LIMITED = (JointKind.REVOLUTE, JointKind.PRISMATIC)
 ROUNDING = 1e-6
-"""A limit that is narrowed by less isn't worth a warning [rad or m, per s]: files are written with few digits."""
+"""A limit that is narrowed by less isn't worth a warning [rad or m, per s]: files are written with few digits. Nor is
+a range of no more any room to move."""
 _NOBODY = LimitSource.DEFAULT
 
 
