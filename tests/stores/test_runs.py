@@ -9,8 +9,10 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
@@ -429,3 +431,25 @@ def test_where_far_fewer_are_to_be_kept_no_answer_waits_for_all(
         left.append(stricter.of(PLAIN).list(ALL).total)
     assert left == [9, 6, 3, 3]
     stricter.close()
+
+
+def test_a_change_that_waits_for_room_at_the_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_file, "MAX_WAITING_BYTES", 1)
+    writer, begun, free = run_file.RunWriter(tmp_path / FILE, lambda: None), threading.Event(), threading.Event()
+
+    def wait(_: sqlite3.Connection) -> bool:
+        begun.set()
+        return free.wait(60.0)
+
+    with ThreadPoolExecutor() as threads:
+        first = writer.submit(wait)
+        assert begun.wait(60.0)
+        late = threads.submit(writer.submit, lambda _: None)  # waits until the first one is written, or the end
+        end = threads.submit(writer.close)
+        try:
+            with pytest.raises(DiskRefused, match="has ended"):
+                late.result(60.0).result(60.0)
+        finally:
+            free.set()
+        end.result(60.0)
+    assert first.result(60.0)

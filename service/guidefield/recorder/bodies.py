@@ -1,7 +1,8 @@
 """The bodies of a robot as Rerun chunks: meshes, collision shapes, bounding spheres; made once, kept in a file.
 
-The file's name is a hash of the robot, of packages, and of the source of this file and of those that draw, so that a
-change here draws all robots anew. Entities are those that `view.py` shows.
+The file's name is a hash of the robot, of packages, and of the source of this file, of `surface.py` and of the mesh
+files' `reading.py`, so that a change of these draws all robots anew; after one of a format's reader, files that are
+there stay. Entities are those that `view.py` shows.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ MAX_BYTES = 4 * 2**30  # largest size of a user's robots together [bytes]
 # both are in docs/wire.md by endpoint/rules.py: after a change, `tools/wire_page`
 
 _DESCRIPTION = "robot.json"  # file of a `_Description`
-_CONTENT = re.compile(r"[0-9a-f]{64}")  # the hash in a name\'s file
+_CONTENT = re.compile(r"[0-9a-f]{64}")  # the hash in a name's file
 
 
 class NoRobots:

@@ -73,13 +73,13 @@ class RunWriter:
         """
         done: Future[_T] = Future()
         with self._changed:
-            if self._closed:
+            self._changed.wait_for(lambda: self._size < MAX_WAITING_BYTES or self._closed)
+            if self._closed:  # the thread that writes may have ended
                 done.set_exception(DiskRefused("the service has ended"))
                 return done
             if self._threads[0].ident is None:
                 for thread in self._threads:
                     thread.start()
-            self._changed.wait_for(lambda: self._size < MAX_WAITING_BYTES or self._closed)
             self._waiting.append(_Change(apply, done, size + 1))
             self._size += size + 1
             self._urgent |= urgent
