@@ -54,6 +54,18 @@ def test_a_capsule_is_found_again(start: np.ndarray, axis: np.ndarray, radius: f
 
 
 @laws
+@given(st.floats(1e-3, 1.0), st.floats(0.0, 10.0))
+def test_the_capsule_about_a_round_shape_contains_it(radius: float, ratio: float) -> None:
+    """Motions are proved by capsules fitted to triangulated links: whose vertices alone are on a round one."""
+    length = ratio * radius
+    for shape, half in ((surfaces.sphere(radius), 0.0), (surfaces.capsule(radius, length), 0.5 * length)):
+        capsule, end = fit_capsule(shape.vertices), np.array([0.0, 0.0, half])
+        ball = radius * surfaces.spread_directions(500)
+        ends = np.concatenate([ball + end, ball - end])
+        assert capsule.distance(ends).max() <= 0.0
+
+
+@laws
 @given(st.lists(vectors(10.0).map(lambda v: v[:2]), min_size=1, max_size=12).map(np.array))
 def test_enclosing_circle_is_the_smallest(points: np.ndarray) -> None:
     circle = np.empty(3)

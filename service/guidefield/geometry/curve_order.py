@@ -1,8 +1,8 @@
 """An order of points in which neighbours stand together: along a Morton curve (G. M. Morton, 1966).
 
 Trees over boxes and points are built in this order (`distance_bodies.py`, `collision/obstacle_boxes.py`, `scene/`):
-another curve would cost time alone. An order is updated when some points change, with the result that a new one would
-have, because a scene's tables must not depend on how it came about.
+another curve would cost time, and give other covers that are as good. An order is updated when some points change, with
+the result that a new one would have, because a scene's tables must not depend on how it came about.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Surfaces of links: charged points and capsules for the field, points and bodies for optimization.
 
-A shape's capsule contains its points by a margin for rounding, whatever the search finds: swept capsules prove motions
-by it. `ALWAYS_CLOSE` chooses which links repel each other. The other constants are numbers and spacings of points: more
-follow the shape closer, and all are evaluated. They change motions, not what is free.
+A shape's capsule contains the vertices of its surface by a margin for rounding, whatever the search finds, and so the
+shape: swept capsules prove motions by it. `ALWAYS_CLOSE` chooses which links repel each other. The other constants are
+numbers and spacings of points: more follow the shape closer, and all are evaluated. They change motions, not what is
+free.
 """
 
 from __future__ import annotations
