@@ -14,6 +14,7 @@ from guidefield.messages.replies import AnyRunReply, MotionReply
 SHOWN = {"plan_reply": ["PlanReply"], "certify_reply": ["CertifyReply"], "replies": ["RunReply", "CertifyRunReply"]}
 """Messages with a display, by their module in `guidefield.messages`: names, so that none has to be imported."""
 VIEWER_HEIGHT = 480  # height of the viewer [pixels]
+LEFT_ALIGNED = "style='text-align: left'"  # Jupyter aligns cells at the right, as for numbers
 
 
 def register_displays() -> None:
@@ -54,6 +55,7 @@ def make_table(reply: MotionReply) -> str:
     from guidefield.cli.tables import motion_rows
 
     cells = (
-        f"<tr><th>{html.escape(name)}</th><td>{html.escape(text.plain)}</td></tr>" for name, text in motion_rows(reply)
+        f"<tr><th>{html.escape(name)}</th><td {LEFT_ALIGNED}>{html.escape(text.plain)}</td></tr>"
+        for name, text in motion_rows(reply)
     )
     return f"<table class='guidefield'>{''.join(cells)}</table>"

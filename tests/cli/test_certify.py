@@ -95,7 +95,7 @@ def test_a_proof_is_written_and_replayed(kept: Path, tmp_path: Path) -> None:
     code, told = run("--replay", str(proof))
     assert code == 0, told
     assert told.startswith("referee: free\n")
-    assert " slabs; they keep " in told
+    assert " slabs; each keeps at least " in told
     alone = subprocess.run(
         [sys.executable, "-m", "guidefield.referee", str(proof)], capture_output=True, text=True, check=True
     )

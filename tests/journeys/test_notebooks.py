@@ -12,7 +12,7 @@ import pytest
 from nbclient import NotebookClient
 from nbclient.util import run_sync
 
-from guidefield.notebook import display_reply
+from guidefield.notebook import LEFT_ALIGNED, display_reply
 from tests.replies import plan_reply
 
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "tools" / "examples" / "notebooks"
@@ -54,7 +54,7 @@ def _printed(shown: list[dict[str, Any]]) -> str:
 def test_the_first_plan(run: Run, folder: Path) -> None:
     shown = run("first_plan")
     (table,) = _tables(shown)
-    assert "<th>certificate</th><td>free: the trajectory" in table
+    assert f"<th>certificate</th><td {LEFT_ALIGNED}>free: the trajectory" in table
     assert "20 mm: SUCCESS" in _printed(shown)
     assert "300 mm: SUCCESS" not in _printed(shown)
     assert "did you mean panda" in _printed(shown)
@@ -71,7 +71,7 @@ def test_a_robot_of_ones_own(run: Run) -> None:
 def test_a_motion_is_judged(run: Run) -> None:
     refused, free = _tables(run("judge_a_motion"))
     assert "refused at" in refused
-    assert "<th>certificate</th><td>collision-free" in free
+    assert f"<th>certificate</th><td {LEFT_ALIGNED}>collision-free" in free
 
 
 def test_a_recording_plays_where_the_viewer_is_at_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -148,7 +148,7 @@ def lines(verdict: Verdict, rests_on: str = "distances") -> Iterator[str]:
     how_far = "" if math.isnan(found.distance) else f", {found.distance:.9g}"
     yield f"referee: {found.answer.value}" + (f": {about}{when}{how_far}" if about else "")
     if found.answer is Answer.FREE:
-        kept = "" if math.isinf(verdict.kept) else f"; they keep {verdict.kept:.3g} m more than that at least"
+        kept = "" if math.isinf(verdict.kept) else f"; each keeps at least {verdict.kept:.3g} m more than is required"
         yield f"{verdict.pairs} pairs, {verdict.evaluations} {rests_on}{kept}"
     yield f"pairs left out: {len(verdict.left_out)}"
     for first, second, why in sorted(verdict.left_out):
