@@ -5,6 +5,8 @@ It plans in this process, without a service; needs ``guidefield[web]``.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -280,13 +282,18 @@ def _as_text(text: str) -> str:
 
 def serve_page(robot: str, scene: str, port: int, out: Console) -> None:
     """Serve the page to browsers of this machine until Ctrl-C."""
-    server = viser.ViserServer(host=LOOPBACK, port=port, label="guidefield", verbose=False)
+    with contextlib.redirect_stdout(io.StringIO()):  # Viser prints addresses before there is anything to see
+        server = viser.ViserServer(host=LOOPBACK, port=port, label="guidefield", verbose=False)
     try:
         page = TryPage(server, robot, scene)
-        taken = server.get_port()  # another one where the port is occupied
-        out.print(f"the page is at http://{LOOPBACK}:{taken}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
+        taken = server.get_port()
+        occupied = "" if taken == port else f"port {port} is occupied; "
+        out.print(
+            f"{occupied}the page is at http://{LOOPBACK}:{taken}\nCtrl-C ends it.", highlight=False, soft_wrap=True
+        )
         page.run()
     except KeyboardInterrupt:
         return
     finally:
-        server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()

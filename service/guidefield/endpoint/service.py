@@ -115,8 +115,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
             lambda: Figures({}, time.monotonic() - began, health=condition.now)  # until there is an endpoint
         ]
         _tell_metrics(settings, lambda: brief_info(figures[-1]()), opened)
-        with _needed(f"Zenoh can't be opened at {config.get_json('listen/endpoints')}", zenoh.ZError):
-            session = opened.enter_context(zenoh.open(config))
+        session = opened.enter_context(_open_session(config))
         opened.callback(close_links_at_once(session).undeclare)
         _require_no_other(session, settings.instance)
         starting = session.liveliness().declare_token(f"guidefield/{settings.instance}/starting")
@@ -222,6 +221,19 @@ def _needed(failure: str, *errors: type[Exception]) -> Iterator[None]:
         raise CannotStart(f"{failure}: {strip_source(error)}") from None
 
 
+def _open_session(config: zenoh.Config) -> zenoh.Session:
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        why, advice = strip_source(error), ""
+        if "in use" in why:
+            advice = "; another program, perhaps a service, listens there: end it, or give another --listen"
+        elif "invalid socket address" in why:
+            advice = f"; an endpoint is written like {DEFAULT_LISTEN}"
+        where = config.get_json("listen/endpoints")
+        raise CannotStart(f"Zenoh can't be opened at {where}: {why}{advice}") from None
+
+
 def _has_access_control(config: zenoh.Config) -> bool:
     return bool(json.loads(config.get_json("access_control/enabled")))
 
@@ -320,8 +332,14 @@ def _prepare(runs: RunDatabase, announce: Callable[[str], None]) -> None:
 
 @contextlib.contextmanager
 def _alone_in(data: Path, announce: Callable[[str], None]) -> Iterator[None]:
-    data.mkdir(parents=True, exist_ok=True)
-    with (data / ".lock").open("w") as lock:
+    try:
+        data.mkdir(parents=True, exist_ok=True)
+        opened = (data / ".lock").open("w")
+    except OSError as error:
+        raise CannotStart(
+            f"the data folder {str(data)!r} can't be written ({error.strerror}): --data names another"
+        ) from None
+    with opened as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
