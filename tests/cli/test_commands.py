@@ -6,8 +6,10 @@ import contextlib
 import io
 import json
 import os
+import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.error import URLError
@@ -204,12 +206,23 @@ def test_a_robot_of_ones_own_is_described_from_its_file(tmp_path: Path) -> None:
     assert "Traceback" not in missing.stderr
 
 
-def test_a_service_that_cannot_start_says_why_in_one_line(tmp_path: Path) -> None:
+@pytest.fixture
+def occupied_port() -> Iterator[int]:
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        yield listening.getsockname()[1]
+
+
+def test_a_service_that_cannot_start_says_why_in_one_line(tmp_path: Path, occupied_port: int) -> None:
     config = tmp_path / "zenoh.json5"
     config.write_text("{ lisen: {} }")
     for options, says in (
         (["--config", str(config)], "lisen"),
         (["--listen", "nonsense"], "nonsense"),
+        (["--listen", "tcp/127.0.0.1"], "an endpoint is written like tcp/127.0.0.1:7447"),
+        (["--listen", f"tcp/127.0.0.1:{occupied_port}"], "give another --listen"),
+        (["--data", str(config)], f"the data folder '{config}' can't be written"),
         (["--name", "a/b"], "a/b"),
     ):
         done = guidefield("serve", "--data", str(tmp_path / "data"), *options)
@@ -303,6 +316,24 @@ def test_a_plan_is_a_table_a_reply_and_a_recording(plan_file: Path, tmp_path: Pa
         assert said in done.stdout
     assert json.loads(reply.read_text())["recording"] == str(recording)
     assert recording.stat().st_size > 10_000
+
+
+def test_a_recording_and_a_proof_are_written_only_where_they_are_found_again(plan_file: Path, tmp_path: Path) -> None:
+    """The commands that read such files know them by their suffix."""
+    for option, suffix in (("--record", ".rrd"), ("--proof", ".npz")):
+        done = here("plan", str(plan_file), option, str(tmp_path / "run.txt"))
+        assert done.returncode == 2
+        assert f"ends with {suffix}" in " ".join(done.stderr.split())
+        assert not (tmp_path / "run.txt").exists()
+
+
+def test_paragraphs_of_help_have_no_line_breaks() -> None:
+    """In a narrow terminal a break of the source would follow one of the terminal."""
+    commands: Any = [get_command(app)]
+    for command in commands:
+        commands += getattr(command, "commands", {}).values()
+        assert "\n" not in (command.help or "").replace("\n\n", "")
+    assert len(commands) > 20
 
 
 def test_the_demo_plans_twice_and_leaves_recordings(tmp_path: Path) -> None:

@@ -47,6 +47,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     moved = [[x + 0.5 for x in row] for row in reply.path]
     for name, path in (("good", reply.path), ("moved", moved), ("same", reply.path)):
         keep(database, name, msgspec.structs.replace(reply, run_id=name, path=path), REQUEST)
+    keep(database, "proved", reply, msgspec.structs.replace(REQUEST, proof=True))
     keep(database, "stuck", Status.STUCK_IN_MINIMUM, REQUEST)
     keep(database, "hers", reply, REQUEST, owner="alice")
     stored = SceneStore(folder / "users" / "alice" / "scenes")
@@ -73,7 +74,7 @@ def test_runs_are_listed_and_filtered(data: Path) -> None:
         said = _said(0, "runs", "list", "--data", str(data), "--json", *options)
         return {run["run_id"] for run in json.loads(said)["runs"]}
 
-    assert names() == {"good", "moved", "same", "stuck", "alice:hers", "alice:in_her_cell"}
+    assert names() == {"good", "moved", "same", "proved", "stuck", "alice:hers", "alice:in_her_cell"}
     assert names("--status", "STUCK_IN_MINIMUM") == {"stuck"}
     assert names("--text", "BY HAND") == {"stuck"}
     assert names("--limit", "2") == {"alice:hers", "alice:in_her_cell"}
@@ -163,6 +164,11 @@ def test_what_cannot_be_exported_is_said(data: Path, tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["runs", "export", "good", str(tmp_path / "motion.bag"), "--data", str(data)])
     assert isinstance(done.exception, MalformedRequest)
     assert "must end with one of .csv" in str(done.exception)
+
+
+def test_a_run_with_a_proof_is_planned_again_without_one(data: Path, caplog: pytest.LogCaptureFixture) -> None:
+    assert "proved: bit-identical: SUCCESS" in _said(0, "replay", "proved", "--data", str(data))
+    assert [record.message for record in caplog.records if "no proof" in record.message] == []
 
 
 def test_a_run_is_planned_again(data: Path) -> None:

@@ -7,6 +7,7 @@ what `--help` prints; names of commands and options are an interface.
 from __future__ import annotations
 
 import enum
+import inspect
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -30,7 +31,15 @@ from guidefield.cli.certifying import (
     split_xacro_arguments,
 )
 from guidefield.cli.executing import execute
-from guidefield.cli.found_run import Data, Service, fetch_files, recording_file, require_writable
+from guidefield.cli.found_run import (
+    Data,
+    Service,
+    fetch_files,
+    recording_file,
+    require_proof_file,
+    require_recording_file,
+    require_writable,
+)
 from guidefield.cli.kept_runs import replay, runs_app
 from guidefield.cli.tables import motion_table, robot_table, robots_table
 from guidefield.endpoint.link import DEFAULT_LISTEN
@@ -70,7 +79,7 @@ ServiceName = Annotated[
 ClientConfig = Annotated[Path | None, typer.Option(help="Zenoh configuration file (certificates, user).")]
 User = Annotated[str | None, typer.Option(help="Ask on the keys of this user; else what the file says.")]
 ProofFile = Annotated[
-    Path | None, typer.Option(help="Write a proof that the motion is free here (.npz).", callback=require_writable)
+    Path | None, typer.Option(help="Write a proof that the motion is free to this .npz.", callback=require_proof_file)
 ]
 ObjectiveOption = Annotated[
     requests.Objective | None, typer.Option(help="What the motion is optimised for, in place of the request's.")
@@ -80,7 +89,7 @@ SceneOption = Annotated[
 ]
 Scale = Annotated[float, typer.Option(help="Factor of the lengths in the scene's file: 0.001 for millimetres.")]
 Radius = Annotated[
-    float | None, typer.Option(help="Of the balls about the points of a scene that is a cloud, in metres.")
+    float | None, typer.Option(help="Radius of the balls about the points of a scene that is a cloud, in metres.")
 ]
 PackageFolders = Annotated[
     list[Path] | None,
@@ -89,12 +98,14 @@ PackageFolders = Annotated[
 XacroArguments = Annotated[
     list[str] | None, typer.Option("--xacro-arg", help="name:=value, an argument of a .xacro file; can be repeated.")
 ]
-Show = Annotated[bool, typer.Option("--show", help="Show it in Rerun's viewer while it goes on.")]
+Show = Annotated[bool, typer.Option("--show", help="Show runs in Rerun's viewer while they go on.")]
 Viewer = Annotated[
-    str | None, typer.Option(help="Address of the viewer to show it in, rerun+http://HOST:PORT/proxy; else one here.")
+    str | None,
+    typer.Option(help="Show them in the viewer at this address, rerun+http://HOST:PORT/proxy; else in one here."),
 ]
 ReplyFile = Annotated[
-    Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.", callback=require_writable)
+    Path | None,
+    typer.Option("--output", "-o", help="Write the whole reply to this file, as JSON.", callback=require_writable),
 ]
 
 
@@ -127,7 +138,7 @@ def plan(
     request: RequestFile,
     output: ReplyFile = None,
     record: Annotated[
-        Path | None, typer.Option(help="Write a recording of the run here (.rrd).", callback=require_writable)
+        Path | None, typer.Option(help="Write a recording of the run to this .rrd.", callback=require_recording_file)
     ] = None,
     proof: ProofFile = None,
     objective: ObjectiveOption = None,
@@ -139,10 +150,10 @@ def plan(
 ) -> None:
     """Plan in this process, without a service.
 
-    A request is such as {"robot": "panda", "scene": "bookshelf", "goal": {"type": "guide_plane"}}; those for
+    An example of a request: {"robot": "panda", "scene": "bookshelf", "goal": {"type": "guide_plane"}}. Requests for
     kinematics, clearance and the potential are answered too.
 
-    Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
+    Exit code 0 for a plan or an answer, 1 if the reply says that there is no plan, 2 for an error.
     """
     from guidefield.engine import Engine, answer
 
@@ -166,7 +177,7 @@ def certify(
     package_dir: PackageFolders = None,
     xacro_arg: XacroArguments = None,
     time_step: Annotated[
-        float | None, typer.Option(help="Between rows, where the file has no times, in seconds.")
+        float | None, typer.Option(help="Time from row to row if the file has no times, in seconds.")
     ] = None,
     interpolation: Annotated[
         str | None, typer.Option(help="Which curve goes through samples: spline, or linear.")
@@ -178,28 +189,30 @@ def certify(
         ),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(help="Of the controller's ticks or rows, in Hz, with --execution.")
+        float | None, typer.Option(help="Rate of the controller's ticks or rows, in Hz, with --execution.")
     ] = None,
     tolerance: Annotated[
-        float | None, typer.Option(help="How far each joint may be from that, in rad or m, with --execution.")
+        float | None,
+        typer.Option(help="How far each joint may be from the drawn curve, in rad or m, with --execution."),
     ] = None,
     min_clearance: Annotated[
-        float | None, typer.Option(help="What links have to keep from obstacles, in metres.")
+        float | None, typer.Option(help="Distance that links have to keep from obstacles, in metres.")
     ] = None,
     leave_start_contact: Annotated[
-        bool, typer.Option("--leave-start-contact", help="A slight contact at the start may be left.")
+        bool, typer.Option("--leave-start-contact", help="Allow a slight contact at the start that ends.")
     ] = False,
-    allowed_time: Annotated[float, typer.Option(help="How long it may take, in seconds.")] = 60.0,
+    allowed_time: Annotated[float, typer.Option(help="How long the judgement may take, in seconds.")] = 60.0,
     output: ReplyFile = None,
     record: Annotated[
-        Path | None, typer.Option(help="Write a recording of the motion here (.rrd).", callback=require_writable)
+        Path | None,
+        typer.Option(help="Write a recording of the motion to this .rrd.", callback=require_recording_file),
     ] = None,
     referee: Annotated[
         bool, typer.Option("--referee", help="Ask the second, independent certifier as well; it is slow.")
     ] = False,
     case: Annotated[
         Path | None,
-        typer.Option(help="Write what the referee reads here (.json or .json.xz).", callback=require_writable),
+        typer.Option(help="Write a case for the referee to this .json or .json.xz.", callback=require_writable),
     ] = None,
     proof: ProofFile = None,
     against: Annotated[
@@ -209,7 +222,7 @@ def certify(
     begin: Annotated[
         float, typer.Option(help="When the motion began, in seconds since the first joint state, with --against.")
     ] = 0.0,
-    topic: Annotated[str, typer.Option(help="Of the joint states in a bag.")] = "/joint_states",
+    topic: Annotated[str, typer.Option(help="Topic of the joint states in a bag.")] = "/joint_states",
     replay: Annotated[
         bool, typer.Option("--replay", help="MOTION is a proof: the referee checks it, and nothing else is done.")
     ] = False,
@@ -218,9 +231,9 @@ def certify(
 ) -> None:
     """Judge a motion: is it free over its whole length, and within the joints' limits?
 
-    Robot, scene and the rest are those of a run, of a recording or of a certify request in JSON, unless given.
+    Unless options give them, robot, scene and the rest are those of the run, recording or certify request.
 
-    Exit code 0 where it is, 1 where it isn't, 2 for an error. With --referee both certifiers have to say that it is.
+    Exit code 0 if it is, 1 if it isn't, 2 for an error. With --referee both certifiers have to say that it is.
     """
     if replay:
         raise typer.Exit(0 if replay_proofs(Path(motion), allowed_time) else 1)
@@ -272,11 +285,13 @@ def query(
     user: User = None,
     output: ReplyFile = None,
     record: Annotated[
-        Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).", callback=require_writable)
+        Path | None, typer.Option(help="Fetch the run's recording to this .rrd.", callback=require_recording_file)
     ] = None,
     proof: Annotated[
         Path | None,
-        typer.Option(help="Ask for a proof that the motion is free, to here (.npz).", callback=require_writable),
+        typer.Option(
+            help="Ask for a proof that the motion is free, and fetch it to this .npz.", callback=require_proof_file
+        ),
     ] = None,
     objective: ObjectiveOption = None,
     scene: SceneOption = None,
@@ -285,7 +300,7 @@ def query(
 ) -> None:
     """Ask a service for a plan, a verdict or kinematics.
 
-    Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
+    Exit code 0 for a plan or an answer, 1 if the reply says that there is no plan or refuses a motion, 2 for an error.
     """
     asked = _set_objective(_read_request(request, _read_scene(scene, scale, radius)), objective)
     if proof is not None and isinstance(asked, requests.MotionRequest):
@@ -378,8 +393,8 @@ def serve(
 ) -> None:
     """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise.
 
-    The variable GUIDEFIELD_WORKERS represents --workers, and so on for each option. Values of an option that may be
-    repeated are separated by spaces, folders by colons.
+    Each option has an environment variable, as GUIDEFIELD_WORKERS for --workers. In it, values of an option that may
+    be repeated are separated by spaces, folders by colons.
     """
     from guidefield.cli import serving
     from guidefield.endpoint.service import ServiceSettings
@@ -449,7 +464,7 @@ def batch(
         bool, typer.Option(help="Render the recordings after the answers; else `guidefield runs render` does.")
     ] = True,
 ) -> None:
-    """Answer the requests of a file; one that was interrupted goes on where it was."""
+    """Answer the requests of a file; called again after an interruption, go on where it ended."""
     from guidefield.cli.batch import run
 
     compile_kernels(err.print)
@@ -489,7 +504,7 @@ def demo(
         bool, typer.Option("--stream", help="A Panda serves at a table where boxes drift through, instead.")
     ] = False,
 ) -> None:
-    """Start a service, have it plan twice for a Panda at a bookshelf, and say what came of it."""
+    """Start a service, have it plan twice for a Panda at a bookshelf, and show the results."""
     from guidefield.cli import demonstration
 
     raise typer.Exit(demonstration.run_stream(folder, out) if stream else demonstration.run(folder, out))
@@ -499,18 +514,21 @@ def demo(
 def show(
     run: Annotated[
         str | None,
-        typer.Argument(help="A kept run or stream, or a file, as of `replay`; with --web it may be left out."),
+        typer.Argument(help="Id of a kept run or stream, or a file (.rrd or .stream); with --web it may be left out."),
     ] = None,
-    web: Annotated[bool, typer.Option("--web", help="In a web browser instead of a window.")] = False,
-    robot: Annotated[str, typer.Option(help="The robot of the page to try.")] = "panda",
-    scene: Annotated[str, typer.Option(help="Its scene.")] = "bookshelf",
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Its port on loopback.")] = 8080,
+    web: Annotated[bool, typer.Option("--web", help="Show it in a web browser instead of a window.")] = False,
+    robot: Annotated[str, typer.Option(help="The robot of the page.")] = "panda",
+    scene: Annotated[str, typer.Option(help="The scene of the page.")] = "bookshelf",
+    port: Annotated[
+        int, typer.Option(min=1, max=65535, help="The page's port on loopback; if it is occupied, the next free one.")
+    ] = 8080,
     data: Data = None,
     name: Service = "local",
 ) -> None:
     """Open a recording in the Rerun viewer, on this machine only.
 
-    With --web and no run a page lets you drag a goal and obstacles, and plans at each change (needs the extra web).
+    With --web and no run, a page opens in which you drag a goal and obstacles; each change is planned for (needs the
+    extra web).
     """
     from guidefield.cli import showing
 
@@ -555,7 +573,7 @@ def doctor(
 ) -> None:
     """Say what is wrong with this machine and what to do: processors, memory, disk, kernels, clock, Zenoh, graphics.
 
-    Exit code 0 where a service can work here, 1 where something is wrong.
+    Exit code 0 if a service can work here, 1 if something is wrong.
     """
     from guidefield.doctor.examination import FindingState, examination
 
@@ -644,6 +662,16 @@ app.add_typer(runs_app, name="runs")
 app.add_typer(scenes_app, name="scenes")
 app.command()(replay)
 app.command()(execute)
+
+
+def _join_lines(text: str) -> str:
+    """Join the lines of each paragraph: Typer keeps line breaks, which are ragged in a narrow terminal."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in inspect.cleandoc(text).split("\n\n"))
+
+
+for _command in (*app.registered_commands, *runs_app.registered_commands, *scenes_app.registered_commands):
+    assert _command.callback is not None, "each command is a function"
+    _command.help = _join_lines(_command.callback.__doc__ or "")
 
 
 def _choose_viewer(viewer: str | None, *, show: bool) -> str | None:

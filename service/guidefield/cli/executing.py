@@ -23,6 +23,7 @@ from guidefield.cli.found_run import (
     find_run,
     owner_of,
     replaying_engine,
+    require_recording_file,
     require_writable,
 )
 from guidefield.cli.tables import motion_table
@@ -49,11 +50,13 @@ def execute(
     ] = "tcp/localhost:7447",
     patience: Annotated[float, typer.Option(min=0.1, help="How long nothing may be heard, in seconds.")] = 5.0,
     states: Annotated[
-        Path | None, typer.Option(help="Write where the robot was here (.csv).", callback=require_writable)
+        Path | None, typer.Option(help="Write the robot's states to this .csv.", callback=require_writable)
     ] = None,
     record: Annotated[
         Path | None,
-        typer.Option(help="Judge what was executed, and write its recording here (.rrd).", callback=require_writable),
+        typer.Option(
+            help="Judge what was executed, and write its recording to this .rrd.", callback=require_recording_file
+        ),
     ] = None,
     data: Data = None,
     name: Service = "local",

@@ -66,6 +66,22 @@ def require_writable(file: Path | None) -> Path | None:
     return file
 
 
+def require_recording_file(file: Path | None) -> Path | None:
+    """Callback of an option that names a recording to write: as `require_writable`; `show` knows it by its suffix."""
+    return _require_suffix(require_writable(file), ".rrd", "a recording")
+
+
+def require_proof_file(file: Path | None) -> Path | None:
+    """Callback of an option that names a proof to write: as `require_writable`; the referee knows it by its suffix."""
+    return _require_suffix(require_writable(file), ".npz", "a proof")
+
+
+def _require_suffix(file: Path | None, suffix: str, content: str) -> Path | None:
+    if file is not None and file.suffix != suffix:
+        raise typer.BadParameter(f"{content}'s file ends with {suffix}, got {str(file)!r}")
+    return file
+
+
 ENDING = ".stream"  # suffix of the files of a stream's journal: `ENDING` of `stream/journal.py`, which loads a planner
 
 

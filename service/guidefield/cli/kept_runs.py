@@ -33,6 +33,7 @@ from guidefield.cli.found_run import (
     recording_file,
     replay_stream,
     replaying_engine,
+    require_recording_file,
     require_writable,
     split_run_name,
     stream_files,
@@ -124,17 +125,16 @@ def replay(
     packages: Packages = None,
     record: Annotated[
         Path | None,
-        typer.Option(help="Write a recording of a stream here (.rrd), to be shown.", callback=require_writable),
+        typer.Option(help="Write a recording of a stream to this .rrd.", callback=require_recording_file),
     ] = None,
 ) -> None:
     """Plan the request of a run again, or judge its motion; exit code 0 if that is the same to the last bit, else 1.
 
-    If the answer differs, the output names the processor of the run if that is of another kind, and of a plan or stream
-    also its version of guidefield if that is another one. Exit code 2 if there is no such run, or its request is
-    refused now.
+    If the answer differs, the output says whether the run was made on another kind of processor, and by which version
+    of guidefield. Exit code 2 if there is no such run, or its request is refused now.
 
-    Robots and scenes that a client stored are read from the data folder. Of a stream each stored file is replayed, and
-    its pieces are compared.
+    Robots and scenes that a client stored are read from the data folder. A stream is replayed file by file, and its
+    pieces are compared.
     """
     if files := stream_files(run, data_folder(data, name)):
         if record is not None:
@@ -145,7 +145,7 @@ def replay(
     before = find_run(run, data, name)
     engine = replaying_engine(owner_of(run), data_folder(data, name), packages or ())
     try:
-        now = engine.answer(msgspec.structs.replace(before.request, run_id=None, recording="off"))
+        now = engine.answer(msgspec.structs.replace(before.request, run_id=None, recording="off", proof=False))
     except GuidefieldError:
         if by_another := describe_version(before.versions):
             _say(f"{run}: {by_another}its request is refused now")
@@ -231,9 +231,12 @@ runs_app = typer.Typer(help="List, compare and export the runs that a service ha
 def list_runs(
     data: Data = None,
     name: Service = "local",
-    status: Annotated[str | None, typer.Option(help="Only those that ended so, such as SUCCESS.")] = None,
+    status: Annotated[str | None, typer.Option(help="Only those with this status, such as SUCCESS.")] = None,
     robot: Annotated[str | None, typer.Option(help="Only those of this robot.")] = None,
-    since: Annotated[datetime | None, typer.Option(help="Only those that began at that time or later.")] = None,
+    since: Annotated[
+        datetime | None,
+        typer.Option(help="Only those that began at that time or later, such as 2026-01-31 or 2026-01-31T08:00."),
+    ] = None,
     text: Annotated[str | None, typer.Option(help="Only those with this text in their status' sentence.")] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Largest number of runs; else all.")] = None,
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
@@ -332,7 +335,7 @@ def export(
 ) -> None:
     """Write the motion of a run to a file for other programs, its proof, or its or a stream's recording.
 
-    Of a run with an `execution` it is the rows that a controller is to be sent.
+    The motion of a run with an `execution` is the rows to send to a controller.
     """
     from guidefield.arrays import run_arrays, write_motion
 
