@@ -17,6 +17,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.geometry import cache
 from guidefield.kernels.jit.cache import cache_folder
+from guidefield.kernels.prove.samples import ALL_AT_ONCE, LIST
 from guidefield.messages import scene as messages
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.prove import certificate, search
@@ -338,3 +339,30 @@ def test_no_more_samples_than_a_few_are_measured_in_contact(monkeypatch: pytest.
         found_along(place, motion(place.group, seed, 1.6))
     assert asked
     assert max(asked) <= certificate.DEPTHS + 3
+
+
+def test_obstacles_thousands_of_kilometres_away_are_found_by_samples() -> None:
+    away = 5e6
+    place = world_of(group("ur5"), [box(f"{k}", (0.1, 0.1, 0.1), (away, 0.3 * k, 0.5)) for k in range(ALL_AT_ONCE + 1)])
+    found = found_along(place, motion(place.group, 4, 0.2))
+    np.testing.assert_allclose(found.distances, away, atol=2.0)
+
+
+def test_a_search_ends_when_time_is_up_though_too_many_pairs_are_as_near() -> None:
+    """More pairs than a search lists are as near as the nearest in segments however short."""
+
+    class Late:
+        """A deadline that has passed."""
+
+        def expired(self) -> bool:
+            return True
+
+    away, side = 5e5, 150
+    grid = [box(f"{k}", (0.1, 0.1, 0.1), (away, 0.2 * (k % side), 0.2 * (k // side))) for k in range(side**2)]
+    place = world_of(group("ur5"), grid)
+    assert len(grid) > LIST
+    ends = 0.0, 2.4
+    goal = search.SearchQuery(None, spans=[ends], samples=np.linspace(*ends, 5))
+    found = search.search(place, curve_of(motion(place.group, 4, 0.2)), goal, Late())
+    assert found.obstacle[0].distance == pytest.approx(away, abs=2.0)
+    assert found.obstacle[0].bound == -np.inf

@@ -1,7 +1,7 @@
 """Samples of a motion and of the surroundings of the nearest ones: first answers of a search, never a proof.
 
-Small first answers let the search leave out more. All parts are compiled into their callers: what is long is called
-from one place, in a loop.
+Small first answers let the search leave out more: constants but `LIST` change how soon it ends, not its verdict. All
+parts are compiled into their callers: what is long is called from one place, in a loop.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ STEPS = 3
 """Number of times that the surroundings of the smallest sample are searched, each time half as far away. Unrecorded."""
 
 FIRST_REACH = 0.2  # obstacles are first listed within this distance of the robot, then within twice as much [m]
-FARTHEST = 1e6  # no obstacle with an end is farther away than this [m]
+FARTHEST = 1e10  # no obstacle with an end is farther away than this [m]: messages allow places within 1e9 m
 ALL_AT_ONCE = 128  # of no more obstacles all are listed at once
 LIST = 20_000  # maximum number of pairs that are listed at a placement or in a segment
 

@@ -8,8 +8,9 @@ segment is halved for the pairs that are left.
 
 What has to be kept is the larger one of the margin and of the smallest distance found so far less the tolerance. As
 segments are judged in their order, the search ends at the first violation, to the resolution. `prove/search.py` calls
-it and checks the deadline in between; questions and verdict are rows of `tables`. `LIST`, `ALL_AT_ONCE` and `longest`
-are a matter of speed, `FINE` and `DEEPEST` of where it gives up.
+it and checks the deadline in between; questions and verdict are rows of `tables`. `ALL_AT_ONCE` and `longest` are
+a matter of speed, `FINE` and `DEEPEST` of where it gives up; `LIST` bounds memory: where more pairs stay near in
+segments however short, nothing is found before time is up.
 """
 
 from __future__ import annotations
@@ -246,6 +247,14 @@ def _close(
 
 
 @uncounted
+def _leave_open(questions: Floats, since: float, until: float) -> None:
+    """Note that nothing bounds the answers to questions about a segment."""
+    for q in range(questions.shape[0]):
+        if since < questions[q, UNTIL] and until > questions[q, SINCE]:
+            questions[q, BOUND] = -np.inf
+
+
+@uncounted
 def _judge(
     moving: MovingRobot,
     search: Search,
@@ -261,7 +270,7 @@ def _judge(
     """Judge a segment on the stack; write its pairs that are left behind its own and return their number.
 
     It is `TO_LIST` where they weren't listed yet. Where the segment is no longer than `shortest`, what those keep at
-    least is written to the answers' bounds.
+    least is written to the answers' bounds: minus infinity if there are too many.
     """
     row = left.stack[level]
     since, until, start, count = row[SINCE_LEVEL], row[UNTIL_LEVEL], int(row[START]), int(row[COUNT])
@@ -276,6 +285,9 @@ def _judge(
     find_twists(moving, search.place, search.scratch)
     if count < 0:
         count = _list_pairs(moving, search, left, segment, share, start, of_own, asked, verdict)
+        if count < 0 and until - since <= shortest:
+            _leave_open(questions, since, until)
+            return 0
         if count < 0:
             return -1
         row[COUNT] = count
