@@ -1,7 +1,7 @@
 """Bodies of obstacles that move, placed where they are at a time, with the velocities of what carries them.
 
 `scene/distance_tables.py` makes the tables. A motion is on a screw from each placement to the next, at rest before the
-first and after the last, as proofs have it (`kernels/prove/placement.py`).
+first and after the last, as proofs have it (`kernels/prove/placement.py`). The optimizer alone reads what stands here.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from guidefield.kernels.jit.decorators import counted, uncounted
 from guidefield.kernels.kinematics.poses import turned_by
 from guidefield.kernels.simd.vector import LANES_64
 
-SMALL = 1e-3  # below this angle the factors of a screw are series [rad]: they are exact to 1e-14 there
+SMALL = 1e-3  # below this angle the factors of a screw are series [rad], exact to 1e-14 there; far less loses digits
 
 
 class MovingBodies(NamedTuple):

@@ -9,6 +9,9 @@ changes by
     ∂d/∂t = -n · v
 
 so that the barrier has a derivative by time, and Gauss and Newton's Hessian one by time and configuration.
+
+The optimizer lowers it and no proof reads it: another formula leads to other motions. `MARGIN` and `MOST` cost time
+alone.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The barrier of a robot against obstacles and against itself at one configuration and time, with its derivatives."""
+"""The barrier of a robot against obstacles and against itself at one configuration and time, with its derivatives.
+
+The optimizer (`kernels/optimize/clearance_model.py`) relies on derivatives that are those of the value; no proof reads
+any of it, so that another barrier leads to other motions, and not to others that count as free.
+"""
 
 from __future__ import annotations
 

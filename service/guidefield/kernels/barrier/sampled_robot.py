@@ -1,4 +1,9 @@
-"""A robot as points on its surface, their placements, and the barrier as a function of a distance."""
+"""A robot as points on its surface, their placements, and the barrier as a function of a distance.
+
+`planner/optimize/clearance_samples.py` fills `SampledRobot`; kernels read its columns by place. `SOFT` (also stated in
+service/docs/algorithm.md) and `STEEPNESS` may be changed: the optimizer then finds other motions, and no proof relies
+on them.
+"""
 
 from __future__ import annotations
 

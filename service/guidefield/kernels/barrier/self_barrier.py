@@ -1,7 +1,8 @@
 """The barrier between points of links and other links at one configuration, and the pairs' smallest distances.
 
-Links are coarse things to each other: of a group's points the first few stand for all. The other link's own motion
-takes away what the point's adds: only the joints between the two change the distance.
+Links are coarse things to each other: of a group's points the first few stand for all, as
+`planner/optimize/clearance_samples.py` chooses them; the optimizer relies on it, no proof does. The other link's own
+motion takes away what the point's adds: only the joints between the two change the distance.
 """
 
 from __future__ import annotations

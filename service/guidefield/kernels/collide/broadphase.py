@@ -3,8 +3,9 @@
 
 For a cloud, a grid of distances answers first, then the cloud's tree. A cell of the grid holds the distance from its
 middle to the nearest point; it is filled when first read (0 before), and stays, for all threads. A place that is `off`
-from the middle is that distance away from a point, give or take `off`: this decides for most balls. Masks may be too
-large by rounding, never too small: callers widen `reach` by `BAND`.
+from the middle is that distance away from a point, give or take `off`: this decides for most balls. Masks
+are right but for rounding, which is less than `BAND`: callers widen `reach` by it where no contact may be missed, and
+shrink it where a ball inside a body shall prove one.
 """
 
 from __future__ import annotations

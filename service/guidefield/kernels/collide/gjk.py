@@ -54,7 +54,7 @@ AXIS, KEPT = 40, 44
 """Place of the last separating axis, all 0 where there is none, and of another one to keep, with a reach behind it."""
 
 LEAF_A, LEAF_B = 48, 49  # places of the leaves of two bodies that were nearest to each other last, each plus 1, or 0
-STACK, WORK = 64, 512  # place of the stack, and the number of all numbers
+STACK, WORK = 64, 512  # place of the stack, and the number of all numbers: room for the levels of two trees, unchecked
 X, Y, Z = 3, 7, 11  # places of its origin in a pose
 
 
@@ -124,14 +124,16 @@ def place_part_of(parts: Parts, node: int, body: Floats, work: Floats, pose: int
     return rounding(parts, part)
 
 
-ACCURACY = 2e-7  # by how much a distance may be too large [m]
+ACCURACY = 2e-7  # by how much a distance may be too large [m]: certificates and `prove/closest.py` allow for it
 
 ROUNDS, FEW_ROUNDS = 64, 5
 """Rounds after which GJK ends with what it has (among rounded parts it comes closer by a factor each time), and rounds
-for two nodes that aren't both leaves, where a bound is enough."""
+for two nodes that aren't both leaves, where a bound is enough: these are a matter of speed, while fewer `ROUNDS` would
+leave distances that are too large by more than `ACCURACY`."""
 
 SLACK = 5e-6
-"""Leaves nearer than the nearest known ones by no more than this aren't searched: flat sides have many alike [m]."""
+"""Leaves nearer than the nearest known ones by no more than this aren't searched: flat sides have many alike [m].
+Certificates and `prove/closest.py` allow for it."""
 
 PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)  # tables, a node or part in them, the placement of its body
 

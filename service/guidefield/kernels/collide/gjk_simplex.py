@@ -2,7 +2,7 @@
 
 A simplex is up to four points in a flat float64 array, `POINT` numbers each. A reduction keeps the points that span the
 nearest point, moves them to the front, writes the nearest point behind the fourth (`NEAREST`), and returns how many
-were kept; four means that the origin is inside.
+were kept; four means that the origin is inside. `gjk.py` has the array at the begin of its scratch, before `POSE_A`.
 """
 
 from __future__ import annotations

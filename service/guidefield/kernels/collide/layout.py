@@ -26,13 +26,13 @@ from guidefield.kernels.jit.decorators import lane_part
 from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
 from guidefield.kernels.simd.packing import pointed, unpacked
 
-BAND = 1e-5  # within this of contact [m] either answer may come
-DECISION_BAND = 2e-6  # share of it that the exact decision keeps [m]: more than the error of a placement in float32
+BAND = 1e-5  # within this of contact [m] either answer may come: more than what tests in float32 are off by
+DECISION_BAND = 2e-6  # the margin of GJK's decision [m], within `BAND`: more than the error of a placement in float32
 
 REACH, AXIS_AND_REACH = 3, 4
 """Numbers of a separating axis: the unit vector, and how far one body reaches along it; all 0 where there is none."""
 
-HITS = 4  # number of balls that met an obstacle last and are tried first
+HITS = 4  # number of balls that met an obstacle last and are tried first: a matter of speed
 
 BODY, OBSTACLE, BALL, HIT = range(4)
 """Columns of a hit: a body, the obstacle that it met, the ball inside the body; then how many columns there are."""
@@ -65,7 +65,7 @@ MOVED, GRID_NUMBERS = SIDE * GRID_SIDES, SIDE * GRID_SIDES + 1
 """Behind them stands how far motions within one of the largest cells move bodies past each other; then how many numbers
 there are."""
 
-CHILDREN = 64  # cells that a cell is divided into
+CHILDREN = 64  # cells that a cell is divided into, as `collision/lanes/cell_grids.py` halves its sides
 
 HALF_SIDES, ROUNDING, ROUNDED_BOX = 12, 15, 16
 """Numbers of a rounded box: behind its placement, rotation and translation row by row, the halves of its sides and the

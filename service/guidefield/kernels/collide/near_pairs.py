@@ -17,7 +17,8 @@ from guidefield.kernels.jit.arrays import Blocks, Floats, IndexRows, IndexRowsOu
 from guidefield.kernels.jit.decorators import lane_kernel, lane_uncounted, uncounted
 
 WIDER = 1e-9
-"""Margin of boxes about balls, for rounding, of a metre and of each metre that they are from the origin [m]."""
+"""Margin of boxes about balls, for rounding, of a metre and of each metre that they are from the origin [m]: it
+may grow, not shrink."""
 
 
 class BodyBalls(NamedTuple):

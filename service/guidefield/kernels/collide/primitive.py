@@ -13,7 +13,9 @@ from guidefield.kernels.jit.arrays import BlocksOut, Floats, Floats32, IndicesOu
 from guidefield.kernels.jit.decorators import exact_kernel, lane_part
 from guidefield.kernels.simd.vector import Vector, below, largest_of, magnitude, root, smallest_of, splat
 
-BOX, CYLINDER, CAPSULE, HALF_SPACE = range(4)  # kinds of primitives; a ball is a capsule of no length
+BOX, CYLINDER, CAPSULE, HALF_SPACE = range(4)
+"""Kinds of primitives; a ball is a capsule of no length. Other kinds of parts and obstacles have the numbers behind
+these (`parts.POLYTOPE` and after it, `layout.CLOUD`)."""
 
 AXES, CENTRE, HALVES, ROUND, PRIMITIVE = 0, 9, 12, 15, 16
 """Numbers of a primitive: three axes (rows of the rotation from the world), centre, half extents, radius; then how many

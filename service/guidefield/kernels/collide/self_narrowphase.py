@@ -76,7 +76,8 @@ from guidefield.kernels.simd.vector import LANES, below, first_lane, largest_of,
 UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
 """Verdicts on a cell: none yet, bodies keep apart wherever in it, neither is known, they touch wherever in it.
 
-A larger number says that neither is known of the cell as a whole, and where its children are.
+`UNJUDGED` is what fresh memory holds, 0. A larger number than these says that neither is known of the cell as a whole,
+and where its children are.
 """
 
 

@@ -1,7 +1,8 @@
 """The smallest circle around points in the plane.
 
 It takes in the farthest point outside until there is none; the circle of the two or three points that hold it grows
-each time, so that no such set returns.
+each time, so that no such set returns. `robot/bodies/charges.py` fits capsules about links with it, and widens them by
+`SLACK`, which may grow, not shrink.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 A body is the union of solids, each bounded by a closed surface; they may overlap. All surfaces are trees in the same
 tables (`SurfaceTables`), a row of `spans` says where each is. Covers and decompositions rely on bounds that hold
-whatever rounding does: `ROUNDING` may grow, not shrink.
+whatever rounding does: `ROUNDING` may grow, not shrink. `STEPS`, `TOUCHING`, `FINENESS` and `FINEST` change which balls
+and cells are found, and with them the covers of robots, not whether these contain the body: depths are found anew.
 """
 
 from __future__ import annotations

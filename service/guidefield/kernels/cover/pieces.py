@@ -101,7 +101,7 @@ def stable_order(numbers: Indices, order_out: IndicesOut) -> None:
 
 
 ROUNDING = 1.0 + 1e-12  # by how much a ball is larger than the distance of its farthest point, whatever rounding does
-LOOK_BACK = 32  # a point is compared with the last this many that were kept
+LOOK_BACK = 32  # a point is compared with the last this many that were kept; for speed only
 
 
 @exact_kernel

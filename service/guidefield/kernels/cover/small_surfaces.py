@@ -165,7 +165,7 @@ def count_ways(triangles: IndexRows, numbers: Indices, up_out: IndicesOut, down_
 
 
 FLAT = 1e-9  # share of its size within which a surface is flat
-FINEST = 21  # bits of one coordinate of a place on the Morton curve: three fit into 63
+FINEST = 21  # bits of one coordinate of a place on the Morton curve, as in `geometry/curve_order.py`: three fit into 63
 
 
 @inlined
