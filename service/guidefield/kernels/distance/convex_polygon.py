@@ -1,4 +1,7 @@
-"""The inradius of a convex polygon, exact but for rounding: how far `scene/guide_plane.py` can inset a guide plane."""
+"""The inradius of a convex polygon, exact but for rounding: how far `scene/guide_plane.py` can inset a guide plane.
+
+Larger insets count as the inradius there, less a share of 1e-9: one that is too large by more leaves no polygon.
+"""
 
 from __future__ import annotations
 

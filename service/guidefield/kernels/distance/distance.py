@@ -48,7 +48,7 @@ of the numbers counts: from HALF_SPACE on kinds aren't bounded primitives (`scen
 """
 
 _STACK = 64  # nodes that wait, at most
-_FEW = 32  # up to this many bodies are examined one by one, without their tree
+_FEW = 32  # up to this many bodies are examined one by one, without their tree: a matter of speed, as is `_SMALL`
 _SMALL = 64  # a surface of up to this many triangles counts as near where its box is; its triangles aren't asked
 
 

@@ -48,7 +48,7 @@ SquareAndDirection = tuple[Vector, Vector, Vector, Vector]
 grows, as long as the distance, or `NEXT_TO` where that is less [m]."""
 
 Signed = tuple[Vector, Vector, Vector, Vector]  # signed distances [m] and the unit vectors (3) along which they grow
-DEEPEST = 40  # maximum number of nodes of a tree that wait: one of a million leaves is 20 levels deep
+DEEPEST = 40  # most nodes of a tree that wait, a multiple of `LANES_64`: one of a million leaves is 20 levels deep
 
 _FOUND, _NODES, _GAPS = 8, 9, 9 + DEEPEST // LANES_64
 """Rows of scratch: of the nearest triangles, of the nodes that wait, and of the points' distances from these."""

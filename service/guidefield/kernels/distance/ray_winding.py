@@ -19,8 +19,8 @@ from guidefield.kernels.jit.arrays import Floats, Rows, Vector3
 from guidefield.kernels.jit.decorators import inlined, inner_kernel, kernel
 from guidefield.kernels.linalg.small_systems import cross, dot
 
-RAYS = 64  # directions that are tried, at most
-GRAZING = 1e-12  # an edge is grazed if the ray passes it closer than this, over the lengths involved
+RAYS = 64  # directions that are tried, at most: with fewer a point counts as outside, or as unsure, more often
+GRAZING = 1e-12  # an edge is grazed if the ray passes it closer than this, over the lengths involved; may only grow
 GRAZED = 1 << 40  # marks a ray that grazes an edge in a sum of crossings: more than there are
 
 _STACK = 64  # nodes that wait, at most

@@ -183,7 +183,9 @@ def plane_at(p: Any, normal: Vector3, offset: float) -> Six:
     return potential, slope * normal[0], slope * normal[1], slope * normal[2], curvature, winding_behind(height)
 
 
-FAR = 1.8  # distance from the centre, over half the diagonal, from which no face has half a solid angle of pi/8
+FAR = 1.8
+"""Distance from the centre, over half the diagonal, from which no face has half a solid angle of pi/8: it may grow,
+which costs time; with less the shorter forms are wrong."""
 
 CENTRE, AXES, HALVES, CHARGE, FAR_SQUARE, BOX_COLUMNS = 0, 3, 12, 15, 16, 17
 """Columns of a box: centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3) [m], charge,

@@ -5,7 +5,8 @@ of one link in the closed-form field of the other's capsule. Forces gather as on
 M = sum_i s_i J_i^T J_i as one spatial inertia a joint; both are carried from the tip to the root.
 
 The field is evaluated in the precision of its tables and about their origin, everything else in double precision.
-Minimizers (`kernels/guide`) descend by it; `potential.py` answers for single configurations.
+Minimizers (`kernels/guide`) descend by it and compare what `forces` and `potential` return, which has to be the same U;
+`potential.py` answers for single configurations.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from guidefield.kernels.jit.decorators import inlined
 from guidefield.kernels.simd.vector import every, inverse_root, is_double, load, magnitude, select, smallest_gap, store
 
 _TAN = math.tan(math.pi / 8)
-FLAT = 1.0 / math.tan(math.pi / 16)  # a triangle is flat to points where h a `FLAT` <= F
+FLAT = 1.0 / math.tan(math.pi / 16)  # a triangle is flat to points where h a `FLAT` <= F; `_small_tail` is made for it
 
 
 @inlined

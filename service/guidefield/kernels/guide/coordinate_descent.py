@@ -3,7 +3,8 @@
 service/docs/algorithm.md, "Univariate". A search follows the sign of a projected force or torque: steps of one size as
 long as it stays, reversed and halved where it changes, halved where a trial isn't free. Only the links whose forces a
 search needs are evaluated: those that it moves, of a chain that nothing holds the one that turns.
-`planner/guide/guide.py` calls it, for robots that are chains of ball or universal joints.
+`planner/guide/guide.py` calls it, for robots that are chains of ball or universal joints; settings are its own. Another
+rule leads to other motions: each is tested here, and certified like any.
 """
 
 from __future__ import annotations

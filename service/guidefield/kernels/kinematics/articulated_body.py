@@ -2,7 +2,8 @@
 
 M = sum_i s_i J_i^T J_i + ridge 1, with point masses s_i that the joints carry, is the mass matrix of a tree of bodies
 whose rotors weigh `ridge` each: articulated-body inertias factor it (R. Featherstone, Rigid Body Dynamics Algorithms,
-2008, chapter 7). All twists and wrenches are at the world's origin, linear part first.
+2008, chapter 7). All twists and wrenches are at the world's origin, linear part first. `kernels/guide/descent.py` makes
+its steps by it, with inertias as `kernels/field/energy.py` sums them up; no proof relies on it.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ Joint kinds and their motion subspaces are Pinocchio's (linear part first): a re
 its axis, a prismatic one slides along it, a planar one moves in its x-y plane and turns about z, a spherical one turns
 freely, a floating one does everything; the last three have tangents in the moved frame. Configurations have a cosine
 and sine for a continuous joint, quaternions are (x, y, z, w). Local coordinates of a spherical or floating joint are
-rotation vectors from a configuration `origin`. `robot/model/model.py` makes the table.
+rotation vectors from a configuration `origin`. `robot/model/model.py` makes the table. Planning, proofs and replies
+place robots by it, and the referee by code of its own.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from guidefield.kernels.jit.decorators import counted, kernel, uncounted
 from guidefield.kernels.simd.vector import LANES_64, load, magnitude, store, total
 
 COUPLED = 3  # a block is coupled with as many before it
-TILE = LANES_64  # rows and columns of a tile
+TILE = LANES_64  # rows and columns of a tile: eight, each of which the products below name
 FIRST, PAST = 0, 1  # columns of spans: the first row of a strip that isn't zero, and the one past the last
 
 

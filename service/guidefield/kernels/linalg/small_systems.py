@@ -1,4 +1,8 @@
-"""Small linear algebra: symmetric systems of a few rows, products of vectors, principal axes, and a stable order."""
+"""Small linear algebra: symmetric systems of a few rows, products of vectors, principal axes, and a stable order.
+
+Kernels of every kind compile these in: another order of operations changes the last bits of what they find. Callers
+rely on `write_stable_order` to leave equal keys in order.
+"""
 
 from __future__ import annotations
 
