@@ -2,8 +2,9 @@
 
 numba compares a cached function with the file it stands in, but not with the files of the functions that it calls:
 after an edit of a callee it runs the old machine code. A folder named after a fingerprint of a file and of every
-definition that it depends on cannot be stale, and an edit compiles only what depends on it. The sources' place is not
-part of the name: all installations of one version share their machine code.
+definition that it depends on cannot be stale, and an edit compiles only what depends on it: that of a
+comment or docstring its own file alone. The sources' place is not part of the name: all installations of one version
+share their machine code.
 """
 
 from __future__ import annotations

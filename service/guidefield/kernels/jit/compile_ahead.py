@@ -59,7 +59,9 @@ FIRST = (
     "tree.rrt_connect",
     "tree.shortcut",
 )
-"""Files that, with all they call, a plan to a configuration or pose needs for a robot that nothing is kept of."""
+"""Files that, with all they call, a plan to a configuration or pose needs for a robot that nothing is kept of.
+
+tests/test_first_start.py finds those that are missing; one too many delays the first plan."""
 _CHILD = "--child"
 _TURN_S = 0.5  # period of checks whether another process is done compiling [s]
 _LATER = 10  # how nice the compilers are with what nobody waits for

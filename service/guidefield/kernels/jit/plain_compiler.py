@@ -1,6 +1,7 @@
-"""Kernels compiled by what numba offers to everybody, and documents: slower to compile, and with the same results.
+"""Kernels compiled by what numba offers and documents for everybody: slower, and the same results up to rounding.
 
 Each part gets machine code that nobody calls, and each kernel is compiled once more into every kernel that calls it.
+Functions are those of `patched_compiler`, as `compilers` calls either.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Speeds in space along a motion as loads, evaluated on samples: see `load_penalty`.
 
+Sums of squares have to be those there. Loads lead the optimizer alone: limits are checked by `planner/task`, on bounds.
+
 The velocity of a carried point p is the sum of J_j z'_j, with J_j the velocity by joint j alone. Joint j turns those by
 later joints, and moves p, which those by itself and earlier joints turn about their axes: with w the joints' axes,
 

@@ -1,6 +1,7 @@
 """A guide plane that a motion's tip crosses: where it comes nearest, and what missing it costs, in one call each.
 
-`planner/optimize/passages.py` has the formulas, and the same in Python for places that aren't planes.
+`planner/optimize/passages.py` has the formulas, and the same in Python for places that aren't planes: both have to be
+changed together.
 """
 
 from __future__ import annotations

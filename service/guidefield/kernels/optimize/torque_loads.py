@@ -1,4 +1,8 @@
-"""Torques of a motion as loads, evaluated and expanded on samples: rows of `load_penalty.LoadModel`."""
+"""Torques of a motion as loads, evaluated and expanded on samples: rows of `load_penalty.LoadModel`.
+
+Sums of squares here have to be those of `load_penalty`, which Newton's method lowers. Loads lead the optimizer alone:
+limits are checked by `planner/task`, on bounds.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Pairs that can come within a distance in a segment: by bounding spheres, boxes and a tree of boxes."""
+"""Pairs that can come within a distance in a segment: by bounding spheres, boxes and a tree of boxes.
+
+Proofs judge no others (`search.py`, `samples.py`): a list may name a pair that is far, and must not miss a near one.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Placements of a robot and of moving obstacles at a parameter of a motion, joint twists, bounds of Bezier segments.
 
-Placements are numbered (`LOOK`), so that each moving obstacle is placed once for each. `SMALL_ANGLE`, `step_at` and the
-screws of `place_mover` have to agree with the trajectories that `prove/tables.py` makes.
+Placements are numbered (`LOOK`), so that each moving obstacle is placed once for each. `step_at` and the screws of
+`place_mover` have to agree with the trajectories that `prove/tables.py` makes; the referee has code of its own.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from guidefield.kernels.kinematics.forward_kinematics import place_by_chart, pla
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.prove.tables import BezierCurve, MovingObstacles, MovingRobot, RobotBodies
 
-MOST_ORDER = 8  # control points of a piece of a curve, at most: the size of scratch
+MOST_ORDER = 8  # control points of a piece of a curve, at most: the size of scratch, which nothing checks
 
 
 @uncounted
@@ -193,7 +193,7 @@ def find_ranges(curves: Blocks, low: RowsOut, high: RowsOut) -> None:
 
 
 TWIST = 6  # numbers of a twist
-SMALL_ANGLE = 1e-4  # below this angle series stand for sine and cosine [rad]: off by less than rounding
+SMALL_ANGLE = 1e-4  # below this angle series stand for sine and cosine [rad]: off by less than rounding up to 1e-3
 
 NOW, LOOK, MOMENT = range(3)
 """Numbers of a moment: the time [s] and the number of the placement; then how many there are."""

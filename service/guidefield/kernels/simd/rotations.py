@@ -1,6 +1,8 @@
 """Angles and rotations in lanes: sine and cosine, rotation vectors from matrices and quaternions, and back.
 
 What both precisions have is one function of two ways, of which the lanes' precision chooses when a kernel is compiled.
+Collision tests rely on its accuracy in float32: placements may be off by `DECISION_BAND` of
+`kernels/collide/layout.py`.
 """
 
 from __future__ import annotations

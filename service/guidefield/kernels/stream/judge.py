@@ -20,7 +20,7 @@ from guidefield.kernels.prove.tables import BezierCurve, MovingRobot
 
 BEGIN, VALUE, VELOCITY, ACCELERATION, JERK = range(5)  # columns of a phase: its begin [s], and the state there
 PHASE = 5  # their number
-EXACT = 1e-9  # tolerance for rounding, of a limit or of continuity, as a share of the limit or in [rad or m, s]
+EXACT = 1e-9  # a commit may break a limit or jump by this, for rounding: as a share of the limit, or in [rad or m, s]
 
 
 @lane_part

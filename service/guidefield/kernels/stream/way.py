@@ -1,6 +1,7 @@
 """Pieces of a stream: the quickest change of velocity of each coordinate within its jerk, and the hardest braking.
 
 `stream/commit.py` calls it, and has `judge` check what it wrote: phases of constant jerk, in that file's columns.
+So another rule here changes how a stream moves, and can't break a limit: what `judge` refuses isn't sent.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from guidefield.kernels.jit.arrays import BlocksOut, Floats, IndicesOut, Row, RowOut, Rows
 from guidefield.kernels.jit.decorators import kernel, lane_part
 
-MOST_PHASES = 9  # of a coordinate: those of a piece, of braking, and standing
+MOST_PHASES = 9  # of a coordinate: up to four of a piece, three of braking, one of standing; nothing checks it
 HALVINGS = 40  # bisections for the velocity whose piece and braking end at a given value
 SOFTENINGS = 12  # bisections for the share of the limits with which a coordinate takes as long as the slowest one
 _REACHED = 1e-10  # an end this close to the given value has reached it [rad or m]

@@ -1,5 +1,7 @@
 """Derivatives of torques by coordinates, velocities and accelerations: for expansions by `torque_loads`.
 
+The optimizer alone goes by them: with wrong ones it finds worse motions, while limits of torques are kept all the same.
+
 With S_j the twist of coordinate j in the world, v and a the twist and its derivative before it, let
 
     ψ_j = v x S_j        A_j = a x S_j + v x ψ_j

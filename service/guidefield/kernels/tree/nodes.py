@@ -1,7 +1,7 @@
 """The nodes of two trees that a search in SIMD batches grows: steps from them, one more of them, the path between.
 
 `planner/connect/tree_search.py` and `stream/path_planner.py` make the arrays of `TreeSearch`, and read path and
-counters.
+counters. `RANGE` and `LATE` change which path a seed gives, not whether a path is free.
 """
 
 from __future__ import annotations
