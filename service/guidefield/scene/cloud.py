@@ -1,7 +1,8 @@
 """Point clouds: collision shapes are balls around their points, charges those of the surface that they were taken from.
 
 The tables of a cloud (`LaneCloud`, kernels/distance/point_tree.py) are made once: kernels hold their address, and write
-distances that they find into `cells`. Softening, neighbours and `_MOST_CHARGED` shape the field alone.
+distances that they find into `cells`. Softening, neighbours and `_MOST_CHARGED` shape the field alone;
+`CELL`, `MOST_CELLS` and `AROUND_POINTS` cost time and memory.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
 """Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface; not before they are needed."""
 
 _GOOD_ANCHOR = 0.05  # the ball's centre serves as anchor if so large a share of its radius about it is free. Unrecorded
-ROUNDING = 1e-9  # share by which the ball is larger in the test which solids come into it
+ROUNDING = 1e-9  # share by which the ball is larger when solids that come into it are kept: it may grow, not shrink
 _WINDING_TOLERANCE = 0.01  # a place is an anchor if its winding number is within this of a whole one
 
 

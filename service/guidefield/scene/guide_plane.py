@@ -1,7 +1,8 @@
 """Fit, check and triangulate flat polygons in space; the guide plane, a convex one that the tip has to reach.
 
 Polygon obstacles are built of the first part, planner/guide asks the second for distances and insets. Tolerances are
-shares of a polygon's size, and decide which polygons users get refused.
+shares of a polygon's size: `PLANARITY` and `SMALLEST_AREA` decide which polygons users get refused, `SLACK` what still
+counts as within a plane, for planner/guide, too.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.distance.triangle_rows import corner_sums, runs_of_triangles
 from guidefield.memo import memoized
 
-PATCH = 8192  # most triangles in one tree, which Coal builds in some hundredths of a second
+PATCH = 8192  # most triangles in one tree, which Coal builds in some hundredths of a second: a matter of time
 
 
 Whole = Callable[[], tuple[np.ndarray, np.ndarray]]  # makes the vertices (v, 3) [m] and triangles (t, 3) of a surface

@@ -33,7 +33,9 @@ from guidefield.scene.incremental import Rows, incremental, note_change
 from guidefield.scene.motion import ObstacleMotion, put_at
 from guidefield.scene.obstacle import Obstacle
 
-OPENING = 0.2  # in the field, parts of a large mesh smaller than this times their distance are expanded: good to 5e-4
+OPENING = 0.2
+"""In the field, parts of a large mesh smaller than this times their distance are expanded: good to 5e-4, as
+service/docs/algorithm.md says. Minimizers go other ways with another value; no proof reads the field."""
 
 NO_CONTENTS: Mapping[int, Content] = MappingProxyType({})
 

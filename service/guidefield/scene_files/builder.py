@@ -43,7 +43,7 @@ TO_Z_UP = {
 Kind = type[Obstacle] | Callable[..., dict[str, np.ndarray]]
 """Class of an obstacle, or a function from the sizes of a shape to the vertices and triangles of its mesh."""
 
-LONGEST_NAME = 256  # of an obstacle, in characters
+LONGEST_NAME = 256  # of an obstacle, in characters, as of `messages/values.py` `Name`
 
 
 class SceneBuilder:

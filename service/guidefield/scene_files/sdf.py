@@ -1,6 +1,7 @@
 """Read SDF worlds and models: the shapes of all <collision>, where named frames, nested models and includes have them.
 
 Frames are those of SDFormat 1.7 and later: a pose is relative to what holds it, or to the frame in its `relative_to`.
+Obstacles' names, `model::link::collision`, are in scenes that users keep.
 """
 
 from __future__ import annotations

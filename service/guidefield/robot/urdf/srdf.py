@@ -14,7 +14,9 @@ from guidefield.messages.requests import Positions
 from guidefield.robot.urdf.xml import drop_xacro, root_of
 
 STATES = ("default", "rest", "home", "ready")
-"""Names of states that are preferred as the rest configuration, in this order; else it is the first state."""
+"""Names of states that are preferred as the rest configuration, in this order; else it is the first within limits.
+
+service/docs/robots.md promises it, for MJCF's keyframes, too: another order moves joints that requests leave out."""
 
 
 @dataclass(frozen=True)
