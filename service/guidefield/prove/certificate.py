@@ -15,6 +15,8 @@ because the axis of joint i turns by at most what the joints before it turn, and
 the axis of the earlier joint times the column of the later one, whose length R is |J_v| at m and what the origin moves
 at most; 1 for a slide. P and Q take what the constraint counts of a velocity; P turns with the frame, by t at most in
 all. If the smaller of both bounds can't exceed a limit, the curve keeps it; else it is halved.
+
+So every term has to stay an upper bound; `DEPTHS` alone is a matter of time, and of how deep a contact is said to be.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ stops at the plane, and every accepted step belongs to the path.
 
 Each step is judged free when it is taken (`GuidedPath.free`, or the same capsules in kernels), so the constants change
 clearance and time of the motions, not what is free. Keys of `ATTEMPTS` are names of the wire; that document repeats
-`FIRST_STEP`.
+`FIRST_STEP` and `CREEPING_ROUNDS`.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 A round is made step by step, or several of them in one kernel if nothing has to be judged outside it: if `Projected`
 slides and reorients at once (`Blocks.ONE`), and all shapes of the robot are capsules (`SweptWorld.exact`). Both have to
 do the same: kernels/guide/plane_rounds.py, which gets the constants from here. They change clearance, success and time
-of the way to a plane; `ROUNDS_PER_CHECK` is time alone. `Unrecorded`: nobody knows what chose a constant; measure
-before a change.
+of the way to a plane, and that document repeats most; `ROUNDS_PER_CHECK` is time alone. `Unrecorded`: nobody knows what
+chose a constant; measure before a change.
 """
 
 from __future__ import annotations

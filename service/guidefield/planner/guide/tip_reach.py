@@ -1,8 +1,8 @@
 """The tip's size, the arm's reach, planes that are out of reach, and the inset at which the tip crosses planes.
 
 A plane that `explain_unreachable` names is refused without a search, so its bounds must hold: the reach may be larger,
-never too small, and `DIVISIONS` is time alone, or a search. The insets are a choice: farther from a polygon's edges, or
-through more of it; service/docs/algorithm.md repeats `INSET`.
+never too small. With fewer `DIVISIONS` the way to a blocked plane is searched for in vain. The insets are a choice:
+farther from a polygon's edges, or through more of it; service/docs/algorithm.md repeats `INSET`.
 """
 
 from __future__ import annotations

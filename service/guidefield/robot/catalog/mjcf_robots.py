@@ -1,6 +1,7 @@
 """Load robots from MJCF.
 
-A robot is refused if its placements differ from MuJoCo's.
+A robot is refused if its placements differ from MuJoCo's: by `PLACEMENT_TOLERANCE`, which has to be above rounding, at
+`TRIALS` configurations, of which more would find rarer faults.
 """
 
 from __future__ import annotations

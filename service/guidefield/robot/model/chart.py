@@ -3,7 +3,9 @@
 Revolute and prismatic joints: their value. Continuous: the unwrapped angle. Planar: x, y and the unwrapped angle.
 Spherical: the rotation vector from a reference orientation; floating: the position and that vector. These vectors are
 kept shorter than a full turn, where the chart is smooth; two of them, the long and the short way round, mean the same
-orientation. As the exponential map never stretches, a body turns at most by the distance between two vectors.
+orientation. As the exponential map never stretches, a body turns at most by the distance between two vectors, on which
+motion bounds rest (`collision/bodies.py`). Suffixes are names of the wire. `ROAM` and `WIND` bound what is drawn where
+there are no limits: starts, samples of trees, and configurations that tell which links always touch.
 """
 
 from __future__ import annotations

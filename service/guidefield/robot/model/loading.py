@@ -1,7 +1,7 @@
 """Load a `RobotModel` from URDF text: check, let Pinocchio parse, settle shapes, groups, pairs, limits, tip and rest.
 
 The order counts: each step needs those before. Default limits here are kept by motions where no file names others, and
-are stated in docs/robots.md; the sentences are warnings of every reply about the robot.
+are stated in docs/robots.md; the sentences are warnings of every reply about a robot that doesn't come with guidefield.
 """
 
 from __future__ import annotations

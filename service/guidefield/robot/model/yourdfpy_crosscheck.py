@@ -1,4 +1,7 @@
-"""Compare Pinocchio's reading of a URDF that isn't in the catalog with yourdfpy's, and warn of differences."""
+"""Compare Pinocchio's reading of a URDF that isn't in the catalog with yourdfpy's, and warn of differences.
+
+Nothing but warnings comes of it: the constants choose how many there are.
+"""
 
 from __future__ import annotations
 
