@@ -99,8 +99,13 @@ def test_what_touches_at_the_start_is_told_also_where_there_is_no_goal() -> None
         state = stream.update(time=0.0)
     assert isinstance(state, StreamState)
     assert (state.reason, state.pair, state.time) == ("standing", None, None)
-    with pytest.raises(InvalidGoal, match=r"the goal touches .*; at the start 'upper_arm_link' touches 'ball'"):
+    with pytest.raises(InvalidGoal, match=r"the goal touches .* 4 mm; at the start 'upper_arm_link' touches 'ball'"):
         opened(scene=scene)
+
+
+def test_a_refused_goal_is_told_what_goals_keep() -> None:
+    with pytest.raises(InvalidGoal, match="closer to the scene than 54 mm"):
+        opened(scene={"name": "ball", "obstacles": [BALL]}, min_clearance=0.05)
 
 
 UNDER_THE_GOAL = {"position": [0.286, 0.536, 0.49]}

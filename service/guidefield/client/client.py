@@ -354,7 +354,7 @@ class Client:
             SceneInvalid: if nothing is stored under that name, the change does not fit, or another version was meant.
 
         Examples:
-            >>> with guidefield.Client() as client:  # doctest: +SKIP
+            >>> with guidefield.Client.connect() as client:  # doctest: +SKIP
             ...     client.change_scene("cell", move={"pallet": {"position": [0.8, 0.1, 0.0]}})
             7
         """

@@ -102,9 +102,14 @@ class PathPlanner:
             most = max(most, float(self._bound.at(jacobian[None], centres, tolerances)[1].max(initial=0.0)))
         return most
 
+    @property
+    def kept_at_goals(self) -> float:
+        """The distance that goals keep from obstacles at rest [m]."""
+        return self._least + STREAM.resting * self.size
+
     def find_free(self, zs: ChartPoints) -> np.ndarray:
-        """Return which chart points (n, nv) keep `STREAM.resting`, and are free of self-contact, shape (n,)."""
-        return ~self.lanes.touching(zs, self._least + STREAM.resting * self.size)
+        """Return which chart points (n, nv) keep `kept_at_goals`, and are free of self-contact, shape (n,)."""
+        return ~self.lanes.touching(zs, self.kept_at_goals)
 
     def count_kept(self, z: ChartPoint) -> int:
         """Count the distances of `STREAM.leaving` that are kept at coordinates z (nv,), also from the robot itself."""
@@ -295,7 +300,8 @@ def find_goals(
     zs = np.clip(zs[within], group.lower, group.upper)
     free = paths.find_free(zs)
     if not free.any():
-        raise InvalidGoal("the goal touches the scene or the robot itself, or is closer to the scene than 4 mm")
+        kept = f"{1000.0 * paths.kept_at_goals:.3g} mm"
+        raise InvalidGoal(f"the goal touches the scene or the robot itself, or is closer to the scene than {kept}")
     return cast(ChartPoints, zs[free])
 
 
