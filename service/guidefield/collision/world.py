@@ -1,7 +1,8 @@
 """The world: a robot among obstacles, the pairs of bodies that must stay apart, and exact tests of these pairs.
 
 Everything that decides on contact asks a `World`. Bodies and pairs go by their indices (`pairs.py`), in proofs and in
-kernels too. The numbers of pairs are large: no list of them is made.
+kernels too. The numbers of pairs are large: no list of them is made. `TOUCHING` must not be less, and is time
+otherwise; `FIRST_PAIRS` is memory.
 """
 
 from __future__ import annotations

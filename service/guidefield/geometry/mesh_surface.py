@@ -1,7 +1,8 @@
 """Classify a triangle mesh: closed or open, consistent or not, convex, or a box; turn it outwards and tell its faults.
 
 What a mesh counts as decides what is collision: a solid's inside is, an open surface has none. Scenes, links and the
-cases for the referee are judged by the same surface. The warnings are sentences that users read.
+cases for the referee are judged by the same surface. So all tolerances enter verdicts; `_CHUNK` is time alone. The
+warnings are sentences that users read.
 """
 
 from __future__ import annotations

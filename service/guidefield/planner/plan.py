@@ -101,7 +101,7 @@ def _approach(
     )
 
 
-SQUARE = 1.05  # half side of the square about the goal, over the radius of the tip's body that has to fit through
+SQUARE = 1.05  # half side of the square about the goal, over the radius of the tip's body; below 1 that wouldn't fit
 
 
 def find_goals_behind_planes(

@@ -7,6 +7,8 @@ and velocities, and quintic ones through accelerations too.
 
 Commands are at the ticks of a clock, the last one at the goal. A zero-order hold steps to the next at each tick: from
 one tick to the next each joint is anywhere between the command of the tick before and that of this one, on its own.
+
+This curve is what is certified for an execution, so it has to be the controller's; `SPANS_AT_ONCE` is memory.
 """
 
 from __future__ import annotations

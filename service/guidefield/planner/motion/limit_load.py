@@ -1,7 +1,7 @@
 """The stretch of time by which a motion keeps its limits, and the share of each limit that a given motion uses.
 
-That plans keep limits of rates rests on `stretch_to_limits`, and on enough `MOST_ROUNDS`: with few of them rounding
-leaves an excess. `STEP` and `ROUNDING` enter the verdict on given motions, `TOLERANCE` what is refused at ends in
+That plans keep limits of rates rests on `stretch_to_limits`, and on enough `MOST_ROUNDS`: with few of them rounding may
+leave an excess. `STEP` and `ROUNDING` enter the verdict on given motions, `TOLERANCE` what is refused at ends in
 motion and taken of schedules; what counts as kept is `KEPT_SHARE` of task/motion_limits.py.
 """
 

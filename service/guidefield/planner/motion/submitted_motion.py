@@ -2,7 +2,8 @@
 
 Knots with velocities are the cubic Hermite curve through them. Through samples in time goes the cubic spline whose
 accelerations are continuous: a robot can't follow a step of velocity, and where the samples are of a smooth motion the
-spline is off by the fourth power of their distance only. Waypoints are joined by straight pieces.
+spline is off by the fourth power of their distance only. Waypoints are joined by straight pieces. Verdicts are about
+these curves, and docs/certify.md states them: another formula would be another promise.
 """
 
 from __future__ import annotations

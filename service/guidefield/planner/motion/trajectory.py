@@ -1,6 +1,8 @@
 """A motion in time, the cubic Hermite curve through knots; and the motion by constant jerks from any velocity to rest.
 
-This very curve is certified, sent in replies, and read by kernels (`tables`): its formula has to stay.
+This very curve is certified, sent in replies, and read by kernels (`tables`): its formula has to stay. The constants
+are of stops: with less of `ROUNDING` or `CLOSE` rounding may exceed a limit of jerk; the others change how long a stop
+takes.
 """
 
 from __future__ import annotations
