@@ -25,7 +25,8 @@ from guidefield.scene.content import points_in
 from guidefield.scene.scene import Scene, build
 
 FAR = 100.0
-"""A robot that is farther from the origin along an axis gets an anchor [m]: single precision resolves 8 um there."""
+"""A robot that is farther from the origin along an axis gets an anchor [m]: single precision resolves 8 um there.
+service/docs/certificate.md states it."""
 
 COARSE = 16384.0  # from here on neighbours in single precision are more than a millimetre apart [m]
 

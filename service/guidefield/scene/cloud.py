@@ -129,7 +129,8 @@ MOST_IN_BODIES = 5_000  # most points of a cloud that a robot holds, which becom
 CORNERS = 12  # vertices of the body of each point
 
 _MOST_CHARGED = 3_000
-"""A cloud of more points has neighbours merged to one charge, because all are summed at every point of the robot."""
+"""A cloud of more points has neighbours merged to one charge, because all are summed at every point of the robot;
+service/docs/algorithm.md says so."""
 
 _SPECK = 1e-9  # sides of the triangles that stand for points: this times 1 m plus the largest coordinate
 _DENSEST = 0.01  # least spacing of a cloud's charges, over its radius

@@ -436,7 +436,7 @@ def _surface(message: messages.Obstacle, mesh: JudgedMesh, placement: Any) -> Ob
     return Obstacle(message, recipe, placed, warnings)
 
 
-HARDLY_METRES = 100.0  # an obstacle that is larger was probably meant in millimetres [m]
+HARDLY_METRES = 100.0  # a larger obstacle was probably meant in millimetres [m]: service/docs/scenes.md says so
 
 
 def size_warnings(message: messages.Obstacle, declared_extent: float | None) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ def distance_to_triangles(x: float, y: float, z: float, vertices: Rows, triangle
 
 VOXELS = 64  # voxels along the longest side of what is within reach of the ball
 COARSE, FINE = 8, 4  # cells along each axis of the box about the ball, and smaller ones along each axis of one of those
-ROUNDING = 1e-9  # by how much distances are widened, as a share of the largest length in the question
+ROUNDING = 1e-9  # by how much distances are widened, of the largest length in the question: it may grow, not shrink
 
 
 @inlined

@@ -1,7 +1,7 @@
 """Decorators of kernels and of their parts.
 
 A further decorator of kernels has to be named in `_KERNELS` of `cache.py`, which knows by it what machine code to keep.
-Another `FASTMATH` or `CONTRACT` changes the last bits of nearly all results, and compiles everything anew.
+Another `FASTMATH` or `CONTRACT` changes the last bits of nearly all results, and compiles most kernels anew.
 """
 
 from __future__ import annotations
