@@ -84,6 +84,14 @@ def test_public_names_messages_and_words_are_found(site: Path, pages: ModuleType
     assert public <= described
 
 
+def test_what_a_function_returns_is_told_in_one_row(site: Path) -> None:
+    """A sentence that goes on in the next line is no second value."""
+    page = html.fromstring((site / "api.html").read_bytes())
+    returned = page.xpath("//p[span[normalize-space()='Returns:']]/following-sibling::*[1]//tbody")
+    assert len(returned) > 4
+    assert {len(body.xpath("tr")) for body in returned} == {1}
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     driver = pytest.importorskip("playwright.sync_api", reason="there is no playwright (the extra `gallery`)")

@@ -185,7 +185,8 @@ def make_api_page() -> str:
     titles = {**{room: room for room in rooms}, **ROOM_TITLES}
     order = [*ROOM_TITLES, *(room for room in rooms if room not in ROOM_TITLES)]
     sections = [
-        f"## {titles[room]}\n\n" + "\n\n".join(f"::: guidefield.{room}.{name}" for name in rooms[room])
+        f"## {titles[room]}\n\n"
+        + "\n\n".join(f"::: guidefield.{room}.{name}" for name in sorted(rooms[room], key=reading_order))
         for room in order
     ]
     return (
@@ -193,6 +194,11 @@ def make_api_page() -> str:
         + "\n\n".join(sections)
         + "\n"
     )
+
+
+def reading_order(name: str) -> tuple[bool, bool]:
+    """The key by which public names of a section are sorted: functions first, what is for asyncio last."""
+    return name[0].isupper(), name.startswith("Async")
 
 
 def make_gallery_page() -> str:
@@ -263,6 +269,7 @@ def make_settings(pages: Path, target: Path) -> dict[str, object]:
                             "paths": [str(ROOT / "service")],
                             "options": {
                                 "docstring_style": "google",
+                                "docstring_options": {"returns_multiple_items": False, "returns_named_value": False},
                                 "heading_level": 3,
                                 "show_source": False,
                                 "show_root_heading": True,
@@ -298,5 +305,6 @@ STYLE = """
 #messages ~ * td:nth-child(3) code { overflow-wrap: anywhere; }
 .md-typeset img { border-radius: 0.3rem; }
 [data-md-color-scheme="slate"] .md-typeset img { filter: brightness(0.92); }
+.md-typeset pre:not(:hover, :focus-within) .md-code__nav { opacity: 0; }
 .doc-contents { padding-left: 1rem; }
 """
