@@ -122,6 +122,8 @@ def test_a_file_that_changes_is_read_again(tmp_path: Path) -> None:
 def test_what_is_taken_for_a_robots_text_or_name_is_told() -> None:
     with pytest.raises(RobotInvalid, match="its text is asked for, not the name of a file"):
         load(UrdfText("arm.urdf"))
+    with pytest.raises(RobotInvalid, match=r"column 1$"):
+        load(UrdfText("an arm"))
     with pytest.raises(RobotInvalid, match='"urdf_file"'):
         Catalog().load("arm.urdf")
     with pytest.raises(RobotInvalid, match="did you mean panda"):

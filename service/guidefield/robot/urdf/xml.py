@@ -163,7 +163,8 @@ def root_of(text: str, kind: str, warnings: list[str]) -> Element:
             _drop_undeclared(root, warnings)
             return root
         why = re.sub(r", line \d+(, column \d+)$", r"\1", error.msg)
-        path = "" if "<" in text or not text.strip("\0 \n") else "; its text is asked for, not the name of a file"
+        named = text.strip().lower().endswith((".urdf", ".srdf", ".xacro", ".xml"))
+        path = "; its text is asked for, not the name of a file" if named else ""
         raise RobotInvalid(f"line {error.lineno}: the {kind} is not XML: {why}{path}", line=error.lineno) from None
     except UnicodeEncodeError as error:
         line = text.count("\n", 0, error.start) + 1
