@@ -77,7 +77,7 @@ def find_viewer(say: Callable[[str], None], port: int = PORT) -> str:
         time.sleep(0.1)
     if not window:
         page = f"http://{LOOPBACK}:{page_port}/?url={address.replace('+', '%2B')}"
-        say(f"the viewer is at {page}; `kill {started.pid}` ends it")
+        say(f"the viewer is at {page}; `kill -- -{started.pid}` ends it")  # the group: Rerun's module starts a process
     return address
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -150,12 +149,16 @@ def test_a_viewer_is_started_where_none_listens_and_outlives_who_started_it() ->
             command, env=environment, capture_output=True, text=True, check=True, timeout=TIME_S
         )  # what it started holds none of its outputs
     said, address = done.stdout.splitlines()
-    started = int(re.findall(r"`kill (\d+)`", said)[0])
+    ending = re.findall(r"`(kill -- -\d+)` ends it", said)[0]
     try:
         assert is_listening(address)
         assert address == f"rerun+http://127.0.0.1:{port}/proxy"
     finally:
-        os.killpg(started, signal.SIGTERM)
+        subprocess.run(ending, shell=True, check=True)
+    deadline = time.monotonic() + TIME_S
+    while is_listening(address):
+        assert time.monotonic() < deadline, "the command that is told doesn't end the viewer"
+        time.sleep(0.05)
 
 
 def test_an_address_that_is_none_is_refused() -> None:

@@ -10,6 +10,7 @@ import enum
 import inspect
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -677,7 +678,7 @@ for _command in (*app.registered_commands, *runs_app.registered_commands, *scene
 def _choose_viewer(viewer: str | None, *, show: bool) -> str | None:
     if viewer is not None and not is_listening(viewer):
         raise CannotShow(f"no viewer listens at {viewer}")
-    return find_viewer(err.print) if show and viewer is None else viewer
+    return find_viewer(partial(err.print, soft_wrap=True)) if show and viewer is None else viewer
 
 
 def _connect(endpoints: list[str] | None, name: str | None, config: Path | None, user: str | None) -> Client:
