@@ -10,9 +10,9 @@ from guidefield.messages.replies import RobotReply, RobotsReply, RobotSummary
 from guidefield.messages.requests import ReadRobot
 
 
-def _text(shown: RenderableType) -> str:
+def _text(shown: RenderableType, width: int = 200) -> str:
     out = io.StringIO()
-    Console(file=out, width=200).print(shown)
+    Console(file=out, width=width).print(shown)
     return out.getvalue()
 
 
@@ -32,6 +32,7 @@ def test_a_robot_has_a_line_beside_its_variants_and_those_that_cannot_be_used_th
         "small_arm",
         "cart",
     ]
+    assert "\n  small_arm " in _text(robots_table(RobotsReply(robots=robots)), width=40)
     text = "\n".join(lines)
     assert "8     5 revolute, 1 planar, 2 that follow" in text
     assert "a, b, c, d and 2 more" in text

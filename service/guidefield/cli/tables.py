@@ -102,8 +102,9 @@ def _describe_covers(geometry: list[GeometryInfo]) -> list[str]:
     return lines
 
 
-def _make_headed_table(*headings: str) -> Table:
+def _make_headed_table(name: str, *headings: str) -> Table:
     table = Table(box=box.SIMPLE_HEAD)
+    table.add_column(name, no_wrap=True)  # to be typed again
     for heading in headings:
         table.add_column(heading, overflow="fold")
     return table
