@@ -47,7 +47,7 @@ CARRIER_A, CARRIER_B, FIRST_PAIR, PAST_PAIR, MEETING = range(5)
 BODY_A, BODY_B, PAIR_AXES, PAIR = range(4)
 """Columns of a pair: its bodies, and where the axes of its pairs of pieces begin; then how many columns there are."""
 
-GRID_SIDES = 3  # coordinates that a grid of cells has at most
+GRID_SIDES = 3  # coordinates that a grid of cells has at most: `self_narrowphase` names each, as a, b and c
 
 DRIVER, COUNT, STEP, SIDE = range(4)
 """Whole numbers of each of a grid's sides: the coordinate, how many of the smallest cells are along it, the distance in

@@ -1,1 +1,1 @@
-"""Small systems of equations, solved where they stand."""
+"""Linear algebra: a banded system with a border, systems of a few rows, products, principal axes."""

@@ -31,7 +31,7 @@ from guidefield.kernels.simd.vector import (
 )
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
 
-BUCKET = 2 * LANES  # nodes of a bucket that is full
+BUCKET = 2 * LANES  # nodes of a bucket that is full: `_set_box` reads them as two vectors
 
 KNOWN, COUNT, ENTRIES, STATE = 0, 1, 2, 3
 """Places in a tree's state: nodes in buckets, buckets, entries of the tree of splits; and how many places."""
