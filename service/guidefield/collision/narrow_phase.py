@@ -2,8 +2,10 @@
 
 Nothing is made of a pair before it is asked for. Answers don't depend on the questions before. A surface of very many
 triangles is judged patch by patch, by those whose boxes are near enough. The faults, found in Coal 3.0.3, stand where
-they are worked around; with another version each has to be looked for again. Depths don't decide on contact; users read
-them in replies, and `planner/leaving.py` decides by them if a motion may begin in contact.
+they are worked around; with another version each has to be looked for again.
+
+Depths don't decide on contact. Users read them in replies; by them `planner/leaving.py` decides if a motion may begin
+in contact, and `planner/ends.py` if a tip is blocked. With fewer `STARTS` or `STEPS` they may be told too large.
 
 Along a unit direction n two convex bodies overlap by h(n) = max n.a - min n.b over their points a and b: moved so far
 along n, the second one just touches the first. The penetration depth is the least h (Cameron and Culley 1986), so that

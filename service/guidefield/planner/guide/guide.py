@@ -173,7 +173,9 @@ def cross_plane(
     best: PlaneCrossing | None = None
     for number, attempt in enumerate(attempts):
         if number:
-            problem.tell(Note(f"again, {attempt.minimizer.name}, steps of {1000 * attempt.step:.0f} mm"))
+            problem.tell(
+                Note(f"again, {attempt.minimizer.name}, steps of {1000 * attempt.step * problem.group.size:.0f} mm")
+            )
         outcome = _attempt(problem, q, plane, index, attempt)
         if outcome.status in (Status.SUCCESS, Status.TIMED_OUT, Status.PREEMPTED):
             return outcome
