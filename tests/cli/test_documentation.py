@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import re
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from guidefield.cli import app, documentation
@@ -31,6 +34,16 @@ def test_a_page_is_rendered(subject: str) -> None:
     assert heading in done.output
     assert "```" not in done.output
     assert "\x1b" not in done.output
+
+
+@pytest.mark.parametrize("subject", ["PlanRequest", "CertifyReply", "wire", "comparison"])
+def test_nothing_of_a_table_is_cut_off_in_a_narrow_terminal(subject: str) -> None:
+    out = io.StringIO()
+    documentation.show_page(subject, Console(file=out, width=80))
+    text = documentation.read_page(subject)
+    assert out.getvalue().count("…") == text.count("…")
+    names = re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)
+    assert [name for name in names if name not in out.getvalue()] == []
 
 
 def test_an_unknown_subject_is_told_what_may_have_been_meant() -> None:

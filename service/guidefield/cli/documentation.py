@@ -8,10 +8,11 @@ from __future__ import annotations
 import os
 import re
 from importlib import resources
+from typing import ClassVar
 
 from rich import box
-from rich.console import Console
-from rich.markdown import Markdown
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.markdown import Markdown, MarkdownElement, TableElement
 from rich.table import Table
 
 from guidefield.errors import UnknownObject
@@ -62,6 +63,25 @@ def first_sentence(text: str) -> str:
     return re.split(r"(?<=[.!?]) ", paragraph, maxsplit=1)[0]
 
 
+class _Table(TableElement):
+    """A table of a page that cuts nothing off: a narrow terminal folds cells, but no name in the first column."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for table in super().__rich_console__(console, options):
+            assert isinstance(table, Table), "a table is rendered as one"
+            for column in table.columns:
+                column.overflow = "fold"
+            names = [str(cell) for cell in table.columns[0].cells]
+            table.columns[0].no_wrap = not any(" " in name for name in names)
+            yield table
+
+
+class Page(Markdown):
+    """A page of the documentation for a terminal."""
+
+    elements: ClassVar[dict[str, type[MarkdownElement]]] = {**Markdown.elements, "table_open": _Table}
+
+
 def pages_table() -> Table:
     """Make a table of the subjects with the first sentence of each page."""
     table = Table(box=box.SIMPLE_HEAD)
@@ -74,7 +94,7 @@ def pages_table() -> Table:
 
 def show_page(subject: str, out: Console) -> None:
     """Print the page about a subject; in a terminal, through a pager."""
-    text = Markdown(read_page(subject))
+    text = Page(read_page(subject))
     if not out.is_terminal:
         out.print(text)
         return
