@@ -140,7 +140,9 @@ def test_names_are_shown_as_they_are(page: tuple[TryPage, str]) -> None:
     assert name in html.unescape(tried._report.content)
 
 
-def test_the_page_tells_where_it_is_if_its_port_is_occupied(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_tells_where_it_is_if_its_port_is_occupied(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def interrupt(*_arguments: object) -> None:
         urllib.request.urlopen(find_address(out.getvalue())).close()
         raise KeyboardInterrupt
@@ -148,9 +150,14 @@ def test_the_page_tells_where_it_is_if_its_port_is_occupied(monkeypatch: pytest.
     def find_address(told: str) -> str:
         return next(word for word in told.split() if word.startswith("http://"))
 
-    out = io.StringIO()
+    out, opened = io.StringIO(), list[str]()
+    monkeypatch.setattr(trying, "has_display", lambda: True)
+    monkeypatch.setattr("webbrowser.open", opened.append)
     monkeypatch.setattr(trying, "TryPage", lambda *_: SimpleNamespace(run=interrupt))
     with socket.create_server((LOOPBACK, 0)) as other:
         port = other.getsockname()[1]
         trying.serve_page("ur5", "table", port, Console(file=out))
     assert not find_address(out.getvalue()).endswith(f":{port}")
+    assert out.getvalue().startswith(f"port {port} is occupied; the page is at ")
+    assert opened == [find_address(out.getvalue())]
+    assert capsys.readouterr().out == ""

@@ -9,6 +9,7 @@ import contextlib
 import io
 import threading
 import time
+import webbrowser
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -31,7 +32,7 @@ from guidefield.recorder.view import choose_eye
 from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.scene.scene import build
 from guidefield.stores.scenes import PackagedScenes
-from guidefield.viewer import LOOPBACK
+from guidefield.viewer import LOOPBACK, has_display
 
 FRAME_RATE = 30.0  # frames of the shown motion a second [Hz]
 PAUSE_S = 0.7  # pause before the motion is shown again [s]
@@ -288,9 +289,10 @@ def serve_page(robot: str, scene: str, port: int, out: Console) -> None:
         page = TryPage(server, robot, scene)
         taken = server.get_port()
         occupied = "" if taken == port else f"port {port} is occupied; "
-        out.print(
-            f"{occupied}the page is at http://{LOOPBACK}:{taken}\nCtrl-C ends it.", highlight=False, soft_wrap=True
-        )
+        url = f"http://{LOOPBACK}:{taken}"
+        out.print(f"{occupied}the page is at {url}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
+        if has_display():
+            webbrowser.open(url)
         page.run()
     except KeyboardInterrupt:
         return
