@@ -27,7 +27,8 @@ def _needed() -> dict[str, SpecifierSet]:
 
 
 def test_the_environment_of_conda_has_what_the_package_needs() -> None:
-    declared = tomllib.loads((HOUSE / "pixi.toml").read_text())["dependencies"]
+    environment = tomllib.loads((HOUSE / "pixi.toml").read_text())
+    declared = environment["dependencies"] | environment["pypi-dependencies"]
     own = {name: SpecifierSet(declared.pop(name).replace("*", "")) for name in ("python", "pip", "setuptools")}
     assert own["python"].contains("3.11")
     assert {name: SpecifierSet(text) for name, text in declared.items()} == _needed()
