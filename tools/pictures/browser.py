@@ -58,11 +58,12 @@ def web_picture(recording: Path, picture: Path) -> Iterator[str]:
 
 
 def shows_a_recording(image: Image.Image) -> bool:
-    """Whether there are bodies, and at the left edge too: without our layout there is a plain panel of text."""
+    """Whether there are bodies, and at the left edge too: without our layout there is a grey panel of text."""
     pixels = np.asarray(image, int)
     height, width, _ = pixels.shape
     edge = pixels[height // 6 : -height // 6, : width // 8].reshape(-1, 3)
-    plain = np.unique(edge, axis=0, return_counts=True)[1].max() / len(edge)
+    colours, counts = np.unique(edge, axis=0, return_counts=True)
+    plain = counts[np.ptp(colours, axis=1) < 20].max(initial=0) / len(edge)
     return bool(plain < 0.7 and len(np.unique(pixels.reshape(-1, 3), axis=0)) > 2000)
 
 

@@ -285,7 +285,7 @@ def _plan_results(reply: PlanReply, group: PlanningGroup) -> list[str]:
         rows.append(("duration", f"{metrics.duration:.2f} s"))
         unit = _unit(group)
         ways = f"{metrics.joint_path_length:.2f} {unit} / {metrics.tip_path_length:.2f} m"
-        rows.append(("way of the joints / the tip", ways))
+        rows.append(("path of joints / tip", ways))
         rows.append(("peak jerk", f"{metrics.peak_jerk:.0f} {unit}/s³"))
     rows.append(("certificate", describe_certificate(reply)))
     counters = reply.counters

@@ -77,7 +77,7 @@ def _overview(eye: Eye, present: Set[str]) -> rrb.Horizontal:
     moving = ["/robot/**", "/path/**", GHOST_ENTITY]
     pictures = rrb.Tabs(
         scene_view("Motion", eye, moving, {GHOST_ENTITY: FAINT_GHOSTS, **SWITCHED_OFF}),
-        scene_view("Whole way", eye, [GHOST_ENTITY, "/path/tip", "/path/to_follow"], {}),
+        scene_view("Whole path", eye, [GHOST_ENTITY, "/path/tip", "/path/to_follow"], {}),
         active_tab=0,
     )
     return rrb.Horizontal(pictures, figures, column_shares=[1.75, 1.0], name="Overview")
@@ -99,7 +99,7 @@ def _field(eye: Eye, at_rest: bool) -> rrb.Horizontal:
     shown = ["/robot/collision/**", "/field/charges/**", "/field/forces", "/field/slice", "/path/tip"]
     forces = scene_view("Forces on links, charged points by force (red: strong, blue: a hundredth)", eye, shown, {})
     when = "" if at_rest else " before obstacles move"
-    words = f"Potential in the plane of the tip's way{when} (dark: far; lines: as of a wall 1, 2, 5, 10 .. cm away)"
+    words = f"Potential in the plane of the tip's path{when} (dark: far; lines: as 1, 2, 5, 10 .. cm from a wall)"
     picture = rrb.Spatial2DView(
         origin=PICTURE if at_rest else PICTURE_AT_START,
         name=words,
