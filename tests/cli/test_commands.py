@@ -358,7 +358,21 @@ def test_each_option_of_a_service_has_a_variable(monkeypatch: pytest.MonkeyPatch
     assert (refused.exit_code, "--workers" in refused.output) == (2, True)
 
 
-def test_a_shell_completes_commands() -> None:
-    asking = {"_GUIDEFIELD_COMPLETE": "complete_bash", "COMP_WORDS": "guidefield se", "COMP_CWORD": "1"}
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        ("se", ["serve", "secure"]),
+        ("robots allegro_l", ["allegro_left_hand"]),
+        ("certify motion.csv --scene tab", ["table"]),
+        ("docs PlanRe", ["PlanRequest", "PlanReply"]),
+        ("docs quick", ["quickstart"]),
+    ],
+)
+def test_a_shell_completes_commands_and_names(words: str, completed: list[str]) -> None:
+    asking = {
+        "_GUIDEFIELD_COMPLETE": "complete_bash",
+        "COMP_WORDS": f"guidefield {words}",
+        "COMP_CWORD": str(len(words.split())),
+    }
     done = CliRunner().invoke(app, [], env=asking, prog_name="guidefield")
-    assert done.output.split() == ["serve", "secure"]
+    assert done.output.split() == completed

@@ -70,6 +70,29 @@ scenes_app = typer.Typer(help="Read scenes from files and store them at a servic
 out = Console()
 err = Console(stderr=True)
 
+
+def _complete_robot(begun: str) -> list[str]:
+    """List the robots whose names a shell may complete to."""
+    from guidefield.robot.catalog.library import entries
+
+    return [name for name in entries() if name.startswith(begun)]
+
+
+def _complete_scene(begun: str) -> list[str]:
+    """List the scenes whose names a shell may complete to."""
+    from guidefield.stores.scenes import list_packaged
+
+    return [name for name in list_packaged() if name.startswith(begun)]
+
+
+def _complete_subject(begun: str) -> list[str]:
+    """List the pages and messages whose names a shell may complete to."""
+    from guidefield.cli.documentation import list_subjects
+    from guidefield.messages.schemas import make_schemas
+
+    return [name for name in (*list_subjects(), *make_schemas()["$defs"]) if name.startswith(begun)]
+
+
 RequestFile = Annotated[Path, typer.Argument(help="JSON file with a request; - reads standard input.", allow_dash=True)]
 Connect = Annotated[
     list[str] | None, typer.Option(help=f"Where a service listens, may be repeated; else {DEFAULT_LISTEN}.")
@@ -86,7 +109,10 @@ ObjectiveOption = Annotated[
     requests.Objective | None, typer.Option(help="What the motion is optimised for, in place of the request's.")
 ]
 SceneOption = Annotated[
-    str | None, typer.Option(help="A scene, by its name or by a file of any kind, in place of the request's.")
+    str | None,
+    typer.Option(
+        help="A scene, by its name or by a file of any kind, in place of the request's.", autocompletion=_complete_scene
+    ),
 ]
 Scale = Annotated[float, typer.Option(help="Factor of the lengths in the scene's file: 0.001 for millimetres.")]
 Radius = Annotated[
@@ -169,7 +195,10 @@ def plan(
 def certify(
     motion: Annotated[str, typer.Argument(help="A motion: .csv, .json, .npz, a run's .rrd, or the id of a kept run.")],
     robot: Annotated[
-        str | None, typer.Option(help="A robot, by its name or by its .urdf, .xacro or .xml (MJCF) file.")
+        str | None,
+        typer.Option(
+            help="A robot, by its name or by its .urdf, .xacro or .xml (MJCF) file.", autocompletion=_complete_robot
+        ),
     ] = None,
     scene: SceneOption = None,
     scale: Scale = 1.0,
@@ -359,7 +388,10 @@ def serve(
         typer.Option(exists=True, file_okay=False, help="Folder of packages whose meshes clients' robots may use."),
     ] = None,
     prepare: Annotated[
-        list[str] | None, typer.Option(help="Robot to prepare for its first plan before serving; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            help="Robot to prepare for its first plan before serving; may be repeated.", autocompletion=_complete_robot
+        ),
     ] = None,
     keep_runs: Annotated[int, typer.Option(min=1, help="How many runs are kept.")] = Retention.runs,
     keep_gib: Annotated[float, typer.Option(min=0.01, help="How large they may be together [GiB].")] = Retention.bytes
@@ -476,7 +508,10 @@ def batch(
 def robots(
     robot: Annotated[
         str | None,
-        typer.Argument(help="A robot, by its name or by its .urdf, .xacro or .xml file, to be told all about it."),
+        typer.Argument(
+            help="A robot, by its name or by its .urdf, .xacro or .xml file, to be told all about it.",
+            autocompletion=_complete_robot,
+        ),
     ] = None,
     srdf: Annotated[Path | None, typer.Option(help="The SRDF of a robot file.")] = None,
     package_dir: PackageFolders = None,
@@ -518,8 +553,8 @@ def show(
         typer.Argument(help="Id of a kept run or stream, or a file (.rrd or .stream); with --web it may be left out."),
     ] = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in a web browser instead of a window.")] = False,
-    robot: Annotated[str, typer.Option(help="The robot of the page.")] = "panda",
-    scene: Annotated[str, typer.Option(help="The scene of the page.")] = "bookshelf",
+    robot: Annotated[str, typer.Option(help="The robot of the page.", autocompletion=_complete_robot)] = "panda",
+    scene: Annotated[str, typer.Option(help="The scene of the page.", autocompletion=_complete_scene)] = "bookshelf",
     port: Annotated[
         int, typer.Option(min=1, max=65535, help="The page's port on loopback; if it is occupied, the next free one.")
     ] = 8080,
@@ -600,7 +635,11 @@ def _format_finding(finding: Finding) -> Text:
 @app.command()
 def docs(
     subject: Annotated[
-        str | None, typer.Argument(help="A page or a message, such as PlanRequest; without it the pages are listed.")
+        str | None,
+        typer.Argument(
+            help="A page or a message, such as PlanRequest; without it the pages are listed.",
+            autocompletion=_complete_subject,
+        ),
     ] = None,
 ) -> None:
     """Read the documentation: how plans are made, what is certified, the service, the wire, robots, scenes."""
