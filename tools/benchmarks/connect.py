@@ -91,7 +91,9 @@ class Row:
 def run(arguments: list[str]) -> None:
     """Print a table for each robot."""
     parser = argparse.ArgumentParser(prog="tools/bench connect", description=__doc__.partition("\n")[0])
-    parser.add_argument("--problems", type=Path, required=True, help="folder of problems and robots")
+    parser.add_argument(
+        "--problems", type=Path, required=True, help="the folder that `guidefield docs benchmarks` describes"
+    )
     parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
     parser.add_argument("--sequences", type=int, default=1, help="sequences of samples to judge by")
     parser.add_argument("robots", nargs="*", default=list(ROBOTS))

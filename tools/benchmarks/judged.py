@@ -111,7 +111,7 @@ class Row:
 def run(arguments: list[str]) -> None:
     """Print, for each robot and planner, how the two judges agree, and every difference."""
     parser = argparse.ArgumentParser(prog="tools/bench judged", description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path, help="folder of problems and robots")
+    parser.add_argument("folder", type=Path, help="the folder that `guidefield docs benchmarks` describes")
     parser.add_argument("--robots", default=",".join(ROBOTS), help="which, between commas")
     parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
     parser.add_argument("--seconds", type=float, default=5.0, help="what planning may take")

@@ -56,7 +56,7 @@ class Row:
 def run(arguments: list[str]) -> None:
     """Print two rows for each robot."""
     parser = argparse.ArgumentParser(prog="tools/bench motion", description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path, help="folder of problems and robots")
+    parser.add_argument("folder", type=Path, help="the folder that `guidefield docs benchmarks` describes")
     parser.add_argument("--robots", default="panda", help="which, between commas")
     parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
     parser.add_argument("--acceleration", type=float, help="limit of every joint [rad/s² or m/s²]")

@@ -58,7 +58,7 @@ class Said:
 def run(arguments: list[str]) -> None:
     """Print a table for each robot."""
     parser = argparse.ArgumentParser(prog="tools/bench otherwise", description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path, help="folder of problems and robots")
+    parser.add_argument("folder", type=Path, help="the folder that `guidefield docs benchmarks` describes")
     parser.add_argument("--robots", default="panda,fetch", help="which, between commas")
     parser.add_argument("--count", type=int, default=14, help="how many problems of each, evenly chosen")
     parser.add_argument("--repeats", type=int, default=3, help="how often each is answered; the best counts")

@@ -1,7 +1,7 @@
 """What the benchmarks share: the public problems, as planning groups, scenes and chart points.
 
 A folder holds `problems/<robot>.json.gz`, `robots/<robot>/<robot>.urdf` and, if rows of other planners are wanted,
-`peers.json.gz`; its README says how they are written.
+`peers.json.gz`; service/docs/benchmarks.md says how the first two are written.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ class Row:
 def run(arguments: list[str]) -> None:
     """Print a table for each robot."""
     parser = argparse.ArgumentParser(prog="tools/bench quality", description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path, help="folder of problems and robots")
+    parser.add_argument("folder", type=Path, help="the folder that `guidefield docs benchmarks` describes")
     parser.add_argument("--robots", default=",".join(ROBOTS[:3]), help="which, between commas")
     parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
     parser.add_argument("--peers", action="store_true", help="plan with the peers that are installed, too")

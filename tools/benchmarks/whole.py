@@ -77,7 +77,7 @@ def run(arguments: list[str]) -> None:
         "batch": _batch,
     }
     parser = argparse.ArgumentParser(prog="tools/bench whole", description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path, nargs="?", help="folder of problems and robots")
+    parser.add_argument("folder", type=Path, nargs="?", help="the folder that `guidefield docs benchmarks` describes")
     parser.add_argument("--robots", default=",".join(ROBOTS), help="which, between commas")
     parser.add_argument("--every", type=int, default=10, help="take every n-th problem only")
     parser.add_argument("--repeats", type=int, default=3, help="how often each is answered; the best counts")
