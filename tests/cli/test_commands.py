@@ -336,6 +336,11 @@ def test_paragraphs_of_help_have_no_line_breaks() -> None:
     assert len(commands) > 20
 
 
+def test_flags_are_shown_without_a_type() -> None:
+    for words in ([], ["serve"], ["runs", "list"]):
+        assert "bool" not in CliRunner().invoke(app, [*words, "--help"]).output
+
+
 def test_the_demo_plans_twice_and_leaves_recordings(tmp_path: Path) -> None:
     done = guidefield("demo", "--folder", str(tmp_path / "runs"))
     assert done.returncode == 0, done.stdout + done.stderr

@@ -20,6 +20,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
+from typer.core import TyperCommand, TyperGroup
 
 from guidefield.cli.certifying import (
     judging_engine,
@@ -709,9 +710,31 @@ def _join_lines(text: str) -> str:
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in inspect.cleandoc(text).split("\n\n"))
 
 
-for _command in (*app.registered_commands, *runs_app.registered_commands, *scenes_app.registered_commands):
-    assert _command.callback is not None, "each command is a function"
-    _command.help = _join_lines(_command.callback.__doc__ or "")
+class _FlagsWithoutType:
+    """A command, or group of them, whose help shows no type beside flags: they take no value."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters, as Typer does."""
+        params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for param in params:
+            if getattr(param, "is_flag", False):
+                param.metavar = ""
+        return params
+
+
+class _Command(_FlagsWithoutType, TyperCommand):
+    pass
+
+
+class _Group(_FlagsWithoutType, TyperGroup):
+    pass
+
+
+for _app in (app, runs_app, scenes_app):
+    _app.info.cls = _Group
+    for _command in _app.registered_commands:
+        assert _command.callback is not None, "each command is a function"
+        _command.help, _command.cls = _join_lines(_command.callback.__doc__ or ""), _Command
 
 
 def _choose_viewer(viewer: str | None, *, show: bool) -> str | None:

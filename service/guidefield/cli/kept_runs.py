@@ -333,7 +333,7 @@ def export(
     data: Data = None,
     name: Service = "local",
 ) -> None:
-    """Write the motion of a run to a file for other programs, its proof, or its or a stream's recording.
+    """Write the motion, proof or recording of a run, or the recording of a stream, to a file.
 
     The motion of a run with an `execution` is the rows to send to a controller.
     """
