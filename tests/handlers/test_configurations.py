@@ -87,7 +87,7 @@ class TestFaults:
             ({"names": ["panda_joint1"], "rows": [[0.0], [2e4]]}, r"`configurations.rows\[1\]`: panda_joint1 may be"),
             ([{"panda_joint1": 0.0}, {"panda_joint1": 2e4}], "joint 'panda_joint1': a value may be 10000 at most"),
             ([{"nose": 0.0}], "has no joint 'nose'"),
-            ([{"panda_joint1": [0.0, 1.0]}], "its value is one number, not 2"),
+            ([{"panda_joint1": [0.0, 1.0]}], "its value is one number, not a list of 2"),
         ],
     )
     def test_what_does_not_fit_the_robot(self, given: object, told: str):

@@ -285,3 +285,13 @@ def test_messages_in_a_dict_are_checked() -> None:
         with pytest.raises(MalformedRequest) as found:
             read_request({**sound, **fields})
         assert found.value.details["path"].startswith(path)
+
+
+def test_what_newcomers_send_is_told_what_is_right() -> None:
+    plan = '{"robot": "ur5", "scene": "table", "goal": {"type": "guide_plane"}}'
+    assert read_request(plan) == read_request(plan.encode())  # type: ignore[arg-type]
+    with pytest.raises(MalformedRequest, match="the payload is not application/json"):
+        read_request("request.json")  # type: ignore[arg-type]
+    for tagged in ({"type": "plan"}, b'{"type": "plan"}'):
+        with pytest.raises(MalformedRequest, match=r"; a plan request has no `type` \(at \$\.type\)$"):
+            read_request(tagged)

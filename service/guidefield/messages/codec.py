@@ -107,8 +107,8 @@ def require_size(size: int) -> None:
         )
 
 
-def decode_request(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
-    """Decode a request in any form: JSON bytes, plain data, or a Struct; one without a `type` is a plan request."""
+def decode_request(request: bytes | str | dict[str, Any] | requests.Request) -> requests.Request:
+    """Decode a request in any form: JSON, plain data, or a Struct; one without a `type` is a plan request."""
     if isinstance(request, msgspec.Struct):
         return request
     if isinstance(request, dict):
@@ -118,6 +118,8 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
         return converted
     if not isinstance(request, bytes | bytearray | memoryview | str):
         raise MalformedRequest(f"a request is JSON, a dict or a message, not {type(request).__name__}", path="$")
+    if isinstance(request, str):
+        request = request.encode(errors="replace")
     decoded: requests.Request = decode(request, request_kind(request), Encoding.JSON)
     return decoded
 
@@ -197,6 +199,8 @@ def _make_refusal(error: msgspec.ValidationError, data: Any, kind: Any) -> Malfo
     check = functools.partial(msgspec.convert, type=kind)
     message, path, choices = faults.explain(str(error), data, kind, check)
     path = faults.field_path(message, path)
+    if path == "$.type" and kind is requests.TaggedRequest:
+        message += "; a plan request has no `type`"
     return MalformedRequest(f"{message} (at {path})", path=path, **({"available": choices} if choices else {}))
 
 

@@ -25,7 +25,7 @@ def test_continuous_angles_survive_up_to_whole_turns(angle: float) -> None:
     ("positions", "match"),
     [
         ({"panda_joint8": 0.0}, "no joint 'panda_joint8'; its joints are panda_joint1"),
-        ({"panda_joint1": [0.0, 1.0]}, "'panda_joint1' is revolute: its value is one number, not 2"),
+        ({"panda_joint1": [0.0, 1.0]}, "'panda_joint1' is revolute: its value is one number, not a list of 2"),
         ({"panda_finger_joint2": 0.0}, "follows 'panda_finger_joint1'"),
     ],
 )

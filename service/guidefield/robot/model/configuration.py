@@ -143,7 +143,7 @@ def values_from_wire(joint: Joint, value: JointValue, error: type[GuidefieldErro
     if expected is None:
         if isinstance(value, list):
             raise error(
-                f"joint {joint.name!r} is {joint.kind.value}: its value is one number, not {len(value)}",
+                f"joint {joint.name!r} is {joint.kind.value}: its value is one number, not a list of {len(value)}",
                 joint=joint.name,
             )
         return np.array([np.cos(value), np.sin(value)] if joint.kind is JointKind.CONTINUOUS else [value])
