@@ -33,7 +33,14 @@ DATA = {"docs": HOUSE / "service" / "docs", "robots": HOUSE / "robots", "scenes"
 """Packages without code, and their folders."""
 CITATION = re.compile(r"([\w./-]*\w\.md)\b(?:,\s+\"([^\"]+)\")?")
 """A document, and its section where one is named."""
-FOREIGN_NAMES = {"get_cache_path", "get_call_template", "_get_module_for_linking", "get_mangle_string", "do_GET"}
+FOREIGN_NAMES = {
+    "get_cache_path",
+    "get_call_template",
+    "_get_module_for_linking",
+    "get_mangle_string",
+    "do_GET",
+    "get_params",
+}
 """Methods that other packages ask for by these names."""
 IN_CMEEL = {"pinocchio": ["pin"], "coal": ["coal"]}
 """Packages below a folder of their own, which `importlib.metadata` doesn't look into."""

@@ -90,6 +90,9 @@ def test_what_a_function_returns_is_told_in_one_row(site: Path) -> None:
     returned = page.xpath("//p[span[normalize-space()='Returns:']]/following-sibling::*[1]//tbody")
     assert len(returned) > 4
     assert {len(body.xpath("tr")) for body in returned} == {1}
+    kinds = {body.xpath("string(tr/td[1])").strip() for body in returned}
+    assert {"Reply", "PlanReply", "CertifyReply", "str"} <= kinds
+    assert [kind for kind in kinds if " " in kind] == []
 
 
 @pytest.fixture(scope="module")

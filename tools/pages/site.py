@@ -269,7 +269,7 @@ def make_settings(pages: Path, target: Path) -> dict[str, object]:
                             "paths": [str(ROOT / "service")],
                             "options": {
                                 "docstring_style": "google",
-                                "docstring_options": {"returns_multiple_items": False, "returns_named_value": False},
+                                "docstring_options": {"returns_multiple_items": False},
                                 "heading_level": 3,
                                 "show_source": False,
                                 "show_root_heading": True,
