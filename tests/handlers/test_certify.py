@@ -368,6 +368,11 @@ def test_a_slight_contact_at_the_start_may_be_left() -> None:
     closer = certify(path=[HOME, into], leave_start_contact=True, **asked)
     assert closer.certificate.reason == "contact"
     assert "doesn't leave it" in closer.status.message
+    slowly = [
+        [share, *HOME[1:]] for share in np.linspace(HOME[0], HOME[0] + 0.004, 3000)
+    ]  # 2 mm, by steps of less than 1 um
+    slower = certify(path=[*slowly, away], leave_start_contact=True, **asked)
+    assert slower.certificate.reason == "contact"
     back = certify(path=[HOME, away, HOME], leave_start_contact=True, **asked)
     assert back.certificate.reason == "contact"
     assert 1.0 < back.certificate.place.row < 2.0

@@ -92,20 +92,20 @@ def _judge_way_out(
     world = conditions.world
     pairs = touching_pairs(world, contacts)
     distances, enough = measure_distances(world, pairs), max(LEFT_DISTANCE, conditions.min_clearance)
-    before = distances(motion.start, motion.along(0, 0.0)[1])
+    farthest = now = distances(motion.start, motion.along(0, 0.0)[1])
     for piece, controls in enumerate(motion.pieces):
         length = float(np.linalg.norm(np.diff(controls, axis=0) / conditions.group.sizes, axis=1).sum())
         count = max(1, math.ceil(length / SPACING), _choose_moments(conditions, motion, piece))
         for share in (k / count for k in range(1, count + 1)):
             z, time = _place(motion, piece, share), motion.along(piece, share)[1]
             now = distances(z, time)
-            if (now < before - DISTANCE_ERROR).any() or conditions.deadline.expired():
-                return piece, share, pairs[int(np.argmin(now - before))]
+            if (now < farthest - DISTANCE_ERROR).any() or conditions.deadline.expired():
+                return piece, share, pairs[int(np.argmin(now - farthest))]
             can_end = motion.kind is not CurveKind.STEPS or share == 1.0
             if can_end and (now >= enough).all() and _is_free_beside(conditions, motion, piece, share):
                 return piece, share, None
-            before = now
-    return len(motion.pieces) - 1, 1.0, pairs[int(np.argmin(before))]
+            farthest = np.maximum(farthest, now)  # however slowly they come closer
+    return len(motion.pieces) - 1, 1.0, pairs[int(np.argmin(now))]
 
 
 def _is_free_beside(conditions: Conditions, motion: SubmittedMotion, piece: int, share: float) -> bool:

@@ -123,7 +123,8 @@ class _WaysOut:
         times = np.linspace(0.0, arrival, WAY_OUT_SAMPLES)
         places = zip(motion.evaluate(times)[0], times.tolist(), strict=True)
         distances = np.array([self._distances(z, time) for z, time in places])
-        if (distances[-1] < enough).any() or (np.diff(distances, axis=0) < -DISTANCE_ERROR).any():
+        farthest = np.maximum.accumulate(distances)
+        if (distances[-1] < enough).any() or (distances < farthest - DISTANCE_ERROR).any():
             return None
         if not self._is_free_beside(there, end):
             return None
