@@ -6,8 +6,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from guidefield.collision.clearance import clearance_at
+from guidefield.collision.narrow_phase import NarrowPhase, transform
 from guidefield.geometry.convex import bvh
 from guidefield.messages import scene as messages
 from guidefield.robot.group.group import Alike
@@ -51,3 +53,26 @@ def test_a_distance_has_the_same_bits_whatever_was_asked_before():
         assert a.obstacle_distance == b.obstacle_distance
         assert a.self_distance == b.self_distance
         assert np.array_equal(a.witness, b.witness)
+
+
+@pytest.mark.parametrize("first", ["mesh", "box"])
+@pytest.mark.parametrize("second", ["mesh", "cylinder", "capsule"])
+def test_a_distance_up_to_a_bound_is_the_same_and_beyond_it_is_beyond(first, second):
+    mesh = trimesh.creation.torus(0.3, 0.1)
+    made = {
+        "mesh": bvh(mesh.vertices, mesh.faces),
+        "box": coal.Box(0.3, 0.2, 0.1),
+        "cylinder": coal.Cylinder(0.1, 0.3),
+        "capsule": coal.Capsule(0.1, 0.3),
+    }
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        turns = [pin.Quaternion(rng.normal(size=4)).normalized().matrix() for _ in range(2)]
+        there = np.array([0.0, 3.0, 0.0]) + rng.normal(size=3)
+        stand = [pin.SE3(turn, at) for turn, at in zip(turns, (np.zeros(3), there), strict=True)]
+        narrow = NarrowPhase(lambda body: made[(first, second)[body]], lambda body, at=stand: transform(at[body]))
+        apart = narrow.distance(0, 1).distance
+        assert apart > 0.0
+        assert narrow.distance(0, 1, 1.001 * apart).distance == pytest.approx(apart, rel=0.0, abs=1e-9)
+        for bound in (0.1 * apart, 0.999 * apart):
+            assert narrow.distance(0, 1, bound).distance >= bound

@@ -256,11 +256,14 @@ def test_in_contact_the_depth_is_that_of_the_worst_of_some_samples() -> None:
     assert found.distances[4] == pytest.approx(-0.05, abs=1e-6)
 
 
-def test_a_smallest_distance_that_coal_does_not_confirm_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("off", [-1e-3, 1e-3])
+def test_a_smallest_distance_that_coal_does_not_confirm_is_no_answer(
+    monkeypatch: pytest.MonkeyPatch, off: float
+) -> None:
     place = World.build(group("panda"), library_scene("bookshelf"))
     trajectory = clear_motion(place, 0.15)
     measure = World.distance
-    monkeypatch.setattr(World, "distance", lambda self, pair: (measure(self, pair)[0] - 1e-3, None))
+    monkeypatch.setattr(World, "distance", lambda self, *asked: (measure(self, *asked)[0] + off, None))
     with pytest.raises(ContradictionError, match="Coal has"):
         found_along(place, trajectory)
 

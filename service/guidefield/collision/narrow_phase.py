@@ -18,6 +18,7 @@ is the margin at least.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -285,27 +286,32 @@ class NarrowPhase:
         self._collide[meeting](self._there(first), self._there(second), self._request, self._result)
         return float(self._result.getContact(0).penetration_depth) if self._result.isCollision() else None
 
-    def distance(self, first: int, second: int) -> ClosestPoints:
-        """Measure the distance of two bodies, negative where convex ones overlap, with their closest points."""
+    def distance(self, first: int, second: int, at_most: float = math.inf) -> ClosestPoints:
+        """Measure the distance of two bodies, negative where convex ones overlap, with their closest points.
+
+        Of bodies that are farther apart than `at_most` [m] at least that is returned, and no points.
+        """
         if not isinstance(patches := self.shape(second), Patches):
-            return self._distance((first, second, 0))
+            return self._distance((first, second, 0), at_most)
         nearest: ClosestPoints | None = None
         for apart, patch in patches.nearest_first(*self._box_in_frame(first, second)):
             if nearest is not None and apart > nearest.distance:
                 break
-            found = self._distance((first, second, patch))
+            found = self._distance((first, second, patch), at_most)
             if nearest is None or found.distance < nearest.distance:
                 nearest = found
         assert nearest is not None, "there is a patch"
         return nearest
 
-    def _distance(self, meeting: _Meeting) -> ClosestPoints:
+    def _distance(self, meeting: _Meeting, at_most: float = math.inf) -> ClosestPoints:
         first, second, _ = meeting
         if self._are_capsules(first, second):
             return measure_capsules(self.shape(first), self._there(first), self.shape(second), self._there(second))
         if meeting not in self._measure:
             self._measure[meeting] = coal.ComputeDistance(*(one.shape for one in self._outlines_of(meeting)))
         result = coal.DistanceResult()
+        if at_most < math.inf:
+            result.min_distance = at_most  # Coal looks at no parts of meshes that are farther apart
         here, there = self._there(first), self._there(second)
         self._measure[meeting](here, there, self._distance_request, result)
         one, other = self._outlines_of(meeting)

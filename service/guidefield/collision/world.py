@@ -7,6 +7,7 @@ otherwise; `FIRST_PAIRS` is memory.
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -194,15 +195,18 @@ class World:
         """Where a body stands, a pinocchio.SE3."""
         return self._robot.oMg[body] if body < self.pairs.links else self._obstacle(body).placement
 
-    def distance(self, pair: int) -> tuple[float, ClosestPoints]:
+    def distance(self, pair: int, at_most: float = math.inf) -> tuple[float, ClosestPoints]:
         """Return the distance of a pair [m] where the robot stands, signed or 0 in contact, and Coal's closest points.
+
+        Of bodies that are farther apart than `at_most` [m] at least that is returned, and no points.
 
         Coal measures a rounded body without its rounding, and so are the points. A body wholly inside a mesh has the
         distance from its surface: see `clearance.enclosed`.
         """
         first, second = self.pairs.of(pair)
-        result = self.exact.distance(first, second)
-        distance = result.distance - (self.rounding(first) + self.rounding(second))
+        rounding = self.rounding(first) + self.rounding(second)
+        result = self.exact.distance(first, second, at_most + rounding)
+        distance = result.distance - rounding
         return (distance if self.is_signed(pair) else max(0.0, distance)), result
 
     def hull_distance(self, pair: int) -> float:
