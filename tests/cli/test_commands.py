@@ -269,6 +269,10 @@ def test_the_viewer_is_opened_on_this_machine_only(tmp_path: Path, monkeypatch: 
     called: list[list[str]] = []
     monkeypatch.setattr(showing.subprocess, "call", lambda command, **_: called.append(command) or 0)
     (tmp_path / "run.rrd").write_bytes(b"")
+    monkeypatch.setattr(showing, "has_display", lambda: False)
+    assert "with --web" in str(CliRunner().invoke(app, ["show", str(tmp_path / "run.rrd")]).exception)
+    assert called == []
+    monkeypatch.setattr(showing, "has_display", lambda: True)
     assert CliRunner().invoke(app, ["show", str(tmp_path / "run.rrd")]).exit_code == 0
     assert called[0][3:] == ["--bind", "127.0.0.1", str(tmp_path / "run.rrd")]
     assert "there is no recording" in str(CliRunner().invoke(app, ["show", str(tmp_path / "nothing.rrd")]).exception)

@@ -22,18 +22,18 @@ from urllib.parse import quote
 from rich.console import Console
 
 from guidefield.cli.serving import free_port
-from guidefield.viewer import LOOPBACK, has_display, quiet_environment, viewer_command
+from guidefield.viewer import LOOPBACK, CannotShow, has_display, quiet_environment, viewer_command
 
 SERVER_START_TIME_S = 30.0  # time that the web viewer's server has to answer [s]
 
 
 def show_in_window(recording: Path, err: Console) -> int:
-    """Open a recording in the viewer's window, and return the viewer's exit code."""
+    """Open a recording in the viewer's window, and return its exit code; raises CannotShow without a display."""
+    if not has_display():
+        raise CannotShow("there is no display for a window: with --web a page for browsers of this machine shows it")
     code = subprocess.call([*viewer_command(), str(recording)], env=quiet_environment())  # noqa: S603 - our interpreter, a file that exists
     if code:
-        err.print(
-            "Where there is no display, `guidefield show --web` serves the recording to a browser on this machine."
-        )
+        err.print("If no window can be opened here, --web serves the recording to browsers of this machine.")
     return code
 
 
