@@ -128,6 +128,19 @@ def copied(scene: messages.Scene) -> messages.Scene:
     return decoded
 
 
+def test_many_scattered_changes_and_another_count_change_tables_row_by_row():
+    rng, kept = np.random.default_rng(0), BuiltScenes(Limit(16, 2**29))
+    message = freeze(messages.Scene("s", obstacles=[PLACED[k % len(PLACED)](f"o{k}", rng) for k in range(400)]))
+    made = [bits(tables(kept.of(message)))]
+    # what stands outermost stays, so that the order of the others is kept
+    inner = rng.permutation([one.name for one in message.obstacles if max(map(abs, one.position)) < 2.0])[:60]
+    moved = {name: Placement(tuple(rng.uniform(-1.0, 1.0, 3).tolist()), turned(rng)) for name in inner.tolist()}
+    new = messages.Box(name="new", size=(0.1, 0.1, 0.1), position=(0.5, 0.5, 0.5))
+    changed = apply_change(message, SceneDiff(add=[new], move=moved))
+    made.append(bits(tables(kept.of(changed))))
+    assert made[1] == bits(tables(build(copied(changed)))) != made[0]
+
+
 @settings(deadline=None, max_examples=4)
 @given(st.integers(0, 10**6), st.sampled_from([40, 280]), st.sampled_from([0.0, 0.05, 0.4]), st.booleans())
 def test_tables_of_a_changed_scene_are_those_of_the_same_scene_alone(seed, count, odd, moves):

@@ -93,7 +93,7 @@ def _carry_zeros(rows: Rows, values: np.ndarray) -> np.ndarray:
     """Carry numbers over that new bodies lack; return the same array if nobody has any."""
     if rows.count == rows.before and not values.any():
         return values
-    return rows.carry(values, np.zeros((rows.count, *values.shape[1:]), values.dtype))
+    return rows.carry(values, np.zeros((len(rows.fresh), *values.shape[1:]), values.dtype))
 
 
 @incremental(_over)
