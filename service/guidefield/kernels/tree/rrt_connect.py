@@ -297,15 +297,21 @@ def _go_on(
     return int(add_reached(search, tree, node))
 
 
-@lane_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64))
+@lane_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64, int64))
 def _grow(
-    world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, iterations: int
+    world: LaneWorld,
+    sampling: Sampling,
+    search: TreeSearch,
+    clearance: float,
+    resolution: float,
+    iterations: int,
+    motions: int,
 ) -> int:
     """`grow` on pointers."""
     counters, capacity, domains = search.counters, search.capacity, search.domains
     domain = DOMAIN * math.sqrt(search.nv)
-    last = counters[ITERATION] + iterations
-    while counters[ITERATION] < last:
+    last, last_motion = counters[ITERATION] + iterations, counters[MOTIONS] + motions
+    while counters[ITERATION] < last and counters[MOTIONS] < last_motion:
         batch, hit = 1, 0
         if counters[MOTIONS] >= ALONE:
             batch = LANES
@@ -346,14 +352,16 @@ def grow(
     clearance: float,
     resolution: float,
     iterations: int,
+    motions: int,
     begins: bool,
 ) -> int:
     """Grow two trees towards each other: MET (the path is written), FULL (give it more room) or GOING_ON.
 
     `world`, `sampling` and `search` are packed; the places of the search say where the sequence of samples begins.
     `starts` (k, nv) and `goals` (m, nv) are roots, coordinates in units of the sampling; `clearance` is kept from
-    obstacles [m], `resolution` is samples per length [1/rad or 1/m]. A batch that is begun is ended after
-    `iterations`; `begins` leaves only the roots of the trees before, and forgets what the world was asked.
+    obstacles [m], `resolution` is samples per length [1/rad or 1/m]. It goes on for `iterations` or until `motions` are
+    judged, and ends the batch that is begun; `begins` leaves only the roots of the trees before, and forgets what the
+    world was asked.
 
     Raises ValueError if roots, trees and robot aren't of as many coordinates.
     """
@@ -363,7 +371,7 @@ def grow(
     if begins:
         begin(trees, starts, goals)
         forget(among)
-    outcome = _grow(among, sources, trees, clearance, resolution, iterations)
+    outcome = _grow(among, sources, trees, clearance, resolution, iterations, motions)
     if outcome == MET:
         join(sources, trees, starts, goals)
     return outcome

@@ -2,7 +2,7 @@
 
 The kernels are kernels/tree/rrt_connect.py and, within path constraints, constrained_connect.py; memory for them, and
 the box that samples are drawn from, stay with each thread. Motions are free at samples: every user of a path certifies
-what becomes of it, so the constants change which path a seed leads to and the time. `ITERATIONS_PER_CHECK` and
+what becomes of it, so the constants change which path a seed leads to and the time. Those of a check and
 `FIRST_CAPACITY` are time alone; service/docs/algorithm.md repeats `RESOLUTION` and `STRIDE`.
 """
 
@@ -38,7 +38,9 @@ from guidefield.robot.model.spaces import ChartPoints
 RESOLUTION = 32.0
 MOST_ITERATIONS = 100_000_000  # samples that a search draws, which cost next to nothing: for safety
 MOST_MOTIONS = 3_000_000  # motions that it judges at most. Unrecorded
-ITERATIONS_PER_CHECK = 256  # iterations between two checks of the deadline: some milliseconds
+# between two checks of the deadline, each of which takes some milliseconds at most: iterations that always are, nodes
+# that more iterations may look at, and motions that are judged
+ITERATIONS_PER_CHECK, NODES_PER_CHECK, MOTIONS_PER_CHECK = 256, 4_000_000, 256
 MOST_ROOTS_TRIED = 20_000  # extensions of roots alone after which `can_escape` examines these. Unrecorded
 FIRST_CAPACITY = 512  # nodes that each tree has memory for at first; doubled when it is full. Unrecorded
 ESCAPE_LENGTHS = (0.3, 0.1, 0.03, 0.01)  # of motions by which a root may be left [rad, or m at size 1]
@@ -232,14 +234,13 @@ def grow(
         resolution, clearance,
     )  # fmt: skip
     while True:
-        piece = (
-            0
-            if deadline.expired()
-            else min(ITERATIONS_PER_CHECK if frames is None else CONSTRAINED_PER_CHECK, most_iterations)
-        )
+        nodes = most_roots if begins else int(counters[lane_nodes.SIZE : lane_nodes.SIZE + 2].max())
+        checked = max(ITERATIONS_PER_CHECK, NODES_PER_CHECK // nodes) if frames is None else CONSTRAINED_PER_CHECK
+        piece = 0 if deadline.expired() else min(checked, most_iterations)
         words = lanes.words, sources.words, memory.words
         if frames is None:
-            ended = kernel.grow(*words, first, second, clearance, resolution, piece, begins)
+            motions = min(MOTIONS_PER_CHECK, most_motions - int(counters[lane_nodes.MOTIONS]) * (not begins))
+            ended = kernel.grow(*words, first, second, clearance, resolution, piece, motions, begins)
         else:
             ended = grow_within(*words, frames, strides, first, second, piece, begins)
         if ended == kernel.MET:
