@@ -214,6 +214,12 @@ def occupied_port() -> Iterator[int]:
         yield listening.getsockname()[1]
 
 
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    done = here("demo", "--folder", str(tmp_path / "file"))
+    assert (done.returncode, done.stderr) == (2, f"FileExistsError: {tmp_path / 'file'}: File exists\n")
+
+
 def test_a_service_that_cannot_start_says_why_in_one_line(tmp_path: Path, occupied_port: int) -> None:
     config = tmp_path / "zenoh.json5"
     config.write_text("{ lisen: {} }")

@@ -142,7 +142,7 @@ def main() -> None:
     try:
         app()
     except (GuidefieldError, CannotShow, CannotStart, OSError) as error:
-        err.print(f"[red]{_name(error)}[/red]: {escape(str(error))}", highlight=False, soft_wrap=True)
+        err.print(f"[red]{_name(error)}[/red]: {escape(_describe(error))}", highlight=False, soft_wrap=True)
         sys.exit(2)
 
 
@@ -810,6 +810,12 @@ def _show(reply: Reply, output: Path | None) -> None:
 
 def _format_json(reply: Reply) -> str:
     return msgspec.json.format(codec.encode(reply), indent=1).decode()
+
+
+def _describe(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
 
 
 def _name(error: Exception) -> str:
