@@ -107,6 +107,7 @@ def _format_number(value: float | None, unit: float = 1.0) -> str:
     return "-" if value is None else f"{value * unit:.4g}"
 
 
+WIDTH_OF_A_LINE = 130  # width of a terminal from which a listed run has one line, else two [characters]
 SHOWN_DIGITS = 16  # number of digits of a hash that are shown
 VERDICT_FIELDS = ("status", "curve", "certificate", "clearance", "self_clearance", "limits", "cartesian", "effort")
 """The fields of a certify reply that must be the same; `effort` are the joints' torques."""
@@ -272,12 +273,17 @@ def _read_pages(runs: UserRuns, wanted: ReadRuns, limit: int | None) -> Iterator
 
 def _make_table(runs: list[RunSummary], *, headed: bool) -> Table:
     table = Table(box=box.SIMPLE_HEAD if headed else box.SIMPLE, show_header=headed)
-    table.add_column("run", no_wrap=True, min_width=max((len(run.run_id) for run in runs), default=0))
-    for column in ("status", "robot", "scene", "began", "recording"):
+    narrow = out.width < WIDTH_OF_A_LINE
+    table.add_column("run, and when it began" if narrow else "run", no_wrap=True)
+    for column in ("status, robot and scene",) if narrow else ("status", "robot", "scene", "began", "recording"):
         table.add_column(column, overflow="fold")
     for run in runs:
         began = datetime.fromtimestamp(run.began).astimezone().isoformat(" ", "seconds")
-        table.add_row(run.run_id, run.status, run.robot, run.scene, began, run.recording)
+        if narrow:
+            outcome = f"{run.status}, recording {run.recording}\n{run.robot} in {run.scene}"
+            table.add_row(f"{run.run_id}\n{began}", outcome)
+        else:
+            table.add_row(run.run_id, run.status, run.robot, run.scene, began, run.recording)
     return table
 
 
