@@ -341,6 +341,13 @@ def test_the_client_raises_what_the_service_means(client: Client) -> None:
         client.plan({"type": "info"})
 
 
+def test_a_closed_client_says_so(service: Service) -> None:
+    with Client.connect(service.endpoint) as client:
+        assert client.alive()
+    with pytest.raises(NoService, match="the client is closed"):
+        client.scenes()
+
+
 def test_nobody_there_is_said(service: Service) -> None:
     with free_port() as port, pytest.raises(NoService, match="nobody listens"):
         Client.connect(f"tcp/127.0.0.1:{port}", wait=0.2)

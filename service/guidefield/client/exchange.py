@@ -253,8 +253,12 @@ class Exchange:
     def ask(self, question: Question[Any]) -> Future[bytes]:
         """Ask, and return the future payload of the answer, or the exception that the service's error names.
 
-        Raises MalformedRequest if its key can't be asked for.
+        Raises:
+            MalformedRequest: if its key can't be asked for.
+            NoService: if the session is closed.
         """
+        if self.session.is_closed():
+            raise NoService("the client is closed: connect another one")
         asking = _PendingQuestion(self, question)
         asking.answer.set_running_or_notify_cancel()  # a caller that gives up doesn't withdraw the question
         asking.send(self._choose_instance(question))
