@@ -263,15 +263,20 @@ class Engine:
 
         Args:
             robots: Robots of the catalog.
-            recorder: Whether recordings are rendered here, too: loading that takes as long, and as much memory, as all
-                the rest.
+            recorder: Whether recordings are rendered here, too, as they are for a viewer: loading that takes as long,
+                and as much memory, as all the rest.
 
         Raises:
             RobotInvalid: if a robot is unknown or can't be used.
         """
         compile_kernels(_log.info)
+        rooms = ["handlers.plan", "handlers.certify"]
+        if recorder or self._viewer is not None:
+            rooms.append("recorder.recorder")
+        if self._viewer is not None:
+            rooms.append("recorder.live_view")
         with pause_collector():
-            for room in ("handlers.plan", "handlers.certify", *(["recorder.recorder"] if recorder else [])):
+            for room in rooms:
                 importlib.import_module(f"guidefield.{room}")
             importlib.import_module("guidefield.kernels.jit.compilers").load_imported()
         self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))

@@ -131,6 +131,19 @@ def _nobody_waits(port: int) -> None:
     assert time.monotonic() - began < 5.0
 
 
+@pytest.mark.parametrize("viewer", [None, "rerun+http://127.0.0.1:9/proxy"])
+def test_an_engine_that_shows_runs_loads_what_that_takes_before_the_first(viewer: str | None) -> None:
+    code = f"""
+import sys
+from guidefield.engine import Engine
+Engine(viewer={viewer!r}).warm_up()
+loaded = {{"guidefield.recorder.live_view", "guidefield.recorder.recorder"}} & {{*sys.modules}}
+sys.exit(len(loaded))
+"""
+    done = subprocess.run([sys.executable, "-c", code], check=False, timeout=TIME_S)
+    assert done.returncode == (0 if viewer is None else 2)
+
+
 def test_nobody_waits_for_a_viewer_that_is_not_there() -> None:
     _nobody_waits(9)
 
