@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import coal
@@ -37,6 +36,7 @@ from guidefield.kernels.collide.overlap import (
     overlap_along,
     try_directions,
 )
+from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.scene.recipe import Patches
 
@@ -67,21 +67,26 @@ class Outline:
         self.shape = shape
         self.is_convex = isinstance(shape, (coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.ConvexBase))
 
-    @cached_property
+    @property
     def convex(self) -> ConvexShape:
         """The shape as kernels take it, if it is convex."""
-        shape, kind, sizes = self.shape, HULL, np.zeros(3)
-        points, normals = np.empty((0, 3)), np.empty((0, 3))
-        if isinstance(shape, coal.Box):
-            kind, sizes = BOX, np.array(shape.halfSide, float)
-        elif isinstance(shape, coal.ConvexBase):
-            points = np.ascontiguousarray(shape.points(), float)
-            normals = np.ascontiguousarray(_normals(shape, points))
-        else:
-            kind = CYLINDER if isinstance(shape, coal.Cylinder) else CAPSULE
-            sizes[:2] = shape.radius, 0.0 if isinstance(shape, coal.Sphere) else shape.halfLength
-        read_only(sizes, points, normals)
-        return ConvexShape(kind, sizes, float(shape.getSweptSphereRadius()), points, normals)
+        return _describe_convex(self.shape)
+
+
+@memoized
+def _describe_convex(shape: Any) -> ConvexShape:
+    kind, sizes = HULL, np.zeros(3)
+    points, normals = np.empty((0, 3)), np.empty((0, 3))
+    if isinstance(shape, coal.Box):
+        kind, sizes = BOX, np.array(shape.halfSide, float)
+    elif isinstance(shape, coal.ConvexBase):
+        points = np.ascontiguousarray(shape.points(), float)
+        normals = np.ascontiguousarray(_normals(shape, points))
+    else:
+        kind = CYLINDER if isinstance(shape, coal.Cylinder) else CAPSULE
+        sizes[:2] = shape.radius, 0.0 if isinstance(shape, coal.Sphere) else shape.halfLength
+    read_only(sizes, points, normals)
+    return ConvexShape(kind, sizes, float(shape.getSweptSphereRadius()), points, normals)
 
 
 def closest_points(first: Outline, here: Any, second: Outline, there: Any, measured: Any) -> ClosestPoints:

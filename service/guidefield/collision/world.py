@@ -301,7 +301,7 @@ class World:
     def _shape(self, body: int) -> Any:
         """A body's Coal shape; of very many triangles, their patches."""
         if body < self.pairs.links:
-            return self.group.geometry.geometryObjects[body].geometry
+            return _link_shapes(self.group)[body]
         obstacle = self._obstacle(body)
         patches = None if obstacle.facets is None else obstacle.facets.patches
         return obstacle.shape if patches is None else patches
@@ -325,6 +325,12 @@ def _require_other_names(group: PlanningGroup, scene: Scene) -> None:
                 link=obstacle.name,
                 path=f"$.scene.obstacles[{index}].name",
             )
+
+
+@memoized_for_alike
+def _link_shapes(group: PlanningGroup) -> list[Any]:
+    """Shapes of a robot's bodies: each as one object of Python, with which is kept what is known of it."""
+    return [one.geometry for one in group.geometry.geometryObjects]
 
 
 @memoized_for_alike
