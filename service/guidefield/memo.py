@@ -172,7 +172,7 @@ def memoized_by_value(most: int) -> Callable[[Callable[Rest, Found]], Callable[R
     return memoize
 
 
-MAX_FULLY_MEASURED, SAMPLE_SIZE = 64, 32  # the size of a sequence with more items is estimated from a sample
+MAX_FULLY_MEASURED, SAMPLE_SIZE = 64, 32  # of a sequence with more items, a sample is measured; 1st >= 2nd
 
 
 _SMALL = frozenset({int, float, str, bool, type(None)})  # types whose size doesn't count

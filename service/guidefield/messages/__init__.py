@@ -1,5 +1,6 @@
 """The vocabulary of the wire and of files: requests, replies, scenes, and their encoding.
 
-The light client has this folder alone: nothing here imports NumPy, or rooms that do. Docstrings of messages are their
-descriptions in docs/wire.md and in the schemas: after a change, `tools/wire_page` makes these anew.
+The light client has this folder, too: nothing here imports NumPy, or a room that it hasn't (`rooms` in pyproject.toml).
+Docstrings of messages are their descriptions in docs/wire.md and in the schemas: after a change, `tools/wire_page`
+makes these anew.
 """

@@ -345,6 +345,6 @@ KINDS: dict[str, Callable[[SentMotion], bytes]] = {
     "json": _json,
     "npz": _npz,
 }
-"""Writers by kind, which are the endings of files: first those of an action's goal in ROS, and URScript."""
+"""Writers by kind: the first one counts with whose name a file ends, so that `ros.json` has to stand before `json`."""
 CONTROLLER_KINDS = ("ros.json", "yaml", "script")
 """Those that controllers alone read: the command line exports them of certified executions only."""

@@ -4,8 +4,8 @@ A payload or an attachment can claim anything. A key can't, if access control le
 user. So the identity is the key: `guidefield/<i>/as/<user>/…` belongs to the user, and all other keys belong to one
 identity, `PLAIN`.
 
-Keys, and fields of quotas, are the wire and files of operators. Docstrings of messages are in the schemas: after a
-change, `tools/wire_page`.
+Keys, and fields of quotas, are the wire and files of operators; docs/service.md repeats the default quotas. Docstrings
+of messages are in the schemas: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

@@ -46,7 +46,10 @@ MESSAGES: tuple[type[msgspec.Struct], ...] = (
     StreamJudged,
     StreamsReply,
 )
-"""All messages that have a schema in `info` and docs/wire.schema.json."""
+"""All messages that have a schema in `info` and docs/wire.schema.json.
+
+Requests and replies come with their unions; any other message is added here.
+"""
 
 _MEANING = re.compile(r"^ {4}(\w+(?:, \w+)*): (.*)$")
 

@@ -1,7 +1,8 @@
 """The keys of a service, their purposes, parameters and messages, and the meaning of each status code.
 
-What is served is decided by `_RULES` of messages/keys.py and by messages/stream_requests.py, which take only `SHARING`
-from here; tests compare the two. Words here change `info` and docs/wire.md alone: after a change, `tools/wire_page`.
+What is served is decided by `_RULES` of messages/keys.py and by messages/stream_requests.py; from here they take
+`SHARING` and, for the error about an unknown key, `SERVED`. Tests compare the two. Words here are in `info` and
+docs/wire.md: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Requests and replies about open streams, and their keys, `streams/<id>/...`; streams.py has motions and updates.
 
-Chunks of keys and names of fields are the wire. A further query needs its answer in `endpoint/streams.py` and its line
-in served.py, too. Docstrings of messages are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
+Chunks of keys and names of fields are the wire. A further query needs its answer in `endpoint/streams.py`, its line in
+served.py and its messages in schemas.py, too. Docstrings of messages are in docs/wire.md and the schemas: after a
+change, `tools/wire_page`.
 """
 
 from __future__ import annotations

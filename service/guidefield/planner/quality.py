@@ -1,7 +1,8 @@
 """Measure a motion: its distances from everything along the way, its length and its smoothness.
 
 The constants decide what a figure of a reply means; docs and messages state `END_LENGTH`, `LAST_SEARCH_S` and the
-accuracies. How many samples there are changes `mean` and the recorded profile; the smallest distances are exact anyway.
+accuracies. How many samples there are changes `mean`, `smoothness`, the recorded profile, and the depth of a motion in
+contact; smallest distances above 0 are exact anyway.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@ Of several goals the one is chosen that is estimated to be reached soonest (`fin
 together where none of them is reached with a few motions.
 
 Lanes judge motions by samples only: what they find is a proposal to the certificate. One that is optimised anyway need
-not be certified before: that moves it away from where samples overlooked something. So every constant here may be
-changed: it changes the path that is found for a request's seed, its length and the time, never what counts as free.
-service/docs/algorithm.md, "Connect", repeats some.
+not be certified before: that moves it away from where samples overlooked something. So the constants here decide
+whether a path is found, which one for a request's seed, and how soon, never what counts as free; those that count
+something stay above 0. service/docs/algorithm.md, "Connect", repeats some.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 The kernels are kernels/tree/rrt_connect.py and, within path constraints, constrained_connect.py; memory for them, and
 the box that samples are drawn from, stay with each thread. Motions are free at samples: every user of a path certifies
-what becomes of it, so the constants change which path a seed leads to and the time. Those of a check and
-`FIRST_CAPACITY` are time alone; service/docs/algorithm.md repeats `RESOLUTION` and `STRIDE`.
+what becomes of it, so the constants change which path a seed leads to and the time, `FIRST_CAPACITY` too: samples are
+lost where a tree outgrows it. Those of a check change how late a deadline is noticed; `MOST_ROOTS_TRIED` and the
+escapes, when a search is given up. service/docs/algorithm.md repeats `RESOLUTION` and `STRIDE`.
 """
 
 from __future__ import annotations

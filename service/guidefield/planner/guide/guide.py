@@ -5,8 +5,8 @@ itself, a slide may not undo an advance (guard), the tip heads for the polygon i
 stops at the plane, and every accepted step belongs to the path.
 
 Each step is judged free when it is taken (`GuidedPath.free`, or the same capsules in kernels), so the constants change
-clearance and time of the motions, not what is free. Keys of `ATTEMPTS` are names of the wire; that document repeats
-`FIRST_STEP` and `CREEPING_ROUNDS`.
+success, clearance and time of the motions, not what is free. Keys of `ATTEMPTS` are names of the wire; that document
+repeats `FIRST_STEP` and `CREEPING_ROUNDS`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Projected, a `Minimizer` (rounds.py) for any joints: it descends on the manifold of configurations on a plane.
 
 Kernels take its steps by the same settings, alone or in whole rounds (kernels/guide). A step is taken if it is free, so
-the constants trade the clearance that a motion keeps against time; service/docs/algorithm.md repeats most of them.
+the constants change success, clearance and time; service/docs/algorithm.md repeats most of them.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 A round is made step by step, or several of them in one kernel if nothing has to be judged outside it: if `Projected`
 slides and reorients at once (`Blocks.ONE`), and all shapes of the robot are capsules (`SweptWorld.exact`). Both have to
 do the same: kernels/guide/plane_rounds.py, which gets the constants from here. They change clearance, success and time
-of the way to a plane, and that document repeats most; `ROUNDS_PER_CHECK` is time alone. `Unrecorded`: nobody knows what
-chose a constant; measure before a change.
+of the way to a plane, and that document repeats most; `ROUNDS_PER_CHECK` leaves the way. `Unrecorded`: nobody knows
+what chose a constant; measure before a change.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ from guidefield.scene.guide_plane import SLACK, GuidePlane
 
 SMALLEST_STEP = 0.1 / 50  # below this an advance is given up, delta_min [m], at size 1. Unrecorded
 GUARD = 0.5  # share of an advance's gain that slide and reorient have to keep, 1 - beta. Unrecorded
-ON_PLANE = 1e-4  # a tip as near to the plane counts as on it, at size 1 [m]: the accuracy that the docs promise
+# a tip as near to the plane counts as on it, at size 1 [m]: the accuracy that the docs promise, and ten times
+# `projected.ON_CONSTRAINT`
+ON_PLANE = 1e-4
 SHORT_STEP = 0.1 / 4  # an advance of this length is not made again with shorter ones, at size 1 [m]. By its scenes
 ROUNDS_PER_CHECK = 4  # rounds in one kernel between two checks of the deadline. Unrecorded
 

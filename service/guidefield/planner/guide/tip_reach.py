@@ -2,7 +2,8 @@
 
 A plane that `explain_unreachable` names is refused without a search, so its bounds must hold: the reach may be larger,
 never too small. With fewer `DIVISIONS` the way to a blocked plane is searched for in vain. The insets are a choice:
-farther from a polygon's edges, or through more of it; service/docs/algorithm.md repeats `INSET`.
+farther from a polygon's edges, or through more of it. A plane is refused as blocked if it is within `INSET`, which
+service/docs/algorithm.md repeats.
 """
 
 from __future__ import annotations

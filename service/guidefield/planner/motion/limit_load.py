@@ -1,8 +1,8 @@
 """The stretch of time by which a motion keeps its limits, and the share of each limit that a given motion uses.
 
 That plans keep limits of rates rests on `stretch_to_limits`, and on enough `MOST_ROUNDS`: with few of them rounding may
-leave an excess. `STEP` and `ROUNDING` enter the verdict on given motions, `TOLERANCE` what is refused at ends in
-motion and taken of schedules; what counts as kept is `KEPT_SHARE` of task/motion_limits.py.
+leave an excess. `STEP` and `ROUNDING` enter the verdict on given and drawn motions, `TOLERANCE` what is refused at ends
+in motion and taken of schedules; what counts as kept is `KEPT_SHARE` of task/motion_limits.py.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ and exceeds none. It keeps to the curve but for a sixth of the second difference
 
 Jerk is limited by that scaling alone. The longer its pieces are, the less jerk a motion has, so several lengths are
 tried. So no constant here decides whether limits are kept: they change how long a motion takes, how far it is from the
-path, and the time to find it.
+path, and the time to find it. `SHORTEST_PIECE` is that of schedules, too; service/docs/algorithm.md repeats the last
+of `PIECES`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """A motion in time, the cubic Hermite curve through knots; and the motion by constant jerks from any velocity to rest.
 
 This very curve is certified, sent in replies, and read by kernels (`tables`): its formula has to stay. The constants
-are of stops: with less of `ROUNDING` or `CLOSE` rounding may exceed a limit of jerk; the others change how long a stop
-takes.
+are of stops; `ROUNDING` also of optimised motions whose time isn't scaled. `RAMP` changes how long a stop takes. With
+less of `ROUNDING` or `CLOSE`, with fewer `TRIES` or `SLOWER` nearer 1, more stops exceed a limit of jerk by rounding;
+more of them lower jerks further.
 """
 
 from __future__ import annotations

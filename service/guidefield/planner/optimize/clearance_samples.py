@@ -1,8 +1,9 @@
 """The robot as points, as the barrier's kernels read it, and samples of a motion at which its clearance is taken.
 
 All of it is the objective of the optimisation, a proposal: the constants change the motion that comes out, how often
-the certificate refuses it, and the time; service/docs/algorithm.md, "Optimise", repeats some. The order of points (the
-few of a link first, in blocks of lanes) is the kernels' (kernels/barrier).
+the certificate refuses it, and the time; service/docs/algorithm.md, "Optimise", repeats `LEAST_RANGE_SHARE`,
+`CONSTRAINT_ROOM` and half of `CONSTRAINT_WEIGHT`. The order of points (the few of a link first, in blocks of lanes) is
+the kernels' (kernels/barrier).
 """
 
 from __future__ import annotations

@@ -49,8 +49,9 @@ from guidefield.robot.model.spaces import ChartPoints, ChartRate
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 
 MOST_STEPS = 20  # most looks that bring something at each weight: easy motions take four, a Fetch's twenty
-ROOM = 1.02  # pieces of the first motion are longer by this factor than its limits allow. Unrecorded
-INSIDE = 1e-3  # share of a coordinate's range that the first motion keeps from its ends. Unrecorded
+# pieces of the first motion are longer by this factor than its limits allow: with 1 nothing is optimised. Unrecorded
+ROOM = 1.02
+INSIDE = 1e-3  # share of a coordinate's range that the first motion keeps from its ends, above 0. Unrecorded
 MOST_MOVING_PIECES = 192  # most pieces of a motion that begins or ends in motion. Unrecorded
 STOP_PIECES = 4  # least of its pieces for coming to rest there. Unrecorded
 LOOSENINGS = 8  # rounds of loosened limits by which such a motion is brought within. Unrecorded

@@ -12,8 +12,9 @@ change of s makes up for counts for nothing either: with a = dm/ds, and A the de
 So a motion that crosses a plane within its polygon is held by nothing; one that leaves the polygon is held at its edge,
 and one that only reaches the plane is held on it. What is missed in the end is taken away exactly, to `REACHED`: that
 near are the motions of plans to their planes, and no passed goal has a smaller radius (`NO_RADIUS` of
-sequence/rounding.py). The other constants are a search, whose failure loses the motion. Kernels compute `missed` and
-`rows` of a plane by the same formulas (`Place.tip_plane`).
+sequence/rounding.py). With less of `SHORTEST` pieces become so short that their jerk is rounding. The other constants
+are a search, whose failure loses the motion. Kernels compute `missed` and `rows` of a plane by the same formulas
+(`Place.tip_plane`).
 """
 
 from __future__ import annotations
