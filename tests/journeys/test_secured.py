@@ -88,10 +88,17 @@ def test_nothing_is_written_over_and_names_have_one_role(folder: Path, tmp_path:
         ([str(folder)], "holds service.json5"),
         ([str(tmp_path), "--user", "operator"], "each name has one role"),
         ([str(tmp_path), "--user", "a/b"], "user 'a/b' must be"),
+        ([str(tmp_path), "--host", "robots.example:7447"], "without protocol and port, got 'robots.example:7447'"),
     ):
         refused = CliRunner().invoke(app, ["secure", *words])
         assert told in str(refused.exception)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_address_with_colons_is_one_of_zenoh(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["secure", str(tmp_path), "--host", "::1"])
+    assert done.exit_code == 0, done.output
+    assert '"tls/[::1]:7447"' in (tmp_path / "operator.json5").read_text()
 
 
 def test_an_operator_may_do_everything(folder: Path, service: Service) -> None:

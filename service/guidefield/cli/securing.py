@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import ipaddress
 import json
+import re
 import secrets
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -77,10 +78,15 @@ def _make_name(name: str) -> x509.Name:
 
 
 def _make_host(host: str) -> x509.GeneralName:
+    return x509.IPAddress(ipaddress.ip_address(host)) if _is_address(host) else x509.DNSName(host)
+
+
+def _is_address(host: str) -> bool:
     try:
-        return x509.IPAddress(ipaddress.ip_address(host))
+        ipaddress.ip_address(host)
     except ValueError:
-        return x509.DNSName(host)
+        return False
+    return True
 
 
 ASK_MESSAGES = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
@@ -171,6 +177,7 @@ def _ids(rules: Iterable[dict[str, Any]]) -> list[str]:
 
 LOCAL_HOSTS = ("localhost", "127.0.0.1")  # names of a service on the client's own machine
 SECRET_BYTES = 24  # random bytes of a password
+HOST_NAME = re.compile(r"(\*\.)?[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
 READABLE, SECRET = 0o644, 0o600  # modes of files; those with a password or key are readable by their owner only
 
 
@@ -180,13 +187,16 @@ def write_files(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -
     The service's configuration comes first, then those of the clients, with the first host, then the service's files.
 
     Raises:
-        MalformedRequest: if a name can't be a user's, or two have the same, or a file is there already.
+        MalformedRequest: if a name can't be a user's or host's, or two users have the same, or a file is there already.
     """
     names = roles.everybody()
     for name in names:
         check_user(name)
     if len(set(names)) < len(names):
         raise MalformedRequest(f"each name has one role, got {', '.join(names)}", names=list(names))
+    for host in hosts:
+        if not (HOST_NAME.fullmatch(host) or _is_address(host)):
+            raise MalformedRequest(f"a host is a name or an address without protocol and port, got {host!r}", host=host)
     made = make_certificates(hosts)
     passwords = {name: secrets.token_urlsafe(SECRET_BYTES) for name in names}
     where = folder.resolve()
@@ -225,7 +235,7 @@ def client_configuration(
     """Make the Zenoh configuration of a client, with the user whose keys the Python client uses."""
     configuration: dict[str, Any] = {
         "mode": "client",
-        "connect": {"endpoints": [f"tls/{host}:{port}"]},
+        "connect": {"endpoints": [f"tls/[{host}]:{port}" if ":" in host else f"tls/{host}:{port}"]},
         "transport": {
             "link": {"tls": {"root_ca_certificate_base64": base64.b64encode(authority).decode()}},
             "auth": {"usrpwd": {"user": name, "password": password}},
