@@ -81,7 +81,7 @@ def settle_scene(request: msgspec.Struct) -> None:
 MOST_HELD = 1_000
 """The largest number of held objects."""
 MOST_PAIRS = 100_000
-"""The largest number of allowed pairs of links and obstacles."""
+"""The largest number of allowed pairs of links and obstacles; docs/goals.md tells it, too."""
 MOST_CONSTRAINTS = 100
 """The largest number of path constraints of a motion, and of its Cartesian limits."""
 

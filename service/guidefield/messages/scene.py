@@ -41,7 +41,7 @@ Points = list[Vector3] | Float32Array
 Triangle = tuple[int, int, int]
 
 MAX_VERTICES = 1_000_000
-"""The largest number of vertices, triangles or points of an obstacle."""
+"""The largest number of vertices, triangles or points of an obstacle; docs/scenes.md tells it, too."""
 
 Triangles = Annotated[list[Triangle], msgspec.Meta(min_length=1, max_length=MAX_VERTICES)] | Uint32Array
 
@@ -142,7 +142,7 @@ def _is_block_below(addend: int, packed: bytes) -> bool:
 
 
 MOST_OBSTACLES = 100_000
-"""The largest number of obstacles of a scene."""
+"""The largest number of obstacles of a scene; docs/scenes.md tells it, too."""
 MOST_PLANES = 1_000
 """The largest number of guide planes of a scene, or of a request."""
 LONGEST_TRAJECTORY = 100_000

@@ -42,7 +42,7 @@ from guidefield.messages.values import (
     require_finite_positions,
 )
 
-DEFAULT_STREAMS = 4  # the default of the largest number of open streams of a service
+DEFAULT_STREAMS = 4  # default of the largest number of open streams of a service; docs/service.md tells it, too
 MOST_STREAM_OBSTACLES = 10_000
 """The largest number of obstacles of a stream."""
 

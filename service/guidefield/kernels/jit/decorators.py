@@ -1,6 +1,6 @@
 """Decorators of kernels and of their parts.
 
-A further decorator of kernels has to be named in `_KERNELS` of `cache.py`, which knows by it what machine code to keep.
+A further decorator of kernels has to be named in `_KERNELS` of `cache.py`, which knows by it what to compile ahead.
 Another `FASTMATH` or `CONTRACT` changes the last bits of nearly all results, and compiles most kernels anew.
 """
 

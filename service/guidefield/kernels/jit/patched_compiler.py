@@ -10,8 +10,10 @@ A kernel's machine code is loaded when it is first called, after that of all ker
 compiling isn't looked at then: of some 150 kernels an answer needs half, and the linker's tables and the types and
 functions that numba knows are for callers that are yet to be compiled.
 
-All of it relies on what is inside the versions of numba that `first_start.KNOWN_NUMBA` names, and saves time alone:
-results have to be those of `plain_compiler`, up to rounding.
+All of it relies on what is inside the versions of numba that `first_start.KNOWN_NUMBA` names. Typing that is
+remembered, silence and lazy reading save time alone. Without `_interned` threads make two of one type; and as kernels
+call each other by name, a process crashes without `_KernelFlags` (the same name in every process) or another order in
+`Kernel.load`. Results have to be those of `plain_compiler`, up to rounding.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Samples of a motion and of the surroundings of the nearest ones: first answers of a search, never a proof.
 
-Small first answers let the search leave out more: constants but `LIST` change how soon it ends, not its verdict. All
-parts are compiled into their callers: what is long is called from one place, in a loop.
+Small first answers let the search leave out more: constants but `LIST` change how soon it ends, not its verdict; in
+contact, where it measures no more, `STEPS` changes the depth that replies have. All parts are compiled into their
+callers: what is long is called from one place, in a loop.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Limits that a commit keeps, and a bound on the robot's travel; `kernels/prove` proves what it keeps from obstacles.
 
-A commit is sent if `broken_limit` finds none: nothing else in a stream checks limits. Its phases are those of `way`, of
-constant jerk, in the same columns.
+A commit is sent only if `broken_limit` finds none: nothing else in a stream checks limits of joints; those of speeds in
+space are checked by `stream/commit.py`. Its phases are those of `way`, of constant jerk, in the same columns.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from guidefield.kernels.prove.tables import BezierCurve, MovingRobot
 
 BEGIN, VALUE, VELOCITY, ACCELERATION, JERK = range(5)  # columns of a phase: its begin [s], and the state there
 PHASE = 5  # their number
-EXACT = 1e-9  # a commit may break a limit or jump by this, for rounding: as a share of the limit, or in [rad or m, s]
+EXACT = 1e-9  # a commit may break a limit of rates or jump by this, for rounding: share of the limit, or [rad or m, s]
 
 
 @lane_part
