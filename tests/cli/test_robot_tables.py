@@ -33,6 +33,7 @@ def test_a_robot_has_a_line_beside_its_variants_and_those_that_cannot_be_used_th
         "cart",
     ]
     assert "\n  small_arm " in _text(robots_table(RobotsReply(robots=robots)), width=40)
+    assert "and 2 more" not in _text(robots_table(RobotsReply(robots=robots), narrow=True))
     text = "\n".join(lines)
     assert "8     5 revolute, 1 planar, 2 that follow" in text
     assert "a, b, c, d and 2 more" in text

@@ -38,16 +38,19 @@ from guidefield.messages.replies import (
 MAX_LISTED_GROUPS = 4  # number of groups of a robot that the list names at most
 
 
-def robots_table(reply: RobotsReply) -> RenderableType:
-    """Make a table of the robots, variants of a family together, and of those that are unusable, with reasons."""
-    table = _make_headed_table("name", "DoF", "joints", "groups", "tip", "from")
+def robots_table(reply: RobotsReply, *, narrow: bool = False) -> RenderableType:
+    """Make a table of the robots, variants of a family together, and of those that are unusable, with reasons.
+
+    A narrow one has neither groups nor sources.
+    """
+    columns = ("name", "DoF", "joints", "tip") if narrow else ("name", "DoF", "joints", "tip", "groups", "from")
+    table = _make_headed_table(*columns)
     usable = [robot for robot in reply.robots if robot.problem is None]
     for _, family in groupby(sorted(usable, key=lambda r: (r.family, r.name)), key=lambda r: r.family):
         for robot in family:
             dof = "" if robot.dof is None else str(robot.dof)
-            table.add_row(
-                robot.name, dof, _count_kinds(robot), _list_groups(robot.groups), robot.tip or "", robot.source
-            )
+            cells = (robot.name, dof, _count_kinds(robot), robot.tip or "", _list_groups(robot.groups), robot.source)
+            table.add_row(*cells[: len(columns)])
     problems = [Text(f"{robot.name}: {robot.problem}") for robot in reply.robots if robot.problem is not None]
     if not problems:
         return table
