@@ -67,23 +67,24 @@ def _enclosures(world: World, qs: Sequence[ModelConfiguration], since: int = 0) 
     if not len(qs) or (world.scene.convex and not closed.any()):
         yield from (iter(()) for _ in qs)
         return
+    links = solids_of_group(world.group)
     for q, pairs in zip(qs, world.near_each(qs, closed), strict=True):
         world.place(q)
-        yield (pair for pair in pairs if pair >= since and _is_one_around_the_other(world, *world.pairs.of(pair)))
+        yield (pair for pair in pairs if pair >= since and _is_one_around_other(world, links, *world.pairs.of(pair)))
 
 
-def _is_one_around_the_other(world: World, first: int, second: int) -> bool:
-    return _is_around(world, first, second) or _is_around(world, second, first)
+def _is_one_around_other(world: World, links: Sequence[Solid], first: int, second: int) -> bool:
+    return _is_around(world, links, first, second) or _is_around(world, links, second, first)
 
 
-def _is_around(world: World, outer: int, inner: int) -> bool:
+def _is_around(world: World, links: Sequence[Solid], outer: int, inner: int) -> bool:
     """Check whether a body, where it stands now, is a closed mesh around another, or around a point of a cloud."""
-    if not world.is_surface(outer) or not (solid := _solid_of(world, outer)).surfaces:
+    if not world.is_surface(outer) or not (solid := _solid_of(world, links, outer)).surfaces:
         return False
     cloud = None if inner < world.pairs.links else world.scene.obstacles[inner - world.pairs.links].cloud
     if cloud is not None:
         return _is_around_a_point(world, outer, solid, cloud.points)
-    return is_around(solid, _solid_of(world, inner), world.placement(outer), world.placement(inner))
+    return is_around(solid, _solid_of(world, links, inner), world.placement(outer), world.placement(inner))
 
 
 def _is_around_a_point(world: World, outer: int, solid: Solid, points: np.ndarray) -> bool:
@@ -95,10 +96,10 @@ def _is_around_a_point(world: World, outer: int, solid: Solid, points: np.ndarra
     return solid.contains_any((near - there.translation) @ there.rotation)
 
 
-def _solid_of(world: World, body: int) -> Solid:
+def _solid_of(world: World, links: Sequence[Solid], body: int) -> Solid:
     if body >= world.pairs.links:
         return solid_of_obstacle(world.scene.obstacles[body - world.pairs.links])
-    return solids_of_group(world.group)[body]
+    return links[body]
 
 
 @memoized_for_alike

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import coal
@@ -26,6 +27,8 @@ from guidefield.scene.obstacle import Obstacle
 
 MOST_TRIANGLES = 20_000
 """An obstacle of more gets no hull: Qhull would take seconds. Its SIMD tables are of another kind, kept on disk."""
+
+FEW = 16  # up to so many points times boxes these are compared one by one, which takes less time than as arrays
 
 
 @memoized_for_alike
@@ -72,12 +75,27 @@ class Solid:
 
     def contains_any(self, points: np.ndarray) -> bool:
         """Return whether one of some points (n, 3) is inside."""
+        if len(points) * len(self.boxes) <= FEW:
+            return any(self._contains(point) for point in points)
         low, high = self.boxes.swapaxes(0, 1)
         within = np.ones((len(low), len(points)), bool)
         for axis in range(3):  # one by one, which takes less time than all together
             within &= (points[:, axis] > low[:, axis, None]) & (points[:, axis] < high[:, axis, None])
         found = zip(*(at.tolist() for at in within.nonzero()), strict=True)
         return any(self._winds_around(points[i], *self.surfaces[k]) for k, i in found)
+
+    def _contains(self, point: np.ndarray) -> bool:
+        x, y, z = point.tolist()
+        for k, ((left, front, bottom), (right, back, top)) in enumerate(self._corners):
+            is_near = left < x < right and front < y < back and bottom < z < top
+            if is_near and self._winds_around(point, *self.surfaces[k]):
+                return True
+        return False
+
+    @cached_property
+    def _corners(self) -> list[list[list[float]]]:
+        corners: list[list[list[float]]] = self.boxes.tolist()
+        return corners
 
     def _winds_around(self, point: np.ndarray, triangles: np.ndarray, runs: np.ndarray) -> bool:
         """Check whether a solid winds around a point (3,), by crossings or, where they are unsure, by solid angles."""
@@ -92,7 +110,8 @@ def is_around(outer: Solid, inner: Solid, there: pin.SE3, at: pin.SE3) -> bool:
     """Return whether a solid is a closed mesh around a piece of another, given where both are."""
     if not outer.surfaces:
         return False
-    return outer.contains_any(np.array([there.actInv(at.act(point)) for point in inner.points]).reshape(-1, 3))
+    between = there.actInv(at)
+    return outer.contains_any(inner.points @ between.rotation.T + between.translation)
 
 
 @memoized_for_alike
