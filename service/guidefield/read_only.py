@@ -1,6 +1,6 @@
 """Values whose arrays are read-only, so that a value which several parts of the program hold never changes.
 
-tests/test_house.py asks of the planner's dataclasses with arrays to be `ReadOnly`.
+tests/test_house.py asks of the dataclasses with arrays in planner/ and prove/ to be `ReadOnly`.
 """
 
 from __future__ import annotations
