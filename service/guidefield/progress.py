@@ -1,6 +1,7 @@
 """Report the progress of a run: at every stage, and a few times a second at most.
 
-Reports are for watching: no plan depends on them. `MIN_PERIOD_S` costs time alone.
+Reports are for watching: no plan depends on them. Clearances are measured for reports, so with another `MIN_PERIOD_S`
+the best one of a run is another.
 """
 
 from __future__ import annotations

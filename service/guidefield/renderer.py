@@ -2,7 +2,7 @@
 
 Theory of operation. The service names runs; one thread here hands one after the other to a pool of one worker process.
 `rendering.py` deletes a log only once its recording is there, so a service that was killed continues at its next start.
-A run that ends the process `MAX_ATTEMPTS` times is given up.
+A run that ends the process `MAX_ATTEMPTS` times is given up, for want of memory at once.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Motions as Bezier curves: their points, halves and ranges, and by how much they exceed limits of position.
 
 A curve lies in the box of its control points (the convex hull property): certificates and limits rely on it. `EXACT` is
-far below the `LIMIT_TOLERANCE` that excesses are judged by (`verdict.py`), and has to stay so; more of it is time.
+far below the `LIMIT_TOLERANCE` that excesses are judged by (`verdict.py`), and has to stay so; less of it takes longer.
 """
 
 from __future__ import annotations

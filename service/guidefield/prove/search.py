@@ -2,8 +2,9 @@
 
 Kernels search by branch and bound (`kernels.prove.search`), Coal confirms: at the place of a refusal it has to find the
 pair closer than required, within its accuracy; otherwise there is a bug, and an exception instead of an answer.
-`TOLERANCE` and `RESOLUTION_FLOOR` are what replies promise. The other numbers are time, and what is known when time is
-up; `LOOKAHEAD_PLACES` may turn the word of a refusal from undecided into contact, never free into refused.
+`TOLERANCE` and `RESOLUTION_FLOOR` are what replies promise. The other numbers are time, which distance within
+`TOLERANCE` is found, and what is known when time is up; `LOOKAHEAD_PLACES` may turn the word of a refusal from
+undecided into contact, never free into refused.
 """
 
 from __future__ import annotations

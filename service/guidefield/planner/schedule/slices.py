@@ -1,8 +1,9 @@
 """Obstacles that move, held where they are at some moments: for lanes by slices of time, and for paths among them.
 
 `SCHEDULE` and `WAYS` are the settings of schedules and of paths among what moves (`schedule.py`, goal_among_movers.py,
-held_paths.py): finer ones find more, and take longer; service/docs/algorithm.md repeats two. Schedules are proposals to
-the certificate; until when a place is free is its own verdict (`find_meeting`, `find_free_from`).
+held_paths.py): more of them find more, and take longer; but finer rates and steps reach `most_steps` and `most_states`
+sooner, and then find less. service/docs/algorithm.md repeats two. Schedules are proposals to the certificate; until
+when a place is free is its own verdict (`find_meeting`, `find_free_from`).
 """
 
 from __future__ import annotations

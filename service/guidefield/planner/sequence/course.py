@@ -1,7 +1,7 @@
 """Interfaces of a sequence's steps, which handlers implement; the times at which held objects may touch obstacles.
 
 At other times the certificate judges these pairs as all others. An object may touch until it is measured at `AWAY`, so
-with fewer looks it may a little longer.
+with fewer looks it may longer, and all along where none finds it away.
 """
 
 from __future__ import annotations

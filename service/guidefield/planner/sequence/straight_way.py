@@ -3,8 +3,8 @@
 A motion of the joints along which the tip goes straight: inverse kinematics from place to place, then time.
 
 Where the certificate refuses it for its shape, the places are taken closer together. `certify_straight` is a proof by
-bounds (`_rests`), which may be larger, never smaller; it decides. The constants are a search for the motion: spacing,
-steps and `JUMP` change where it is said to end, and the time.
+bounds (`_rests`), which may be larger, never smaller; it decides. The constants but `POINT` are a search for the
+motion: they change whether one is found, where and why it is said to end, and the time.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ They are those of rigid bodies, of the group's joints, with what the robot holds
 friction and the inertia of rotors. The torque that a mimic joint takes is its source joint's.
 
 Limits are judged by the bounds of `measure_efforts`: smaller accuracies refuse less that is just within, and take
-longer; docs and replies state both. Samples and margins only choose how much a motion is slowed down before.
+longer; docs and replies state both. Samples and margins choose how much a motion is slowed down before; where gravity
+leaves less than `SAMPLE_MARGIN` of a limit it isn't, and may be refused.
 """
 
 from __future__ import annotations

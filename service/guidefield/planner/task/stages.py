@@ -32,7 +32,7 @@ class Ending:
 SLACK = 1e-3
 """A refused motion whose distance is below the clearance asked for plus this counts as too close [m].
 
-It chooses the status and sentence of a refusal, CLEARANCE_BELOW_MINIMUM, and nothing else.
+It chooses the status of a refusal, CLEARANCE_BELOW_MINIMUM, with its sentence and details, and nothing else.
 """
 
 
