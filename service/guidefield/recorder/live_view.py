@@ -1,6 +1,6 @@
 """Send a recording to a running Rerun viewer while its run or stream goes on; nothing waits for the viewer.
 
-`run.py` uses `LiveRun`, `stream/shown.py` a `Channel` of its own. Numbers here decide how much a slow viewer is shown.
+`run.py` uses `LiveRun`, `stream/shown.py` a `Channel` of its own. Numbers here decide how much a viewer is shown.
 """
 
 from __future__ import annotations

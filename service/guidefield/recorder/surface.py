@@ -1,7 +1,7 @@
 """Make triangle meshes with normals and colours to draw: of a collision shape, a mesh file, or as a coarse sketch.
 
-Numbers here change pictures alone. Any change of this file has all robots and large scenes drawn anew: their files are
-named by a hash of it (`bodies.py`, `stored.py`).
+Numbers here change pictures and sizes of files. Any change of this file has all robots and large scenes drawn anew:
+their files are named by a hash of it (`bodies.py`, `stored.py`).
 """
 
 from __future__ import annotations

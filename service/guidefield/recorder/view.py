@@ -1,7 +1,7 @@
 """The first view of a recording: the eye from which obstacles hide least of the motion, and a layout of tabs.
 
 Entities are named as `recorder.py` and the files of entities write them; tabs and plots without any are left out. The
-numbers here decide only what a viewer shows first.
+numbers here decide what a viewer shows first, and which obstacles are drawn translucent, in the recording itself.
 """
 
 from __future__ import annotations

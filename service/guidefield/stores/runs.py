@@ -40,7 +40,7 @@ SWEEP_INTERVAL_S = 60.0  # time between two searches for runs that are too old, 
 class Retention:
     """Limits for each user, beyond which the oldest runs are dropped: number, total size, age [s].
 
-    The defaults of number and size are in docs/wire.md: after a change, `tools/wire_page`.
+    The defaults of number and size are in docs/wire.md, by `tools/wire_page`, and in docs/service.md, by hand.
     """
 
     runs: int = 1_000

@@ -29,7 +29,7 @@ from guidefield.stream.path_planner import AtRecordedTimes, TakeOver, lower_prio
 from guidefield.stream.state import Snapshot, StreamWatcher, decode_part, encode_part
 from guidefield.stream.stream import CertifiedStream, GoalSearch
 
-ENDING = ".stream"  # of the files
+ENDING = ".stream"  # of the files; again in cli/found_run.py
 FILE_BYTES = 8 << 20  # size of entries at which a file ends, and another one begins [bytes] (docs/stream.md)
 MOST_FILES = 16  # files kept of a stream; the oldest are dropped first (docs/stream.md)
 MOST_WAITING = 2_000  # entries that may wait to be written; with more the file ends

@@ -1,7 +1,7 @@
 """Shapes of a stream's obstacles and of its robot, each in its own frame: convex parts for proofs, boxes for plans.
 
-Parts must contain their obstacle or body. `MOST_PARTS` costs time and how close they are, `CLOUD_BOXES` motions alone;
-either changes to which pieces kept journals replay.
+Parts must contain their obstacle or body. `MOST_PARTS` costs time and how close they are, `CLOUD_BOXES` time and
+motions; either changes to which pieces kept journals replay.
 """
 
 from __future__ import annotations
