@@ -1,8 +1,8 @@
 """Express requests, replies and scenes relative to an anchor: a point near a robot that is far from the world's origin.
 
 An anchor has whole metres: positions near it are counted from it without rounding, and single precision holds it in
-recordings. A new field with places in the world, of a request or reply, has to be added to `_WORLD`: what isn't listed
-there stays as it is, and is wrong for robots far away.
+recordings. A new field with places in the world, of a request or reply, has to be added to `_WORLD`, one with joint
+values to `_shift_columns`: what isn't listed there stays as it is, and is wrong for robots far away.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Draw the field in a plane through a scene, also at a time: dark valleys between bright walls, with contours.
 
 A unit charge is pushed down into the valleys; where the potential is Phi it is as if a large wall were 2 pi/Phi away.
-Colours and contours follow that distance: it is what a person can read. For recordings and requests for the potential
-alone: accuracy is a few thousandths, and planning reads none of it.
+Colours and contours follow that distance: it is what a person can read. Accuracy is a few thousandths, for recordings
+alone; descents of the planner read `single_tables`, and nothing else here.
 """
 
 from __future__ import annotations

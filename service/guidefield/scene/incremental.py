@@ -1,7 +1,8 @@
 """Update tables of a scene incrementally: after a change only rows of new obstacles are made.
 
 Whoever decorates a function with `incremental` promises that an updated table is the same, to the last bit, as one that
-is made of the changed scene alone, and that the table of the scene before stays as it is. Thresholds are time alone.
+is made of the changed scene alone, and that the table of the scene before stays as it is. Thresholds are time alone;
+from `MANY` obstacles on scenes are also cropped (crop.py).
 """
 
 from __future__ import annotations
@@ -122,7 +123,10 @@ class Rows:
         return len(self.fresh) <= MOST_FRESH * self.count
 
     def carry(self, rows: np.ndarray, fresh: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """Return rows of all obstacles (n, ...) from those before (m, ...) and new ones (k, ...), in `out` if given."""
+        """Return rows of all obstacles (n, ...) from those before (m, ...) and new ones (k, ...), in `out` if given.
+
+        There is a row of each new obstacle, and no more.
+        """
         carried = np.empty((self.count, *rows.shape[1:]), rows.dtype) if out is None else out
         if len(self.runs) > MANY_RUNS:
             np.take(rows, self.source, axis=0, out=carried, mode="wrap")

@@ -2,7 +2,8 @@
 
 SIMD batches test spheres and parts before the exact shapes (`collision/lanes/robot_tables.py`). They may be coarser:
 `DELTA`, `LARGE`, `SMALL`, `TIGHT` and `MOST_PARTS` trade the time of the first use, and of every plan, against each
-other. A change makes what is on disk anew; docs/robots.md states `DELTA`.
+other; streams' paths keep their distances from the spheres. A change makes what is on disk anew; docs/robots.md states
+`DELTA`.
 """
 
 from __future__ import annotations

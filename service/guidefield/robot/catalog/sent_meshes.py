@@ -2,7 +2,8 @@
 
 Some kinds name others: an .obj its materials, these their textures, a .dae its textures, a .gltf its buffers. Whoever
 opens such a file opens these. So each must have been sent, too, and its name is replaced by the one that it has here.
-Files are untrusted: a further kind in `MESHES` that can name other files needs a function in `_REWRITERS`.
+Files are untrusted: a further kind in `MESHES` that can name other files needs a function in `_REWRITERS`. A .ply,
+which may name a texture, has none: trimesh, since version 5, opens none outside of the file's folder.
 """
 
 from __future__ import annotations

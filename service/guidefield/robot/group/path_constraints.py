@@ -1,8 +1,8 @@
 """Path constraints of a frame: its axis in a cone, its origin near a plane, line or point, an even turn.
 
 Each is a number that must not exceed a limit, with its gradient, and a bound of its change under motion of the frame,
-which certificates rest on (`prove/certificate.py`). A further kind needs all methods of `Cone`, and a row for kernels
-in `_KINDS` and `_vectors`.
+which certificates rest on (`prove/certificate.py`). A further kind needs all methods of `Cone`, a row for kernels in
+`_KINDS` and `_vectors`, and a branch in kernels/tree/path_constraints.py.
 """
 
 from __future__ import annotations

@@ -195,7 +195,8 @@ def _is_number(word: bytes) -> bool:
 
 
 MAX_TRIANGLES = 20_000_000
-"""A file of more triangles, instances counted, is refused: nested instances can double with each level."""
+"""A file with nodes (COLLADA, glTF, 3MF) of more triangles, instances counted, is refused: nested instances can double
+with each level. Those of other kinds are bounded by the file's size."""
 MAX_DEPTH = 1_000  # a deeper nesting of nodes is refused
 MAX_NODES = 100_000  # a file of more nodes, instances counted, is refused
 

@@ -1,7 +1,8 @@
 """Read PLY files, ASCII and binary of either byte order: meshes of robots and scenes, and point clouds.
 
-Words of types, orders and lists are PLY's; a further name of a list belongs in `OUTLINES`. The vertices of a file
-without faces are a cloud (`scene_files/clouds.py`).
+Words of types, orders and lists are PLY's. A further name of a list belongs in `OUTLINES`: faces under another name are
+passed over, and a file of such alone is refused for having no triangles. A file whose header has no faces is a cloud
+(`scene_files/clouds.py`).
 """
 
 from __future__ import annotations

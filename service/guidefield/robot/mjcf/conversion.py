@@ -4,7 +4,7 @@ Pinocchio has a reader of MJCF, too; of 152 models that people publish it places
 MuJoCo's own compiler is right by definition, and what it compiled is plain: a tree of bodies, joints, shapes and masks.
 
 Pairs that `find_disabled_pairs` returns are never tested, and shapes have to contain the geoms. `VISIBLE_GROUPS` is of
-pictures alone; with more `SUBDIVISIONS` ellipsoids are judged closer, and longer.
+pictures alone; with more `SUBDIVISIONS` ellipsoids, also of scene files, are judged closer, and longer.
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@ Spherical: the rotation vector from a reference orientation; floating: the posit
 kept shorter than a full turn, where the chart is smooth; two of them, the long and the short way round, mean the same
 orientation. As the exponential map never stretches, a body turns at most by the distance between two vectors, on which
 motion bounds rest (`collision/bodies.py`). Suffixes are names of the wire. `ROAM` and `WIND` bound what is drawn where
-there are no limits: starts, samples of trees, and configurations that tell which links always touch.
+there are no limits: starts, and samples of trees; `WIND` also configurations that tell which links always touch, and so
+what is tested (`pairs.py`, which has a `ROAM` of its own).
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Settle the collision shapes of a URDF: read meshes, find their hulls, and choose a tight hull in place of a mesh.
 
-What a link is judged as (`HULL_STAND_OFF`, `WIDEST_GAP`) decides every collision with it, and is reported to users;
-docs/robots.md states the first. `LEAST_FILLED` and `HARDLY_METRES` decide on warnings alone. Triangles and hulls are
-kept, because Coal hands them out slowly.
+What a link is judged as (`HULL_STAND_OFF`) decides every collision with it, and is reported to users; docs/robots.md
+states it. `LEAST_FILLED` and `HARDLY_METRES` decide on warnings alone; here `WIDEST_GAP`, too, but it also decides what
+is inside a mesh for the spheres and parts of bodies/bounding.py. Triangles and hulls are kept, because Coal hands them
+out slowly.
 """
 
 from __future__ import annotations

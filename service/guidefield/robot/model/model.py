@@ -5,7 +5,8 @@ Links and joints may share a name, and then the link's frame is meant.
 Lengths that were chosen (margins, steps, spacings) are stated for a usual arm, and scale with a robot's size. A Panda,
 a UR5, a Fetch and a Baxter reach 1.1 to 1.5 m: all lengths were chosen with them. So robots of about their reach have
 the size 1, to the last bit; others the ratio of their reach to a usual one. What a user gives, and what is promised in
-metres, stays as it is. Other numbers of what is usual make other motions, and are in docs/robots.md, "Size".
+metres, stays as it is. Other numbers of what is usual make other motions, and other hulls and pairs that are judged;
+they are in docs/robots.md, "Size".
 """
 
 from __future__ import annotations

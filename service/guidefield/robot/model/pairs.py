@@ -1,8 +1,9 @@
 """Choose the pairs of links that are tested against each other, with a reason for each other pair; test self-contacts.
 
 What is left out here is never tested, in plans and in certificates: samples may only leave out pairs that always touch.
-So `SAMPLES`, `ALWAYS_SHARE`, `TOUCH_DISTANCE` and the seed decide what is tested (docs/robots.md states the first two);
-`ROUNDING` and `SLACK` only spare tests, and must not be less. Reasons and warnings are sentences that users read.
+So `SAMPLES`, `ROAM`, `ALWAYS_SHARE`, `TOUCH_DISTANCE` and the seed decide what is tested (docs/robots.md states the
+first and third); `ROUNDING` and `SLACK` only spare tests, and must not be less. Reasons and warnings are sentences that
+users read.
 """
 
 from __future__ import annotations
