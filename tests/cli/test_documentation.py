@@ -65,3 +65,9 @@ def test_a_message_is_shown_with_what_each_field_may_be_and_means() -> None:
     assert done.exit_code == 0
     assert "min_clearance" in done.output
     assert "did you mean PlanReply" in str(CliRunner().invoke(app, ["docs", "PlanRepli"]).exception)
+
+
+def test_a_default_that_is_a_messages_own_is_short() -> None:
+    assert "| `robot_placement` | Placement | `{}` |" in documentation.read_page("PlanRequest")
+    assert "| `quaternion_xyzw` |" in (placement := documentation.read_page("Placement"))
+    assert "`[0.0,0.0,0.0,1.0]`" in placement

@@ -173,7 +173,14 @@ def _list_alternatives(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _format_default(schema: dict[str, Any]) -> str:
-    return f"`{json.dumps(schema['default'], separators=(',', ':'))}`" if "default" in schema else ""
+    """Format a default as JSON in code; a message of which every field has its own default is `{}`."""
+    if "default" not in schema:
+        return ""
+    default = schema["default"]
+    if isinstance(default, dict) and "$ref" in schema:
+        fields = make_schemas()["$defs"][schema["$ref"].rpartition("/")[2]]["properties"]
+        default = {name: value for name, value in default.items() if value != fields[name].get("default")}
+    return f"`{json.dumps(default, separators=(',', ':'))}`"
 
 
 def _name_text(schema: dict[str, Any]) -> str:
