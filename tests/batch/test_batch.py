@@ -17,9 +17,10 @@ from typer.testing import CliRunner
 
 import guidefield
 from guidefield.batch.results import RESULTS, Item
-from guidefield.batch.workers import _why, find_longest_time
+from guidefield.batch.workers import BYTES_AHEAD, _over_pool, _why, find_longest_time
 from guidefield.cli import app
-from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK
+from guidefield.pool.process import Work
+from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK, Task
 from guidefield.recorder.stored import read_recording
 from guidefield.stores.recordings import Recordings
 
@@ -148,6 +149,17 @@ def test_a_worker_has_the_time_of_its_request_and_that_of_preparing_a_robot() ->
     ):
         assert find_longest_time(json.dumps(asked).encode()) == max(LONGEST_WORK, allowed + BACKSTOP)
     assert find_longest_time(b"{") == LONGEST_WORK
+
+
+def _prepare_nothing() -> Work:
+    return lambda job, _call: (True, job)
+
+
+def test_requests_that_take_much_memory_wait_their_turn() -> None:
+    """The queue refused requests beyond 256 MiB, which ended a batch."""
+    tasks = ((number, Task(b"%d" % number, LONGEST_WORK, size=BYTES_AHEAD // 2)) for number in range(6))
+    answers = {number: task.result() for number, task in _over_pool(_prepare_nothing, tasks, workers=1)}
+    assert answers == {number: (True, b"%d" % number) for number in range(6)}
 
 
 def test_what_a_node_lacks_is_said_without_colours() -> None:

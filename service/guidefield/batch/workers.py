@@ -10,6 +10,7 @@ import functools
 import logging
 import re
 import socket
+import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -59,7 +60,8 @@ def find_longest_time(request: bytes) -> float:
     return LONGEST_WORK
 
 
-AHEAD = 4  # requests handed over for each worker or core: with fewer one may wait, with more they fill memory
+AHEAD = 4  # requests handed over for each worker: with fewer one may wait, with more they fill memory
+BYTES_AHEAD = 1 << 28  # size of requests handed over, beyond which there is but one for each worker [bytes]
 LOOK_UP = 0.5  # period of waking while waiting for results: a Ctrl-C that another thread takes doesn't wake it [s]
 
 _Job = TypeVar("_Job")
@@ -114,13 +116,17 @@ def answer_over_workers(items: Iterable[Item], workers: int) -> Iterator[ItemAns
 
 def _over_pool(setup: Setup, tasks: Iterable[tuple[_Job, Task]], workers: int) -> Iterator[tuple[_Job, Task]]:
     """Have workers do tasks; yield each with its job when done; raises CannotStart if no worker can be prepared."""
-    pool = Pool(setup, workers=workers, limits=Limits(tasks=AHEAD * workers, tasks_of_client=AHEAD * workers))
+    most = AHEAD * workers
+    pool = Pool(setup, workers=workers, limits=Limits(most, most, bytes=sys.maxsize, bytes_of_client=sys.maxsize))
     pool.start()
     try:
         _await(pool)
         left, asked = iter(tasks), dict[Task, _Job]()
         while True:
-            for job, task in islice(left, AHEAD * workers - len(asked)):
+            while len(asked) < workers or (len(asked) < most and sum(task.size for task in asked) < BYTES_AHEAD):
+                if (following := next(left, None)) is None:
+                    break
+                job, task = following
                 asked[pool.submit(task)] = job
             if not asked:
                 return
