@@ -1,6 +1,6 @@
 """`guidefield demo`: start a service, have it plan and stream, and store recordings for the viewer.
 
-Tests and `tools/attacks` use `REQUESTS`, too.
+Tests, `tools/attacks` and `tools/pictures` use `REQUESTS`, too.
 """
 
 from __future__ import annotations

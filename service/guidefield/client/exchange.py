@@ -5,8 +5,8 @@ that has the stored things it names; any other goes to the instance that was the
 Zenoh signals the end of the replies: without a reply the instance is gone. If the client named no instance, the
 question then goes to another one, as it does if an instance is too busy. If there is no other one, and the link was
 cut only for a moment, the same instance is asked again. A plan has its run's name, so that the running or finished run
-answers. This repeats until the question's time is up. A question is never at two instances at once, so that it has
-never a second answer.
+answers. This repeats within the question's time, as long as some instance is back within `RETURN_TIME_S`. A question is
+never at two instances at once, so that it has never a second answer.
 """
 
 from __future__ import annotations
@@ -180,12 +180,12 @@ def _instance(key: zenoh.KeyExpr) -> str:
 
 
 RETURN_TIME_S = 3.0  # time to wait for another instance when the present one is gone [s]
-MAX_RETURNS = 5  # the largest number of attempts at an instance that stays alive: the client has no right to an answer
+MAX_RETURNS = 5  # further attempts at an instance that is alive and silent: then the client has no right to an answer
 RETRY_PAUSE_S = 0.1
 """Pause before the next attempt, doubled each time, since Zenoh may not know yet that the instance is gone [s]."""
 SIGNAL_PERIOD_S = 0.2  # period at which a waiting caller handles signals [s]
 THREAD_NAME = "guidefield-ask"  # name of the threads that ask another instance
-MAX_REMEMBERED_RUNS = 1_000  # the largest number of runs whose instances are remembered
+MAX_REMEMBERED_RUNS = 1_000  # of runs, requests and streams: instances of older ones are forgotten, and not asked
 
 _M = TypeVar("_M", Progress, SceneChanged)
 

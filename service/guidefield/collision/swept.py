@@ -2,7 +2,7 @@
 
 Guide planes are followed by it, and by descents whose kernels get both numbers, too (planner/guide). The capsules
 contain the links, so a yes is rigorous whatever the resolution; a smaller one says yes more often, and takes longer to
-say no.
+say no. Guides take a no for contact where the robot is `exact`: larger numbers refuse more of its motions.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class SweptWorld:
     def apart(self, z0: ChartPoint, z1: ChartPoint, margin: float) -> bool:
         """Return whether robot and obstacles keep a margin [m] along the straight motion between two chart points.
 
-        True is rigorous. False means that the capsules touch, or (unless `exact`) that they cannot tell.
+        True is rigorous. False means that they come too close, or that this test can't tell.
         """
         start, end = self.group.expand_chart(z0), self.group.expand_chart(z1)
         own, floor = SELF_MARGIN * self.group.size, SWEPT_RESOLUTION * self.group.size

@@ -4,8 +4,8 @@ No vertex moves: lids are added, so what a closed mesh contains is as it was giv
 collisions and for proofs alike, depends on `WIDEST_CRACK` and on the exact comparison of places.
 
 A piece of a link counts as hidden inside another only if none cross (`solid.find_nested`), and users are warned of
-crossings (`mesh_surface.py`). Slabs, chunks and the sample are time alone; beyond `SWEPT` or `EXAMINED` pairs the
-answer is incomplete, and says so.
+crossings (`mesh_surface.py`). Beyond `SWEPT` or `EXAMINED` pairs the answer is incomplete, and says so: slabs, chunks
+and the sample decide how soon, and what is found till then.
 """
 
 from __future__ import annotations

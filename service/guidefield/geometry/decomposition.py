@@ -3,10 +3,10 @@
 Cells are halved by planes, the one whose hull stands off furthest first; each time by the plane, of some along the
 cell's principal axes, that leaves the hulls of both halves the least volume. Two cells whose common hull is tight
 enough become one again. For all this a small hull represents that of a cell: of the points that are furthest in
-directions all around. The parts contain the body by construction, whatever planes are chosen and whatever the constants
-are, but for `OVERLAP`, which must not be negative: the corners of a cell's body are among those of the triangles
-clipped at its sides, and its own corners within the body. How far they stand off (the one-sided Hausdorff distance from
-the body) is bounded from above. The constants choose how many and how tight the parts are, and the time to find them.
+directions all around. The parts contain the body by construction, whatever planes are chosen, as long as `OVERLAP`
+isn't negative and `_PARALLEL` is tiny: the corners of a cell's body are among those of the triangles clipped at its
+sides, and its own corners within the body. How far they stand off (the one-sided Hausdorff distance from the body) is
+bounded from above. The other constants choose how many and how tight the parts are, and the time to find them.
 """
 
 from __future__ import annotations

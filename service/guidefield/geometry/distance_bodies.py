@@ -3,8 +3,9 @@
 Kinds, sizes and the order of the tables (half-spaces first) are those of kernels/distance/distance.py; boxes may be
 larger than their bodies, never smaller. Scenes (`scene/distance_tables.py`) and links' charges build on these rows.
 
-Columns and the tree's form are those of kernels/distance/triangle_distance.py. The order (Morton's curve) is time
-alone; the sign of a distance rests on the pseudonormals, which need a face's neighbours in the whole surface.
+Columns and the tree's form are those of kernels/distance/triangle_distance.py. The order (Morton's curve) is time, and
+chooses among faces that are equally near; the sign of a distance rests on the pseudonormals, which need a face's
+neighbours in the whole surface.
 """
 
 from __future__ import annotations

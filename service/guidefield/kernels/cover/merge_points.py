@@ -1,8 +1,8 @@
 """Merging equal points, connected components of meshes, and pairs of triangles that may cross: cleaning of meshes.
 
 Points are merged by an open-addressing hash table over the bits of their coordinates, so that -0.0 differs from 0.0.
-`geometry/closed.py` relies on places in order of first occurrence. `_FACTORS` are a matter of speed; with a smaller
-`_BLUR` meshes that cross themselves could pass without a warning.
+`geometry/closed.py` relies on places in order of first occurrence. `_FACTORS` are a matter of speed; with a `_BLUR`
+larger than that of its `_normals` meshes that cross themselves could pass without a warning.
 """
 
 from __future__ import annotations
