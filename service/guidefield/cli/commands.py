@@ -160,7 +160,10 @@ def options(
         bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell the version and exit.")
     ] = False,
 ) -> None:
-    """Motion planning and kinematics for any URDF robot, certified, over Zenoh, with a recording of every run."""
+    """Motion planning and kinematics for any URDF robot, certified, over Zenoh, with a recording of every run.
+
+    Begin with `guidefield docs quickstart`.
+    """
 
 
 @app.command()
