@@ -180,7 +180,7 @@ class Engine:
 
     def answer(
         self,
-        request: bytes | dict[str, Any] | requests.Request,
+        request: bytes | str | dict[str, Any] | requests.Request,
         *,
         record_to: Path | None = None,
         proof_to: Path | None = None,
@@ -611,7 +611,7 @@ _default = functools.cache(Engine)
 
 
 def answer(
-    request: bytes | dict[str, Any] | requests.Request,
+    request: bytes | str | dict[str, Any] | requests.Request,
     *,
     record_to: str | Path | None = None,
     proof_to: str | Path | None = None,

@@ -289,9 +289,9 @@ def test_messages_in_a_dict_are_checked() -> None:
 
 def test_what_newcomers_send_is_told_what_is_right() -> None:
     plan = '{"robot": "ur5", "scene": "table", "goal": {"type": "guide_plane"}}'
-    assert read_request(plan) == read_request(plan.encode())  # type: ignore[arg-type]
+    assert read_request(plan) == read_request(plan.encode())
     with pytest.raises(MalformedRequest, match="the payload is not application/json"):
-        read_request("request.json")  # type: ignore[arg-type]
+        read_request("request.json")
     for tagged in ({"type": "plan"}, b'{"type": "plan"}'):
         with pytest.raises(MalformedRequest, match=r"; a plan request has no `type` \(at \$\.type\)$"):
             read_request(tagged)

@@ -229,7 +229,7 @@ def read_payload(data: bytes, kind: Any, encoding: Encoding) -> Any:
     )
 
 
-def read_request(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
+def read_request(request: bytes | str | dict[str, Any] | requests.Request) -> requests.Request:
     """Read and check a request in any form: JSON, plain data or a message; raises as `decode_request`.
 
     A large scene with the content of an earlier one is reused: arrays in it are compared by their bytes.
