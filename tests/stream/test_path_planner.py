@@ -106,6 +106,19 @@ def test_gaps_are_no_larger_than_distances_and_motions_keep_from_what_drifts() -
     assert 10 < sum(told) < 50
 
 
+@pytest.mark.parametrize("margin", [0.0, 0.1, 0.5, 2.0])
+def test_a_goal_is_free_where_all_stays_farther_than_is_kept(margin: float) -> None:
+    """Also where more is kept than distances are measured up to elsewhere."""
+    with CertifiedStream(StreamOpen("ur5", "empty", start=UP), robot("ur5"), build(Scene("empty"))) as stream:
+        paths, z = stream._paths, stream.executing.ends
+    ceiling = np.zeros((1, 16))
+    ceiling[0, [0, 5, 10]], ceiling[0, 12:15] = 1.0, (5.0, 5.0, 0.1)
+    for beyond, free in ((-0.01, False), (LARGER + 0.01, True)):
+        ceiling[0, 11] = top(stream, z) + margin + beyond + 0.1
+        drifting = DriftingObstacles(ceiling.copy(), np.zeros((1, 3)), np.zeros(1), np.array([margin]))
+        assert paths.is_goal_free(drifting, z) == free
+
+
 STRETCHED = {"shoulder_lift_joint": -0.6, "elbow_joint": 0.6}
 
 

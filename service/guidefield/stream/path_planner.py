@@ -44,7 +44,7 @@ from guidefield.stream.dodging import ScheduledPath, TimedPath, build_tube, choo
 from guidefield.stream.obstacles import DriftingObstacles
 from guidefield.stream.settings import STREAM, ClearanceRule
 
-FAR = 0.3  # distances are measured up to this [m], at size 1
+FAR = 0.3  # distances are measured up to this [m], at size 1; from ends of paths no more is kept
 NOTHING = DriftingObstacles(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))  # no moving obstacles
 
 _T = TypeVar("_T")
@@ -79,8 +79,9 @@ class PathPlanner:
     def is_goal_free(self, drifting: DriftingObstacles, z: ChartPoint) -> bool:
         """Return whether coordinates (nv,) keep `STREAM.ending` from what moves, now and in `STREAM.foreseen`."""
         kept = STREAM.ending.from_each(drifting.rates, self.size) + drifting.margins
+        most = max(FAR * self.size, float(kept.max(initial=0.0)) + INSIDE * self.size)
         soon = (drifting.boxes, drifting.after(STREAM.foreseen))
-        return all(bool((self.lanes.gaps(boxes, z[None], FAR * self.size) >= kept).all()) for boxes in soon)
+        return all(bool((self.lanes.gaps(boxes, z[None], most) >= kept).all()) for boxes in soon)
 
     def choose_clearance(self, most: float, ends: list[ChartPoint]) -> float:
         """Choose the distance from obstacles at rest [m]: `most` beyond the least; less if an end (nv,) is closer.
