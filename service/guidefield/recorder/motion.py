@@ -1,6 +1,6 @@
 """The motion that a recording shows, timed or the best partial path, and placements of joints and links along it.
 
-`SHOWN_…` and `FRAMES` change only how smooth recordings are, and how large.
+`SHOWN_…` and `FRAMES` change only how smooth and large recordings are, and how long a path without times takes in them.
 """
 
 from __future__ import annotations

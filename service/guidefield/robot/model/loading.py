@@ -87,8 +87,8 @@ DEFAULT_TRANSLATION_SPEED = 0.5  # velocity limit of a translation likewise [m/s
 NO_SPEED_LIMIT = 1e6  # a velocity limit of this or more represents none [rad/s or m/s]
 TIME_TO_SPEED = 0.5  # default acceleration limits let a joint reach its velocity limit in this time [s]
 FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
-"""No joint is planned for further than this from its zero [rad or m]: limits beyond stand for none, and a motion of
-millions of turns could not be judged."""
+"""Limits beyond this stand for none, and are taken for it [rad or m]: a motion of millions of turns could not be
+judged."""
 
 ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 
@@ -305,7 +305,8 @@ def default_tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:
     return str(bodies[max(range(len(bodies)), key=lambda i: (depth[i], i))].name)
 
 
-NEARLY_ALONG_X = 0.9  # if the axis has a larger share of x, its plane is spanned from the joint frame's y axis
+# if the axis has a larger share of x, its plane is spanned from the frame's y axis; values of planar joints follow
+NEARLY_ALONG_X = 0.9
 
 
 def plane_rotation(axis: np.ndarray) -> np.ndarray:
