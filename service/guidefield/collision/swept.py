@@ -51,7 +51,7 @@ class SweptWorld:
         return z0, z1
 
     def apart(self, z0: ChartPoint, z1: ChartPoint, margin: float) -> bool:
-        """Return whether robot and obstacles keep a margin [m] along the straight motion between two chart points.
+        """Return whether robot and obstacles keep a margin [m] along the straight motion between chart points (nv,).
 
         True is rigorous. False means that they come too close, or that this test can't tell.
         """
