@@ -45,7 +45,7 @@ def test_a_judgements_tables_are_made_before_its_time_begins(named: bool, monkey
         raise AssertionError("it was to be made before")
 
     monkeypatch.setattr("guidefield.collision.part_tables.PartsTable.add_shape", late)
-    monkeypatch.setattr("guidefield.collision.clearance.solids_of_group", late)
+    monkeypatch.setattr("guidefield.collision.solids._of_links", late)
     reply = engine.answer(request, received=time.monotonic())
     assert isinstance(reply, CertifyReply)
     assert reply.status.name == "SUCCESS"

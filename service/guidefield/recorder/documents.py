@@ -79,7 +79,7 @@ SHORTENED = "*Rounded and shortened to be read; the message itself, exact, is in
 LONGEST_LIST = 12
 """Entries of a list that are shown; of a longer one the first and the last, and how many there are between."""
 LONGEST_TEXT = 300  # characters of a text that are shown
-MAX_COLUMN_WIDTH = 76  # characters of a line in the last column of a table
+MAX_COLUMN_WIDTH = 76  # characters of a line in the last column of a table: the viewer cuts what is wider
 MAX_LINE_WIDTH = 110  # characters of a list of plain values on one line
 
 _to_json = json.JSONEncoder(ensure_ascii=False).encode

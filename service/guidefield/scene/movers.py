@@ -1,8 +1,8 @@
 """Moving obstacles of a scene, balls about them, and their swept volumes: boxes about the balls between placements.
 
-Schedules and proofs leave out movers that stay away by these boxes, which must not be too small. On a screw from one
-place to another that is c away, a point moves by a length L at one speed. So it stays within sqrt(L^2 - c^2) / 2 of the
-straight line between the two: any farther place would make its path longer.
+By these boxes, which must not be too small, `scene/crop.py` leaves movers out of a scene, for plans and proofs alike.
+On a screw from one place to another that is c away, a point moves by a length L at one speed. So it stays within
+sqrt(L^2 - c^2) / 2 of the straight line between the two: any farther place would make its path longer.
 """
 
 from __future__ import annotations
@@ -118,14 +118,7 @@ class Movers(ReadOnly):
     rounded: np.ndarray  # radii by which they are rounded, shape (m,) [m]
     times: tuple[list[float], ...]  # of each one's placements [s]
     speeds: tuple[list[float], ...]  # largest at which each may lose distance from one placement to the next [m/s]
-    swept: Swept
     endless: bool  # whether there is a half-space
-
-    def near(self, centre: np.ndarray, radius: float, margin: float) -> np.ndarray:
-        """Find those that come within a margin of a ball [m, world] at any time; shape (m,), bool."""
-        gaps = gaps_from_boxes(self.swept.boxes, centre, radius)[0]
-        near: np.ndarray = np.minimum.reduceat(gaps, self.swept.first) <= margin
-        return near
 
 
 @memoized
@@ -144,6 +137,5 @@ def movers(scene: Scene) -> Movers:
         np.array([one.rounding for one in obstacles]),
         tuple(motion_of(one).times.tolist() for one in obstacles),
         tuple(ways.speeds[begin + 1 : end - 1].tolist() for begin, end in pairwise(ends)),
-        ways,
         any(ball is None for ball in balls),
     )

@@ -2,8 +2,9 @@
 
 Joints stand at J_0 .. J_n, link k runs from J_{k-1} to J_k, l_k = J_k - J_{k-1}. Places don't tell a link's spin about
 itself: `chain_configuration` leaves it as it is. `robot/group/link_chain.py` makes the table,
-`guide/coordinate_descent.py` descends by it. Its constants change which steps a descent finds; each is tested as all
-motions are.
+`guide/coordinate_descent.py` descends by it. `_CLOSING_ROUNDS` and `_LARGEST_TURN` change which steps a descent
+finds, each of which is tested for collision as all motions are. That the tip stays on its guide plane rests on
+`_CLOSED`: nothing tests it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from guidefield.kernels.kinematics.forward_kinematics import axis_rotation, quat
 from guidefield.kernels.linalg.small_systems import solve_three
 
 BALL, FREE, UNIVERSAL = range(3)  # kinds of joints of a chain; FREE is the first of a chain that nothing holds
-_CLOSED = 1e-7  # accuracy with which a chain is closed [m]
+_CLOSED = 1e-7  # by how much a closed chain may miss its target [m]; far below `ON_PLANE` of guide/rounds.py
 _CLOSING_ROUNDS = 12  # of Newton's method; after them a chain counts as one that can't be closed
 _LARGEST_TURN = 0.4  # no link turns more than this in a round of closing [rad]
 
