@@ -1,6 +1,8 @@
 """The motion that a recording shows, timed or the best partial path, and placements of joints and links along it.
 
-`SHOWN_…` and `FRAMES` change only how smooth and large recordings are, and how long a path without times takes in them.
+A motion whose clearance was measured is shown at the samples of that (`planner/quality.py`), of which `SHOWN_RATE` and
+`FRAMES` leave some out; by these and `SHOWN_STEP` others are sampled, and by `SHOWN_SPEED` a path without times gets
+some. They change recordings alone.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ from guidefield.robot.model.spaces import (
 
 SHOWN_SPEED = 1.0  # speed of the quickest joint along a path that has no times [rad/s or m/s]
 SHOWN_STEP = 0.05  # largest change of a joint between two frames of such a path [rad or m]
-SHOWN_RATE = 30.0  # frames a second of a trajectory [Hz], within `FRAMES`
+SHOWN_RATE = 30.0  # most frames a second of a trajectory [Hz], within `FRAMES`
 FRAMES = (60, 400)  # least and largest number of frames of a motion
 AT_ORIGIN = np.eye(4)[:3].copy()
 """Placement of the model in the world, shape (3, 4) [m]: its first joints are placed there already."""
