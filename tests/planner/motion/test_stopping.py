@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.planner.motion.trajectory import CLOSE, reverse_motion, separate_jerks, stop_motion
+from guidefield.planner.motion.limit_load import measure_limit_load
+from guidefield.planner.motion.trajectory import CLOSE, choose_jerks, reverse_motion, separate_jerks, stop_motion
+from guidefield.planner.task.motion_limits import KEPT_SHARE
 
 seeds = st.integers(0, 10_000)
 
@@ -87,3 +89,17 @@ def test_two_joints_that_stop_almost_together_are_set_apart() -> None:
     np.testing.assert_array_equal(
         separate_jerks(velocity, zero, limits, jerks, jerks), jerks, err_msg="none may be lower"
     )
+
+
+@pytest.mark.parametrize("jerk", [500.0, 7500.0])  # of the benchmarks, and of a Panda
+def test_seven_joints_stop_within_their_limits_of_jerk(jerk: float) -> None:
+    fast, rise = np.array([2.175] * 4 + [2.61] * 3), np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
+    rng, limits, none, loads = np.random.default_rng(0), np.full(7, jerk), np.zeros(7), []
+    for _ in range(200):
+        velocity, acceleration = rng.uniform(-0.5, 0.5, 7) * fast, rng.uniform(-0.5, 0.5, 7) * rise
+        jerks = separate_jerks(velocity, acceleration, rise, choose_jerks(rise, limits, none), none)
+        motion = stop_motion(rng.uniform(-2.0, 2.0, 7), velocity, acceleration, rise, jerks)
+        load = measure_limit_load(motion.times, motion.positions, motion.velocities, 2.0 * fast, rise, limits)
+        loads.append(load**3)
+    assert max(loads) <= 1.0 + 1e-3
+    assert sum(load > KEPT_SHARE for load in loads) <= 1, "rounding is more where knots can't be set apart"

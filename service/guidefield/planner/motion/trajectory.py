@@ -2,8 +2,8 @@
 
 This very curve is certified, sent in replies, and read by kernels (`tables`): its formula has to stay. The constants
 are of stops; `ROUNDING` also of optimised motions whose time isn't scaled. `RAMP` changes how long a stop takes. With
-less of `ROUNDING` or `CLOSE`, with fewer `TRIES` or `SLOWER` nearer 1, more stops exceed a limit of jerk by rounding;
-more of them lower jerks further.
+less of `ROUNDING` or `CLOSE`, with fewer `TRIES` or `SLOWER` nearer 1, more stops exceed a limit of jerk by rounding
+(of 3,000 of seven joints 4 do, by less than a thousandth); more of them lower jerks further.
 """
 
 from __future__ import annotations
@@ -196,7 +196,8 @@ def bezier(knots: np.ndarray, values: ChartPoints, slopes: ChartRates) -> ChartC
 RAMP = 0.02  # where there is no limit of jerk, accelerations rise to their limit in this time [s]
 APART = 1e-9  # times that are closer than this are one [s]
 ROUNDING = 1e-5  # share of a jerk limit that is left for the rounding of jerks in short pieces
-CLOSE = 5e-4  # in pieces shorter than this, rounding of jerks is more than that, at some 100 rad/s³ [s]
+CLOSE = 5e-4  # in pieces shorter than this, rounding of jerks is more than that, at `CLOSE_JERK` [s]
+CLOSE_JERK = 100.0  # [rad/s³ or m/s³]
 SLOWER = 0.998  # a joint's jerk is lowered by this factor at a time
 TRIES = 60  # times that it is lowered at most
 
@@ -218,19 +219,21 @@ def separate_jerks(
 ) -> ChartRate:
     """Jerks (nv,), some of them a little lower, with which no two knots of `stop_motion` are close but not the same.
 
-    In pieces that short the jerk of a curve is rounding. Where no such jerk is found a joint keeps its own; none is
-    less than it rises at least.
+    In pieces that short the jerk of a curve is rounding. Where no such jerk is found, the one with the least rounding
+    is chosen; none is less than it rises at least.
     """
     chosen, knots = jerks.copy(), np.zeros(1)
+    close = CLOSE * float(np.cbrt(min(CLOSE_JERK / jerks.min(), 1.0)))  # rounding goes with the inverse cube of times
     for j, (v, a, limit, least) in enumerate(zip(velocity, acceleration, acceleration_limits, rises, strict=True)):
-        jerk = float(jerks[j])
+        jerk, least_rounding = float(jerks[j]), math.inf
         for _ in range(TRIES):
             both = _add_jerk_times(knots, float(v), float(a), float(limit), jerk)
-            if (np.diff(both) >= CLOSE).all():
-                chosen[j] = jerk
-                break
+            gaps = np.diff(both)
+            apart, rounding = bool((gaps >= close).all()), float((gaps**-3).sum())
+            if apart or rounding < least_rounding:
+                least_rounding, chosen[j] = rounding, jerk
             jerk *= SLOWER
-            if jerk < least:
+            if apart or jerk < least:
                 break
         knots = _add_jerk_times(knots, float(v), float(a), float(limit), float(chosen[j]))
     return chosen
