@@ -17,6 +17,7 @@ from guidefield.messages import scene as messages
 from guidefield.robot.bodies.charges import surface_points
 from guidefield.scene.cloud import (
     CORNERS,
+    MOST_PLACES,
     Cloud,
     CloudTables,
     cloud_surface,
@@ -89,6 +90,16 @@ def test_distances_are_those_of_the_balls() -> None:
     directions = apart[np.arange(60), nearest] / exact.min(axis=1)[:, None]
     assert away == pytest.approx(directions, abs=1e-6)
     assert np.isinf(distance_at_points(tables, points, 1e-3)[0]).sum() == (exact.min(axis=1) - RADIUS >= 1e-3).sum()
+
+
+@pytest.mark.parametrize("far", [(1e3, 1e3, 1e3), (2e4, 2e4, 0.0), (1e9, 0.0, 0.0), (1e9, 1e9, 0.0), (1e9, 1e9, 1e9)])
+def test_a_grid_has_no_more_cells_than_float32_counts(far: tuple[float, float, float]) -> None:
+    """Also that of a flat or thin cloud, as a point far away makes of one."""
+    points = np.array([np.zeros(3), far])
+    made = make_cloud_tables(points, Cloud(points, RADIUS).box, RADIUS).tables
+    assert len(made.cells) == made.columns * made.rows * made.layers <= MOST_PLACES
+    sides = made.numbers[3] * np.array([made.columns, made.rows, made.layers])
+    assert (sides >= 0.999 * np.array(far)).all()
 
 
 def test_threads_that_ask_at_the_same_time_get_the_same_tables(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -75,7 +75,8 @@ def cloud_rows(points: Floats, spacing: Floats | float, charge: float = 1.0) -> 
 
 
 CELL = 0.04  # sides of the cells of a cloud's grid of distances [m], where that doesn't make too many
-MOST_CELLS = 4_000_000  # with more, cells are larger: their places have to be whole numbers in float32
+MOST_CELLS = 4_000_000  # about so many at most: with more, cells are larger
+MOST_PLACES = 2**24  # never more, also of flat clouds: places of cells have to be whole numbers in float32
 AROUND_POINTS = 0.1  # how far the grid goes beyond the points [m]
 
 
@@ -106,7 +107,9 @@ def make_cloud_tables(points: np.ndarray, box: np.ndarray, radius: float) -> Clo
     low, high = box.astype(np.float32).astype(float)
     extent = high - low + 2.0 * AROUND_POINTS
     cell = max(CELL, math.cbrt(float(extent.prod()) / MOST_CELLS))
-    columns, rows, layers = np.ceil(extent / cell).astype(int).tolist()
+    while (counts := np.ceil(extent / cell)).prod() > MOST_PLACES:
+        cell *= 1.25
+    columns, rows, layers = counts.astype(int).tolist()
     numbers = np.empty(NUMBERS, np.float32)
     numbers[:] = [*(low - AROUND_POINTS + 0.5 * cell), cell, 1.0 / cell, *low, *high, radius]
     tables = LaneCloud(
