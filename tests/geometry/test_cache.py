@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import coal
 import numpy as np
 import pytest
 
@@ -112,6 +113,14 @@ def test_an_edit_of_what_computes_is_another_entry(tmp_path: Path, monkeypatch: 
     for name in ("geometry/other", "robot/model/model"):
         (package / f"{name}.py").write_text("# edited")
     assert _fingerprint() in seen
+
+
+def test_hulls_of_another_coal_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hulls that an older Coal had found, with its faults, were read from disk."""
+    monkeypatch.setattr(cache, "_sources", functools.cache(cache._sources.__wrapped__))
+    before = _fingerprint()
+    monkeypatch.setattr(coal, "__version__", "another")
+    assert _fingerprint() != before
 
 
 def _fingerprint() -> str:

@@ -281,10 +281,12 @@ def _bytes_of(array: np.ndarray) -> memoryview:
 
 @functools.cache
 def _sources(module: str) -> str:
-    """Hash NumPy's version, a module, and all that it imports of `_PACKAGES`, directly or not."""
+    """Hash NumPy's and Coal's versions, a module, and all that it imports of `_PACKAGES`, directly or not."""
+    import coal  # whoever computes an entry has loaded it
+
     found: set[str] = set()
     waiting = {module}
-    digest = hashlib.sha256(np.__version__.encode())
+    digest = hashlib.sha256(f"{np.__version__} {coal.__version__}".encode())
     while waiting:
         found |= waiting
         waiting = {needed for name in waiting for needed in _imports(name)} - found
