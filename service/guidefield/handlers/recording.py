@@ -1,7 +1,7 @@
 """Interfaces between a handler and the recorder of its run: the recording, and the motion that is recorded.
 
-Packed classes are stored in a run's log by the order of their fields, and perhaps read by a newer version: a change of
-these needs another `MAGIC` in run_log.py.
+Packed classes are stored in a run's log by the order of their fields, and perhaps read by a newer version: a change by
+which older logs are read wrongly needs another `MAGIC` in run_log.py.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 kernels/collide/self_narrowphase.py fills cells while it plans (apart, touching, or divided further) and shares what it
 finds between all users of a robot. Columns are those of kernels/collide/layout.py. How far bodies may move within a
-cell must not be too small, or contacts are missed; numbers of cells are memory and time alone, but that within `BAND`
-of contact the answer may change.
+cell must not be too small, or contacts are missed; numbers of cells are memory and time, but that within `BAND` of
+contact the answer may change, as long as float32 counts a grid's undivided cells (up to 2^24).
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Overlaps of two convex shapes along candidate directions; the least one is mostly their penetration depth.
 
 `collision/narrow_phase.py` checks Coal's depth by it; where they differ, it descends from the best directions. Each
-overlap is right for its direction: further directions cost time and can only lower the least.
+overlap is right for its direction: further directions can only lower the least. They cost time, and need room there
+(`MOST_OTHERS`): nothing checks it.
 """
 
 from __future__ import annotations
