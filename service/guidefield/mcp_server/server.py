@@ -1,6 +1,7 @@
 """The server of the Model Context Protocol, over standard input and output; needs ``guidefield[mcp]``.
 
-`TOOLS` are its tools; names, descriptions and schemas are what models read, and none moves a robot.
+`TOOLS` are its tools; names, descriptions and schemas are what models read, and none moves a robot. All are announced
+as reading only.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Explain faults of a payload: the place, and the valid choices there.
 
 The patterns below read msgspec's messages: with a message that it words otherwise, the text stays as msgspec has it.
+`_NAMED` reads those of our own checks, too: a field in backticks at their beginning becomes the path of the error.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Decode queries: the request of a key below an instance's, its parameters and its payload.
 
-`_RULES` decides which keys are served, but for streams (stream_requests.py); served.py describes them for clients.
-Heads repeat fields of requests, with their defaults, so that a run can be queued before all of its request is decoded.
+`_RULES` decides which keys are served, with `is_file` and `is_cancel`, but for streams (stream_requests.py); served.py
+describes them for clients. Heads repeat fields of requests, with their defaults, so that a run can be queued before all
+of its request is decoded.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The keys of a service, their purposes, parameters and messages, and the meaning of each status code.
 
-What is served is decided by `_RULES` of messages/keys.py and by messages/stream_requests.py; from here they take
+What is served is decided by `check` of messages/keys.py and by messages/stream_requests.py; from here they take
 `SHARING` and, for the error about an unknown key, `SERVED`. Tests compare the two. Words here are in `info` and
 docs/wire.md: after a change, `tools/wire_page`.
 """

@@ -61,6 +61,7 @@ def test_a_plane_inside_an_obstacle_is_refused_at_once() -> None:
     crossing = cross_plane(made, made.q_start, build(plane_at(0.6), 0), 0)
     assert crossing.status is Status.GUIDE_PLANE_UNREACHABLE
     assert crossing.details["obstacle"] == "block"
+    assert "that the tip heads for" in crossing.message
 
 
 def test_a_plane_with_free_places_between_small_obstacles_is_not_called_blocked() -> None:

@@ -92,7 +92,7 @@ def _tip_radius(group: PlanningGroup) -> float:
 
 
 def explain_unreachable(problem: Problem, plane: GuidePlane) -> tuple[str, dict[str, Any]] | None:
-    """The reason why no configuration has its tip on a plane, if that is known without a search; else None."""
+    """The reason why the tip can't cross a plane, if that is known without a search; else None."""
     radius = tip_radius(problem)
     if plane.inradius < radius:
         return (
@@ -111,7 +111,7 @@ def explain_unreachable(problem: Problem, plane: GuidePlane) -> tuple[str, dict[
     blocking = find_touched_obstacle(problem.scene, plane.centroid, radius)
     if blocking is None or not _are_all_blocked(swept_world(problem.world).tables, fan, radius):
         return None
-    return "every place on it where the tip's body would fit is inside an obstacle", {"obstacle": blocking}
+    return "every place on it that the tip heads for is inside an obstacle", {"obstacle": blocking}
 
 
 def _are_all_blocked(tables: DistanceTables, triangles: np.ndarray, radius: float) -> bool:
