@@ -226,9 +226,7 @@ def end_after(sentinel: int) -> None:
 CHECK_INTERVAL_S = 0.1  # period at which a process is checked [s]
 MAX_WAITING_MESSAGES = 1_000  # maximum number of messages that wait to be sent
 MAX_WAITING_BYTES = 64 << 20  # their maximum size together [bytes]
-# time without an acknowledgement, while messages wait, after which a process is ended [s]; docs/wire.md tells it: after
-# a change, `tools/wire_page`
-MAX_SILENCE_S = 10.0
+MAX_SILENCE_S = 10.0  # time without an acknowledgement, while messages wait, after which a process is ended [s]
 # this and the number of messages are in docs/wire.md by endpoint/rules.py: after a change, `tools/wire_page`
 
 _spawn = multiprocessing.get_context("spawn")

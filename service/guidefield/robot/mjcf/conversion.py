@@ -38,7 +38,7 @@ from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
 from guidefield.robot.urdf.xml import Element
 
 VISIBLE_GROUPS = 3  # muJoCo shows geoms of the groups below this one, unless somebody switches others on
-SUBDIVISIONS = 3  # of the icosahedron that stands about an ellipsoid: it is at most 0.9 % larger
+SUBDIVISIONS = 3  # of the icosahedron that stands about an ellipsoid: it is at most 0.9 % larger (docs/scenes.md)
 
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
