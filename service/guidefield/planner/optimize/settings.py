@@ -5,8 +5,8 @@ Lengths are those at size 1, see `sized`; a coordinate in metres counts by the r
 "Problems" are 35 of the public ones of a Panda as pose goals, at 15 rad/s² and 500 rad/s³. Where it says *unrecorded*
 nobody wrote down how a number was chosen; a prototype's were chosen on 70 of the same sets, some of which are measured
 now. What no preset changes stands beside its use; service/docs/algorithm.md repeats some. All of them change motions
-and the time to find them; whether these are free and within limits is judged afterwards
-(`planner/optimized_motion.py`).
+and the time to find them; whether these are free is judged afterwards (`planner/optimized_motion.py`), and limits of
+rates are kept whatever they are.
 """
 
 from __future__ import annotations
