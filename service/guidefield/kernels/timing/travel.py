@@ -17,7 +17,7 @@ from guidefield.kernels.kinematics.forward_kinematics import CarriedPoint, Joint
 from guidefield.kernels.timing.hermite import place_and_rate
 
 IN_CHART, OF_FRAME, WAYS = range(3)  # numbers of the lengths in local coordinates and of the tip; then how many
-STRIDES = 3  # each part is measured by all of its chords, by every second and by every fourth of its points
+STRIDES = 3  # a part is measured by all of its chords, by every second and every fourth of its points; no setting
 
 AGAINST, LOOK = WAYS * STRIDES, WAYS * STRIDES + 1
 """Numbers of a measured part, behind both lengths by three strides: how far the motion may go back and forth within its
