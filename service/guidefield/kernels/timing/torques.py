@@ -15,7 +15,7 @@ has by the joints up to one, with X their sums and D their changes, is
     |J_i''| <= R_i (X2_i + X1_i²) + sum over later joints R (x2 + D(X1²))
 
 Limits of torques rest on these bounds (`planner/task/effort.py`): `CLOSER`, `HALVINGS` and `EXCESS` trade time for how
-close they are, not whether they hold.
+close they are, not whether they hold. With more of `SAME` jumps of torques at knots are overlooked.
 """
 
 from __future__ import annotations
