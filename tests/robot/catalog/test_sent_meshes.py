@@ -69,6 +69,13 @@ def test_a_gltf_and_a_dae_find_what_they_name(tmp_path):
     assert "<surface><init_from>i</init_from></surface>" in dae
 
 
+def test_a_ply_finds_a_texture_that_was_sent_and_loses_the_name_of_another():
+    header = b"ply\nformat ascii 1.0\ncomment made by hand\ncomment TextureFile %s\nend_header\ntexturefile t.png\n"
+    named = name_by_content({"m/a.ply": header % b"../t x.png", "t x.png": PNG, "m/b.ply": header % b"/etc/passwd"})
+    assert named.files[named.names["m/a.ply"]] == header % named.names["t x.png"].encode()
+    assert named.files[named.names["m/b.ply"]] == header.replace(b"comment TextureFile %s", b"comment")
+
+
 @pytest.mark.parametrize(
     ("uri", "content", "words"),
     [

@@ -1,9 +1,9 @@
 """Check mesh files that a client sent, and name them by their content, so that no name of theirs becomes a path.
 
-Some kinds name others: an .obj its materials, these their textures, a .dae its textures, a .gltf its buffers. Whoever
-opens such a file opens these. So each must have been sent, too, and its name is replaced by the one that it has here.
-Files are untrusted: a further kind in `MESHES` that can name other files needs a function in `_REWRITERS`. A .ply,
-which may name a texture, has none: trimesh, since version 5, opens none outside of the file's folder.
+Some kinds name others: an .obj its materials, these their textures, a .dae and a .ply its textures, a .gltf its
+buffers. Whoever opens such a file opens these. So each must have been sent, too, and its name is replaced by the one
+that it has here; that of a .ply's texture is left out if it wasn't sent. Files are untrusted: a further kind in
+`MESHES` that can name other files needs a function in `_REWRITERS`.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ COMPANIONS = (".bin", ".bmp", ".jpeg", ".jpg", ".mtl", ".png", ".tga")  # kinds 
 
 _OBJ_NAMES = re.compile(rb"^([ \t]*mtllib[ \t]+)([^\n]+)", re.MULTILINE | re.IGNORECASE)
 _MTL_NAMES = re.compile(rb"^([ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+)([^\n]+)", re.MULTILINE | re.IGNORECASE)
+_PLY_TEXTURE = re.compile(rb"^([ \t]*(?:comment|obj_info)\b[^\n]*?texturefile)([^\n]*)", re.MULTILINE | re.IGNORECASE)
 _LINE_ENDS = re.compile(rb"[\r\v\f\x00\x1c-\x1e]")
 """What one reader or another takes for the end of a line, besides a line feed."""
 _GLB_MAGIC, _GLB_JSON = b"glTF", b"JSON"
@@ -171,12 +172,26 @@ def _rename_image(element: etree._Element, referred: _Referred) -> None:
         element.text = referred(unquote(text.removeprefix("file://")))
 
 
+def _rewrite_ply(content: bytes, _uri: str, referred: _Referred) -> bytes:
+    """Replace the name of a texture in a header, or leave it out: most PLY files come without theirs."""
+    head, end, body = content.partition(b"end_header")
+
+    def line(match: re.Match[bytes]) -> bytes:
+        try:
+            return match[1] + b" " + referred(match[2].decode(errors="replace").strip()).encode()
+        except RobotInvalid:
+            return b"comment"
+
+    return _PLY_TEXTURE.sub(line, head) + end + body
+
+
 _REWRITERS: dict[str, Callable[[bytes, str, _Referred], bytes]] = {
     ".obj": functools.partial(_rewrite_lines, _OBJ_NAMES, b"mtllib"),
     ".mtl": functools.partial(_rewrite_lines, _MTL_NAMES, b"map_"),
     ".gltf": _rewrite_gltf,
     ".glb": _check_glb,
     ".dae": _rewrite_dae,
+    ".ply": _rewrite_ply,
 }
 
 
