@@ -14,7 +14,7 @@ import pytest
 import zenoh
 
 from guidefield.cli.serving import LOOPBACK, free_port
-from guidefield.client.exchange import THREAD_NAME, Exchange, await_answer
+from guidefield.client.exchange import MAX_REMEMBERED_RUNS, THREAD_NAME, Exchange, await_answer
 from guidefield.client.questions import Question
 from guidefield.errors import ServerBusy
 from guidefield.messages import codec
@@ -114,3 +114,20 @@ def test_where_one_instance_refuses_another_one_is_asked() -> None:
     with _asking("busy", "free") as exchange:
         answer, _ = _answered(exchange)
         assert answer.result() == b"free"
+
+
+def test_questions_about_an_open_stream_go_to_its_instance_however_many_runs_follow() -> None:
+    """After a thousand further requests its stop went to any instance, which knew no such stream."""
+    with _asking("one", "other") as exchange:
+        for name in ("one", "other"):
+            exchange.hold(f"stream-{name}", name)
+        for number in range(2 * MAX_REMEMBERED_RUNS):
+            exchange.remember(f"{number}", "one")
+        for name in ("one", "other"):
+            stop = Question(f"streams/stream-{name}/stop", bytes, request_id=f"stream-{name}", timeout=ANSWERED_WITHIN)
+            assert await_answer(exchange.ask(stop)) == name.encode()
+            exchange.release(f"stream-{name}")
+        for number in range(MAX_REMEMBERED_RUNS):
+            exchange.remember(f"further {number}", "one")
+        with pytest.raises(KeyError):
+            exchange.instance_of("stream-other")

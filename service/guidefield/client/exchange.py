@@ -185,7 +185,7 @@ RETRY_PAUSE_S = 0.1
 """Pause before the next attempt, doubled each time, since Zenoh may not know yet that the instance is gone [s]."""
 SIGNAL_PERIOD_S = 0.2  # period at which a waiting caller handles signals [s]
 THREAD_NAME = "guidefield-ask"  # name of the threads that ask another instance
-MAX_REMEMBERED_RUNS = 1_000  # of runs, requests and streams: instances of older ones are forgotten, and not asked
+MAX_REMEMBERED_RUNS = 1_000  # of runs, requests and streams that are over: instances of older ones are forgotten
 
 _M = TypeVar("_M", Progress, SceneChanged)
 
@@ -207,6 +207,7 @@ class Exchange:
         self._instances = Instances(session, user)
         self._current = instance
         self._runs: OrderedDict[str, str] = OrderedDict()  # instances by the id of a run, request or stream
+        self._held = Counter[str]()  # for how many questions under way and open streams such an id is kept
         self._stored: dict[str, str] = {}  # instances by the key of a scene or robot that this client stored
         self._present: dict[str, zenoh.LivelinessToken] = {}
         self._lock = threading.Lock()
@@ -331,20 +332,36 @@ class Exchange:
         """Remember the instance of a run."""
         with self._lock:
             self._runs[run_id] = instance
-            if len(self._runs) > MAX_REMEMBERED_RUNS:
-                self._runs.popitem(last=False)
+            while len(self._runs) - len(self._held) > MAX_REMEMBERED_RUNS:
+                del self._runs[next(oldest for oldest in self._runs if oldest not in self._held)]
+
+    def hold(self, own_id: str, instance: str) -> None:
+        """Remember the instance of a run, request or stream at least until it is released."""
+        with self._lock:
+            self._held[own_id] += 1
+        self.remember(own_id, instance)
+
+    def release(self, own_id: str) -> None:
+        """Let an instance that was held be forgotten after further ones."""
+        with self._lock:
+            self._held[own_id] -= 1
+            if not self._held[own_id]:
+                del self._held[own_id]
+            self._runs.move_to_end(own_id)
 
     def begin(self, question: Question[Any], instance: str) -> None:
         """Take note that a question goes to an instance."""
         if question.work:
             self._instances.loads.begin(instance)
             if question.own_id is not None:
-                self.remember(question.own_id, instance)
+                self.hold(question.own_id, instance)
 
     def end(self, question: Question[Any], instance: str, *, well: bool) -> None:
         """Take note of the end of a question, and of the things that it stored or deleted at the instance."""
         if question.work:
             self._instances.loads.end(instance)
+            if question.own_id is not None:
+                self.release(question.own_id)
         with self._lock:
             if well and question.stores is not None:
                 self._stored[question.stores] = instance

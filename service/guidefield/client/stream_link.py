@@ -160,6 +160,7 @@ class StreamLink:
         self._timer: threading.Timer | None = None
         self._lock = threading.Lock()
         self._base = ""
+        self._held: str | None = None  # the stream whose instance the exchange has to keep
         self._forget()
 
     def _forget(self) -> None:
@@ -183,11 +184,13 @@ class StreamLink:
 
     def accept(self, reply: StreamReply) -> None:
         """Take the reply that opens the stream."""
-        self.reply = reply
-        self._base = f"{base_key(self._exchange.instance_of(self.stream_id), self._exchange.user)}/streams"
+        self.reply, instance = reply, self._exchange.instance_of(self.stream_id)
+        self._exchange.hold(self.stream_id, instance)
+        self._held = self.stream_id
+        self._base = f"{base_key(instance, self._exchange.user)}/streams"
         with self._lock:
             self.execution = Execution(reply.start)
-        self._watch(self._exchange.instance_of(self.stream_id))
+        self._watch(instance)
 
     def start_reopening(self, start: Positions) -> Question[StreamReply]:
         """Return the question that opens an ended stream again, with all declared obstacles."""
@@ -204,6 +207,9 @@ class StreamLink:
         for subscriber in (*self._subscribers, *(() if token is None else (token,))):
             subscriber.undeclare()
         self._subscribers = []
+        held, self._held = self._held, None
+        if held is not None:
+            self._exchange.release(held)
         self._schedule(None)
 
     def aim(self, goal: StreamGoal | dict[str, Any] | None) -> tuple[Question[StreamAimed], StreamGoal | None]:
