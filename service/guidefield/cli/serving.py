@@ -98,7 +98,8 @@ def free_port() -> Iterator[int]:
 
 
 TRACE_SIGNAL = signal.SIGUSR1  # on this signal a service writes the traces of all threads to stderr, and continues
-END_TIME_S = 30.0  # time of a service to end after its work is finished, before it is ended by force [s]; `DUMP_TIME_S`
+END_TIME_S = 30.0  # time of a service to end after its work is finished, before it is ended by force [s]
+"""It is part of what `DUMP_TIME_S` tells, and not below the times of `pool/pool.py`."""
 CHILD_END_TIME_S = 60.0
 """Time of a child service to end before it is killed [s].
 
