@@ -192,7 +192,7 @@ def plan_commit(
     """The commit of a piece from a state (nv, 3) towards velocities (nv,); it has no number yet.
 
     Coordinates aren't led beyond goals (nv,), which may be infinite. The piece has a begin and a duration [s]; `within`
-    is the share of each limit that is left for rounding.
+    is the share of limits of rates, and the distance from those of position, that is left for rounding.
     """
     count = len(velocities)
     phases, counts, ends = np.zeros((count, MOST_PHASES, 5)), np.zeros(count, np.int64), np.zeros(count)
