@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -15,7 +16,7 @@ import zenoh
 from guidefield import Client, NoService
 from guidefield.cli.serving import free_port
 from guidefield.endpoint import service
-from guidefield.endpoint.service import ServiceSettings, serve, session_config
+from guidefield.endpoint.service import ServiceSettings, claim_name, serve, session_config
 from guidefield.errors import MalformedRequest
 from guidefield.first_start import CannotStart
 from tests.journeys.service import ANSWERED_WITHIN, ENDED_WITHIN, await_that, plain_client
@@ -48,6 +49,41 @@ def test_a_mistake_in_a_configuration_file_is_refused(tmp_path: Path) -> None:
 def test_a_name_that_is_no_chunk_of_a_key_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MalformedRequest, match="instance"):
         serve(ServiceSettings(tmp_path, instance="a/b"), threading.Event())
+
+
+def test_of_services_that_claim_a_name_at_the_same_time_one_gets_it() -> None:
+    at_once = threading.Barrier(4)
+
+    def claim(session: zenoh.Session, name: str) -> zenoh.LivelinessToken | None:
+        at_once.wait()
+        try:
+            return claim_name(session, name)
+        except CannotStart:
+            return None
+
+    with contextlib.ExitStack() as opened, free_port() as port, ThreadPoolExecutor(4) as threads:
+        sessions = []
+        for way, mode in (("listen", "peer"), *(3 * [("connect", "client")])):
+            config = zenoh.Config()
+            config.insert_json5("mode", json.dumps(mode))
+            for key in ("listen", "connect"):
+                there = [f"tcp/127.0.0.1:{port}"] if key == way else []
+                config.insert_json5(f"{key}/endpoints", json.dumps(there))
+            config.insert_json5("scouting/multicast/enabled", "false")
+            sessions.append(opened.enter_context(zenoh.open(config)))
+        for name in map(str, range(8)):
+            tokens = list(threads.map(claim, sessions, 4 * [name]))
+            (got,) = [one for one in tokens if one is not None]
+            for session in sessions:
+                with pytest.raises(CannotStart, match=f"named '{name}' is alive"):
+                    claim_name(session, name)
+            got.undeclare()
+            await_that(lambda name=name: not _is_claimed(sessions[1], name))
+            claim_name(sessions[1], name)
+
+
+def _is_claimed(session: zenoh.Session, name: str) -> bool:
+    return any(reply.ok is not None for reply in session.liveliness().get(f"guidefield/{name}/**"))
 
 
 def test_what_it_does_while_it_starts_is_told_and_lists_are_read(

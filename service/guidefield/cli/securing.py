@@ -97,7 +97,7 @@ PUT_MESSAGES, PUT_DECLARATIONS = ["put"], ["declare_subscriber"]
 """Messages that a client sends for its own stream, and the service's subscription for them."""
 UPDATE_KEY = "streams/*/update"  # key of a stream's updates, below a user's
 SUBSCRIBE_MESSAGES, PUBLISHED_MESSAGES = ["declare_subscriber"], ["put"]  # messages that a subscriber sends and gets
-PUBLIC_KEYS = ("guidefield/*/alive", "guidefield/*/starting")
+PUBLIC_KEYS = ("guidefield/*/alive", "guidefield/*/starting", "guidefield/*/starting/*")
 """Keys that everybody may read: the liveliness of services."""
 LIST_KEYS = ("info", "robots", "scenes", "runs")  # keys that onlookers may read, below their own
 SHARED_KEYS = ("robots/$*:$*", "scenes/$*:$*", "runs/$*:$*", "runs/$*:$*/recording", "runs/$*:$*/proof")

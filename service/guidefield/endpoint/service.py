@@ -53,6 +53,7 @@ DEFAULT_QUEUE = (
 DEFAULT_GRACE = 10.0  # default time for requests under way at the end [s]; `DUMP_TIME_S` of `cli/serving.py` bounds it
 # both are in docs/wire.md by rules.py: after a change, `tools/wire_page`
 LIVELINESS_TIMEOUT_S = 5.0  # longest time to ask for a service of the same name [s]; without one nothing waits
+CLAIM_PERIOD_S = 0.05  # between two looks at who claims the same name [s]
 EAGER_PATIENCE_S = 30.0
 """Time that a worker has for the recording that it renders after its reply, before another process does it [s]."""
 STREAM_OPTIONS = {
@@ -117,8 +118,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         _tell_metrics(settings, lambda: brief_info(figures[-1]()), opened)
         session = opened.enter_context(_open_session(config))
         opened.callback(close_links_at_once(session).undeclare)
-        _require_no_other(session, settings.instance)
-        starting = session.liveliness().declare_token(f"guidefield/{settings.instance}/starting")
+        starting = claim_name(session, settings.instance)
         runs = RunDatabase(settings.data, settings.retention, lambda user: settings.quotas.of(user).bytes)
         renderer = _renderer(settings, setup, runs)
         _prepare(runs, announce)
@@ -314,10 +314,35 @@ def _publish(
         _log.exception("%s could not be published", key)
 
 
-def _require_no_other(session: zenoh.Session, instance: str) -> None:
-    tokens = session.liveliness().get(f"guidefield/{instance}/*", timeout=LIVELINESS_TIMEOUT_S)
-    if any(reply.ok is not None for reply in tokens):
-        raise CannotStart(f"a service named {instance!r} is alive on this network; choose another name")
+def claim_name(session: zenoh.Session, instance: str) -> zenoh.LivelinessToken:
+    """Return the token of a service that starts, once no other one of its name is alive or may become so.
+
+    Of several that claim a name at the same time the one with the smallest identifier gets it.
+
+    Raises:
+        CannotStart: if another one has it or gets it.
+    """
+    own, begun = str(session.zid()), time.monotonic()
+    claim = session.liveliness().declare_token(f"guidefield/{instance}/starting/{own}")
+    while True:
+        claims = _find_tokens(session, f"guidefield/{instance}/starting/*") - {
+            own
+        }  # before who has it: it is both then
+        is_taken = bool(_find_tokens(session, f"guidefield/{instance}/*")) or min(claims, default=own) < own
+        if is_taken or (claims and time.monotonic() - begun > LIVELINESS_TIMEOUT_S):
+            raise CannotStart(f"a service named {instance!r} is alive on this network; choose another name")
+        if not claims:
+            break
+        time.sleep(CLAIM_PERIOD_S)  # until those with larger identifiers have given up
+    starting = session.liveliness().declare_token(f"guidefield/{instance}/starting")
+    claim.undeclare()
+    return starting
+
+
+def _find_tokens(session: zenoh.Session, keys: str) -> set[str]:
+    """Find the last parts of the keys of liveliness tokens."""
+    found = session.liveliness().get(keys, timeout=LIVELINESS_TIMEOUT_S)
+    return {str(reply.ok.key_expr).rpartition("/")[2] for reply in found if reply.ok is not None}
 
 
 def _prepare(runs: RunDatabase, announce: Callable[[str], None]) -> None:
