@@ -6,7 +6,7 @@ many balls. That a cover contains its shape rests on `_ROUNDING`.
 
 Collision kernels prove contact by the inner balls, the most filling first; that their radii are less than the depths of
 their centres, by `SAFETY` and `Solid.reach`, makes it a proof. All other constants trade the number of balls, or how
-much they fill, against time.
+much they fill, against time; of obstacles wholly inside a mesh those kernels see what inner balls meet alone.
 """
 
 from __future__ import annotations
