@@ -231,6 +231,7 @@ KEYS = (
     KeyInfo("alive", "exists while requests are taken", how="token"),
     KeyInfo("clients/<client>", "declared by a client; when it is gone, its requests end", how="token"),
     KeyInfo("starting", "exists while the service starts", how="token"),
+    KeyInfo("starting/<id>", "exists while a service looks whether another one has its name", how="token"),
 )
 """Every key."""
 
