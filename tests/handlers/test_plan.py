@@ -179,7 +179,7 @@ def test_a_start_in_collision_names_the_pair_and_how_deep() -> None:
     ("request_part", "error", "match"),
     [
         ({"start": {"panda_joint9": 0.0}}, InvalidConfiguration, "no joint 'panda_joint9'"),
-        ({"start": {"panda_joint1": [0.0, 1.0]}}, InvalidConfiguration, "one number, not 2"),
+        ({"start": {"panda_joint1": [0.0, 1.0]}}, InvalidConfiguration, "one number, not a list of 2"),
         ({"goal": joints(nose=1.0)}, InvalidGoal, "no joint 'nose'"),
         ({"goal": joints(panda_finger_joint1=0.01)}, InvalidGoal, "not planned for"),
         ({"goal": {"type": "guide_plane"}, "guide_planes": []}, InvalidGoal, "there is none"),
