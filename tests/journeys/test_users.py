@@ -179,7 +179,7 @@ def test_a_flood_of_cheap_queries_holds_up_nobody(service: Service) -> None:
             await_that(lambda: len(answers) == FLOOD)
             told = [json.loads(answer.payload) for answer in answers if not answer.is_reply]
             assert all(refusal["name"] == "QUOTA_EXCEEDED" and refusal["details"]["retry_after"] for refusal in told)
-            return others < 3 * FLOOD // 4  # behind them all, but for those that are on their way
+            return others < 3 * FLOOD // 4  # where it waits for them, nearly all are answered before
 
         assert any(overtakes() for _ in range(20))
 
