@@ -28,7 +28,7 @@ from guidefield.scene.obstacle import Obstacle
 MOST_TRIANGLES = 20_000
 """An obstacle of more gets no hull: Qhull would take seconds. Its SIMD tables are of another kind, kept on disk."""
 
-FEW = 16  # up to so many points times boxes these are compared one by one, which takes less time than as arrays
+FEW = 16  # most pairs of a point and a box that are compared one by one, which takes less time than as arrays
 
 
 @memoized_for_alike

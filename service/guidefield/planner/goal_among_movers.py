@@ -27,7 +27,7 @@ from guidefield.planner.held_paths import HeldPath, Through, connections, find_d
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import remove_repetitions
 from guidefield.planner.motion_certificate import CertifiedMotion, certify_motion, find_excess, judge
-from guidefield.planner.optimize.clearance_samples import keeps_aside
+from guidefield.planner.optimize.clearance_samples import keeps_distance
 from guidefield.planner.optimized_motion import CrossedPlanes, optimize_motion
 from guidefield.planner.path_so_far import PathSoFar, time_path
 from guidefield.planner.schedule.retimed import retime
@@ -250,8 +250,8 @@ class _Search:
             soonest = -np.inf
         if made is None or made.trajectory is None:
             return None
-        motion, aside = made.trajectory, SCHEDULE.aside + self._problem.min_clearance
-        if motion.times[-1] <= soonest and keeps_aside(self._problem, motion, aside):
+        motion, distance = made.trajectory, SCHEDULE.distance + self._problem.min_clearance
+        if motion.times[-1] <= soonest and keeps_distance(self._problem, motion, distance):
             return made  # what moves neither delays it nor comes near
         if self._problem.optimization_iterations == 0 or motion.duration == 0.0:
             return made

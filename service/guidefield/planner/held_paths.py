@@ -216,7 +216,7 @@ def find_detours(problem: Problem, through: Through, slices: Slices, since: floa
 
 def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:
     group, half = among.group, WAYS.places // 2
-    noise = rng.normal(scale=WAYS.aside, size=(half, group.nv)) * group.units
+    noise = rng.normal(scale=WAYS.deviation, size=(half, group.nv)) * group.units
     anywhere = np.array([group.chart(group.random(rng)) for _ in range(half)])
     drawn = np.clip(np.concatenate([among.z_start + noise, anywhere]), group.lower, group.upper)
     free: ChartPoints = drawn[~among.lanes.touching(drawn, among.min_clearance)]

@@ -181,7 +181,7 @@ def choose_sides(lanes: BatchCollision, drifting: DriftingObstacles, way: TimedP
     """Choose sidesteps from a path: `drawn` (k, nv), back, and away from obstacles that come close; shape (d, nv)."""
     back, speeds, near = way.at(0.0) - way.at(STREAM.back), way.speeds, STREAM.pressed * lanes.world.group.size
     directions = [back / speeds]
-    for after, place in STREAM.aside:
+    for after, place in STREAM.sidesteps:
         boxes = drifting.after(after)
         directions.append(-speeds * pressure_slope(lanes, boxes, way.at(place), near))
     largest = [float(np.abs(one).max()) for one in directions]

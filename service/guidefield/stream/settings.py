@@ -58,7 +58,7 @@ class StreamSettings:
     stays: int = 3  # steps at the end for which the distance counts: else a passing obstacle stops it just before
     sides: int = 4  # directions to sidestep in that are drawn, once
     # further ones lead away from the obstacles near the path: time ahead [s], and place on the path [s], of each
-    aside: tuple[tuple[float, float], ...] = ((0.3, 0.0), (0.6, 0.0), (0.6, 0.4))
+    sidesteps: tuple[tuple[float, float], ...] = ((0.3, 0.0), (0.6, 0.0), (0.6, 0.4))
     pressed: float = 0.2  # distance below which obstacles count for these [m]
     back: float = 0.3  # one leads back, as from this place of the path to its beginning [s]
     levels: int = 5  # sidesteps in one direction at most

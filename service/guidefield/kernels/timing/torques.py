@@ -14,8 +14,9 @@ has by the joints up to one, with X their sums and D their changes, is
     |J_i'|  <= R_i X1_i + sum over later joints R x1
     |J_i''| <= R_i (X2_i + X1_i²) + sum over later joints R (x2 + D(X1²))
 
-Limits of torques rest on these bounds (`planner/task/effort.py`): `CLOSER`, `HALVINGS` and `EXCESS` trade time for how
-close they are, not whether they hold. With more of `SAME` jumps of torques at knots are overlooked.
+Limits of torques rest on these bounds (`planner/task/effort.py`): they hold whatever `CLOSER`, `HALVINGS` and
+`EXCESS` are. But docs/motions.md and replies promise them within 1 %, for which `HALVINGS` must suffice and `EXCESS` be
+less. With more of `SAME` jumps of torques at knots are overlooked.
 """
 
 from __future__ import annotations

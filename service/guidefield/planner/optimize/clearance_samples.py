@@ -434,7 +434,7 @@ def is_better(problem: Problem, motion: Trajectory, other: Trajectory, settings:
     return values[0] < values[1]
 
 
-def keeps_aside(problem: Problem, motion: Trajectory, distance: float) -> bool:
+def keeps_distance(problem: Problem, motion: Trajectory, distance: float) -> bool:
     """Return whether the robot's points keep a distance [m] from all that moves, at samples of a motion.
 
     Where they don't no certificate says that the robot keeps it; where they do it has to be asked.

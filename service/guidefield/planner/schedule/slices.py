@@ -68,7 +68,7 @@ class ScheduleSettings:
     repairs: int = 8  # how often a refused place is taken out, and a schedule looked for again. A choice
     # where what moves keeps this, and the clearance asked for, from a motion that it doesn't delay, no better one is
     # looked for [m]: the range of the optimisation's barrier
-    aside: float = 0.08
+    distance: float = 0.08
     kept_slices: int = 400  # slices whose tables are kept. A choice
 
 
@@ -85,7 +85,7 @@ class WaySettings:
     draws: int = 3  # ways among what rests alone. A choice
     places: int = 256  # random places that are examined, where the robot has to wait elsewhere. A choice
     # how far from the start half of them lie, as a standard deviation [rad, or the group's unit of length]. A choice
-    aside: float = 0.7
+    deviation: float = 0.7
     detours: int = 12  # by how many of them a way is tried. A choice
     rooms: tuple[float, ...] = (0.85,)  # as those of a schedule, where a way is but estimated. A choice
     share: float = 0.5  # of the time left for ways that a few motions find. A choice
