@@ -1,6 +1,7 @@
 """The engine in a worker process, which answers queries: bytes in, bytes out.
 
-The service pickles `EngineSetup` and jobs to its workers; `endpoint/service.py` `ServiceSettings` inherits its fields.
+The service pickles `EngineSetup` and jobs to its workers: a new field of `Job` needs its place in `__reduce__`.
+`ServiceSettings` of `endpoint/service.py` inherits the fields of `EngineSetup`.
 """
 
 from __future__ import annotations

@@ -65,6 +65,17 @@ def test_it_begins_and_ends_as_asked_and_does_not_stop(jerk: float | None) -> No
     assert speeds.min() > 0.05
 
 
+def test_an_optimised_motion_beyond_limits_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("guidefield.planner.optimize.optimization.STRICTLY", 1.5)  # it begins beyond them
+    made = asked()
+    top, nv = made.group.velocity_limits, made.group.nv
+    made = dataclasses.replace(
+        made, jerk_limits=np.full(nv, 500.0), start_velocity=0.3 * top, optimization_iterations=1
+    )
+    result = plan(made, Planner.TREE)
+    check(made, result)
+
+
 def test_a_joint_may_begin_at_its_velocity_limit() -> None:
     made = asked()
     made = dataclasses.replace(made, start_velocity=made.group.velocity_limits * np.eye(made.group.nv)[0])

@@ -1,4 +1,4 @@
-"""Replies to kinematics requests, in the order of the request; numbers as lists or packed.
+"""Replies to kinematics requests, in the order of the request; numbers as lists, many also packed.
 
 Names, meanings and defaults of fields are the wire. Docstrings of messages are in docs/wire.md and the schemas: after a
 change, `tools/wire_page`.

@@ -28,6 +28,7 @@ from guidefield.planner.path_so_far import limits_of, retime_motion
 from guidefield.planner.schedule.retimed import wait_until_begin
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
+from guidefield.prove.verdict import LIMIT_TOLERANCE
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 
@@ -192,6 +193,8 @@ def _certify_optimized(
     elif problem.motion_limits and not problem.in_motion:
         candidates = filter(None, (_retime(problem, optimized.trajectory, crossed), found))
     for shaped, passed in candidates:
+        if problem.in_motion and _measure_load(problem, shaped) > 1.0 + LIMIT_TOLERANCE:  # its time can't be scaled
+            continue
         whole = wait_until_begin(shaped)
         before = len(whole.times) - len(shaped.times)  # a knot, where it waits
         knots = {plane: before + at for plane, at in passed.items()}
@@ -202,12 +205,16 @@ def _certify_optimized(
 
 
 def _retime(problem: Problem, motion: Trajectory, crossed: CrossedPlanes) -> tuple[Trajectory, dict[int, int]] | None:
-    knots = (motion.times - motion.times[0], motion.positions, motion.velocities)
-    if measure_limit_load(*knots, *limits_of(problem)[:3]) > 1.0 - GAINED:
+    if _measure_load(problem, motion) > 1.0 - GAINED:
         return None
     spline = retime_motion(problem, motion)
     made = None if spline is None else bring_onto_planes(problem, spline, crossed)
     return None if made is None or made[0].duration >= motion.duration else made
+
+
+def _measure_load(problem: Problem, motion: Trajectory) -> float:
+    knots = (motion.times - motion.times[0], motion.positions, motion.velocities)
+    return measure_limit_load(*knots, *limits_of(problem)[:3])
 
 
 def bring_onto_planes(

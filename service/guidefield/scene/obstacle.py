@@ -2,8 +2,8 @@
 
 Its parts are made on demand by a `Recipe`, and must all mean one shape; a primitive's row for kernels is made at once
 (`primitives_layout.PLACED`, read by kernels/collide and `distance_tables.py`). A further kind of obstacle needs an
-entry in `BUILDERS` (a primitive in `PRIMITIVES`), and in `motion.POSED`; anchor.py, prove/tables.py, case_file.py and
-the referee tell kinds apart, too.
+entry in `BUILDERS` (a primitive in `PRIMITIVES`), and in `motion.POSED`; messages/scene_changes.py, content.py,
+anchor.py, prove/tables.py, case_file.py and the referee tell kinds apart, too.
 """
 
 from __future__ import annotations

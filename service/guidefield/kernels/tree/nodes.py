@@ -1,7 +1,8 @@
 """The nodes of two trees that a search in SIMD batches grows: steps from them, one more of them, the path between.
 
-`planner/connect/tree_search.py` and `stream/path_planner.py` make the arrays of `TreeSearch`, and read path and
-counters. `RANGE` and `LATE` change which path a seed gives, not whether a path is free.
+`planner/connect/tree_search.py` makes the arrays of `TreeSearch`, and reads path and counters; `rrt_connect.py` and
+`constrained_connect.py` grow the trees in them. `RANGE` changes which path a seed gives, not whether it is free; `LATE`
+only the time, as buckets are exact.
 """
 
 from __future__ import annotations

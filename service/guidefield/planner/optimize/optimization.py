@@ -11,8 +11,8 @@ examined seldom: in between its expansion to second order represents it. Then th
 the curve as it is, and μ falls on. Steps are counted, not timed: the same problem has the same motion whatever the
 load, unless time runs out.
 
-The result is a proposal, examined at samples only: the certificate judges it. It doesn't judge limits of rates, which
-motions that begin or end in motion keep by their barrier alone: `STRICTLY` has to be below 1.
+The result is a proposal, examined at samples only: the certificate judges it. Limits of rates motions that
+begin or end in motion keep by their barrier, so `STRICTLY` has to be below 1; `optimized_motion.py` takes none beyond.
 """
 
 from __future__ import annotations
