@@ -284,6 +284,20 @@ def test_the_viewer_is_opened_on_this_machine_only(tmp_path: Path, monkeypatch: 
     assert "there is no recording" in str(CliRunner().invoke(app, ["show", str(tmp_path / "nothing.rrd")]).exception)
 
 
+def test_a_web_viewer_that_does_not_answer_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from typer.testing import CliRunner
+
+    from guidefield.cli import app, showing
+
+    monkeypatch.setattr(showing, "SERVER_START_TIME_S", 0.5)
+    (tmp_path / "run.rrd").write_bytes(b"")
+    for does, told in (("import time; time.sleep(60)", "did not answer within 0.5 s"), ("raise SystemExit(7)", "")):
+        monkeypatch.setattr(showing, "viewer_command", lambda does=does: [sys.executable, "-c", does])
+        ended = CliRunner().invoke(app, ["show", "--web", str(tmp_path / "run.rrd")])
+        assert told in str(ended.exception)
+        assert ended.exit_code == (1 if told else 7)
+
+
 def test_a_recording_is_served_to_browsers_until_sigterm(tmp_path: Path) -> None:
     (tmp_path / "run.rrd").write_bytes(b"a recording")
     command = [sys.executable, "-m", "guidefield", "show", "--web", str(tmp_path / "run.rrd")]

@@ -24,7 +24,7 @@ from rich.console import Console
 from guidefield.cli.serving import free_port
 from guidefield.viewer import LOOPBACK, CannotShow, has_display, quiet_environment, viewer_command
 
-SERVER_START_TIME_S = 30.0  # time that the web viewer's server has to answer [s]
+SERVER_START_TIME_S = 30.0  # time that the web viewer's server has to answer, else the command ends with an error [s]
 
 
 def show_in_window(recording: Path, err: Console) -> int:
@@ -40,12 +40,16 @@ def show_in_window(recording: Path, err: Console) -> int:
 def show_in_browser(recording: Path, out: Console) -> int:
     """Serve a recording and the viewer to browsers of this machine until Ctrl-C, and return the server's exit code.
 
+    Raises CannotShow if the server doesn't answer in time.
+
     The viewer reads the recording as a file: sent by Rerun's own server it loses its layout.
     """
     with free_port() as page, _serve_file(recording) as file, _start_viewer_server(page, file) as server:
         try:
             if not _await_server(page, server):
-                return server.wait() or 1
+                if (code := server.poll()) is None:
+                    raise CannotShow(f"the web viewer did not answer within {SERVER_START_TIME_S:g} s")
+                return code or 1
             url = f"http://{LOOPBACK}:{page}/?url={quote(file, safe='')}"
             out.print(f"{recording} is at {url}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
             if has_display():

@@ -172,7 +172,7 @@ def _arrays_in(record: np.ndarray) -> dict[str, np.ndarray]:
     return {name: record[name][0] for name in record.dtype.names or () if name != _SUM}
 
 
-MOST_BYTES = 4 * 2**30  # size of the folder, beyond which entries are removed
+MOST_BYTES = 4 * 2**30  # size of the folder, beyond which entries are removed; docs/service.md states it
 TRIMMED_SHARE = 0.75  # the share of that which is left then
 
 CHECK_SHARE = 0.01

@@ -87,7 +87,7 @@ class KnownRobot:
         return (lower, upper) if math.isfinite(lower) and math.isfinite(upper) else (-math.inf, math.inf)
 
 
-MOST_NAMES = 2_000  # names in a matrix
+MOST_NAMES = 2_000  # names in a matrix, whose square reading takes; `cdr.MOST_BYTES` admits about 2,890
 
 
 @dataclass(frozen=True)

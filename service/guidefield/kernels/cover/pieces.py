@@ -1,7 +1,8 @@
 """Triangles halved until they are small, gathered into elements by the cells of a grid, balls about these, and orders.
 
-All sums keep their order, so that every number is what NumPy makes of the same triangles, on every machine. Covers
-(`geometry/cover.py`) and charges (`robot/bodies/charges.py`) are made of elements: another order changes both.
+All sums keep their order, but in `farthest_first`, which may decide ties otherwise: so every number is what NumPy makes
+of the same triangles, on every machine. Covers (`geometry/cover.py`) are made of elements, charges
+(`robot/bodies/charges.py`) of what `farthest_first` chooses: another order changes them.
 """
 
 from __future__ import annotations
