@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import json
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -145,7 +146,7 @@ def test_what_is_beyond_a_quota_is_refused_with_when_to_ask_again(service: Servi
     with _as(service, "spent") as spent:
         assert spent.plan(SHORT).status.name == "SUCCESS"
         with pytest.raises(QuotaExceeded, match=r"0\.01 s of a processor in a minute"):
-            spent.plan(SHORT)
+            collections.deque((spent.plan(SHORT) for _ in range(20)), 0)  # some take less than that
         assert "table" in spent.scenes()
     with plain_client(service.endpoint) as wire, ThreadPoolExecutor(2) as threads:
         for name, then in (("first", {"waiting": 0, "running": 1}), ("second", {"waiting": 1, "running": 1})):

@@ -245,9 +245,9 @@ class _Search:
             optimised = finish(way.problem, way.found, self._stages)
             made = self.scheduled(optimised, at_rest=way.at_rest)
             soonest = soonest if optimised.trajectory is None else optimised.trajectory.duration
+        is_as_found = made is None
         if made is None and not self._problem.deadline.expired():
-            made = self.scheduled(certify_found_path(way.problem, way.found, self._stages), at_rest=way.at_rest)
-            soonest = -np.inf
+            made, soonest = self._as_found(way), -np.inf
         if made is None or made.trajectory is None:
             return None
         motion, distance = made.trajectory, SCHEDULE.distance + self._problem.min_clearance
@@ -255,11 +255,25 @@ class _Search:
             return made  # what moves neither delays it nor comes near
         if self._problem.optimization_iterations == 0 or motion.duration == 0.0:
             return made
-        between = self.leave_by[0], self._from(motion.positions[-1])
-        crossed = CrossedPlanes.of(self._problem, made.path, made.crossings)
-        better = optimize_motion(self._problem, motion, (), self._stages, crossed, between, self._judge)
-        if better is None or not better.verdict.free or self._exceeds(better.trajectory):
+        better = self._improve(made)
+        if better is not None or is_as_found or self._problem.deadline.expired():
+            return better or made
+        found = self._as_found(way)  # its schedule may be sooner than that of the optimised shape
+        if found is None or found.trajectory is None or found.trajectory.times[-1] >= motion.times[-1]:
             return made
+        return self._improve(found) or found
+
+    def _as_found(self, way: HeldPath) -> CertifiedMotion | None:
+        return self.scheduled(certify_found_path(way.problem, way.found, self._stages), at_rest=way.at_rest)
+
+    def _improve(self, made: CertifiedMotion) -> CertifiedMotion | None:
+        """A scheduled motion optimised among what moves; None where that is no better."""
+        assert made.trajectory is not None, "it is scheduled"
+        between = self.leave_by[0], self._from(made.trajectory.positions[-1])
+        crossed = CrossedPlanes.of(self._problem, made.path, made.crossings)
+        better = optimize_motion(self._problem, made.trajectory, (), self._stages, crossed, between, self._judge)
+        if better is None or not better.verdict.free or self._exceeds(better.trajectory):
+            return None
         return replace(better, warnings=(*made.warnings, *better.warnings))
 
     def _exceeds(self, motion: Trajectory | None) -> bool:
