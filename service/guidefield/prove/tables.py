@@ -1,7 +1,8 @@
 """Tables of a world and a motion for the search's kernels: robot, obstacles, movers, pairs, and the Bezier curve.
 
-Columns are those of kernels/prove. Everything proved rests on the errors here being large enough: `ROUNDED`,
-`ARITHMETIC`, `rounding_of`, and the speeds of obstacles that move.
+Columns are those of kernels/prove. Everything proved rests on the errors here being large enough: `ARITHMETIC`,
+`rounding_of`, and the speeds of obstacles that move. handlers/agreement.py lets pass contradictions up to twice
+`ROUNDED`.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from guidefield.scene.content import points_in
 from guidefield.scene.movers import motion_of, movers
 from guidefield.scene.scene import Scene, build, unplaced
 
-ROUNDED = 1e-5  # error of single precision for hulls whose corners are within some hundred metres [m]
+ROUNDED = 1e-5  # obstacles whose corners single precision rounds by more are seen from an anchor [m]
 ARITHMETIC = 2e-9  # error of double precision: this times 1 m plus the distance from the origin
 
 

@@ -2,8 +2,8 @@
 
 Triangles and points are halved at the median along the widest side of their box (Hoare's selection); boxes stand in the
 order that their caller gives them. The levels of boxes above are a refit: they are found from the leaves up. Queries
-compute children from a node's number: the layouts of `boxes_of_pairs` (`triangle_distance`), `fill_tree` (`point_tree`)
-and `boxes_above` (`boxes_met`) are theirs, too.
+compute children from a node's number: the layouts of `boxes_of_pairs` (`triangle_distance`, `distance`, `ray_winding`,
+`points_distance`), `fill_tree` (`point_tree`) and `boxes_above` (`boxes_met`) are theirs, too.
 """
 
 from __future__ import annotations

@@ -10,7 +10,8 @@ At the share t of a piece of length h, z = B P, z' = B' P / h and z'' = B'' P / 
 control points. By u = log h a load changes by -b · z' - 2 c · z''. The Hessian is Gauss and Newton's of torques; that
 of speeds, which are convex in velocities, has their curvature too. Unlike the clearance's it is made anew in each of
 Newton's steps, so that a step knows of loads that begin to exceed their limits. It leads the optimizer alone: whether
-limits are kept is checked by `planner/task`, on bounds.
+limits are kept is checked by `planner/task`, on bounds. Another form has to be that of `largest_torque_loads` and
+`largest_speed_loads`, too: by their sums candidates are given up unlooked at.
 """
 
 from __future__ import annotations

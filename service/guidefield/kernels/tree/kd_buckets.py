@@ -1,8 +1,9 @@
 """Nearest among very many nodes: buckets of 32, split at the median; boxes about sixteen of them tested at once.
 
 A node goes where the splits send it, so boxes overlap little; the search asks the boxes alone, so it is exact whatever
-they are. Angles that wrap are kept between half a turn and minus that; a box is its middle and half of its sides, and
-how far a point is from it is measured the short way round, too.
+they are: which coordinate is split is a matter of speed. Where it is split isn't: both halves get 16 nodes, by which
+`buckets_for` has room, which nothing checks. Angles that wrap are kept between half a turn and minus that; a box is its
+middle and half of its sides, and how far a point is from it is measured the short way round, too.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
 """The links as bodies: charges, balls, convex parts, points on their surfaces.
 
-They are kept on disk by the code that made them. Bounds may be coarser, but have to contain the links.
+They are kept on disk by the code that made them. Bounds may be coarser, but have to contain the links, and
+inscribed balls to lie inside.
 """

@@ -32,7 +32,7 @@ from guidefield.robot.urdf.xml import Element, fault, name_of, parse, warning
 UNNAMED = "robot"  # name of a robot that has none
 MAX_LINKS = 2_000  # stated in service/docs/robots.md, as is the next one
 MAX_DOF = 300
-"""Most degrees of freedom: Pinocchio's working memory grows with their cube (200: 0.1 GB; 1000: no memory left)."""
+"""Most degrees of freedom: Pinocchio's working memory grows with their cube (300: 0.9 GB; 1000: no memory left)."""
 
 OLDEST_VERSION, NEWEST_VERSION = (1, 0), (1, 2)
 
