@@ -27,7 +27,7 @@ from typing import Protocol
 
 import numpy as np
 
-from guidefield.kernels.optimize.tip_plane import TipPlane, add_crossing, nearest_crossing
+from guidefield.kernels.optimize.tip_plane import SAMPLES, TipPlane, add_crossing, nearest_crossing
 from guidefield.planner.guide.tip_reach import inset_at
 from guidefield.planner.motion.bspline import ENDS, BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
@@ -99,7 +99,8 @@ class PlanePlace:
         return rows
 
 
-_AROUND = np.arange(-2.0, 3.0)  # where samples are taken about a place, in their spacing
+_MIDDLE = SAMPLES // 2
+_AROUND = np.arange(SAMPLES) - float(_MIDDLE)  # where samples are taken about a place, in their spacing
 
 
 class Place(Protocol):
@@ -153,11 +154,11 @@ def nearest(place: Place, spline: BSpline, about: float) -> float:
         at = np.minimum(np.maximum(about + spacing * _AROUND, 0.0), float(spline.pieces))
         missed = place.missed(spline.at(at))
         squares = np.einsum("nk,nk->n", missed, missed)
-        if squares[2] == 0.0:
-            return float(at[2])
+        if squares[_MIDDLE] == 0.0:
+            return float(at[_MIDDLE])
         least = int(np.argmin(squares))
         about = float(at[least])
-        if least in (0, 4):
+        if least in (0, SAMPLES - 1):
             continue
         if spacing < SPACING:
             before, here, after = squares[least - 1 : least + 2]
