@@ -40,7 +40,8 @@ from guidefield.robot.urdf.xml import read_xml
 _log = logging.getLogger(__name__)
 
 NAME = "guidefield"  # of the node; other programs know it, and the names of topics (docs/ros.md)
-MOST_UNDER_WAY = 64  # number of queries that may be under way
+# queries that may be under way; all nodes are one client of the queue, with half of `--queue`, 32 of the usual
+MOST_UNDER_WAY = 64
 MOST_UPDATES = 64  # number of published scenes that may wait
 LAST_ANSWERS = 5.0  # longest time for the last answers to be read at the end [s]
 COMPLAINT_INTERVAL_S = 1.0  # shortest time between two logged faults of messages [s]

@@ -108,7 +108,7 @@ def _cut(corners: Floats, count: int, nx: float, ny: float, offset: float, cut: 
 
 @kernel
 def free_section(tables: DistanceTables, centre: Row, axes: Rows, longest: float, corners_out: RowsOut) -> int:
-    """Cut a convex polygon about a point (3,) that is free as far as rays tell, at the nearest hits first.
+    """Cut a convex polygon about a point (3,) that is free as far as rays tell: what all their hits leave.
 
     Returns the count of corners, which are in the plane's unit vectors `axes` (2, 3), counter-clockwise [m];
     `corners_out` (2 rays, 2); no ray exceeds `longest` [m].

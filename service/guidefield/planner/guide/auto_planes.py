@@ -103,7 +103,7 @@ def find_tip_way(
 def find_free_section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray, size: float = 1.0) -> np.ndarray:
     """The free section of a plane about a point (3,): convex, counter-clockwise, (k, 2) along `across` (2, 3).
 
-    Cut from a wide one at the nearest hits of rays first, so that what is cut away is small.
+    What is left of a wide one by a cut across each ray where it hits.
     """
     corners = np.empty((2 * RAYS, 2))
     return corners[: free_section(tables, centre, across, LONGEST_RAY * size, corners)]
