@@ -1,5 +1,8 @@
 # ruff: noqa: ARG001  numba calls typing and code generation with arguments that most have no use for
-"""Allocation from an array that several threads share, for cells of `self_narrowphase`: no two get the same numbers."""
+"""Allocation from an array that several threads share, for cells of `self_narrowphase`: no two get the same numbers.
+
+`collision/lanes/cell_grids.py` makes that array, and writes from where on numbers are free.
+"""
 
 from __future__ import annotations
 

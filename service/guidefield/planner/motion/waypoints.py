@@ -1,7 +1,8 @@
 """The waypoints of a path: its length, its straight pieces, its repetitions, and places along it.
 
-Curves and timing (`timing.py`) need pieces of some length, so `REPEATED` has to be above 0; first and last waypoint
-stay bit for bit.
+Curves and timing (`timing.py`) need pieces of some length, so `REPEATED` has to be above 0. A goal within it of the
+start counts as reached, so it has to be less than goals may be missed by; else first and last waypoint stay bit for
+bit.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Events that the planner tells an observer, and their log, from which recordings are drawn.
 
 Packed logs are stored with runs, and hold fields of events and `_KINDS` by their order: a change of these needs another
-`MAGIC` in run_log.py, because a newer version may draw them. Words of kinds are those of recordings; the numbers choose
-how much of a search these show.
+`MAGIC` in run_log.py, because a newer version may draw them. So does one of
+`MAX_ITERATIONS`, which chooses the paths that they hold. Words of kinds are those of recordings.
 """
 
 from __future__ import annotations
