@@ -25,7 +25,7 @@ MOST_TOLD = 5  # differences that get a sentence each; the others are counted
 BENT_SHARE = 0.3
 """Where in its range each joint stands while placements are compared; the value of those without limits [rad or m]."""
 _UNREAD = ("visual", "collision", "transmission", "gazebo")
-"""Elements that the other reader isn't given: it fails at shapes that it doesn't know, and nothing would be compared."""
+"""Elements that the other reader isn't given: it fails at shapes that it doesn't know, and would compare nothing."""
 _SCALAR = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
 
 
