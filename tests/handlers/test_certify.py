@@ -189,11 +189,16 @@ def test_a_plan_among_moving_obstacles_is_certified_at_its_times_only(title: str
     made = answer_plan(request, robot(request.robot), scene_of(request), run_id="r", received=time.monotonic())
     assert made.status.name == "SUCCESS"
     require_same(request, made)
-    hurried = to_plain_data(made)
-    hurried["trajectory"]["times"] = [0.3 * moment for moment in hurried["trajectory"]["times"]]
-    reply = certify(model=request.robot, **{**make_recorded_fields(request, hurried, "run"), "scene": request.scene})
-    assert reply.certificate.reason in ("contact", "undecided")
-    assert reply.certificate.place.time is not None
+
+    def judge_at(share: float) -> CertifyReply:
+        hurried = to_plain_data(made)
+        hurried["trajectory"]["times"] = [share * moment for moment in hurried["trajectory"]["times"]]
+        return certify(model=request.robot, **{**make_recorded_fields(request, hurried, "run"), "scene": request.scene})
+
+    refused = [one for one in map(judge_at, (0.3, 0.6, 1.5, 2.0)) if not one.certificate.collision_free]
+    assert refused, "at another time something is in the way"
+    assert all(one.certificate.reason in ("contact", "undecided") for one in refused)
+    assert all(one.certificate.place.time is not None for one in refused)
     with pytest.raises(MalformedRequest, match="obstacles move"):
         certify(model=request.robot, scene=request.scene, path=made.path, position_names=made.position_names)
 
