@@ -70,11 +70,11 @@ def test_a_cylinder_is_in_one_that_is_as_large(less: float) -> None:
     assert radius_about(body, np.zeros(3)) == pytest.approx(np.hypot(0.1, 0.2))
 
 
-@pytest.mark.parametrize("thin", [1.0, 1e-2, 1e-4])
+@pytest.mark.parametrize("thin", [1.0, 1e-2, 1e-4, 1e-12, 0.0])
 def test_points_are_no_farther_from_a_flat_hull_than_is_said(thin: float) -> None:
     """A point that is a micrometre out of a hull, however flat, is said to be little farther."""
     rng = np.random.default_rng(7)
-    corners = rng.normal(size=(60, 3)) * (1.0, 1.0, thin)
+    corners = rng.normal(size=(60, 3)) * (1.0, 1.0, thin) @ np.linalg.qr(rng.normal(size=(3, 3)))[0]
     shares = rng.dirichlet(np.full(4, 0.3), 200)
     inside = np.einsum("nk,nkc->nc", shares, corners[rng.integers(60, size=(200, 4))])
     points = inside + 1e-6 * rng.normal(size=inside.shape)
@@ -85,3 +85,14 @@ def test_points_are_no_farther_from_a_flat_hull_than_is_said(thin: float) -> Non
     apart = [np.linalg.norm(corners.T @ (x / x.sum()) - one) for x, one in zip(near, points, strict=True)]
     assert (told >= np.array(apart) - 1e-9).all()
     assert told.max() < 2e-5
+
+
+def test_what_is_beside_or_above_a_flat_hull_is_not_in_it() -> None:
+    corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]])
+    within, on_edge = np.array([[0.02, 0.02, 0.0]]), np.array([[0.05, 0.05, 0.0]])
+    for points in (within, on_edge):
+        assert standing_out(declared_points(points), hulls(corners), *WHOLE) <= 1e-12
+        for off in ([0.0, 0.0, 1e-3], [0.06, 0.06, 0.0]):
+            assert standing_out(declared_points(points + off), hulls(corners), *WHOLE) == np.inf
+    line = corners[:2].repeat(2, axis=0)
+    assert standing_out(declared_points(within), hulls(line), *WHOLE) == np.inf

@@ -312,9 +312,18 @@ def _by_planes(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     With a point inside that is r from all of them, one that is v beyond them comes into the hull where it goes towards
     that point by v / (r + v) of the way. In a flat hull r is small: points are projected onto the planes first.
     """
-    spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False) if len(corners) > 3 else np.zeros(3)
-    if spread[-1] <= 1e-9:
+    if len(corners) < 3:
         return np.full(len(points), np.inf)
+    arms = corners - corners.mean(axis=0)
+    _, spread, axes = np.linalg.svd(arms, full_matrices=False)
+    if spread[1] <= 1e-9:
+        return np.full(len(points), np.inf)
+    if spread[2] <= 1e-9:  # of a flat one a prism about it, in whose middle plane it is
+        normal = axes[2]
+        heights = (points - corners.mean(axis=0)) @ normal
+        prism = np.concatenate([corners + spread[1] * normal, corners - spread[1] * normal])
+        within = _by_planes(points - heights[:, None] * normal, prism)
+        return within + np.abs(heights) + np.abs(arms @ normal).max()
     convex = hull(corners)
     vertices, inside = np.array(convex.points()), corners.mean(axis=0)
     faces = np.array([[face[0], face[1], face[2]] for face in map(convex.polygons, range(convex.num_polygons))])
