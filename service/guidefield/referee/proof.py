@@ -323,7 +323,8 @@ def _by_planes(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
         heights = (points - corners.mean(axis=0)) @ normal
         prism = np.concatenate([corners + spread[1] * normal, corners - spread[1] * normal])
         within = _by_planes(points - heights[:, None] * normal, prism)
-        return within + np.abs(heights) + np.abs(arms @ normal).max()
+        from_flat: np.ndarray = within + np.abs(heights) + np.abs(arms @ normal).max()
+        return from_flat
     convex = hull(corners)
     vertices, inside = np.array(convex.points()), corners.mean(axis=0)
     faces = np.array([[face[0], face[1], face[2]] for face in map(convex.polygons, range(convex.num_polygons))])
