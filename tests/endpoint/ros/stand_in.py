@@ -140,8 +140,8 @@ class StandIn:
 
     def _start(self, key: str, type_name: str, answer: Callable[[Any], dict[str, Any]], query: zenoh.Query) -> None:
         thread = threading.Thread(target=self._serve, args=(query, key, type_name, answer))
-        self._threads.append(thread)
         thread.start()
+        self._threads.append(thread)  # from then on it can be waited for
 
     def _serve(self, query: zenoh.Query, key: str, type_name: str, answer: Callable[[Any], dict[str, Any]]) -> None:
         with query:
@@ -160,8 +160,8 @@ class StandIn:
         if self.accepts and not self._over.wait(self.late):
             self.moves.set()
             thread = threading.Thread(target=self._execute, args=(asked.goal_id, asked.goal))
-            self._threads.append(thread)
             thread.start()
+            self._threads.append(thread)
         return {"accepted": self.accepts}
 
     def _execute(self, goal_id: Any, goal: Any) -> None:
