@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.clearance import contacts_at
-from guidefield.collision.world import World
+from guidefield.collision.world import World, _link_shapes
 from guidefield.errors import SceneInvalid
+from guidefield.memo import size_of
 from guidefield.messages import scene as messages
 from tests.collision.listed import geometry_of, listed, touching as touching_in
 from tests.collision.scenery import box, panda_in, scattered, world_of
@@ -98,3 +99,9 @@ def test_an_obstacle_with_the_name_of_a_link_is_refused():
         with pytest.raises(SceneInvalid, match=r"obstacle 'panda_link3' has the name of a link") as caught:
             world_of(group("panda"), [box("far", (0.1, 0.1, 0.1), (3, 0, 0)), crate], allowed)
         assert caught.value.details["path"] == "$.scene.obstacles[1].name"
+
+
+def test_shapes_that_are_the_robots_own_count_for_no_memory_of_results():
+    shapes = _link_shapes(group("ur5"))  # meshes
+    assert size_of(shapes.each) > 10**6
+    assert size_of(shapes) == 0

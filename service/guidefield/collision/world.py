@@ -301,7 +301,7 @@ class World:
     def _shape(self, body: int) -> Any:
         """A body's Coal shape; of very many triangles, their patches."""
         if body < self.pairs.links:
-            return _link_shapes(self.group)[body]
+            return _link_shapes(self.group).each[body]
         obstacle = self._obstacle(body)
         patches = None if obstacle.facets is None else obstacle.facets.patches
         return obstacle.shape if patches is None else patches
@@ -327,10 +327,19 @@ def _require_other_names(group: PlanningGroup, scene: Scene) -> None:
             )
 
 
+@dataclass(frozen=True, slots=True)
+class _LinkShapes:
+    """Shapes of a robot's bodies: each as one object of Python, with which is kept what is known of it.
+
+    Their memory is the robot's, so it isn't that of a memoized result: what has slots counts for nothing there.
+    """
+
+    each: tuple[Any, ...]
+
+
 @memoized_for_alike
-def _link_shapes(group: PlanningGroup) -> list[Any]:
-    """Shapes of a robot's bodies: each as one object of Python, with which is kept what is known of it."""
-    return [one.geometry for one in group.geometry.geometryObjects]
+def _link_shapes(group: PlanningGroup) -> _LinkShapes:
+    return _LinkShapes(tuple(one.geometry for one in group.geometry.geometryObjects))
 
 
 @memoized_for_alike
@@ -348,7 +357,7 @@ def _remove_pairs(group: PlanningGroup) -> Any:
 
 @memoized_for_alike
 def _surfaces(group: PlanningGroup) -> tuple[bool, ...]:
-    return tuple(isinstance(shape.geometry, coal.BVHModelBase) for shape in group.geometry.geometryObjects)
+    return tuple(isinstance(shape, coal.BVHModelBase) for shape in _link_shapes(group).each)
 
 
 def _pairs(group: PlanningGroup, scene: Scene, allowed: Allowed | None) -> Pairs:
