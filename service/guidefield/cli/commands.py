@@ -68,7 +68,7 @@ app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 
 scenes_app = typer.Typer(help="Read scenes from files and store them at a service.", no_args_is_help=True)
 
-WIDTH_OF_A_LINE = 150  # width of a terminal from which listed robots have groups and sources, too [characters]
+WIDTH_OF_ALL_COLUMNS = 150  # width of a terminal from which listed robots have groups and sources, too [characters]
 
 out = Console()
 err = Console(stderr=True)
@@ -534,7 +534,7 @@ def robots(
     if json:
         typer.echo(_format_json(reply))
     elif isinstance(reply, RobotsReply):
-        out.print(robots_table(reply, narrow=out.width < WIDTH_OF_A_LINE))
+        out.print(robots_table(reply, narrow=out.width < WIDTH_OF_ALL_COLUMNS))
     elif isinstance(reply, RobotReply):
         out.print(robot_table(reply))
 

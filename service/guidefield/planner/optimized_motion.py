@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from guidefield.planner.motion.bspline import BSpline
-from guidefield.planner.motion.limit_load import measure_limit_load, stretch_to_limits
+from guidefield.planner.motion.limit_load import TOLERANCE, measure_limit_load, stretch_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.motion_certificate import CertifiedMotion, Judge, certify_motion, find_excess, judge
@@ -28,7 +28,6 @@ from guidefield.planner.path_so_far import limits_of, retime_motion
 from guidefield.planner.schedule.retimed import wait_until_begin
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
-from guidefield.prove.verdict import LIMIT_TOLERANCE
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 
@@ -193,7 +192,7 @@ def _certify_optimized(
     elif problem.motion_limits and not problem.in_motion:
         candidates = filter(None, (_retime(problem, optimized.trajectory, crossed), found))
     for shaped, passed in candidates:
-        if problem.in_motion and _measure_load(problem, shaped) > 1.0 + LIMIT_TOLERANCE:  # its time can't be scaled
+        if problem.in_motion and _measure_load(problem, shaped) > 1.0 + TOLERANCE:  # its time can't be scaled
             continue
         whole = wait_until_begin(shaped)
         before = len(whole.times) - len(shaped.times)  # a knot, where it waits
@@ -249,7 +248,7 @@ def _time_within_limits(
     for one, on_planes in filter(None, (anew, (fast, passed))):
         if begin + one.duration >= arrive_from:
             yield Trajectory(begin + one.times, one.positions, one.velocities), on_planes
-    if measure_limit_load(*knots, *rates[:3]) <= 1.0 and all(
+    if _measure_load(problem, motion) <= 1.0 and all(
         it.stretch(motion.polynomials) <= 1.0 for it in rates.motion_limits
     ):
         yield motion, passed

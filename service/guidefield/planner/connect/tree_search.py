@@ -230,17 +230,17 @@ def grow(
         memory = _TreeMemory.build(nv, 2 * most_roots)
     rng.random(out=memory.search.places)
     begins, suspected, counters = True, [0, 1], memory.search.counters
+    nodes, judged = most_roots, 0
     strides = Strides(
         STRIDE, LEAST_GAIN, FARTHEST_STRIDE, CONSTRAINT_ROOM, CORRECTIONS,
         resolution, clearance,
     )  # fmt: skip
     while True:
-        nodes = most_roots if begins else int(counters[lane_nodes.SIZE : lane_nodes.SIZE + 2].max())
         checked = max(ITERATIONS_PER_CHECK, NODES_PER_CHECK // nodes) if frames is None else CONSTRAINED_PER_CHECK
         piece = 0 if deadline.expired() else min(checked, most_iterations)
         words = lanes.words, sources.words, memory.words
         if frames is None:
-            motions = min(MOTIONS_PER_CHECK, most_motions - int(counters[lane_nodes.MOTIONS]) * (not begins))
+            motions = min(MOTIONS_PER_CHECK, most_motions - judged)
             ended = kernel.grow(*words, first, second, clearance, resolution, piece, motions, begins)
         else:
             ended = grow_within(*words, frames, strides, first, second, piece, begins)
@@ -248,7 +248,8 @@ def grow(
             # samples are float32: rounding may take one beyond a limit
             path = np.clip(memory.path[: counters[lane_nodes.ROWS]] * group.units, group.lower, group.upper)
             return FoundPath(path, counters.copy(), memory.search, group.units)
-        begins = False
+        begins, judged = False, int(counters[lane_nodes.MOTIONS])
+        nodes = int(counters[lane_nodes.SIZE : lane_nodes.SIZE + 2].max())
         if ended == kernel.FULL:
             memory = memory.doubled()
         tried = next((tree for tree in suspected if counters[lane_nodes.TRIED + tree] >= MOST_ROOTS_TRIED), None)
@@ -257,11 +258,7 @@ def grow(
             roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
             if size == len(roots) and not can_escape(lanes, roots, clearance, resolution, rng):
                 return FoundPath(None, counters.copy(), memory.search, group.units, tried)
-        if (
-            piece == 0
-            or counters[lane_nodes.ITERATION] >= most_iterations
-            or counters[lane_nodes.MOTIONS] >= most_motions
-        ):
+        if piece == 0 or counters[lane_nodes.ITERATION] >= most_iterations or judged >= most_motions:
             return FoundPath(None, counters.copy(), memory.search, group.units)
 
 
