@@ -37,14 +37,12 @@ def _busy_and_waiting(wire: PlainClient) -> tuple[int, int]:
 
 def test_a_request_is_ended_by_its_name_while_it_is_worked_on_and_while_it_waits(wire: PlainClient) -> None:
     with concurrent.futures.ThreadPoolExecutor(2) as threads:
-        asked = [
-            threads.submit(
-                wire.refusal, "guidefield/local/kinematics", json.dumps({**MANY, "request_id": name}).encode()
-            )
-            for name in ("first", "second")
-        ]
-        await_that(lambda: _busy_and_waiting(wire) == (1, 1))  # the first waits too, until a worker takes it
-        for name in ("first", "second"):
+        asked = []
+        for name, state in (("first", (1, 0)), ("second", (1, 1))):
+            request = json.dumps({**MANY, "request_id": name}).encode()
+            asked.append(threads.submit(wire.refusal, "guidefield/local/kinematics", request))
+            await_that(lambda wanted=state: _busy_and_waiting(wire) == wanted)
+        for name in ("second", "first"):  # else the second one begins once the first has ended
             assert wire.ask(f"guidefield/local/requests/{name}/cancel")["done"] == f"request {name!r} ends"
         told = {one.result(ANSWERED_WITHIN)["message"].rpartition("cancelled")[2][:6] for one in asked}
     assert told == {" befor", " after"}
