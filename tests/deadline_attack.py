@@ -60,7 +60,7 @@ def service(workers: int = 1) -> Iterator[Ask]:
     with tempfile.TemporaryDirectory() as folder:
         setup = EngineSetup(Path(folder), "attacked")
         runs = RunDatabase(Path(folder))
-        runs.writer.submit = _written_at_once  # type: ignore[method-assign]
+        runs.writer.submit = _written_at_once
         pool = Pool(setup, workers=workers)
         condition = Condition()
         condition.now = Health(state="ready")
@@ -82,8 +82,6 @@ def service(workers: int = 1) -> Iterator[Ask]:
         sleeper = subprocess.Popen(
             [sys.executable, "-c", SLEEPER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
         )
-        assert sleeper.stdin is not None
-        assert sleeper.stdout is not None
         tell, hear = sleeper.stdin.write, sleeper.stdout.readline
 
         def ask(payload: bytes) -> tuple[float, str]:

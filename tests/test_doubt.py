@@ -41,12 +41,10 @@ def certified(reply: CertifyReply) -> CertifyReply:
 
 
 def farther(reply: CertifyReply) -> CertifyReply:
-    assert reply.clearance is not None
     return replace(reply, clearance=replace(reply.clearance, minimum=reply.clearance.minimum + 2e-4))
 
 
 def refused(reply: CertifyReply) -> CertifyReply:
-    assert reply.clearance is not None
     place = Place(row=0.0, time=None, configuration={})
     verdict = replace(reply.certificate, collision_free=False, reason="contact", pair=reply.clearance.pair, place=place)
     return replace(reply, certificate=verdict)
@@ -157,10 +155,7 @@ def test_the_judges_curve_is_that_of_the_samples(tmp_path: Path, robot: str) -> 
     request = replace(request, group=[joint.name for joint in known.movable])
     knots, samples = (ENGINE.answer(replace(request, sample_rate=rate)) for rate in (None, 40.0))
     assert isinstance(knots, PlanReply)
-    assert isinstance(samples, PlanReply)
-    assert samples.trajectory is not None
     curve = planned_curve(knots)
-    assert curve is not None
     values = curve.at(np.array(samples.trajectory.times))
     told = Curve.of(samples.position_names, samples.trajectory.positions)
     for part in told.parts:

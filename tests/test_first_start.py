@@ -65,7 +65,6 @@ def test_everything_is_compiled_once_for_a_processor_and_what_is_called_first(
     assert first.startswith("compiling kernels 0 %")
     assert first.endswith("1 of 2 (callee)")
     share = re.fullmatch(r"compiling kernels (\d+) %, once for this version: 2 of 2 \(a_caller\)", second)
-    assert share is not None
     assert 0 < int(share[1]) < 100
     assert compiler == "False"
     kept = sorted(path.name.partition("-")[0] for path in (cache / "guidefield" / "kernels").iterdir())

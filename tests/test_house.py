@@ -256,7 +256,7 @@ def test_a_stranger_reads_the_referee_in_ten_minutes() -> None:
 
 
 def test_commands_tools_and_links_on_a_page_lead_somewhere() -> None:
-    commands = get_command(app).commands  # type: ignore[attr-defined]
+    commands = get_command(app).commands
     for page in PAGES:
         text = page.read_text()
         blocks = "\n".join(re.findall(r"```(?:bash|sh|console)\n(.*?)```", text, re.DOTALL))

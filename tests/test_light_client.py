@@ -67,7 +67,6 @@ def _needed(tmp_path: Path) -> Path:
     folder.mkdir()
     for name in ("zenoh", "msgspec", "typing_extensions"):
         spec = find_spec(name)
-        assert spec is not None
         assert spec.origin is not None
         there = Path(spec.origin)
         there = there.parent if there.name == "__init__.py" else there

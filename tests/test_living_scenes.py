@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from guidefield.engine import Engine
-from guidefield.messages.replies import PlanReply, PointPotentialReply, SceneReply
+from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import ReadScene
 from guidefield.messages.scene import Box, Mesh, Scene
 from guidefield.stores.scenes import SceneStore
@@ -66,7 +66,6 @@ def told(reply: PlanReply) -> dict[str, Any]:
 
 def declared(engine: Engine, version: int | None = None) -> Scene:
     reply = engine.answer(ReadScene(name="cell", version=version))
-    assert isinstance(reply, SceneReply)
     return reply.scene
 
 
@@ -117,7 +116,6 @@ def test_several_processes_see_the_same(engine: Engine, tmp_path: Path) -> None:
 def test_the_field_of_a_version_is_its_own(engine: Engine) -> None:
     def potential(scene: Any) -> list[float]:
         reply = engine.answer({"type": "potential", "scene": scene, "points": [[0.5, 0.4, 0.5], [1.0, 1.0, 1.0]]})
-        assert isinstance(reply, PointPotentialReply)
         return reply.potential
 
     store(engine)

@@ -64,7 +64,7 @@ def test_links_that_are_doubted_are_judged_whole(seed: int, tmp_path: Path) -> N
     reference = Robot(text=text, meshes={f"m{suffix}": content}).reference(tmp_path)
     robot = Catalog().load(reference)
     ours, _ = triangulation(robot.geometry.geometryObjects[0].geometry)
-    judged = Formula.of(Path(reference.path).read_text(), "fixed").geometry.geometryObjects[0].geometry  # type: ignore[union-attr]
+    judged = Formula.of(Path(reference.path).read_text(), "fixed").geometry.geometryObjects[0].geometry
     theirs = np.array(judged.vertices())
     assert np.allclose([ours.min(axis=0), ours.max(axis=0)], [theirs.min(axis=0), theirs.max(axis=0)], atol=1e-6)
     assert 0.02 < np.ptp(ours, axis=0).max() < 1.0

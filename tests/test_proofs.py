@@ -37,7 +37,7 @@ def test_a_proof_goes_where_it_is_said_to(tmp_path: Path) -> None:
     assert answers(tmp_path / "run.npz") == ["free"]
     recordings = Recordings(tmp_path / "recordings")
     kept = Engine(recordings=recordings).answer(PLAN | {"proof": True, "run_id": "r"})
-    assert kept.proof == "guidefield/local/runs/r/proof"  # type: ignore[union-attr]
+    assert kept.proof == "guidefield/local/runs/r/proof"
     assert recordings.describe("r").bytes == recordings.file("r", PROOF).stat().st_size
     recordings.drop("r")
     assert not list(recordings.folder.iterdir())

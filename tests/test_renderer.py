@@ -39,7 +39,7 @@ class Dying(EngineSetup):
 
     def engines(self, database: RunDatabase | None = None) -> Engines:
         engines = super().engines(database)
-        engines.render = lambda *_: os._exit(3)  # type: ignore[method-assign]
+        engines.render = lambda *_: os._exit(3)
         return engines
 
 
@@ -54,7 +54,7 @@ class Refusing(EngineSetup):
                 raise OSError(28, "No space left on device")
             render(engines, owner, run_id)
 
-        engines.render = refuse  # type: ignore[method-assign]
+        engines.render = refuse
         return engines
 
 

@@ -39,8 +39,6 @@ def test_the_time_of_processors_is_the_same_by_both_ways() -> None:
 
 def test_a_worker_ends_with_its_parent_where_the_system_does_not_see_to_it() -> None:
     with subprocess.Popen([sys.executable, "-c", ENDS_AFTER], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
-        assert child.stdin is not None
-        assert child.stdout is not None
         assert child.stdout.readline() == b"\n"
         assert child.poll() is None
         child.stdin.close()

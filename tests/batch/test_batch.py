@@ -82,7 +82,7 @@ def test_a_batch_is_killed_taken_up_and_finished(tmp_path: Path) -> None:
     assert recording.read_bytes()[:3] == b"RRF"
     for number in (0, 7, 399):
         reply = guidefield.answer(_potential(number))
-        assert found[number + 2]["reply"]["potential"] == reply.potential  # type: ignore[attr-defined]
+        assert found[number + 2]["reply"]["potential"] == reply.potential
     assert {path.name for path in folder.iterdir()} == {RESULTS, "recordings"}
     before = (folder / RESULTS).read_bytes()
     assert _here(requests, folder).exit_code == 2
@@ -129,7 +129,7 @@ def test_a_cluster_that_loses_a_node_answers_all(tmp_path: Path) -> None:
         assert all(outcome.is_reply for outcome in found.values())
         for line in (2, 150, 301):
             expected = guidefield.answer(_potential(line - 2))
-            assert json.loads(found[line].payload)["potential"] == expected.potential  # type: ignore[attr-defined]
+            assert json.loads(found[line].payload)["potential"] == expected.potential
         assert json.loads(found[1].payload)["status"]["name"] == "SUCCESS"
         assert (tmp_path / "1.rrd").read_bytes()[:3] == b"RRF"
     finally:

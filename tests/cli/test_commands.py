@@ -25,7 +25,6 @@ from guidefield.cli import app, main
 from guidefield.cli.serving import free_port
 from guidefield.engine import answer
 from guidefield.errors import Status
-from guidefield.messages.replies import RobotReply
 from guidefield.messages.requests import ReadRobot, UrdfFile
 from tests.journeys.service import running_service
 from tests.replies import plan_reply
@@ -194,7 +193,6 @@ def test_a_robot_of_ones_own_is_described_from_its_file(tmp_path: Path) -> None:
     urdf = ROBOTS / "chain_fixed_6x320_r25.urdf"
     shown = json.loads(here("robots", str(urdf), "--json").stdout)
     reply = answer(ReadRobot(UrdfFile(str(urdf))))
-    assert isinstance(reply, RobotReply)
     assert [joint["name"] for joint in shown["joints"]] == [joint.name for joint in reply.joints]
     assert len(reply.joints) == 6
     (tmp_path / "bad.urdf").write_text(urdf.read_text().replace("</robot>", ""))
@@ -303,7 +301,6 @@ def test_a_recording_is_served_to_browsers_until_sigterm(tmp_path: Path) -> None
     command = [sys.executable, "-m", "guidefield", "show", "--web", str(tmp_path / "run.rrd")]
     quiet = {name: text for name, text in os.environ.items() if name not in {"DISPLAY", "WAYLAND_DISPLAY"}}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=quiet) as process:
-        assert process.stdout is not None
         page, file = process.stdout.readline().split(" is at ")[1].strip().split("/?url=")
         try:
             with opened(page) as viewer:
@@ -374,7 +371,7 @@ def test_the_demo_plans_twice_and_leaves_recordings(tmp_path: Path) -> None:
 
 
 def test_each_option_of_a_service_has_a_variable(monkeypatch: pytest.MonkeyPatch) -> None:
-    command = get_command(app).commands["serve"]  # type: ignore[attr-defined]
+    command = get_command(app).commands["serve"]
     monkeypatch.setenv("GUIDEFIELD_WORKERS", "3")
     monkeypatch.setenv("GUIDEFIELD_LISTEN", "tcp/127.0.0.1:1 tcp/127.0.0.1:2")
     monkeypatch.setenv("GUIDEFIELD_JSON_LOGS", "1")

@@ -77,7 +77,6 @@ def test_a_second_signal_ends_the_process_at_once() -> None:
     with subprocess.Popen(
         [sys.executable, "-c", LINGERS, str(int(signal.SIGTERM))], stdout=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "told\n"
         time.sleep(0.2)
         assert process.poll() is None

@@ -18,7 +18,6 @@ from guidefield.cli.found_run import find_plan, find_run
 from guidefield.engine import Engine
 from guidefield.errors import MalformedRequest, Status, UnknownObject
 from guidefield.messages.identities import PLAIN
-from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.recorder.stored import read_recording
@@ -43,7 +42,6 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("data")
     database = RunDatabase(folder)
     reply = Engine().answer(msgspec.structs.replace(REQUEST, run_id="good"))
-    assert isinstance(reply, PlanReply)
     moved = [[x + 0.5 for x in row] for row in reply.path]
     for name, path in (("good", reply.path), ("moved", moved), ("same", reply.path)):
         keep(database, name, msgspec.structs.replace(reply, run_id=name, path=path), REQUEST)
@@ -151,8 +149,6 @@ def test_two_runs_are_compared(data: Path) -> None:
 
 def test_a_motion_is_exported_to_the_last_digit(data: Path, tmp_path: Path) -> None:
     reply = RunDatabase(data).of(PLAIN).read("good").reply
-    assert reply is not None
-    assert reply.trajectory is not None
     for ending in ("csv", "json", "npz"):
         _said(0, "runs", "export", "good", str(tmp_path / f"motion.{ending}"), "--data", str(data))
     with np.load(tmp_path / "motion.npz", allow_pickle=False) as file:

@@ -43,7 +43,7 @@ def exchange(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_task_that_is_cancelled_is_cancelled(exchange: Exchange) -> None:
     async def journey() -> None:
-        task = asyncio.create_task(asynchronous.AsyncClient(exchange).plan(PLAN))  # type: ignore[arg-type]
+        task = asyncio.create_task(asynchronous.AsyncClient(exchange).plan(PLAN))
         while not exchange.asked and not task.done():
             await asyncio.sleep(0)
         task.cancel()
@@ -61,5 +61,5 @@ def test_a_ctrl_c_is_a_ctrl_c(exchange: Exchange, monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(client, "await_answer", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        client.Client(exchange).plan(PLAN)  # type: ignore[arg-type]
+        client.Client(exchange).plan(PLAN)
     assert exchange.asked[1].endswith("/cancel")

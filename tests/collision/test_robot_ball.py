@@ -18,7 +18,6 @@ TURNED = pin.SE3(pin.exp3(np.array([0.3, -0.8, 1.1])), np.array([1.0, -2.0, 0.5]
 def farthest(planned: PlanningGroup, seeds: int) -> float:
     """How far from the ball's centre the balls about bodies reach at random configurations [m]."""
     ball, about, data, reached = reach_ball(planned), bodies(planned), planned.model.createData(), 0.0
-    assert ball is not None
     for seed in range(seeds):
         pin.forwardKinematics(planned.model, data, planned.expand(random_configuration(planned, seed)))
         centres = about.centres_in_world(joint_placements(data)[None])[0]
@@ -32,7 +31,6 @@ def test_robots_stay_in_it_wherever_they_stand(name: str) -> None:
     for base in (pin.SE3.Identity(), TURNED):
         planned = select(model, None, None, model.rest, base)
         ball = reach_ball(planned)
-        assert ball is not None
         assert 0.5 * ball.radius < farthest(planned, 200) <= ball.radius
 
 
@@ -40,7 +38,6 @@ def test_robots_stay_in_it_wherever_they_stand(name: str) -> None:
 def test_chains_of_every_kind_stay_in_it(joints: str) -> None:
     planned = grouped(box_arm(joints, 3))
     ball = reach_ball(planned)
-    assert ball is not None
     assert farthest(planned, 300) <= ball.radius
 
 

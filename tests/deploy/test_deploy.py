@@ -33,7 +33,7 @@ def _service() -> dict[str, list[str]]:
 def _options(words: list[str]) -> dict[str, Any]:
     """What `guidefield serve` makes of some words."""
     assert words[0] == "serve"
-    return get_command(app).commands["serve"].make_context("serve", words[1:]).params  # type: ignore[attr-defined]
+    return get_command(app).commands["serve"].make_context("serve", words[1:]).params
 
 
 def test_the_unit_starts_a_service_with_options_that_there_are() -> None:

@@ -122,7 +122,7 @@ def test_a_database_of_runs_is_looked_at(tmp_path: Path) -> None:
 
 def test_a_folder_without_locks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def without_locks(address: str, *arguments: object, **options: object) -> sqlite3.Connection:
-        return connected(f"{address}&vfs=unix-none", *arguments, **options)  # type: ignore[call-overload]
+        return connected(f"{address}&vfs=unix-none", *arguments, **options)
 
     connected = sqlite3.connect
     monkeypatch.setattr(sqlite3, "connect", without_locks)

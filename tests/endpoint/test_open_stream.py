@@ -81,7 +81,6 @@ def test_it_counts_what_it_takes_and_ends_for_a_reason() -> None:
             aimed.result(SO_WITHIN)
         state = published.last_state()
         assert (state.reason, state.executing, state.stops) == ("ended", 7, 1.5)
-        assert state.error is not None
         assert state.error.name == "PREEMPTED"
         with pytest.raises(StreamUnknown):
             stream.ask("stop", Encoding.JSON)
@@ -102,7 +101,6 @@ def test_silence_ends_it_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         assert published.left.wait(SO_WITHIN)
         published.await_told(1)
         state = published.last_state()
-        assert state.error is not None
         assert state.error.name == TimedOut.code.name
         assert "no update came for 0.3 s" in state.error.message
 

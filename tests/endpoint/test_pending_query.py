@@ -59,7 +59,7 @@ class _Query:
 
 
 def _asked(query: _Query, counted: list[str] | None = None) -> PendingQuery:
-    return PendingQuery(query, query.key_expr, "local", (counted if counted is not None else []).append, _send_at_once)  # type: ignore[arg-type]
+    return PendingQuery(query, query.key_expr, "local", (counted if counted is not None else []).append, _send_at_once)
 
 
 def _send_at_once(_asker: Asker, _size: int, send: Callable[[], None]) -> bool:
@@ -99,7 +99,7 @@ def test_what_cannot_be_read_is_refused(query: _Query, says: str) -> None:
 
 
 def test_only_the_first_answer_is_sent() -> None:
-    query, counted = _Query("guidefield/local/info"), []  # type: ignore[var-annotated]
+    query, counted = _Query("guidefield/local/info"), []
     asked = _asked(query, counted)
     threads = [threading.Thread(target=asked.answer, args=((True, b"x"),)) for _ in range(8)]
     for thread in threads:
@@ -133,14 +133,14 @@ def test_an_error_is_an_answer(raised: Exception, name: str, code: int) -> None:
 
 def test_a_client_with_too_much_unread_is_told_so_and_at_last_nothing() -> None:
     for most, name, dropped in ((0, "SERVER_BUSY", 1), (-1, "", 1)):
-        query, counted = _Query("guidefield/local/info"), []  # type: ignore[var-annotated]
+        query, counted = _Query("guidefield/local/info"), []
 
         def post(_asker: Asker, size: int, send: Callable[[], None], most: int = most) -> bool:
             if size <= most:
                 send()
             return size <= most
 
-        PendingQuery(query, query.key_expr, "local", counted.append, post).answer((True, b"large"))  # type: ignore[arg-type]
+        PendingQuery(query, query.key_expr, "local", counted.append, post).answer((True, b"large"))
         assert query.replies == []
         assert [json.loads(payload)["name"] for payload, _ in query.errors] == ([name] if name else [])
         assert counted == ["refused" if name else "dropped"]

@@ -41,7 +41,7 @@ def _ask(under_way: UnderWay, words: str = "words", kept: Any = lambda: None) ->
 
 
 def test_who_asks_again_waits_for_the_same_answer() -> None:
-    under_way = UnderWay(_Pool())  # type: ignore[arg-type]
+    under_way = UnderWay(_Pool())
     first, answer = _ask(under_way)
     again, _ = _ask(under_way)
     with pytest.raises(MalformedRequest, match="'r1' is taken"):
@@ -54,7 +54,7 @@ def test_who_asks_again_waits_for_the_same_answer() -> None:
 
 def test_a_run_is_under_way_until_it_is_kept() -> None:
     pool = _Pool()
-    under_way = UnderWay(pool)  # type: ignore[arg-type]
+    under_way = UnderWay(pool)
     _, answer = _ask(under_way)
     pool.tasks[0].set_result(DONE)
     again, _ = _ask(under_way)
@@ -66,7 +66,7 @@ def test_a_run_is_under_way_until_it_is_kept() -> None:
 
 def test_what_was_answered_before_is_answered_again_to_all_who_ask() -> None:
     pool = _Pool()
-    under_way = UnderWay(pool)  # type: ignore[arg-type]
+    under_way = UnderWay(pool)
     before: Future[Answer] = Future()
     first, _ = _ask(under_way, kept=lambda: before)
     again, _ = _ask(under_way)
@@ -77,7 +77,7 @@ def test_what_was_answered_before_is_answered_again_to_all_who_ask() -> None:
 def test_who_asks_again_hears_that_the_first_was_refused() -> None:
     joined: list[Future[Answer]] = []
     pool = _Pool(lambda: joined.append(_ask(under_way)[0]), full=True)
-    under_way = UnderWay(pool)  # type: ignore[arg-type]
+    under_way = UnderWay(pool)
     with pytest.raises(ServerBusy):
         _ask(under_way)
     with pytest.raises(ServerBusy):
@@ -86,7 +86,7 @@ def test_who_asks_again_hears_that_the_first_was_refused() -> None:
 
 def test_a_cancel_that_comes_first_ends_the_run_before_it_begins() -> None:
     pool = _Pool()
-    under_way = UnderWay(pool)  # type: ignore[arg-type]
+    under_way = UnderWay(pool)
     assert "if it arrives within" in under_way.cancel(NAME)
     task = Task("job", 1.0)
     under_way.submit(NAME, task, lambda: PREEMPTED, "words", Future())

@@ -22,7 +22,6 @@ def filled(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def check(arrays: dict[str, np.ndarray] | None, written: dict[str, np.ndarray]) -> None:
-    assert arrays is not None
     assert list(arrays) == list(written)
     for name, array in arrays.items():
         assert array.dtype == written[name].dtype

@@ -8,8 +8,7 @@ import pytest
 
 from guidefield.engine import answer
 from guidefield.errors import MalformedRequest
-from guidefield.messages.kinematics_replies import ForwardKinematicsReply
-from guidefield.messages.replies import DynamicsReply, PlanReply
+from guidefield.messages.replies import PlanReply
 from tests.handlers.test_certify import certify, motion_of
 from tests.handlers.test_plan import PATIENT, READY, ask, joints
 
@@ -26,12 +25,10 @@ def load(mass: float | None, link: str = "panda_hand") -> dict:
 def strongest(reply: PlanReply, payload: list[dict]) -> np.ndarray:
     """The largest torques at many samples, by a request about dynamics with a payload on the link."""
     sent = reply.trajectory
-    assert sent is not None
     rows = zip(sent.positions, sent.velocities, sent.accelerations, strict=True)
     q, v, a = zip(*[[dict(zip(NAMES, row, strict=True)) for row in one] for one in rows], strict=True)
     request = {"type": "dynamics", "robot": "panda", "configurations": q, "velocities": v, "accelerations": a}
     found = answer({**request, "quantities": ["inverse_dynamics"], "payload": payload})
-    assert isinstance(found, DynamicsReply)
     assert found.inverse_dynamics is not None
     return np.abs(found.inverse_dynamics)[:, [found.velocity_names.index(name) for name in NAMES]].max(axis=0)
 
@@ -40,7 +37,6 @@ def strongest(reply: PlanReply, payload: list[dict]) -> np.ndarray:
 def test_a_plan_tells_the_largest_torques_with_what_is_held(mass) -> None:
     payload = [] if mass is None else [{"link": "panda_hand", "mass": mass, "centre_of_mass": [0, 0, 0.15]}]
     reply = ask(**THERE, attached_objects=[load(mass)], sample_rate=500)
-    assert reply.effort is not None
     assert [use.joint for use in reply.effort.joints] == NAMES
     told = np.array([use.effort for use in reply.effort.joints])
     np.testing.assert_allclose(told, strongest(reply, payload), rtol=0.03, atol=0.05)
@@ -55,13 +51,9 @@ def test_a_plan_tells_the_largest_torques_with_what_is_held(mass) -> None:
 def test_a_limit_binds_and_is_proved() -> None:
     held = [load(3.0)]
     free = ask(**THERE, attached_objects=held)
-    assert free.effort is not None
-    assert free.metrics is not None
     most = 0.5 * (free.effort.joints[0].effort)
     bound = ask(**THERE, attached_objects=held, limits={"panda_joint1": {"effort": most}})
     assert bound.status.name == "SUCCESS"
-    assert bound.effort is not None
-    assert bound.metrics is not None
     use = bound.effort.joints[0]
     assert use.limit == most
     assert use.share is not None
@@ -95,7 +87,6 @@ def test_what_no_optimised_motion_keeps_is_kept_along_the_path_that_was_found() 
 def test_a_group_is_told_the_limits_of_its_own_joints() -> None:
     """A planar joint before the one that moves, and the wrist of an arm."""
     reply = ask(**{**THERE, "goal": joints(panda_joint7=0.5)}, group=["panda_joint7"])
-    assert reply.effort is not None
     assert [(use.joint, use.limit) for use in reply.effort.joints] == [("panda_joint7", 12.0)]
     links = "".join(
         f'<link name="{name}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
@@ -138,11 +129,8 @@ def test_what_a_step_picks_up_weighs_from_then_on() -> None:
     ]
     scene = {"name": "air", "obstacles": [crate]}
     reply = answer({"robot": "panda", "scene": scene, "start": READY, "steps": steps, "recording": "off", **PATIENT})
-    assert isinstance(reply, PlanReply)
     assert reply.status.name == "SUCCESS", reply.status
     before, _, after = (step.effort for step in reply.steps)
-    assert before is not None
-    assert after is not None
     assert after.joints[1].effort > before.joints[1].effort + 5.0
 
 
@@ -180,19 +168,15 @@ def test_a_motion_that_begins_and_ends_at_speed_keeps_limits_of_the_whole() -> N
     assert made.status.name == "SUCCESS", made.status
     assert not made.warnings
     sent = made.trajectory
-    assert sent is not None
     assert sent.velocities[0] == pytest.approx([0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
     assert sent.velocities[-1] == pytest.approx([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert 4.0 < strongest(made, [])[0] <= 6.0 * (1.0 + 1e-6)
     configurations = [dict(zip(NAMES, row, strict=True)) for row in sent.positions]
     request = {"type": "forward_kinematics", "robot": "panda", "configurations": configurations}
     found = answer({**request, "frames": ["panda_hand"]})
-    assert isinstance(found, ForwardKinematicsReply)
     places = np.array([row[0].position for row in found.placements])
     speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(sent.times)
     assert 0.2 < speeds.max() <= 0.3 * (1.0 + 1e-6)
-    assert free.metrics is not None
-    assert made.metrics is not None
     assert free.metrics.duration < made.metrics.duration < 4.0 * free.metrics.duration
 
 
@@ -217,7 +201,6 @@ def test_a_proof_says_that_it_is_not_about_speeds_and_torques(tmp_path) -> None:
     }
     request = {"robot": "panda", "scene": "table", **THERE, **limits, **PATIENT, "proof": True}
     reply = answer(request, proof_to=tmp_path / "motion.npz")
-    assert isinstance(reply, PlanReply)
     told = "the proof doesn't tell that panda_hand_tcp keeps its speed and joints keep their torques"
     assert told in reply.warnings
 
@@ -232,7 +215,6 @@ def test_straight_pieces_have_no_torques_to_limit() -> None:
         ask(**THERE, limits=limits, execution={"interpolation": "linear", "rate": 125})
     drawn = ask(**THERE, limits=limits, execution={"interpolation": "quintic", "rate": 125})
     assert drawn.status.name == "SUCCESS"
-    assert drawn.effort is not None
     assert drawn.effort.joints[0].effort <= 9.0
 
 

@@ -13,7 +13,6 @@ from guidefield.handlers.attached import holding
 from guidefield.handlers.certify import lay_out_ahead
 from guidefield.handlers.plan import prepare_ahead
 from guidefield.messages.conditions import AttachedObject
-from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import Attach, CertifyRequest, JointsGoal, PlanRequest, PlanStep, UrdfText
 from guidefield.messages.scene import Box, Mesh, Scene
 from guidefield.messages.values import Placement
@@ -47,7 +46,6 @@ def test_a_judgements_tables_are_made_before_its_time_begins(named: bool, monkey
     monkeypatch.setattr("guidefield.collision.part_tables.PartsTable.add_shape", late)
     monkeypatch.setattr("guidefield.collision.solids._of_links", late)
     reply = engine.answer(request, received=time.monotonic())
-    assert isinstance(reply, CertifyReply)
     assert reply.status.name == "SUCCESS"
 
 

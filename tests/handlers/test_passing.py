@@ -42,12 +42,10 @@ def at(reply: PlanReply, moment: float) -> np.ndarray:
 
 
 def speed(reply: PlanReply, moment: float) -> float:
-    assert reply.trajectory is not None
     return float(np.abs(reply.trajectory.velocities[reply.trajectory.times.index(moment)]).max())
 
 
 def duration(reply: PlanReply) -> float:
-    assert reply.metrics is not None
     return reply.metrics.duration
 
 
@@ -97,7 +95,7 @@ def within_limits(reply: PlanReply, acceleration: float, jerk: float | None) -> 
     mean = np.diff(p, axis=0) / h
     first, last = (6 * mean - 4 * v[:-1] - 2 * v[1:]) / h, (2 * v[:-1] + 4 * v[1:] - 6 * mean) / h
     assert max(np.abs(first).max(), np.abs(last).max()) <= acceleration * most
-    tops = np.array([robot("ur5").joint(name).velocity[0] for name in reply.position_names])  # type: ignore[union-attr]
+    tops = np.array([robot("ur5").joint(name).velocity[0] for name in reply.position_names])
     turning = np.clip(np.divide(-first, last - first, out=np.zeros_like(first), where=last != first), 0.0, 1.0)
     inner = v[:-1] + h * turning * (first + 0.5 * turning * (last - first))
     assert (np.maximum(np.abs(inner), np.abs(v[1:])) <= tops * most).all()
@@ -171,8 +169,7 @@ def nearest(reply: PlanReply) -> float:
 def test_the_slower_of_two_steps_is_minded_past_their_goal() -> None:
     slow = joints(**ASIDE) | {"max_velocity_scaling_factor": 0.1}
     reply = planned([joints(**OUT) | PASS, slow])
-    assert reply.trajectory is not None
-    tops = [0.1 * robot("ur5").joint(name).velocity[0] for name in reply.position_names]  # type: ignore[union-attr]
+    tops = [0.1 * robot("ur5").joint(name).velocity[0] for name in reply.position_names]
     since = reply.trajectory.times.index(reply.steps[0].end)
     assert (np.abs(reply.trajectory.velocities[since:]).max(axis=0) <= np.array(tops) * (1.0 + 1e-9)).all()
 

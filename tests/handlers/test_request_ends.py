@@ -11,7 +11,7 @@ import pytest
 from guidefield.engine import Engine, answer
 from guidefield.errors import InvalidConfiguration
 from guidefield.messages import codec
-from guidefield.messages.replies import CertifyReply, PlanReply
+from guidefield.messages.replies import PlanReply
 from guidefield.messages.streams import StreamOpen
 from guidefield.stream.opening import StreamSetup, read_opening
 
@@ -44,7 +44,6 @@ def ask(start: Any, goal: dict[str, Any] | None, of: dict[str, Any], **fields: A
 
 def rows(reply: PlanReply) -> np.ndarray:
     assert reply.status.name == "SUCCESS", reply.status.message
-    assert reply.trajectory is not None
     return np.array(reply.trajectory.positions)
 
 
@@ -114,7 +113,6 @@ def test_a_goal_a_hair_from_the_start_is_reached_at_once(kind: str, away: float,
     for goal in (to(0.5), many):
         reply = ask(start, goal, arm(kind, LIMIT), **fields)
         assert rows(reply)[[0, -1], 0] == pytest.approx([start, start], abs=5e-9)
-        assert reply.metrics is not None
         assert reply.metrics.duration < 4e-3
 
 
@@ -178,7 +176,6 @@ def verdicts(objects: list[dict[str, Any]], scene: dict[str, Any], **fields: Any
         found.add(reply.status.name == "SUCCESS")
     motion = {"times": [0.0, 1.0], "positions": [[0.0], [0.2]]}
     judged = answer({**shared, "type": "certify", "trajectory": motion, "position_names": ["panda_joint1"]})
-    assert isinstance(judged, CertifyReply)
     found.add(judged.certificate.collision_free)
     found.add(answer({**shared, "steps": [{"goal": goal}]}).status.name == "SUCCESS")
     return found

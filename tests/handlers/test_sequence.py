@@ -94,12 +94,10 @@ class Bare:
         q = np.array(self.robot.rest, float)
         for name, value in zip(self.names, row, strict=True):
             joint = self.robot.joint(name)
-            assert joint is not None
             q[joint.idx_q] = value
         for joint in self.robot.joints:
             if joint.mimic is not None:
                 driver = self.robot.joint(joint.mimic.driver)
-                assert driver is not None
                 q[joint.idx_q] = joint.mimic.multiplier * q[driver.idx_q] + joint.mimic.offset
         pin.framesForwardKinematics(self.robot.model, self.data, q)
         pin.updateGeometryPlacements(self.robot.model, self.data, self.robot.geometry, self.scratch)
@@ -126,7 +124,6 @@ def distance(one: Any, at: Any, other: Any, there: Any) -> float:
 def held_since(reply: PlanReply) -> Any:
     """Placement of the can in the hand."""
     bare, can = Bare(reply), build(scenes.read_packaged("kitchen")).obstacle("can")
-    assert can is not None
     bare.stand(states(reply, np.array([reply.steps[GRASP].end]))[0])
     return bare.frame("panda_hand").actInv(can.placement)
 
@@ -146,7 +143,6 @@ def test_nothing_touches_but_what_may(kitchen: PlanReply) -> None:
     """Everything once more by Coal, at samples: the bare robot, and the can where the hand or somebody put it."""
     bare, scene, in_hand = Bare(kitchen), build(scenes.read_packaged("kitchen")), held_since(kitchen)
     can, others = scene.obstacle("can"), [one for one in scene.obstacles if one.name != "can"]
-    assert can is not None
     standing = can.placement
     for step in kitchen.steps:
         for moment in np.linspace(step.begin, step.end, 8):
@@ -167,12 +163,10 @@ def test_nothing_touches_but_what_may(kitchen: PlanReply) -> None:
 def test_the_permissions_end_where_the_can_is_away(kitchen: PlanReply) -> None:
     bare, scene, in_hand = Bare(kitchen), build(scenes.read_packaged("kitchen")), held_since(kitchen)
     can = scene.obstacle("can")
-    assert can is not None
     told = [(step, one) for step in kitchen.steps for one in step.permissions]
     assert [(one.object, one.obstacle) for _, one in told] == [("can", "board2")] * 2 + [("can", "table_top")] * 2
     for moment, name in ((told[1][1].end, "board2"), (told[2][1].begin, "table_top")):
         against = scene.obstacle(name)
-        assert against is not None
         bare.stand(states(kitchen, np.array([moment]))[0])
         gap = distance(can.shape, bare.frame("panda_hand") * in_hand, against.shape, against.placement)
         assert 5e-3 <= gap < 8e-3
@@ -199,7 +193,6 @@ def test_straight_steps_are_straight(kitchen: PlanReply) -> None:
 
 def test_it_is_one_motion_that_rests_at_every_mark(kitchen: PlanReply) -> None:
     trajectory = kitchen.trajectory
-    assert trajectory is not None
     assert kitchen.position_names == [*(f"panda_joint{i}" for i in range(1, 8)), "panda_finger_joint1"]
     assert kitchen.steps[0].begin == 0.0
     assert [a.end for a in kitchen.steps[:-1]] == [b.begin for b in kitchen.steps[1:]]
@@ -221,7 +214,6 @@ def test_limits_are_kept_all_along(kitchen: PlanReply) -> None:
     speeds = (states(kitchen, times[1:-1] + h) - states(kitchen, times[1:-1] - h)) / (2 * h)
     joints_of = [robot("panda").joint(name) for name in kitchen.position_names]
     for column, joint in enumerate(joints_of):
-        assert joint is not None
         assert (rows[:, column] >= joint.lower[0] - 1e-9).all()
         assert (rows[:, column] <= joint.upper[0] + 1e-9).all()
         assert np.abs(speeds[:, column]).max() <= joint.velocity[0] * (1 + 1e-6)
@@ -232,7 +224,6 @@ def test_the_figures_of_the_whole_are_those_of_its_steps(kitchen: PlanReply) -> 
     assert kitchen.certificate.covers == "trajectory"
     assert all(step.certificate.collision_free for step in kitchen.steps)
     figures = [step.clearance for step in kitchen.steps if step.clearance is not None]
-    assert kitchen.clearance is not None
     assert kitchen.clearance.minimum == min(one.minimum for one in figures if one.minimum is not None)
     assert kitchen.clearance.time is not None
     assert 0.0 <= kitchen.clearance.time <= kitchen.steps[-1].end
@@ -408,7 +399,6 @@ def test_what_moves_is_picked_up_where_it_comes_to_rest_and_put_down_on_what_mov
     assert [one.obstacle for step in reply.steps for one in step.permissions] == ["board2"] * 2 + ["table_top"] * 2
     scene, bare = build(msgspec.convert(declared, messages.Scene)), Bare(reply)
     can = scene.obstacle("can")
-    assert can is not None
     bare.stand(states(reply, np.array([5.0]))[0])
     in_hand, put = bare.frame("panda_hand").actInv(can.placement_at(5.0)), reply.steps[OPEN].end
     for step in reply.steps:

@@ -70,7 +70,7 @@ def test_a_continuous_joints_goal_in_degrees_is_told(
     engine: Engine, start: float, goal: float, turns: str | None
 ) -> None:
     request = PlanRequest(box_arm("continuous", 1), Scene("empty"), JointsGoal({"j1": goal}), start={"j1": start})
-    told = [warning for warning in engine.answer(request).warnings if "radians" in warning]  # type: ignore[attr-defined]
+    told = [warning for warning in engine.answer(request).warnings if "radians" in warning]
     words = f"the goal of joint 'j1' is hardly in radians: {goal:g} is {turns} turns from the start"
     assert told == ([words] if turns else [])
 
@@ -110,7 +110,7 @@ def test_warnings_of_robot_and_scene_are_those_of_kinematics(engine: Engine, req
     odd = scene(in_single_triangles("bin", 0.2, 0.01, **FAR))
     asked = {"robot": "panda", "scene": odd, **request_}
     reply = engine.answer({name: value for name, value in asked.items() if value is not None})
-    warnings = reply.warnings  # type: ignore[attr-defined]
+    warnings = reply.warnings
     assert any("'bin'" in warning for warning in warnings)
 
 

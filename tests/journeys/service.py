@@ -83,7 +83,6 @@ def running_service(
         free_port() if port_of is None else contextlib.nullcontext(int(port_of.endpoint.rpartition(":")[2])) as port,
         subprocess.Popen([*command, "--listen", f"{at}:{port}"], stdout=subprocess.PIPE, text=True) as process,
     ):
-        assert process.stdout is not None
         try:
             told: list[str] = []
             while not (told and told[-1].startswith("ready")):

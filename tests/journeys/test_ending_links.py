@@ -51,7 +51,6 @@ def test_links_that_end_while_they_are_sent_to_hold_up_no_other(tmp_path: Path) 
             text=True,
         ) as stopped,
     ):
-        assert stopped.stdout is not None
         try:
             assert stopped.stdout.readline() == "asked\n"
             stopped.send_signal(signal.SIGSTOP)

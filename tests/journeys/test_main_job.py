@@ -116,7 +116,7 @@ def _executed(trajectory: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.nd
         tangents = (s**3 - 2 * s**2 + s) * h * v0 + (s**3 - s**2) * h * v1
         slopes = 6 * (s - s**2) * (p1 - p0) / h + (3 * s**2 - 4 * s + 1) * v0 + (3 * s**2 - 2 * s) * v1
         dense.append((t0 + s[:, 0] * h, blends + tangents, slopes))
-    return tuple(np.concatenate(part) for part in zip(*dense, strict=True))  # type: ignore[return-value]
+    return tuple(np.concatenate(part) for part in zip(*dense, strict=True))
 
 
 @pytest.mark.parametrize("job", JOBS)

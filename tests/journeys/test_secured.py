@@ -111,7 +111,6 @@ def test_an_operator_may_do_everything(folder: Path, service: Service) -> None:
         assert client.recording(reply.run_id)[:3] == b"RRF"
         client.delete_run(reply.run_id)
         identity = client.info().identity
-    assert identity is not None
     assert (identity.user, identity.access_control) == ("plain", True)
 
 
@@ -129,7 +128,6 @@ def test_a_stream_is_fed_and_heard_by_its_user_alone(folder: Path, service: Serv
                 bob.put(f"{key.replace('*', 'local')}/update", b'{"time": 9.0}')
                 stream.update(time=0.02 * cycle)
                 answer = stream.answer(ANSWERED_WITHIN)
-                assert answer is not None
                 assert answer.update == 0.02 * cycle  # and isn't late
         read = stream.read()
         assert (read.updates, read.last) == (3, stream.state)
@@ -148,7 +146,6 @@ def test_a_user_may_do_everything_on_its_own_keys_and_nothing_on_others(folder: 
         assert heard
         alice.store_scene(Scene("mine"))
         identity = alice.info().identity
-        assert identity is not None
         assert (identity.user, identity.access_control) == ("alice", True)
         with pytest.raises(NotAllowed):
             alice.scene("bob:any")

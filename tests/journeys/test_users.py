@@ -62,14 +62,12 @@ def test_a_user_plans_and_hears_of_it_on_keys_of_its_own(service: Service) -> No
         assert reply.recording == f"guidefield/local/as/alice/runs/{reply.run_id}/recording"
         assert alice.recording(reply.run_id)[:3] == b"RRF"
         told = alice.info()
-    assert told.identity is not None
     assert (told.identity.user, told.identity.access_control) == ("alice", False)
     assert told.identity.quota == OF_USERS
     assert set(told.users) == {"alice"}
     assert told.users["alice"].processor > 0.0
     with _as(service) as plain:
         told = plain.info()
-        assert told.identity is not None
         assert (told.identity.user, told.identity.quota) == ("plain", OF_ALL)
         assert "alice" in told.users
 
@@ -81,7 +79,6 @@ def test_a_user_may_be_named_by_the_configuration(service: Service, tmp_path: Pa
     )
     with Client.connect(config=file, wait=CONNECTED_WITHIN) as bob:
         identity = bob.info().identity
-    assert identity is not None
     assert identity.user == "bob"
 
 

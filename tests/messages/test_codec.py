@@ -24,7 +24,7 @@ def test_numpys_numbers_and_arrays_are_numbers_and_lists(kind: Any) -> None:
         {"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {"a": kind(2)}}}
     )
     assert joints == PlanRequest("panda", "table", JointsGoal({"a": 2.0}))
-    asked = PlanRequest("panda", "table", PoseGoal(np.array([1, 2, 3], kind), np.array(TURN, kind)))  # type: ignore[arg-type]
+    asked = PlanRequest("panda", "table", PoseGoal(np.array([1, 2, 3], kind), np.array(TURN, kind)))
     pose = PlanRequest("panda", "table", PoseGoal((1.0, 2.0, 3.0), TURN))
     assert read_request(asked) == pose
     for encoding in codec.Encoding:

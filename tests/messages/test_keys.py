@@ -57,7 +57,6 @@ def test_a_plan_is_read_and_its_head_is_the_same_run() -> None:
     request = keys.decode_query(_query("plan", PLAN))
     head = keys.decode_run_head(_query("plan", PLAN))
     assert isinstance(request, requests.PlanRequest)
-    assert head is not None
     assert (head.run_id, head.allowed_planning_time, head.seed) == (request.run_id, request.allowed_planning_time, 0)
     assert keys.decode_run_head(_query("kinematics", PLAN)) is None
 
@@ -76,7 +75,6 @@ def test_a_judgement_is_read_and_its_head_is_the_same_run() -> None:
 def test_an_impossible_planning_time_waits_long_enough_to_be_refused(given_: float, allowed: float) -> None:
     payload = msgspec.msgpack.encode({"allowed_planning_time": given_})
     head = keys.decode_run_head(keys.Query(("plan",), {}, payload, Encoding.MSGPACK))
-    assert head is not None
     assert head.allowed == allowed
 
 

@@ -51,7 +51,7 @@ def read(scene: Any) -> Any:
     """The scene of a request, read; of what isn't valid, None."""
     request = {**ASKED, "scene": scene} if isinstance(scene, dict) else asked(scene)
     try:
-        return read_request(request).scene  # type: ignore[union-attr]
+        return read_request(request).scene
     except MalformedRequest:
         return None
 
@@ -60,7 +60,7 @@ def read(scene: Any) -> Any:
 def test_a_scene_in_messages_is_read_once(obstacles: Callable[[], list[Obstacle]]) -> None:
     scene = Scene("s", obstacles=obstacles())
     first, again = read_request(asked(scene)), read_request(asked(Scene("s", obstacles=obstacles()), seed=3))
-    assert again.scene is first.scene is not scene  # type: ignore[union-attr]
+    assert again.scene is first.scene is not scene
     assert (first, again) == (asked(scene), asked(scene, seed=3))
 
 
@@ -70,9 +70,9 @@ def test_any_change_of_a_scene_in_messages_is_noticed() -> None:
     first = read(scene)
     assert read(scene) is first
     changes: list[tuple[list[Any], int, Any]] = [
-        (mesh.triangles, 3, (0, 1, 5)),  # type: ignore[list-item]
-        (mesh.vertices, 7, (0.0, 0.0, 5e-324)),  # type: ignore[list-item]
-        (scene.obstacles[-2].trajectory.placements, 1, Placement((0.0, 0.0, 2.0))),  # type: ignore[union-attr]
+        (mesh.triangles, 3, (0, 1, 5)),
+        (mesh.vertices, 7, (0.0, 0.0, 5e-324)),
+        (scene.obstacles[-2].trajectory.placements, 1, Placement((0.0, 0.0, 2.0))),
         (scene.obstacles, 5, Box(name="other", size=(0.1, 0.1, 0.1))),
     ]
     for values, index, other in changes:
@@ -88,11 +88,11 @@ def test_any_change_of_a_scene_in_messages_is_noticed() -> None:
 def test_whoever_changes_what_was_given_does_not_change_what_is_known() -> None:
     scene = Scene("s", obstacles=[sheet()])
     for request in (asked(scene), {**ASKED, "scene": scene}, {**ASKED, "scene": {"name": "s", "obstacles": [sheet()]}}):
-        first = read_request(request).scene  # type: ignore[union-attr]
+        first = read_request(request).scene
         given = request["scene"] if isinstance(request, dict) else request.scene
-        mesh = (given["obstacles"] if isinstance(given, dict) else given.obstacles)[0]  # type: ignore[union-attr]
+        mesh = (given["obstacles"] if isinstance(given, dict) else given.obstacles)[0]
         kept, mesh.triangles[0] = mesh.triangles[0], (5, 6, 7)
-        assert first.obstacles[0].triangles[0] == (0, 1, 2)  # type: ignore[union-attr]
+        assert first.obstacles[0].triangles[0] == (0, 1, 2)
         mesh.triangles[0] = kept
 
 
@@ -124,8 +124,8 @@ def test_what_is_given_in_arrays_is_read_once(form: Callable[[dict[str, Any]], A
     mesh = scene["obstacles"][0]
     numbers = {"vertices": mesh["vertices"].tolist(), "triangles": {"uint32": mesh["triangles"].tobytes()}}
     declared = packed(scene) if form is packed else {**scene, "obstacles": [mesh | numbers]}
-    expected = codec.decode_request(codec.encode({**ASKED, "scene": declared}))  # type: ignore[arg-type]
-    assert made[0] == expected.scene  # type: ignore[union-attr]
+    expected = codec.decode_request(codec.encode({**ASKED, "scene": declared}))
+    assert made[0] == expected.scene
 
 
 @pytest.mark.parametrize("form", [dict, in_messages])
@@ -197,7 +197,7 @@ def test_a_scene_is_known_wherever_it_stands_and_nowhere_else() -> None:
     scene, other = (codec.encode(in_messages(in_arrays(count))) for count in (2000, 2001))
     assert len(scene) > MIN_HASHED_BYTES
     fields = codec.encode(ASKED)[1:-1]
-    first = read_request(b'{"scene":%s,%s}' % (scene, fields)).scene  # type: ignore[union-attr]
+    first = read_request(b'{"scene":%s,%s}' % (scene, fields)).scene
     for around, is_first in (
         (b'{%s,"scene":SCENE}' % fields, True),
         (b'{"scene":OTHER,%s,"scene":SCENE}' % fields, True),
@@ -212,7 +212,7 @@ def test_a_scene_is_known_wherever_it_stands_and_nowhere_else() -> None:
     ):
         payload = around.replace(b"SCENE", scene).replace(b"OTHER", other)
         try:
-            assert (read_request(payload).scene is first) == is_first  # type: ignore[union-attr]
+            assert (read_request(payload).scene is first) == is_first
         except MalformedRequest:
             assert not is_first
 

@@ -124,14 +124,14 @@ LARGE: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("name", LARGE)
 def test_the_same_is_made_of_every_form(name: str) -> None:
     plain = LARGE[name]
-    at_one_go = codec.decode_request(codec.encode(plain))  # type: ignore[arg-type]
-    for given in (plain, at_one_go, {**plain, "scene": at_one_go.scene}):  # type: ignore[union-attr]
+    at_one_go = codec.decode_request(codec.encode(plain))
+    for given in (plain, at_one_go, {**plain, "scene": at_one_go.scene}):
         made = read_request(given)
         assert type(made) is type(at_one_go)
-        assert type(made.scene) is type(at_one_go.scene)  # type: ignore[union-attr]
+        assert type(made.scene) is type(at_one_go.scene)
         assert codec.encode(made) == codec.encode(at_one_go)
         assert made == at_one_go
-    assert codec.decode_request(codec.encode(plain)) == at_one_go, "what was given is as it was"  # type: ignore[arg-type]
+    assert codec.decode_request(codec.encode(plain)) == at_one_go, "what was given is as it was"
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
@@ -143,14 +143,14 @@ def test_arrays_may_stand_for_lists(kind: Any) -> None:
     declared = asked(
         mesh(vertices=packed, triangles=Uint32Array(corners.tobytes())), cloud(points=vertices.tolist()), *boxes(2)
     )
-    assert read_request(given) == codec.decode_request(codec.encode(declared))  # type: ignore[arg-type]
+    assert read_request(given) == codec.decode_request(codec.encode(declared))
 
 
 @pytest.mark.parametrize("kind", ["<i4", ">i4", "<i8", "<u4", "<u8", "<i2"])
 def test_arrays_of_triangles_name_the_same_corners(kind: str) -> None:
     corners = np.array(triangles()).astype(kind)
     made = read_request(asked(mesh(triangles=corners)))
-    assert (corners_in(made.scene.obstacles[0].triangles) == corners).all()  # type: ignore[union-attr]
+    assert (corners_in(made.scene.obstacles[0].triangles) == corners).all()
 
 
 @pytest.mark.parametrize("wrong", [-1, COUNT, 2**32, 2**40])
@@ -166,15 +166,15 @@ def test_packed_and_listed_ones_may_stand_beside_each_other() -> None:
     packed = Uint32Array(np.array(triangles(), "<u4").tobytes())
     for fields in ({"vertices": corners}, {"triangles": packed}):
         given = asked(mesh(**fields))
-        expected = codec.decode_request(codec.encode(given))  # type: ignore[arg-type]
+        expected = codec.decode_request(codec.encode(given))
         assert read_request(given) == expected
         assert read_request(expected) == expected
 
 
 def _wrong(change: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
-    made = msgspec.json.decode(codec.encode(LARGE["all kinds"]))  # type: ignore[arg-type]
+    made = msgspec.json.decode(codec.encode(LARGE["all kinds"]))
     change(made)
-    return made  # type: ignore[no-any-return]
+    return made
 
 
 FAULTS: dict[str, Callable[[dict[str, Any]], object]] = {
@@ -256,7 +256,7 @@ OTHER_FAULTS: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
 @pytest.mark.parametrize("name", OTHER_FAULTS)
 def test_a_fault_of_other_lists_is_too(name: str) -> None:
     kind, change = OTHER_FAULTS[name]
-    made = msgspec.json.decode(codec.encode(LARGE[kind]))  # type: ignore[arg-type]
+    made = msgspec.json.decode(codec.encode(LARGE[kind]))
     change(made)
     with pytest.raises(MalformedRequest) as at_one_go:
         codec.decode_request(made)
@@ -270,16 +270,16 @@ def test_arrays_may_stand_for_rows() -> None:
     assert read_request(judged(trajectory=arrays)) == codec.decode_request(judged(trajectory=TRAJECTORY))
     given = work("potential", points=np.ones((COUNT, 3), np.float32))
     del given["robot"]
-    assert read_request(given).points == [(1.0, 1.0, 1.0)] * COUNT  # type: ignore[union-attr]
+    assert read_request(given).points == [(1.0, 1.0, 1.0)] * COUNT
 
 
 def test_messages_in_a_dict_are_checked() -> None:
     """msgspec takes a message in a dict as it is: what is wrong in one would be found by nobody."""
     sound, box = asked(*boxes(1)), Box(name="a", size=(1.0, -1.0, 1.0))
     wrong = {
-        "$.scene.name": {"scene": Scene(3)},  # type: ignore[arg-type]
+        "$.scene.name": {"scene": Scene(3)},
         "$.scene.obstacles[0].size[1]": {"scene": {"name": "s", "obstacles": [box]}},
-        "$.attached_objects[0].obstacle.size[1]": {"attached_objects": [held(box)]},  # type: ignore[arg-type]
+        "$.attached_objects[0].obstacle.size[1]": {"attached_objects": [held(box)]},
     }
     for path, fields in wrong.items():
         with pytest.raises(MalformedRequest) as found:

@@ -139,7 +139,7 @@ def cases(reference: RobotReference, robot: RobotModel, seed: int, kinds: tuple[
             allowed_planning_time=SECONDS,
             recording="off",
             seed=seed,
-            **more,  # type: ignore[arg-type]
+            **more,
         )
         yield Case(kind, request, group)
 

@@ -51,7 +51,6 @@ def require_free(made: Problem, found: Plan, step: float = 0.05) -> None:
     assert found.status is Status.SUCCESS, found.message
     assert found.verdict.free
     motion = found.trajectory
-    assert motion is not None
     assert motion.times[0] == 0.0
     np.testing.assert_array_equal(motion.positions[0], made.z_start)
     require_within(made, motion)

@@ -27,7 +27,6 @@ def planned(made: Problem) -> Plan:
 
 def touches(made: Problem, found: Plan, count: int = 80, frozen: float | None = None) -> bool:
     """Whether a sample of the motion touches the obstacles as they then stand (or as they stood at one time)."""
-    assert found.trajectory is not None
     for time in np.linspace(0.0, found.trajectory.duration, count):
         z = found.trajectory.evaluate(np.array([time]))[0][0]
         if contacts_at(made.at(time if frozen is None else frozen).world, made.group.from_chart(z)):
@@ -43,7 +42,6 @@ def test_it_waits_for_what_moves_and_is_certified(title: str) -> None:
     assert found.verdict.free
     assert not touches(made, found)
     assert any(touches(made, found, frozen=time) for time in (0.0, 4.0, 6.0)), "it would have been in the way"
-    assert found.trajectory is not None
     samples = found.trajectory.evaluate(np.linspace(0.0, found.trajectory.duration, 4000))
     assert np.all(np.abs(samples[1]) <= made.group.velocity_limits)
     assert np.all(np.abs(samples[2]) <= made.group.acceleration_limits)
@@ -57,8 +55,6 @@ def test_optimised_in_time_it_is_sooner_and_does_not_rest_at_waypoints(title: st
     made = seed_problem(title)
     shaped, found = planned(made), planned(dataclasses.replace(made, optimization_iterations=0))
     assert found.status is Status.SUCCESS
-    assert shaped.trajectory is not None
-    assert found.trajectory is not None
     assert shaped.trajectory.times[-1] < 0.9 * found.trajectory.times[-1]
     speeds = np.abs(shaped.trajectory.velocities).max(axis=1)
     assert (speeds[2:-1] > 0.0).all(), "but for a wait at the start and the end"
@@ -86,7 +82,6 @@ def test_jerk_limits_are_kept_in_time(jerk: float, steps: int | None) -> None:
     assert found.status is Status.SUCCESS, found.message
     assert found.verdict.free
     assert not touches(made, found)
-    assert found.trajectory is not None
     samples = found.trajectory.evaluate(np.linspace(0.0, found.trajectory.times[-1], 4001))
     assert np.all(np.abs(samples[1]) <= made.group.velocity_limits)
     assert np.all(np.abs(samples[2]) <= made.group.acceleration_limits)
@@ -103,14 +98,12 @@ def test_a_plane_is_the_goal_where_nothing_comes_to_the_robot_any_more() -> None
     """A ball passes where the arm ends: it is there before that, or after."""
     still = problem("panda", scene_of(planes=[plane_at(0.6)]))
     end = planned(still).trajectory
-    assert end is not None
     tip = still.kinematics.tip_position(still.group.from_chart(end.positions[-1]))
     way = [Placement(position=tuple((tip + aside).tolist())) for aside in ([0.0, -0.8, 0.0], [0.0, 0.8, 0.0])]
     ball = messages.Sphere(name="ball", radius=0.05, trajectory=messages.ObstacleTrajectory([1.0, 3.0], way))
     made = problem("panda", scene_of(ball, planes=[plane_at(0.6)]))
     found = planned(made)
     assert found.status is Status.SUCCESS, found.message
-    assert found.trajectory is not None
     assert not touches(made, found)
     for now in np.arange(found.trajectory.times[-1], 3.1, 0.02).tolist():
         q = made.group.from_chart(found.trajectory.positions[-1])

@@ -31,7 +31,6 @@ def check(made: Problem, result: Plan) -> Trajectory:
     """That a motion is free and within limits, and has the ends that were asked for."""
     assert result.status is Status.SUCCESS, result.message
     motion, group = result.trajectory, made.group
-    assert motion is not None
     assert certify(made.world, motion.bezier()).free
     jerk = np.full(group.nv, np.inf) if made.jerk_limits is None else made.jerk_limits
     knots = motion.times, motion.positions, motion.velocities

@@ -52,7 +52,6 @@ def test_a_slight_contact_is_left_and_the_rest_certified() -> None:
     assert result.status is Status.SUCCESS, result.message
     assert "board" in result.warnings[0]
     motion = result.trajectory
-    assert motion is not None
     assert 0.0 < result.judged_from < motion.duration
     np.testing.assert_allclose(motion.positions[0], made.q_start)
     times = np.linspace(0.0, motion.duration, 400)
@@ -92,7 +91,6 @@ def test_a_contact_with_what_moves_is_left_and_the_rest_certified_in_time(
     assert result.status is Status.SUCCESS, result.message
     assert "board" in result.warnings[0]
     motion = result.trajectory
-    assert motion is not None
     until = result.judged_from
     assert 0.0 < until < motion.duration
     samples, apart = np.linspace(0.0, motion.duration + 0.5, 400), []
@@ -112,7 +110,6 @@ def test_a_contact_with_what_moves_is_left_and_the_rest_certified_in_time(
     assert (np.diff(np.array(apart)[~left]) > -1e-5).all()
     judged = certify_as_given(made, motion)
     assert judged.verdict.free
-    assert judged.leaving is not None
     assert judged.leaving.leaves
 
 
@@ -132,7 +129,6 @@ def test_what_presses_on_the_robot_is_refused() -> None:
     still = plan(pressed(0.003)).trajectory
     assert still is not None
     refused = certify_as_given(made, still)
-    assert refused.leaving is not None
     assert not refused.leaving.leaves
 
 
@@ -163,7 +159,6 @@ def test_limits_are_kept_while_a_contact_is_left(jerk: float | None) -> None:
     result = plan(limited)
     assert result.status is Status.SUCCESS, result.message
     motion = result.trajectory
-    assert motion is not None
     assert result.judged_from > 0.0
     low, high, *_ = extremes(motion.times, motion.positions, motion.velocities)
     assert (low >= lower - 1e-9).all()

@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.engine import Engine
 from guidefield.messages import codec
-from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.robot.group.reduced_model import select
@@ -31,7 +30,6 @@ EXAMPLES = ("seed_a_gates", "seed_e_S_6", "seed_e_L_6_planar", "door", "conveyor
 
 def judged(case: Case, urdf: str) -> None:
     reply = ENGINE.answer(case.request)
-    assert isinstance(reply, PlanReply)
     assert reply.status.name == "SUCCESS", reply.status
     assert reply.certificate.collision_free
     assert excess(reply, case, urdf).none

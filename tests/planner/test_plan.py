@@ -30,7 +30,6 @@ from tests.robots import box_arm, grouped
 
 def judged_densely(made: Problem, result: Plan, step: float = 1e-3) -> bool:
     """Whether no sample of the trajectory collides, at most `step` apart in every joint."""
-    assert result.trajectory is not None
     speed = np.abs(result.trajectory.velocities).max() + 1e-9
     count = int(np.ceil(1.5 * speed * result.trajectory.duration / step)) + 2
     times = np.linspace(0.0, result.trajectory.duration, min(count, 20_000))
@@ -41,7 +40,6 @@ def judged_densely(made: Problem, result: Plan, step: float = 1e-3) -> bool:
 
 def is_within_limits(made: Problem, result: Plan) -> bool:
     """Velocities and accelerations on a grid ten times denser than the knots."""
-    assert result.trajectory is not None
     times = np.linspace(0.0, result.trajectory.duration, 10 * len(result.trajectory.times))
     _, v, a = result.trajectory.evaluate(times)
     return bool(

@@ -123,7 +123,6 @@ def test_a_worker_goes_to_the_user_who_has_the_fewest_and_got_the_least(
     held: list[Task] = []
     for spent in seconds[: len(askers)]:
         task = waiting.take()
-        assert task is not None
         user = task.asker.user
         for other in (other for other in left if left[other]):
             assert (running[user], round(got[user], 2)) <= (running[other], round(got[other], 2) + 0.01)
@@ -153,7 +152,6 @@ def test_whoever_asks_for_little_comes_first_however_much_others_have_waiting() 
     assert busy[0] is not None
     waiting.settle(busy[0], 1.0, 1.0)
     quiet = waiting.take()
-    assert quiet is not None
     assert quiet.job == "quiet"
 
 
@@ -252,7 +250,6 @@ def test_whoever_gave_way_takes_anothers_place_after_twice_as_long_each_time_and
 def test_what_was_never_begun_comes_first_again_and_gave_way_to_nobody() -> None:
     waiting = _filled(["a", "a"])
     task = waiting.take()
-    assert task is not None
     assert waiting.put_back(task, gave_way=False)
     assert task.set_back == 0
     assert waiting.take() is task

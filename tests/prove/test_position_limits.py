@@ -72,7 +72,6 @@ def test_the_certificate_refuses_what_is_beyond_a_limit_between_the_samples():
     assert verdict.reason is Reason.BEYOND_LIMITS
     assert (verdict.piece, verdict.free_until, verdict.pair) == (1, (1, 0.0), None)
     assert verdict.parameter == pytest.approx(0.5, abs=1e-5)
-    assert verdict.beyond is not None
     assert (verdict.beyond.joint, verdict.beyond.lower, verdict.beyond.upper) == ("j2", -2.0, 2.0)
     assert verdict.beyond.value == pytest.approx(2.05, abs=1e-12)
     np.testing.assert_allclose(verdict.chart_point, [0.15, 2.05], atol=1e-5)

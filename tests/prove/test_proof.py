@@ -27,7 +27,6 @@ def test_writing_a_proof_down_changes_nothing_that_is_found(asked: tuple) -> Non
     plain, (found, written) = search(*asked), prove(*asked)
     assert (plain.verdict.reason, plain.verdict.evaluations) == (found.verdict.reason, found.verdict.evaluations)
     assert (plain.obstacle, plain.own) == (found.obstacle, found.own)
-    assert written is not None
     assert len(written.segments) == found.verdict.evaluations - 2
     assert len(written.slab_segments) > 50
     assert sum(array.nbytes for name, array in vars(written).items() if name.startswith(("s", "c"))) < 100_000

@@ -64,7 +64,7 @@ def test_a_plan_shows_its_steps_and_then_its_recording(tmp_path: Path) -> None:
 def test_a_stream_shows_itself_while_it_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("guidefield.stream.shown.SHOWN_INTERVAL_S", 0.0)
     box = StreamObstacle(Box(name="cart", size=(0.1, 0.1, 0.1)), 0.3)
-    request = StreamOpen("ur5", "table", goal=JOINTS["goal"], obstacles=[box], stream_id="s1")  # type: ignore[arg-type]
+    request = StreamOpen("ur5", "table", goal=JOINTS["goal"], obstacles=[box], stream_id="s1")
     with receiver(tmp_path) as viewer:
         journal = Journal(tmp_path / "s1", request, "plain", {})
         with Engine(viewer=viewer.address).stream(request, None, journal) as stream:
@@ -208,7 +208,7 @@ def test_a_stream_keeps_no_more_than_some_updates_for_a_viewer_that_takes_nothin
 ) -> None:
     monkeypatch.setattr("guidefield.stream.shown.MAX_WAITING", 20)
     monkeypatch.setattr(live_view.Channel, "is_busy", True)
-    request = StreamOpen("ur5", "table", goal=JOINTS["goal"], stream_id="s2")  # type: ignore[arg-type]
+    request = StreamOpen("ur5", "table", goal=JOINTS["goal"], stream_id="s2")
     with Engine().stream(request) as stream:
         shown = LiveStream("rerun+http://127.0.0.1:1/proxy", stream)
         for cycle in range(50):

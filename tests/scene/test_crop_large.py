@@ -126,7 +126,6 @@ def test_coal_sees_what_is_met() -> None:
     met = crop(whole, BALL)[0]
     for index in range(3):
         part, one = met.obstacles[index], whole.obstacles[index]
-        assert part.facets is not None
         assert part.shape.num_tris == part.faces == part.facets.count < one.faces
         assert (part.box[0] >= one.box[0]).all()
         assert (part.box[1] <= one.box[1]).all()

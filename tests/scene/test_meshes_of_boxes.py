@@ -30,7 +30,6 @@ def test_a_box_is_found_however_it_stands(size: tuple[float, float, float]) -> N
     for _ in range(10):
         vertices, triangles = placed(solids.box(size), rng)
         (found,) = find_boxes(vertices, [triangles[rng.permutation(12)]])
-        assert found is not None
         assert np.allclose(np.sort(2.0 * found.halves), np.sort(size), rtol=1e-9)
         own = (vertices - found.centre) @ found.rotation
         assert (np.abs(own) <= found.halves + 1e-12).all()

@@ -183,7 +183,7 @@ def test_a_file_that_is_not_there_or_a_wrong_option_is_said(tmp_path: Path) -> N
         (tmp_path / "a.stl", {"up": "w"}, "`up` must be one of x, y, z, got 'w'"),
     ):
         with pytest.raises(SceneInvalid, match=said):
-            Scene.read(path, **given)  # type: ignore[arg-type]
+            Scene.read(path, **given)
 
 
 def test_includes_that_double_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ PLACES = {name: placement(seed) for seed, name in enumerate(("board", "can", "ba
 
 
 def words(values: object) -> str:
-    return " ".join(repr(float(value)) for value in np.ravel(values))  # type: ignore[call-overload]
+    return " ".join(repr(float(value)) for value in np.ravel(values))
 
 
 def quaternion(place: pin.SE3) -> np.ndarray:
@@ -40,11 +40,11 @@ def reference() -> Scene:
         return {"position": tuple(place.translation), "quaternion_xyzw": tuple(quaternion(place))}
 
     obstacles: list[Obstacle] = [
-        Box(name="board", size=(0.4, 0.2, 0.05), **at("board")),  # type: ignore[arg-type]
-        Cylinder(name="can", radius=0.05, length=0.3, **at("can")),  # type: ignore[arg-type]
+        Box(name="board", size=(0.4, 0.2, 0.05), **at("board")),
+        Cylinder(name="can", radius=0.05, length=0.3, **at("can")),
         Sphere(name="ball", radius=0.1, position=tuple(PLACES["ball"].translation)),
-        Box(name="post", size=(0.1, 0.1, 0.9), **at("post")),  # type: ignore[arg-type]
-        Mesh(name="wedge", vertices=WEDGE.tolist(), triangles=TRIANGLES.tolist(), **at("wedge")),  # type: ignore[arg-type]
+        Box(name="post", size=(0.1, 0.1, 0.9), **at("post")),
+        Mesh(name="wedge", vertices=WEDGE.tolist(), triangles=TRIANGLES.tolist(), **at("wedge")),
     ]
     return Scene(name="world", obstacles=obstacles)
 

@@ -76,7 +76,6 @@ def test_a_robot_that_cannot_be_loaded_leaves_what_was(store: RobotStore, tmp_pa
         told = f"{refused.value.message} {refused.value.details}"
         assert str(tmp_path) not in told
     found = store.find("mine")
-    assert found is not None
     assert found.urdf == PLAIN.urdf
     assert len(list((tmp_path / "robots" / "contents").iterdir())) == 1
 

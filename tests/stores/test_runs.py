@@ -291,7 +291,6 @@ for index in range(100_000):
 @pytest.mark.parametrize("after", [1, 4, 23, 200])
 def test_what_was_answered_survives_a_kill_at_any_moment(after: int, tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE) as writer:
-        assert writer.stdout is not None
         for _ in range(after):
             assert writer.stdout.readline()
         writer.send_signal(signal.SIGKILL)
@@ -397,7 +396,7 @@ def test_a_file_system_without_locks_is_told(tmp_path: Path, monkeypatch: pytest
     connected = sqlite3.connect
 
     def without_locks(address: str, *arguments: object, **options: object) -> sqlite3.Connection:
-        return connected(f"{address}&vfs=unix-none", *arguments, **options)  # type: ignore[call-overload]
+        return connected(f"{address}&vfs=unix-none", *arguments, **options)
 
     monkeypatch.setattr(run_file.sqlite3, "connect", without_locks)
     with pytest.raises(DiskRefused, match="no locks or shared memory for a database; choose a data folder on a local"):

@@ -144,7 +144,6 @@ def test_a_piece_that_is_another_one_is_found(tmp_path: Path) -> None:
     begun, entries = read(file)
     third = entries[2]
     assert isinstance(third, Updated)
-    assert third.piece is not None
     changed = msgspec.structs.replace(
         third, piece=msgspec.structs.replace(third.piece, stops=third.piece.stops + 1e-12)
     )

@@ -57,7 +57,6 @@ def test_a_way_begins_where_the_robot_is_closer_than_ways_keep() -> None:
             assert paths.find_free(np.array([z0, z1])).tolist() == [kept == 1.0, True]
             assert paths.choose_clearance(STREAM.resting, [z0, z1]) == kept * STREAM.resting
             way = paths.find_path(NOTHING, ClearanceRule(0.1, 0.0), z0, z1, 0)
-        assert way is not None
         assert np.array_equal(way[[0, -1]], [z0, z1])
 
 
@@ -149,7 +148,6 @@ def test_a_way_may_end_whole_turns_from_its_goal_where_a_joint_turns_without_end
     goal = JointsGoal({"j2s6s200_joint_1": 0.5})
     with CertifiedStream(StreamOpen("kinova", "empty", goal=goal), robot("kinova"), build(Scene("empty"))) as stream:
         pursuit = stream._state.pursuit
-        assert pursuit is not None
         end, slower = pursuit.goals[0] + 2.0 * np.pi * np.eye(6)[0], pursuit.goals[0] + 2.0 * np.pi * np.eye(6)[1]
         assert stream._is_same(end, pursuit.goals[0])
         assert not stream._is_same(slower, pursuit.goals[0])

@@ -132,7 +132,7 @@ def _times(chunks: Sequence[Any]) -> list[float]:
 
 def _column(chunk: object, name: str) -> list[object]:
     """The rows of a component by the end of its name."""
-    batch = chunk.to_record_batch()  # type: ignore[attr-defined]
+    batch = chunk.to_record_batch()
     (column,) = (one for one in batch.schema.names if one.endswith(name))
     rows: list[object] = batch.column(column).to_pylist()
     return rows

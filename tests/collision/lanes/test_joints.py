@@ -57,7 +57,6 @@ def away(model: RobotModel, seed: int = 3) -> PlanningGroup:
     q = model.rest.copy()
     for joint in select(model, names, None, q, PLACED).joints:
         whole = model.joint(joint.name)
-        assert whole is not None
         q[whole.idx_q : whole.idx_q + whole.nq] = bent[joint.idx_q : joint.idx_q + joint.nq]
     return select(model, names, None, q, PLACED)
 

@@ -40,7 +40,7 @@ def test_preparing_a_scene_stops_when_time_is_up_and_goes_on_later() -> None:
     for at, left in (("m0", 1), ("m0", 1), ("m1", 2), ("m2", 2)):
         answers = iter([False] * (left - 1) + [True])
         with pytest.raises(DeadlineExpired, match=f"^obstacle {at}$"):
-            prepare_scene(made, Deadline(is_cancelled=lambda answers=answers: next(answers)))  # type: ignore[misc]
+            prepare_scene(made, Deadline(is_cancelled=lambda answers=answers: next(answers)))
     prepare_scene(made, UNLIMITED)
     prepare_scene(made, Deadline(0.0))  # nothing is left to do
     assert len(lane_scene(made).owners) > 0

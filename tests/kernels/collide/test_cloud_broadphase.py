@@ -41,7 +41,6 @@ def cloud(count: int) -> tuple[np.ndarray, CloudTables]:
     points = points.astype(np.float32).astype(float)
     rows = [tuple(point) for point in points.tolist()]
     cloud = build(messages.PointCloud(name="scan", points=rows, radius=RADIUS), 0).cloud
-    assert cloud is not None
     return points, cloud.tables
 
 

@@ -96,7 +96,7 @@ def test_motions_that_capsules_cannot_tell_are_judged_by_the_certificate() -> No
     guided = GuidedPath(made, q, clearance_at(made.world, q).obstacle_distance - 0.005, 0)
     asked: list[bool] = []
     judged = guided.judge
-    guided.judge = lambda q0, q1: asked.append(judged(q0, q1)) or asked[-1]  # type: ignore[method-assign]
+    guided.judge = lambda q0, q1: asked.append(judged(q0, q1)) or asked[-1]
     descent = descend(guided, constraints(made, guided.q)["plane"], ANYWHERE)
     assert asked
     assert sum(asked) <= len(descent.path)

@@ -81,7 +81,6 @@ def test_until_when_and_from_when_on_a_place_is_free_is_what_dense_times_say() -
     first, last = times[touching][0], times[touching][-1]
     until, refusal = find_meeting(made, START)
     assert first - 0.04 <= until <= first
-    assert refusal is not None
     assert refusal.pair[1] == "ball"
     assert last <= find_free_from(made, START) <= last + 0.04
     away = moved(2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -23,7 +23,6 @@ def tip_of_the_whole_robot(name: str, q_group: np.ndarray) -> pin.SE3:
     q = model.rest.copy()
     for joint in planned.joints:
         whole = model.joint(joint.name)
-        assert whole is not None
         q[whole.idx_q : whole.idx_q + whole.nq] = q_group[joint.idx_q : joint.idx_q + joint.nq]
     follow(model.joints, q)
     data = model.model.createData()
@@ -98,7 +97,6 @@ def test_links_and_fixed_joints_may_share_names() -> None:
         whole = arm.rest.copy()
         for joint in planned.joints:
             of_robot = arm.joint(joint.name)
-            assert of_robot is not None
             whole[of_robot.idx_q] = q[joint.idx_q]
         data = arm.model.createData()
         pin.framesForwardKinematics(arm.model, data, whole)

@@ -54,11 +54,11 @@ ARM = """<mujoco model="arm">
 def _load(folder: Path, text: str, **fields: object) -> tuple[RobotModel, object]:
     path = folder / "robot.xml"
     path.write_text(text)
-    return Catalog().load(UrdfFile(str(path), **fields)), mujoco.MjModel.from_xml_path(str(path))  # type: ignore[arg-type]
+    return Catalog().load(UrdfFile(str(path), **fields)), mujoco.MjModel.from_xml_path(str(path))
 
 
 def _joints(model: object) -> dict[int, str]:
-    return {index: model.joint(index).name for index in range(model.njnt)}  # type: ignore[attr-defined]
+    return {index: model.joint(index).name for index in range(model.njnt)}
 
 
 def test_bodies_and_sites_stand_where_mujoco_has_them(tmp_path: Path) -> None:
@@ -83,14 +83,10 @@ def test_joints_have_mujocos_ranges_kinds_and_laws(tmp_path: Path) -> None:
     robot, model = _load(tmp_path, ARM)
     for name in ("yaw", "lift", "left"):
         joint = robot.joint(name)
-        assert joint is not None
         assert joint.limits is not None
-        np.testing.assert_allclose(joint.limits, model.joint(name).range, atol=1e-12)  # type: ignore[attr-defined]
+        np.testing.assert_allclose(joint.limits, model.joint(name).range, atol=1e-12)
     wrist, right = robot.joint("wrist"), robot.joint("right")
-    assert wrist is not None
     assert wrist.kind is JointKind.SPHERICAL
-    assert right is not None
-    assert right.mimic is not None
     assert (right.mimic.driver, right.mimic.multiplier, right.mimic.offset) == ("left", -1.0, 0.0)
     np.testing.assert_allclose(robot.rest[:2], [0.5, 0.1])
 
@@ -146,8 +142,6 @@ def test_a_file_that_is_included_or_edited_is_read_again(tmp_path: Path) -> None
     inner = tmp_path / "inner.xml"
     inner.write_text(inner.read_text().replace("-10 10", "-20 20.0"))
     second = catalog.load(UrdfFile(str(path))).joint("j")
-    assert first is not None
-    assert second is not None
     assert first.limits is not None
     np.testing.assert_allclose(np.array(second.limits), 2.0 * np.array(first.limits))
 

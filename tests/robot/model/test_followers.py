@@ -55,7 +55,6 @@ def driver_of(*laws: tuple[str, str, float]) -> JointKind:
             "</joint>"
         )
     joint = load(UrdfText(text=f'<robot name="r">{text}</robot>')).joint("j")
-    assert joint is not None
     return joint.kind
 
 
