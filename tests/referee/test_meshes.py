@@ -13,10 +13,10 @@ import pytest
 from guidefield import case_file
 from guidefield.collision.world import World
 from guidefield.messages.requests import UrdfFile
-from guidefield.referee import meshes
 from guidefield.referee.case import Answer
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import UnusableFile, case_of
+from guidefield.referee.shapes import UnreadableMesh, read_mesh_file
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.mesh_files.reading import FileMesh, read_mesh
@@ -82,8 +82,8 @@ def test_a_file_outside_its_folder_is_refused(tmp_path: Path) -> None:
 def test_a_file_without_triangles_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "m.obj"
     path.write_bytes(b"v 0 0 0\nv 1 0 0\nl 1 2\n")
-    with pytest.raises(meshes.UnreadableMesh):
-        meshes.read(path)
+    with pytest.raises(UnreadableMesh):
+        read_mesh_file(path)
 
 
 def test_a_shell_in_double_precision_is_that_of_a_mesh_in_single(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_a_shell_in_double_precision_is_that_of_a_mesh_in_single(tmp_path: Path)
     parts = [part((0.1, 0.2, 0.3), (0.1, 0.2, 0.3), turn), part((1, 0, 0), (0.1, 0.2, 0.3), turn)]
     told = told_of(world_at(urdf_of(tmp_path, "m.dae", written.dae(parts))))
     ours = read_mesh(tmp_path / "m.dae")
-    assert (ours.vertices[ours.triangles] != meshes.read(tmp_path / "m.dae")).any()
+    assert (ours.vertices[ours.triangles] != read_mesh_file(tmp_path / "m.dae")).any()
     shell = {"vertices": ours.vertices.tolist(), "triangles": ours.triangles.tolist()}
     told["parts"]["links"]["b_0"]["shell"] = shell
     assert judge(case_of(told)).answer is Answer.FREE

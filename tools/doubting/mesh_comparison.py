@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from guidefield.geometry.surfaces import area_of
-from guidefield.referee.meshes import UnreadableMesh, read
+from guidefield.referee.shapes import UnreadableMesh, read_mesh_file
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import read_mesh
 
@@ -22,7 +22,7 @@ def compare(path: Path) -> str | None:
     except MeshFault as fault:
         return str(fault)
     try:
-        other = read(path)
+        other = read_mesh_file(path)
     except UnreadableMesh as error:
         return f"Assimp: {error}"
     ours = mesh.vertices[mesh.triangles]

@@ -10,7 +10,7 @@ import numpy as np
 from tests.robot.mesh_files import written
 from tests.robot.mesh_files.written import WRITERS, Part
 
-from guidefield.referee import meshes, shapes
+from guidefield.referee import shapes
 
 UNITS = ("1", "0.01", "0.0254", "0.001")
 LONGEST = 0.12
@@ -58,7 +58,7 @@ def put_in(text: str) -> tuple[str, dict[str, Any]]:
             mesh = None if geometry is None else geometry.find("mesh")
             if geometry is None or mesh is None:
                 continue
-            corners = meshes.read(Path(mesh.get("filename", "")))
+            corners = shapes.read_mesh_file(Path(mesh.get("filename", "")))
             corners = (corners * np.array(mesh.get("scale", "1 1 1").split(), float)).reshape(-1, 3)
             found[f"{link.get('name')}_{number}"] = shapes.surface(corners, np.arange(len(corners)).reshape(-1, 3))
             geometry.remove(mesh)

@@ -23,13 +23,14 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.referee.case import Body, Case, Constraint, Screw
-from guidefield.referee.meshes import UnreadableMesh, read
 from guidefield.referee.shapes import (
     NO_TRIANGLES,
     Shape,
+    UnreadableMesh,
     hull,
     placement_of,
     points_of,
+    read_mesh_file,
     shape,
     shape_of,
     snap_to_corners,
@@ -228,7 +229,7 @@ def _triangles(name: str, files: tuple[tuple[str, bytes], ...]) -> np.ndarray:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
         try:
-            return read(Path(folder, name))
+            return read_mesh_file(Path(folder, name))
         except UnreadableMesh as error:
             raise UnusableFile(f"mesh {name!r}: {error}") from None
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guidefield.referee import meshes
+from guidefield.referee.shapes import read_mesh_file
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import FARTHEST_VERTEX, READERS, companions, read_mesh
 from tests.robot.mesh_files import written
@@ -72,7 +72,7 @@ def test_every_part_is_read_where_it_is_and_faces_outwards(kind: str, parts: lis
 @pytest.mark.parametrize("kind", WRITERS)
 def test_assimp_reads_the_same(kind: str, tmp_path: Path) -> None:
     path = file_of(tmp_path, kind, PARTS["moved"])
-    ours, other = read_mesh(path), meshes.read(path)
+    ours, other = read_mesh(path), read_mesh_file(path)
     corners = ours.vertices[ours.triangles]
     assert len(corners) == len(other)
     for bound in (np.min, np.max):
@@ -94,7 +94,7 @@ def test_the_unit_of_a_collada_file_counts_and_its_upward_axis_does_not(unit: st
     for up in ("X_UP", "Y_UP", "Z_UP"):
         path = tmp_path / "part.dae"
         path.write_bytes(written.dae([part((0, 0, 0), size)], unit=unit, up=up))
-        ours, other = read_mesh(path), meshes.read(path)
+        ours, other = read_mesh(path), read_mesh_file(path)
         assert np.allclose(ours.vertices.max(axis=0), (0.1, 0.2, 0.3))
         assert np.allclose(other.max(axis=(0, 1)), (0.1, 0.2, 0.3))
 
@@ -112,7 +112,7 @@ def test_transformations_of_a_node_are_applied_in_their_order(tmp_path: Path) ->
         path.write_bytes(content[:start] + written_as.encode() + content[end:])
         low = read_mesh(path).vertices.min(axis=0)
         assert np.allclose(low, moved), written_as
-        assert np.allclose(meshes.read(path).min(axis=(0, 1)), moved, atol=1e-6), written_as
+        assert np.allclose(read_mesh_file(path).min(axis=(0, 1)), moved, atol=1e-6), written_as
 
 
 def test_concave_polygons_and_holes_are_filled_as_they_are(tmp_path: Path) -> None:
