@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.planner.connect.constrained import PoseKeeper
+from guidefield.planner.connect.connect import PoseKeeper
 from guidefield.planner.ends import find_goal_points
 from guidefield.planner.task.problem import TipGoal
 from guidefield.robot.group.path_constraints import Cone, line, plane, point

@@ -18,7 +18,7 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.messages.values import JointsGoal
-from guidefield.planner.in_motion import STOPS
+from guidefield.planner.finish import STOPS
 from guidefield.planner.plan import Plan, plan
 from guidefield.planner.schedule.slices import SCHEDULE
 from guidefield.planner.task.effort import EffortLimit, tree_of

@@ -30,7 +30,6 @@ from guidefield.planner.motion_certificate import CertifiedMotion, certify_motio
 from guidefield.planner.optimize.clearance_samples import keeps_distance
 from guidefield.planner.optimized_motion import CrossedPlanes, optimize_motion
 from guidefield.planner.path_so_far import PathSoFar, time_path
-from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
     Occupancy,
     Schedule,
@@ -38,6 +37,7 @@ from guidefield.planner.schedule.schedule import (
     choose_step,
     count_slices,
     depart_after,
+    retime,
     schedule_at_any_rate,
     schedule_at_one_rate,
 )

@@ -15,8 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import Status
-from guidefield.planner.connect.connect import Connection, connect, find_quickest_path
-from guidefield.planner.connect.constrained import Keeper, connect_constrained
+from guidefield.planner.connect.connect import Connection, Keeper, connect, connect_constrained, find_quickest_path
 from guidefield.planner.ends import UNREACHED, find_tip_points
 from guidefield.planner.guide.tip_reach import inset_of
 from guidefield.planner.path_so_far import PathSoFar

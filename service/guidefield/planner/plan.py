@@ -16,13 +16,12 @@ import numpy as np
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import UNREACHED, check_start, find_goal_points, find_tip_points
-from guidefield.planner.finish import finish
+from guidefield.planner.finish import STOPS, MovingEnds, finish, moving_ends
 from guidefield.planner.goal_among_movers import reach_among_movers
 from guidefield.planner.guide.guide import PROJECTED, cross_plane
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.guide.tip_reach import tip_radius
 from guidefield.planner.held_paths import Through, connect_to_plane, connections
-from guidefield.planner.in_motion import STOPS, MovingEnds, moving_ends
 from guidefield.planner.judgement import judge_leaving
 from guidefield.planner.leaving import continue_after, join_way_out, leave_contacts
 from guidefield.planner.motion.drawn_motion import DrawnMotion

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.collision.swept import swept_world
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
+from guidefield.planner.guide.guided_path import swept_world
 from guidefield.prove.certificate import motion_free
 from tests.planner.problems import library_scene, scene_of
 from tests.robots import box_arm, group, grouped, rest

@@ -12,7 +12,7 @@ import pytest
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.connect.constrained import Keeper, connect_constrained
+from guidefield.planner.connect.connect import Keeper, connect_constrained
 from guidefield.planner.connect.tree_search import FARTHEST_STRIDE, STRIDE
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import Cone

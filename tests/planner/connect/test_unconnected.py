@@ -12,7 +12,8 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import connect, explain_failed_search
+from guidefield.planner.connect.connect import connect
+from guidefield.planner.connect.tree_search import explain_failed_search
 from guidefield.robot.group.group import PlanningGroup
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import problem, scene_of

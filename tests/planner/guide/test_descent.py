@@ -12,7 +12,7 @@ from guidefield.errors import Status
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
 from guidefield.planner.guide.guided_path import GuidedPath
-from guidefield.planner.guide.projected import (
+from guidefield.planner.guide.rounds import (
     ON_CONSTRAINT,
     Descent,
     descend,

@@ -7,8 +7,7 @@ import pytest
 
 from guidefield.planner.guide.guide import FIRST_STEP, margin_at
 from guidefield.planner.guide.guided_path import GuidedPath
-from guidefield.planner.guide.projected import Projected
-from guidefield.planner.guide.rounds import Aim, Attempt, Made, Round, approach, rounds
+from guidefield.planner.guide.rounds import Aim, Attempt, Made, Projected, Round, approach, rounds
 from guidefield.planner.guide.tip_reach import inset_of
 from tests.planner.problems import seed_problem
 

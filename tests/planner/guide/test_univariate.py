@@ -11,8 +11,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.errors import InvalidGroup
 from guidefield.planner.guide.guide import ATTEMPTS, Univariate, cross_plane
 from guidefield.planner.guide.guided_path import GuidedPath
-from guidefield.planner.guide.projected import Projected
-from guidefield.planner.guide.rounds import Minimizer
+from guidefield.planner.guide.rounds import Minimizer, Projected
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.link_chain import link_chain
 from tests.planner.guide.guards import ANYWHERE

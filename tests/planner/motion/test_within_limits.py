@@ -4,7 +4,7 @@ import numpy as np
 import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
-from guidefield.planner.schedule.retimed import bezier, bound_slopes, clamp_smoothly, find_leaving
+from guidefield.planner.schedule.schedule import bezier, bound_slopes, clamp_smoothly, find_leaving
 from guidefield.prove.curve import excesses
 
 SEEDS = st.integers(0, 2**32 - 1)

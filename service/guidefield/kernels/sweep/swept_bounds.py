@@ -2,7 +2,7 @@
 
 Two bounds on their motion, both rigorous: the sum of what the joints do (`MotionBound` of collision/bodies.py has its
 proof), and a capsule's speed at the middle of the motion with its largest acceleration, which counts what joints undo
-of each other. Minimizers and `collision/swept.py` rely on a yes, which is certain; a no may be a doubt.
+of each other. Minimizers and `planner/guide/guided_path.py` rely on a yes, which is certain; a no may be a doubt.
 """
 
 from __future__ import annotations

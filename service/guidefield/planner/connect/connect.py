@@ -1,12 +1,13 @@
-"""Connect configurations: the straight motion, else a path of RRT-Connect, shortened; certified if that is asked for.
+"""Connect configurations: the straight motion, else a path of RRT-Connect, shortened; also within path constraints.
 
 Of several goals the one is chosen that is estimated to be reached soonest (`find_quickest_path`); all are tried
 together where none of them is reached with a few motions.
 
-Lanes judge motions by samples only: what they find is a proposal to the certificate. One that is optimised anyway need
-not be certified before: that moves it away from where samples overlooked something. So the constants here decide
-whether a path is found, which one for a request's seed, and how soon, never what counts as free; those that count
-something stay above 0. service/docs/algorithm.md, "Connect", repeats some.
+Batches judge motions by samples only: what they find is a proposal to the certificate (prove/certificate.py). A path
+that is optimised anyway need not be certified before, because that moves it away from where samples overlooked
+something; one within path constraints never is. So the constants here decide whether a path is found, which one for a
+request's seed, and how soon, never what counts as free or kept; those that count something stay above 0.
+service/docs/algorithm.md, "Connect", repeats some.
 """
 
 from __future__ import annotations
@@ -16,16 +17,26 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.errors import Status
+from guidefield.kernels.tree.path_constraints import KeptFrames, bring_back
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.tree_search import MOST_MOTIONS, RESOLUTION, FoundPath
+from guidefield.planner.connect.tree_search import (
+    CONSTRAINT_ROOM,
+    CORRECTIONS,
+    RESOLUTION,
+    FoundPath,
+    explain_failed_search,
+)
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
 from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
+from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
+from guidefield.robot.ik.inverse_kinematics import EXACT, SEARCH, PoseTarget
 from guidefield.robot.model.chart import ANGLE
 from guidefield.robot.model.model import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
@@ -55,6 +66,11 @@ LEAST_SHORTER = 1e-3  # by what share a path has to be shorter to be taken. A ch
 # rounds a Fetch's take 4 % less, and answers 1.11 of the time
 DETOUR = 2.0
 DETOUR_ROUNDS = 3  # this many. With 2 a Fetch's motions take 1.1 % less
+CONSTRAINED_ITERATIONS = 10_000_000  # samples that a search within path constraints draws at most: for safety
+SHORTCUTS = 60  # detours of such a path that are examined. Unrecorded
+POSE_STEPS = 15  # most of Newton's steps to a pose within path constraints. From the edges of tolerances 3 to 6 do it
+POSE_TRIES = 20  # after this many failures in a row no other configuration is moved: the constraint is out of reach
+DAMPING = 1e-9  # of those steps, relative to the largest singular value: a row that nothing moves is given up
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,13 +147,17 @@ class _PathSearch:
                 most_motions=GOAL_MOTIONS,
             )
             self.iterations += found.iterations
-            problem.counters.iterations += found.iterations
-            problem.counters.collision_checks += found.motions
+            _count(problem, found)
             problem.tell(TreeGrown(found.trees))
             if found.path is None:
                 return
             way = lanes.shorten(found.path, RESOLUTION, clearance + MARGIN * problem.group.size)
         self.found.append((score_path(problem, way), way))
+
+
+def _count(problem: Problem, found: FoundPath) -> None:
+    problem.counters.iterations += found.iterations
+    problem.counters.collision_checks += found.motions
 
 
 def score_path(problem: Problem, way: ChartPoints) -> float:
@@ -153,10 +173,6 @@ def estimate_time(path: ChartPoints, velocity_limits: ChartRate) -> float:
     """About how long a path (n, nv) takes once it is optimised, but for speeding up and slowing down [s]."""
     times = np.abs(np.diff(path, axis=0)) / velocity_limits
     return 0.5 * float(times.max(axis=1).sum() + times.sum(axis=0).max())
-
-
-HARD_TO_LEAVE = 0.01
-"""An end is hard to get away from if its tree has fewer configurations than this share of the motions tried there."""
 
 
 def explain_no_path(
@@ -179,25 +195,6 @@ def explain_no_path(
         return None
     which = "either way round" if round_again else "on the only way"
     return f"joint {joint.name} can't get to the goal: {which} it comes to what it must not touch"
-
-
-def explain_failed_search(found: FoundPath, goals: int, *, in_time: bool) -> str:
-    """Explain to people why a search ended without a path."""
-    names = "start", "goal" if goals == 1 else "goals"
-    if found.enclosed is not None:
-        name, tried = names[found.enclosed], found.tried[found.enclosed]
-        return f"the {name} can't be left: none of {tried} motions out of it is free, and no shorter one that was tried"
-    start, goal = found.sizes
-    ended = "in time" if in_time else f"in {MOST_MOTIONS} motions, the most that a search takes"
-    message = (
-        f"no connection was found {ended}: {found.motions} motions were judged, and the trees from the {names[0]} and"
-        f" the {names[1]} have {start} and {goal} configurations"
-    )
-    narrow = int(np.argmin(np.array(found.sizes) / np.maximum(found.tried, 1)))
-    if found.sizes[narrow] < HARD_TO_LEAVE * found.tried[narrow]:
-        verb = "are" if narrow == 1 and goals > 1 else "is"
-        message += f"; the {names[narrow]} {verb} hard to get away from: {found.tried[narrow]} motions were tried there"
-    return message
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,8 +235,7 @@ def shorten_path(
         found = tree_search.grow(
             lanes, start, within, rounds.resolution, clearance, rng, deadline, within=bound, most_motions=ROUND_MOTIONS
         )
-        problem.counters.iterations += found.iterations
-        problem.counters.collision_checks += found.motions
+        _count(problem, found)
         if found.path is not None:
             candidate = lanes.shorten(found.path, rounds.resolution, clearance + rounds.margin)
             if length_of(candidate, units) < bound and accepted(candidate):
@@ -292,8 +288,7 @@ def connect(
 
     for _ in range(ATTEMPTS):
         found = tree_search.grow(lanes, z_start[None], roots, resolution, clearance, rng, problem.deadline)
-        problem.counters.iterations += found.iterations
-        problem.counters.collision_checks += found.motions
+        _count(problem, found)
         problem.tell(TreeGrown(found.trees))
         if found.path is None:
             break
@@ -306,9 +301,7 @@ def connect(
             if number:
                 better = shorten_path(problem, path, roots, ShorteningRounds(number, resolution, margin), rng, accepted)
                 path, message = better.path, f"{message}, {better.message}"
-            for z in path[1:]:
-                problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found by the tree"))
-            return Connection(Status.SUCCESS, message, path, prove)
+            return _succeed(problem, message, path, prove)
         resolution, refused = resolution * FINER, refused + 1
     return _make_unconnected(problem, z_start, found, len(goals), refused)
 
@@ -333,9 +326,15 @@ def _connect_to_quickest(
         roots = np.concatenate([goals, *map(problem.group.turned_otherwise, goals)])
         better = shorten_path(problem, path, roots, rounds, rng, accepted)
         path, message = better.path, f"{message}, {better.message}"
+    return _succeed(problem, message, path, prove, way.others)
+
+
+def _succeed(
+    problem: Problem, message: str, path: ChartPoints, proven: bool, others: tuple[ChartPoints, ...] = ()
+) -> Connection:
     for z in path[1:]:
         problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found by the tree"))
-    return Connection(Status.SUCCESS, message, path, prove, way.others)
+    return Connection(Status.SUCCESS, message, path, proven, others)
 
 
 def _make_unconnected(
@@ -359,3 +358,119 @@ def _certify_path(problem: Problem, path: ChartPoints) -> bool:
         if not verdict.free:
             return False
     return True
+
+
+@dataclass(frozen=True, eq=False)
+class Keeper:
+    """Keeps configurations within path constraints."""
+
+    problem: Problem
+    frames: ConstrainedFrames
+
+    def bring_back(self, z: ChartPoint) -> ChartPoint | None:
+        """The chart point next to z (nv,), within limits, that keeps the constraints with room; None if there is none.
+
+        Newton's steps of least length on the numbers that are too large.
+        """
+        there: ChartPoint = np.array(z)
+        return there if bring_back(self.tables, CONSTRAINT_ROOM, CORRECTIONS, there) else None
+
+    @property
+    def tables(self) -> KeptFrames:
+        """The constraints as kernels read them."""
+        return keep_frames(self.frames)
+
+
+def connect_constrained(
+    problem: Problem, keeper: Keeper, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator
+) -> Connection:
+    """Find a motion within path constraints from z_start (nv,) to one of some goals (m, nv), free by samples."""
+    roots = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
+    found = tree_search.grow(
+        problem.lanes, z_start[None], roots, RESOLUTION, 0.0, rng, problem.deadline,
+        most_iterations=CONSTRAINED_ITERATIONS, frames=keeper.tables,
+    )  # fmt: skip
+    _count(problem, found)
+    problem.tell(TreeGrown(found.trees))
+    if found.path is None:
+        status = problem.deadline.status()
+        message = explain_failed_search(found, len(goals), in_time=status is not None)
+        return Connection(status or Status.PLANNING_FAILED, f"within the path constraints {message}", z_start[None])
+    path = _shorten(problem, keeper, found.path, rng)
+    for z in path[1:]:
+        problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found within the path constraints"))
+    return Connection(Status.SUCCESS, f"found within the path constraints in {found.iterations} iterations", path)
+
+
+def _shorten(problem: Problem, keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> ChartPoints:
+    units = problem.group.units
+    for _ in range(SHORTCUTS):
+        if len(path) < 4 or problem.deadline.expired():
+            break
+        first, last = np.sort(rng.choice(len(path), 2, replace=False))
+        ends = path[first], path[last]
+        way = tree_search.grow(
+            problem.lanes, ends[0][None], ends[1][None], RESOLUTION, 0.0, rng, problem.deadline,
+            most_iterations=0, frames=keeper.tables,
+        ).path  # fmt: skip
+        if way is None or np.abs(way[-1] - ends[1]).max() > 1e-9:  # not there, or there the other way round
+            continue
+        if length_of(way, units) < length_of(path[first : last + 1], units) - 1e-9:
+            path = np.concatenate([path[:first], ends[0][None], way[1:-1], path[last:]])
+    return path
+
+
+class PoseKeeper:
+    """Moves configurations that reach a pose and violate a path constraint to nearby ones that keep both."""
+
+    def __init__(self, problem: Problem, target: PoseTarget) -> None:
+        self._problem, self._target = problem, target
+        self._tries = POSE_TRIES
+
+    def __call__(self, zs: ChartPoints) -> ChartPoints:
+        """Chart points (n, nv) that reach the pose, some moved; those that aren't helped stay."""
+        if not self._problem.path_constraints:
+            return zs
+        moved: ChartPoints = zs.copy()
+        for row, z in enumerate(zs):
+            if self._tries == 0:
+                break
+            found = _move_within(self._problem, self._target, z)
+            self._tries = self._tries - 1 if found is None else POSE_TRIES
+            moved[row] = z if found is None else found
+        return moved
+
+
+def _move_within(problem: Problem, target: PoseTarget, z: ChartPoint) -> ChartPoint | None:
+    frames, group = problem.constrained_frames, problem.group
+    there = z.copy()
+    for _ in range(POSE_STEPS):
+        values, slopes = frames.values_and_rows(there)
+        excess, rows, reached = _pose_excess(problem, target, there)
+        if reached and (values <= frames.limits).all():
+            return there
+        beyond = values - CONSTRAINT_ROOM * frames.limits
+        excess = np.concatenate([excess, np.maximum(beyond, 0.0)])
+        active = excess != 0.0
+        step = np.linalg.pinv(np.concatenate([rows, slopes])[active], rcond=DAMPING) @ excess[active]
+        there = np.clip(there - step, group.lower, group.upper)
+    return None
+
+
+def _pose_excess(problem: Problem, target: PoseTarget, z: ChartPoint) -> tuple[np.ndarray, np.ndarray, bool]:
+    """The tip's excess over the aimed part of the tolerances, shape (6,), its derivative (6, nv), and if it is there.
+
+    All along and about the axes of the target's frame, translation first [m, rad].
+    """
+    group, kinematics = problem.group, problem.kinematics
+    q = group.expand_from_chart(z)
+    tip = kinematics.frame_placement(q, group.tip_id)
+    offset = target.placement.actInv(tip)
+    away = np.concatenate([offset.translation, pin.log3(offset.rotation)])
+    allowed = np.concatenate([target.position_tolerance, target.orientation_tolerance])
+    aimed = np.where(allowed > EXACT, SEARCH.aim * allowed, 0.0)
+    jacobian = kinematics.tip_jacobian(q) @ group.tangent_map(z)
+    linear = target.placement.rotation.T @ jacobian[:3]
+    angular = pin.Jlog3(offset.rotation) @ tip.rotation.T @ jacobian[3:]
+    excess = np.sign(away) * np.maximum(np.abs(away) - aimed, 0.0)
+    return excess, np.concatenate([linear, angular]), target.is_reached(tip)

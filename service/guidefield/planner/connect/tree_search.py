@@ -53,6 +53,9 @@ STRIDE = 0.1  # length of a step of a tree within path constraints, by the metri
 LEAST_GAIN = 0.2
 FARTHEST_STRIDE = 2.0  # so does one that is brought back to this many lengths from where it began. Unrecorded
 CONSTRAINED_PER_CHECK = 32  # as `ITERATIONS_PER_CHECK`, within path constraints
+# an end is hard to get away from, in the sentence about a failed search, if its tree has fewer configurations than this
+# share of the motions tried there
+HARD_TO_LEAVE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,3 +375,22 @@ def can_escape(
                 if lanes.free_until(np.array([root, end]), resolution, clearance):
                     return True
     return False
+
+
+def explain_failed_search(found: FoundPath, goals: int, *, in_time: bool) -> str:
+    """Explain to people why a search ended without a path."""
+    names = "start", "goal" if goals == 1 else "goals"
+    if found.enclosed is not None:
+        name, tried = names[found.enclosed], found.tried[found.enclosed]
+        return f"the {name} can't be left: none of {tried} motions out of it is free, and no shorter one that was tried"
+    start, goal = found.sizes
+    ended = "in time" if in_time else f"in {MOST_MOTIONS} motions, the most that a search takes"
+    message = (
+        f"no connection was found {ended}: {found.motions} motions were judged, and the trees from the {names[0]} and"
+        f" the {names[1]} have {start} and {goal} configurations"
+    )
+    narrow = int(np.argmin(np.array(found.sizes) / np.maximum(found.tried, 1)))
+    if found.sizes[narrow] < HARD_TO_LEAVE * found.tried[narrow]:
+        verb = "are" if narrow == 1 and goals > 1 else "is"
+        message += f"; the {names[narrow]} {verb} hard to get away from: {found.tried[narrow]} motions were tried there"
+    return message

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.collision.swept import swept_world
 from guidefield.errors import SceneInvalid
 from guidefield.kernels.distance.distance import DistanceTables, distance_at_points
 from guidefield.kernels.guide.grid_astar import CAP, wavefront
@@ -25,6 +24,7 @@ from guidefield.messages import scene as messages
 from guidefield.planner.guide.tip_reach import arm_reach, tip_radius
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
+from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.guide_plane import GuidePlane, axes_across, build, centroid
 
 GRID_SPACING = 0.05  # spacing of the grid in which the tip's way is searched for [m], at size 1. Unrecorded
@@ -185,7 +185,7 @@ def derive_planes(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[Guid
 
     None if there is no way, or an end is in contact; no planes if the tip sees the goal from the start.
     """
-    tables = swept_world(problem.world).tables
+    tables = distance_tables(problem.world.scene)
     start = problem.kinematics.tip_position(problem.group.expand_from_chart(problem.z_start))
     place, normals = (goal.centroid, goal.normal[None]) if isinstance(goal, GuidePlane) else (goal, NORMALS)
     centre, reach = arm_reach(problem)

@@ -18,14 +18,12 @@ from typing import Any
 import numpy as np
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.swept import SELF_MARGIN, SWEPT_RESOLUTION, swept_world
 from guidefield.errors import InvalidGroup, Status
 from guidefield.kernels.guide.coordinate_descent import Searching, sweep
 from guidefield.kernels.guide.tip_constraint import COUNTS, EVALUATIONS, JUDGED, TipGuard
 from guidefield.kernels.kinematics.link_chain import chain_configuration, close_chain
-from guidefield.planner.guide.guided_path import GuidedPath, reach_point
-from guidefield.planner.guide.projected import MOST_ROUNDS, NEGLIGIBLE, Blocks, Projected
-from guidefield.planner.guide.rounds import Aim, Attempt, Round, rounds
+from guidefield.planner.guide.guided_path import SELF_MARGIN, SWEPT_RESOLUTION, GuidedPath, reach_point, swept_world
+from guidefield.planner.guide.rounds import MOST_ROUNDS, NEGLIGIBLE, Aim, Attempt, Blocks, Projected, Round, rounds
 from guidefield.planner.guide.tip_reach import explain_unreachable, inset_of
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import make_stopped_message

@@ -1,27 +1,42 @@
 """The path towards a guide plane: advances of the tip, every accepted configuration, and straight motions between.
 
-service/docs/algorithm.md, "Crossing a guide plane", has the algorithm. Motions are free by capsules or, where these
-can't tell, by the certificate; the constants only choose between free ways. `COMFORTABLE` and `MARGINS` go to the
-kernel of whole rounds, too (`rounds.py`). Lengths in m are for a robot of size 1.
+service/docs/algorithm.md, "Crossing a guide plane", has the algorithm. Motions are free by capsules about the links
+(`SweptWorld`) or, where these can't tell, by the certificate. The capsules contain the links, so their yes is rigorous
+whatever `SWEPT_RESOLUTION`; a smaller one says yes more often, and takes longer to say no. Where the capsules are the
+robot's very shapes a no counts as contact: larger `SELF_MARGIN` and `SWEPT_RESOLUTION` refuse more of its motions.
+Descents whose kernels judge steps get both numbers, too.
+
+The other constants only choose between free ways; `COMFORTABLE` and `MARGINS` go to the kernel of whole rounds, too
+(`rounds.py`). Lengths in m are for a robot of size 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
+from typing import cast
 
+import coal
 import numpy as np
 
-from guidefield.collision.swept import swept_world
+from guidefield.collision.world import World
+from guidefield.kernels.distance.distance import DistanceTables
+from guidefield.kernels.kinematics.forward_kinematics import chart_values
 from guidefield.kernels.kinematics.integrate import reach
+from guidefield.kernels.sweep.swept_bounds import SweptRobot, motion_apart
+from guidefield.memo import memoized
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.prove.certificate import motion_free
 from guidefield.prove.verdict import Verdict
-from guidefield.read_only import ReadOnly
-from guidefield.robot.group.kinematics import find_planned_values, mover_of
+from guidefield.read_only import ReadOnly, read_only
+from guidefield.robot.bodies.charges import robot_charges
+from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
+from guidefield.robot.group.kinematics import find_planned_values, joints_of, mover_of
 from guidefield.robot.model.spaces import ChartPoint, Configuration
+from guidefield.scene.distance_tables import distance_tables
 
 RESOLUTION = 32.0  # samples of a motion per length in the chart [1/rad or 1/m], as a tree's motions have
 COMFORTABLE = 0.02  # a straight way that keeps this is taken without comparing [m], at size 1. Unrecorded
@@ -30,6 +45,85 @@ MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
 # distances from obstacles [m]: a way dips without the widest one that both its ends keep. With it Univariate keeps 46
 # and 17 mm in the thesis' tapered and blocked passages
 DIPS = (0.06, 0.045, 0.03, 0.015)
+SELF_MARGIN = 1e-4  # what capsules of the robot keep from each other [m], at size 1
+SWEPT_RESOLUTION = 5e-4  # motions that the capsules can't tell apart are halved down to this [m], at size 1
+
+
+@dataclass(frozen=True, eq=False)
+class SweptWorld:
+    """A robot as capsules among obstacles; `exact` if they are its very shapes and no pair is allowed to touch."""
+
+    group: PlanningGroup
+    robot: SweptRobot
+    tables: DistanceTables
+    exact: bool
+
+    def ends(self, q0: Configuration, q1: Configuration) -> tuple[ChartPoint, ChartPoint]:
+        """Return chart points (nv,) of two configurations (nq,) of the group, the second one nearest to the first."""
+        group = self.group
+        if group.space is not group.model:
+            z0 = group.chart(q0)
+            return z0, group.unwrapped(group.chart(q1), z0)
+        z0, z1 = cast(ChartPoint, np.empty(group.nv)), cast(ChartPoint, np.empty(group.nv))
+        chart_values(self.robot.joints, q0, self.robot.origin, self._zero, z0)
+        chart_values(self.robot.joints, q1, self.robot.origin, z0, z1)
+        return z0, z1
+
+    def apart(self, z0: ChartPoint, z1: ChartPoint, margin: float) -> bool:
+        """Return whether robot and obstacles keep a margin [m] along the straight motion between chart points (nv,).
+
+        True is rigorous. False means that they come too close, or that this test can't tell.
+        """
+        start, end = self.group.expand_chart(z0), self.group.expand_chart(z1)
+        own, floor = SELF_MARGIN * self.group.size, SWEPT_RESOLUTION * self.group.size
+        return bool(motion_apart(self.robot, self.tables, start, end, margin, own, floor))
+
+    def keeps(self, q: Configuration, margin: float) -> bool:
+        """Return `apart` at a single configuration (nq,): True is rigorous."""
+        return self.apart(*self.ends(q, q), margin)
+
+    @cached_property
+    def _zero(self) -> ChartPoint:
+        return cast(ChartPoint, np.zeros(self.group.nv))
+
+
+@memoized
+def swept_world(world: World) -> SweptWorld:
+    """Build the capsules of a world; once for each."""
+    group = world.group
+    charges = robot_charges(group.robot)
+    shapes = list(group.geometry.geometryObjects)
+    capsules, carriers = [], []
+    for charged, shape in zip(charges.shapes, shapes, strict=True):
+        ends = [shape.placement.act(end) for end in (charged.capsule.p0, charged.capsule.p1)]
+        capsules.append(np.r_[ends[0], ends[1], charged.capsule.radius])
+        carriers.append(shape.parentJoint)
+    robot = SweptRobot(
+        joints=joints_of(group),
+        origin=group.expand(group.q_origin),
+        capsules=np.array(capsules, float).reshape(-1, 7),
+        carriers=np.array(carriers, np.int64),
+        own=world.pairs.own,
+        apart=_apart(group, world.pairs.own.tobytes()),
+    )
+    read_only(robot.capsules, robot.carriers, robot.own, robot.apart, robot.origin)
+    exact = not len(world.pairs.left_out) and all(isinstance(shape.geometry, coal.Capsule) for shape in shapes)
+    return SweptWorld(group, robot, distance_tables(world.scene), exact)
+
+
+@memoized_for_alike
+def _apart(group: PlanningGroup, own_pairs: bytes) -> np.ndarray:
+    supports = [list(group.model.supports[shape.parentJoint]) for shape in group.geometry.geometryObjects]
+    apart = [
+        [_first_apart(supports[one], supports[other]) for one, other in ((a, b), (b, a))]
+        for a, b in np.frombuffer(own_pairs, np.int64).reshape(-1, 2).tolist()
+    ]
+    return np.array(apart, np.int64).reshape(-1, 2)
+
+
+def _first_apart(one: list[int], other: list[int]) -> int:
+    return next((joint for joint, beside in zip(one, [*other, *one], strict=False) if joint != beside), 0)
+
 
 Reach = Callable[[Problem, Configuration, np.ndarray], Iterable[Configuration]]
 """Configurations near q whose tip is at a point (3,) [m]: those to be tried, in order."""

@@ -14,7 +14,6 @@ from typing import Any
 import coal
 import numpy as np
 
-from guidefield.collision.swept import swept_world
 from guidefield.geometry.convex import balls_as_capsules
 from guidefield.kernels.distance.distance import DistanceTables, distance_at_points
 from guidefield.kernels.field.field_tables import frozen
@@ -22,6 +21,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import chain_to_tip
+from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
@@ -109,7 +109,7 @@ def explain_unreachable(problem: Problem, plane: GuidePlane) -> tuple[str, dict[
     corners = plane.inset_vertices(inset_of(problem, plane))
     fan = np.stack([np.broadcast_to(plane.centroid, corners.shape), corners, np.roll(corners, -1, axis=0)], axis=1)
     blocking = find_touched_obstacle(problem.scene, plane.centroid, radius)
-    if blocking is None or not _are_all_blocked(swept_world(problem.world).tables, fan, radius):
+    if blocking is None or not _are_all_blocked(distance_tables(problem.world.scene), fan, radius):
         return None
     return "every place on it that the tip heads for is inside an obstacle", {"obstacle": blocking}
 
