@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.messages.requests import UrdfFile, UrdfText
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.model import RobotModel

@@ -17,7 +17,7 @@ from guidefield.errors import InternalFailure, MalformedRequest, RobotInvalid, S
 from guidefield.handlers.recording import PlainMotion
 from guidefield.messages import requests
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.scenes import SceneStore

@@ -62,8 +62,8 @@ from guidefield.stores.scenes import PackagedScenes
 
 if TYPE_CHECKING:
     from guidefield.case_file import Motion
-    from guidefield.robot.catalog.catalog import Catalog
-    from guidefield.robot.catalog.library import SentRobot
+    from guidefield.robot.catalog import Catalog
+    from guidefield.robot.library import SentRobot
     from guidefield.robot.model.model import RobotModel
     from guidefield.run_log import RobotOrigin
     from guidefield.scene.anchor import Anchor
@@ -109,7 +109,7 @@ class SharedCaches:
     @functools.cached_property
     def catalog(self) -> Catalog:
         """The loaded robots."""
-        from guidefield.robot.catalog.catalog import Catalog
+        from guidefield.robot.catalog import Catalog
 
         return Catalog(self.packages)
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from guidefield.bounded_map import RENDERED_SCENES
 from guidefield.errors import GuidefieldError
 from guidefield.messages.requests import PlanRequest, UrdfFile
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.model import RobotModel
 from guidefield.run import Drawing, whole_recording
 from guidefield.run_log import RunLog, UnreadableLog, read_log

@@ -29,7 +29,7 @@ from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequ
 from guidefield.messages.scene import Obstacle as ObstacleMessage, Scene as SceneMessage, Sphere
 from guidefield.messages.values import RootJoint
 from guidefield.planner.task.trace import EventLog, PackedEvents
-from guidefield.robot.catalog.library import SentRobot
+from guidefield.robot.library import SentRobot
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, declare_with

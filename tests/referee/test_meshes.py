@@ -17,7 +17,7 @@ from guidefield.referee.case import Answer
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import UnusableFile, case_of
 from guidefield.referee.shapes import UnreadableMesh, read_mesh_file
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.mesh_files.reading import FileMesh, read_mesh
 from guidefield.robot.model import collision_shapes

@@ -20,7 +20,7 @@ from guidefield.errors import RobotInvalid, SceneInvalid
 from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import Box, Mesh, Scene
 from guidefield.potential import Precision, RobotField
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import build
 

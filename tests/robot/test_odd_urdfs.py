@@ -10,7 +10,7 @@ from lxml import etree
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 
 EXAMPLES = int(os.environ.get("GUIDEFIELD_ODD_URDFS", "50"))
 BODY = '<collision><origin xyz="0 0 0.1" rpy="0 0 0"/><geometry><box size="0.1 0.1 0.2"/></geometry></collision>'

@@ -17,7 +17,7 @@ from guidefield.messages import codec
 from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import HalfSpace, Mesh, PointCloud
 from guidefield.messages.values import Float32Array
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from tests.robot.mesh_files import written
 from tests.robot.mesh_files.written import part
 from tests.robots import box_arm

@@ -10,7 +10,7 @@ from guidefield.errors import RobotInvalid, SceneInvalid, UnknownObject
 from guidefield.handlers.robots import robots
 from guidefield.messages.requests import RobotFiles
 from guidefield.messages.scene import Box, Scene
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.run import whole_recording
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import RobotStore

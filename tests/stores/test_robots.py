@@ -7,8 +7,8 @@ import pytest
 
 from guidefield.errors import MalformedRequest, RequestTooLarge, RobotInvalid
 from guidefield.messages.requests import RobotFiles
-from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.catalog.library import SentRobot
+from guidefield.robot.catalog import Catalog
+from guidefield.robot.library import SentRobot
 from guidefield.stores.robots import NoRobots, RobotStore
 from tests.robots import box_arm
 

@@ -22,7 +22,7 @@ from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import RobotReference
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.model import RobotModel
 
 ARMS = (

@@ -26,7 +26,7 @@ from guidefield.collision.world import World
 from guidefield.geometry.surfaces import se3
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.conditions import RobotReference
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, PathConstraint, line, plane

@@ -26,7 +26,7 @@ from typing import Any
 
 from benchmarks.connect_peers import kinematics_us
 from guidefield.kernels.jit.cache import cache_folder
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 
 TOOLS = Path(__file__).resolve().parents[1]
 

@@ -20,7 +20,7 @@ from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfFile
 from guidefield.planner.task.problem import Goal, Problem
 from guidefield.potential import Precision, RobotField
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select

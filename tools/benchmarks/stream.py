@@ -32,7 +32,7 @@ from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import Box, HalfSpace, Scene
 from guidefield.messages.streams import StreamObstacle, StreamOpen
 from guidefield.messages.values import JointsGoal
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream
 from streaming.movers import Mover, hunting, reflected

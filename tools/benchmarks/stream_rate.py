@@ -24,7 +24,7 @@ from guidefield.messages.requests import UrdfText
 from guidefield.messages.scene import Box, HalfSpace, PointCloud, Scene
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
 from guidefield.messages.values import Float32Array, JointsGoal, Placement, Positions
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream
 

@@ -30,7 +30,7 @@ from guidefield.messages import scene as messages
 from guidefield.messages.conditions import JointLimits
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.values import JointsGoal, Placement
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build

@@ -16,7 +16,7 @@ from doubting.robots import Robot
 from guidefield.engine import Engine
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
 from guidefield.messages.values import Placement
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.model import Joint, RobotModel
 

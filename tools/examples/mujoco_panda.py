@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 import guidefield
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 
 STIFFNESS, DAMPING, ROTOR = 2e4, 200.0, 0.1  # of each servo [N m/rad, N m s/rad], and of its rotor [kg m²]
 RATE, TOLERANCE = 1000, 0.02  # of the servos [Hz]; behind by DAMPING / STIFFNESS of a speed: 0.02 rad, and accelerating

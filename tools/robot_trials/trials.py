@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from guidefield.kernels.jit.cache import cache_folder
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 
 HOUSE = Path(__file__).resolve().parents[2]
 SUFFIXES = (".urdf", ".xacro", ".xml")

@@ -14,7 +14,7 @@ from guidefield.messages.conditions import AttachedObject, JointLimits
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, PointCloud, Scene, Sphere
 from guidefield.messages.streams import Deviation, StreamObstacle, StreamOpen
 from guidefield.messages.values import JointsGoal, Placement
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream

@@ -76,7 +76,7 @@ err = Console(stderr=True)
 
 def _complete_robot(begun: str) -> list[str]:
     """List the robots whose names a shell may complete to."""
-    from guidefield.robot.catalog.library import entries
+    from guidefield.robot.library import entries
 
     return [name for name in entries() if name.startswith(begun)]
 

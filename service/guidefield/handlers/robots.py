@@ -24,8 +24,8 @@ from guidefield.messages.replies import (
     RobotSummary,
 )
 from guidefield.robot.bodies.bounding import ShapeCoverage, recall_coverage, recall_parts
-from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.catalog.library import SentRobot
+from guidefield.robot.catalog import Catalog
+from guidefield.robot.library import SentRobot
 from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.mimic_limits import bind_rates
 from guidefield.robot.model.model import Joint, RobotModel

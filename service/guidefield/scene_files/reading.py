@@ -21,7 +21,7 @@ from guidefield.geometry.surfaces import se3
 from guidefield.messages import codec
 from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import MAX_VERTICES, Box, Capsule, Cylinder, HalfSpace, Mesh, PointCloud, Scene, Sphere
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.mesh_files.reading import content_of, find_ignored_unit, read_mesh, read_objects, up_axis
 from guidefield.robot.mesh_files.three_mf import UNITS
 from guidefield.robot.mjcf.compilation import body_names, compile_file, import_mujoco, is_mjcf, named

@@ -21,9 +21,9 @@ from guidefield.errors import RequestTooLarge, RobotInvalid
 from guidefield.messages import codec
 from guidefield.messages.requests import RobotFiles
 from guidefield.messages.values import RootJoint
-from guidefield.robot.catalog import library
-from guidefield.robot.catalog.library import SentRobot
-from guidefield.robot.catalog.sent_meshes import name_by_content
+from guidefield.robot import library
+from guidefield.robot.library import SentRobot
+from guidefield.robot.mesh_files.sent_meshes import name_by_content
 from guidefield.stores.files import checked_name, decode_if_whole, lock_file, read_if_any
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
 

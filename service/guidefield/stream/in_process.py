@@ -15,7 +15,7 @@ from guidefield.messages import codec
 from guidefield.messages.scene import Scene as SceneMessage
 from guidefield.messages.scene_changes import RequestScene, apply_change
 from guidefield.messages.streams import StreamOpen
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.scene.scene import build
 from guidefield.stores.scenes import PackagedScenes
 from guidefield.stream.stream import CertifiedStream

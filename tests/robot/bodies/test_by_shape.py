@@ -19,7 +19,7 @@ from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.bodies import bounding
 from guidefield.robot.bodies.bounding import coverage, recall_coverage
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.model import collision_shapes
 from tests.geometry import solids
 from tests.robot.odd_meshes import odd, stl
@@ -139,7 +139,7 @@ CHILD = """
 import sys
 from guidefield.collision.preparation import prepare
 from guidefield.messages.requests import UrdfFile
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 prepare(Catalog().load(UrdfFile(path=sys.argv[1])), told=lambda what: print(what, flush=True))
 """
 

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
 from tests.robots import box_arm, group, grouped

@@ -11,8 +11,7 @@ import pytest
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile, UrdfText
-from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.catalog.mjcf_robots import mujoco_configuration
+from guidefield.robot.catalog import Catalog, mujoco_configuration
 from guidefield.robot.model.model import JointKind, RobotModel
 
 mujoco = pytest.importorskip("mujoco", reason="the extra `mujoco` isn't installed")

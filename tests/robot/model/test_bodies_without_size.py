@@ -11,7 +11,7 @@ import pytest
 import guidefield
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile, UrdfText
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.urdf.elements import THICKNESS
 from tests.robot.mesh_files import written
 from tests.robot.mesh_files.written import part

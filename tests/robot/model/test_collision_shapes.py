@@ -10,7 +10,7 @@ import pytest
 import guidefield
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.collision_shapes import triangulation
 from guidefield.robot.model.model import RobotModel
 from tests.robot.mesh_files import written

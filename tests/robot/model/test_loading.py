@@ -12,7 +12,7 @@ import trimesh
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile, UrdfText
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from tests.robots import box_arm, load, robot
 
 

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.model.card import RobotCard
+from guidefield.robot.library import RobotCard
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.rest import stated
 from guidefield.robot.urdf.srdf import Srdf

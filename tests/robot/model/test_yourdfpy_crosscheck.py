@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 
 from guidefield.messages.conditions import UrdfText
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.yourdfpy_crosscheck import MOST_TOLD, crosscheck
 from tests.robot.random_chains import chains
 

@@ -10,7 +10,7 @@ import trimesh
 from lxml import etree
 
 from guidefield.messages.requests import UrdfFile
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 
 
 def write_dense_copy(robot: str | dict[str, Any], times: int, folder: Path) -> dict[str, Any]:

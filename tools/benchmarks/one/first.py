@@ -29,7 +29,7 @@ def choose(robot: str | dict[str, Any]) -> dict[str, Any]:
     from guidefield.collision.world import World
     from guidefield.messages.requests import UrdfFile
     from guidefield.messages.scene import Scene
-    from guidefield.robot.catalog.catalog import Catalog
+    from guidefield.robot.catalog import Catalog
     from guidefield.robot.group.reduced_model import select
     from guidefield.robot.model.configuration import configuration_to_wire
     from guidefield.scene.scene import build

@@ -1,7 +1,7 @@
 """Read mesh files of any kind (OBJ, OFF and STL here), vertices at one place merged, in metres, scaled by the URDF.
 
 Collision, drawing and cases for the referee use this reader. A further kind needs an entry in `READERS` and `_MARKS`,
-in `MESH_SUFFIXES` of urdf/meshes.py, and in catalog/sent_meshes.py if clients may send it.
+in `MESH_SUFFIXES` of urdf/meshes.py, and in sent_meshes.py if clients may send it.
 """
 
 from __future__ import annotations

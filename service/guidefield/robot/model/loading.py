@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
+from guidefield.robot.library import RobotCard
 from guidefield.robot.model import chart, followers, pairs, rest
-from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.collision_shapes import Meshes, choose_shapes, read_meshes
 from guidefield.robot.model.followers import with_ball_joints
 from guidefield.robot.model.mimic_limits import bind_ranges, describe_bound_rates

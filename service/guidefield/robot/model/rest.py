@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import Positions
-from guidefield.robot.model.card import RobotCard
+from guidefield.robot.library import RobotCard
 from guidefield.robot.model.configuration import CLAMP_TOLERANCE, LENGTHS, clamp, values_from_wire
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import MARGIN, ROOT_JOINT, Joint, JointKind

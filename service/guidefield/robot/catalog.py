@@ -1,8 +1,9 @@
-"""Load and keep robots by name, file or what was sent, and sum each up in a line for lists.
+"""Load and keep robots by name, file or what was sent, also from MJCF, and sum each up in a line for lists.
 
 A robot is found again as long as no file that it was read from has changed (`_stamp`); lines of the catalog are kept on
 disk by the state of their files and a hash of the sources of robot/. Names, and the order in which a reference is
-resolved, are the public API's.
+resolved, are the public API's. A robot from MJCF is refused if its placements differ from MuJoCo's:
+`PLACEMENT_TOLERANCE` has to be above rounding, and more `TRIALS` would find rarer faults.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ import dataclasses
 import functools
 import hashlib
 import os
+import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -26,20 +29,26 @@ from guidefield.errors import RobotInvalid
 from guidefield.geometry.cache import Arrays, find_or_compute
 from guidefield.messages.faults import find_nearest
 from guidefield.messages.replies import RobotSummary
-from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
-from guidefield.robot.catalog.library import Entry, SentRobot, entries
-from guidefield.robot.catalog.mjcf_robots import load_mjcf
-from guidefield.robot.catalog.robot_descriptions import find_description, is_description
+from guidefield.messages.requests import ROBOT_DESCRIPTIONS, RobotReference, UrdfFile, UrdfText
+from guidefield.messages.values import RootJoint
+from guidefield.robot.library import NO_CARD, Entry, RobotCard, SentRobot, entries, find_description
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import companions
-from guidefield.robot.mjcf.compilation import compile_file, compile_text, is_mjcf
+from guidefield.robot.mjcf.compilation import (
+    CompiledModel,
+    body_names,
+    compile_file,
+    compile_text,
+    import_mujoco,
+    is_mjcf,
+)
 from guidefield.robot.mjcf.conversion import convert, root_is_fixed
-from guidefield.robot.model import card as cards
-from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.followers import unwrapped, with_ball_joints
 from guidefield.robot.model.loading import default_tip, load
 from guidefield.robot.model.model import RobotModel, RobotSource
 from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
+from guidefield.robot.model.pairs import random_configuration
+from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.model.yourdfpy_crosscheck import crosscheck
 from guidefield.robot.urdf import srdf
 from guidefield.robot.urdf.elements import JOINT_DOF
@@ -47,6 +56,13 @@ from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.urdf_validation import check_urdf
 from guidefield.robot.urdf.xacro_files import ArgumentValue, Expanded, expand, is_xacro
 from guidefield.robot.urdf.xml import read_xml
+
+PLACEMENT_TOLERANCE = 1e-9
+"""Placements that differ by more than this [m, or 1], for each metre from the world's origin, are not the same."""
+TRIALS = 3  # random configurations at which placements are compared, beside the one at rest
+
+_LINE = re.compile(r"^line \d+: ")
+"""The line number at the beginning of sentences about a generated URDF, which nobody can look up."""
 
 MOVABLE = ("revolute", "continuous", "prismatic", "planar", "floating")
 ROOT_KINDS = {"planar": "planar", "free": "floating"}  # kind of the joint between the world and a root that moves
@@ -64,7 +80,7 @@ def summarize(entry: Entry) -> RobotSummary:
 def summarize_sent(robot: SentRobot, package_dirs: Iterable[Path]) -> RobotSummary:
     """Sum up a robot that a client stored; it may take meshes from those folders too."""
     line = RobotSummary(name=robot.name, source="stored", family=robot.name)
-    card = msgspec.structs.replace(cards.EMPTY, root_joint=robot.root_joint)
+    card = msgspec.structs.replace(NO_CARD, root_joint=robot.root_joint)
     if not is_mjcf(robot.urdf):
         return _summary(line, robot.urdf, robot.srdf, card, MeshResolver.for_wire(package_dirs, robot.meshes))
     try:
@@ -199,8 +215,7 @@ class Catalog:
 
     def load(self, reference: RobotReference | SentRobot) -> RobotModel:
         """Return the robot that a request means; RobotInvalid if its name is unknown, or its description unusable."""
-        if isinstance(reference, str) and is_description(reference):
-            reference = find_description(reference)
+        reference = _resolve(reference)
         key = _key(reference)
         loaded = self._loaded.get(key)
         if loaded is None or any(_stamp(file) != was for file, was in loaded.stamps.items()):
@@ -212,8 +227,7 @@ class Catalog:
 
     def origin(self, reference: RobotReference | SentRobot) -> tuple[RobotReference | SentRobot, str]:
         """Return a loaded robot's origin, wherever a process stands, and a hash of its text and its files' state."""
-        if isinstance(reference, str) and is_description(reference):
-            reference = find_description(reference)
+        reference = _resolve(reference)
         loaded = self._loaded.get(_key(reference))
         assert loaded is not None, "it was loaded"
         if isinstance(reference, UrdfFile):
@@ -231,13 +245,13 @@ class Catalog:
                 return load_mjcf(reference.name, compile_text(reference.urdf), reference.srdf, reference.root_joint)
             source = RobotSource(reference.urdf, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs, reference.meshes)
-            return crosscheck(load(reference.name, source, reference.srdf, cards.EMPTY, resolver))
+            return crosscheck(load(reference.name, source, reference.srdf, NO_CARD, resolver))
         if isinstance(reference, UrdfText):
             if is_mjcf(reference.text):
                 return load_mjcf("mjcf", compile_text(reference.text), reference.srdf, reference.root_joint)
             source = RobotSource(reference.text, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs)
-            return crosscheck(load("urdf", source, reference.srdf, cards.EMPTY, resolver))
+            return crosscheck(load("urdf", source, reference.srdf, NO_CARD, resolver))
         return _from_file(reference)
 
     def _from_catalog(self, name: str) -> RobotModel:
@@ -271,7 +285,7 @@ def _from_file(reference: UrdfFile) -> RobotModel:
     described, semantics = read_description(path, srdf_path, reference.xacro_args, resolver)
     source = RobotSource(described.text, path, reference.root_joint, described.files)
     try:
-        robot = crosscheck(load(robot_name(path), source, semantics, cards.EMPTY, resolver))
+        robot = crosscheck(load(robot_name(path), source, semantics, NO_CARD, resolver))
     except RobotInvalid as error:
         if not is_xacro(path):
             raise
@@ -289,6 +303,12 @@ def _file(named: str, kind: str) -> Path:
     except OSError as error:
         raise RobotInvalid(f"the {kind} file {named[:200]!r} can't be opened: {error.strerror}", path=named) from None
     raise RobotInvalid(f"there is no {kind} file {named!r}{why and f': {why}'}", path=named)
+
+
+def _resolve(reference: RobotReference | SentRobot) -> RobotReference | SentRobot:
+    if isinstance(reference, str) and reference.startswith(ROBOT_DESCRIPTIONS):
+        return find_description(reference)
+    return reference
 
 
 def _key(reference: RobotReference | SentRobot) -> str:
@@ -334,9 +354,6 @@ def _stamp(file: str) -> _Stamp | None:
     return found.st_mtime_ns, found.st_size, found.st_ino, found.st_dev
 
 
-_SOURCES = Path(__file__).parent.parent
-
-
 def lines_of(entries: Iterable[Entry]) -> list[RobotSummary]:
     """Return a line about each robot, in their order; from disk if they were made before of the same files."""
     known = list(entries)
@@ -355,6 +372,82 @@ def lines_of(entries: Iterable[Entry]) -> list[RobotSummary]:
 @functools.cache
 def _sources() -> str:
     digest = hashlib.sha256()
-    for source in sorted(_SOURCES.rglob("*.py")):
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(source.read_bytes())
     return digest.hexdigest()
+
+
+def load_mjcf(name: str, compiled: CompiledModel, srdf_text: str | None, root_joint: RootJoint) -> RobotModel:
+    """Load a compiled MJCF; states and pairs of an SRDF come before those of the MJCF.
+
+    Raises:
+        RobotInvalid: if it can't be used, with the element at fault.
+    """
+    converted = convert(compiled, name, root_joint)
+    semantics = converted.semantics
+    if srdf_text:
+        given = srdf.parse(srdf_text)
+        states, disabled = (*given.states, *semantics.states), {**semantics.disabled, **given.disabled}
+        semantics = dataclasses.replace(given, states=states, disabled=disabled, said_by="MJCF")
+    root = "fixed" if root_is_fixed(compiled.model, root_joint) else root_joint
+    source = RobotSource(converted.urdf, None, root, compiled.files)
+    card = msgspec.structs.replace(NO_CARD, ball_joints=list(converted.balls))
+    try:
+        robot = load(name, source, semantics, card, MeshResolver(given=converted.meshes))
+    except RobotInvalid as error:
+        raise RobotInvalid(f"MJCF: {_LINE.sub('', error.message)}", **error.details) from None
+    check_placements(robot, compiled.model, converted.joints, converted.geoms)
+    warnings = (_LINE.sub("", sentence) for sentence in robot.warnings)
+    return dataclasses.replace(robot, warnings=(*converted.warnings, *warnings))
+
+
+def check_placements(
+    robot: RobotModel, model: Any, joints: Mapping[int, str], geoms: Mapping[str, Sequence[int]]
+) -> None:
+    """Compare the placements of bodies and collision shapes with MuJoCo's.
+
+    Args:
+        geoms: MuJoCo's indices of the geoms behind each link's <collision>, in their order.
+
+    Raises:
+        RobotInvalid: if a body or shape stands elsewhere by more than `PLACEMENT_TOLERANCE`; names it.
+    """
+    mujoco, rng = import_mujoco(), np.random.default_rng(0)
+    model.geom_sameframe[:] = 0  # else MuJoCo takes a geom within 1e-6 of its body's inertia for being there
+    data, placed, shapes = mujoco.MjData(model), robot.model.createData(), robot.geometry.createData()
+    named = {name: index for index, name in enumerate(body_names(model))}
+    frames = {name: robot.model.getFrameId(name, pin.FrameType.BODY) for name in named}
+    behind = {f"{link}_{number}": geom for link, some in geoms.items() for number, geom in enumerate(some)}
+    drawn = (random_configuration(robot.model, robot.joints, rng, robot.size) for _ in range(TRIALS))
+    for q in (robot.rest, *drawn):
+        data.qpos[:] = mujoco_configuration(robot, model, joints, q)
+        mujoco.mj_kinematics(model, data)
+        pin.framesForwardKinematics(robot.model, placed, q)
+        pin.updateGeometryPlacements(robot.model, placed, robot.geometry, shapes, q)
+        for name, body in named.items():
+            _check_place(f"body {name!r}", placed.oMf[frames[name]], data.xpos[body], data.xmat[body])
+        for shape, at in zip(robot.geometry.geometryObjects, shapes.oMg, strict=True):
+            geom = behind[shape.name]
+            _check_place(f"shape {shape.name!r}", at, data.geom_xpos[geom], data.geom_xmat[geom])
+
+
+def mujoco_configuration(robot: RobotModel, model: Any, joints: Mapping[int, str], q: RobotConfiguration) -> np.ndarray:
+    """Return MuJoCo's configuration, shape (nq,), at one of ours (robot.model.nq,); other joints at reference."""
+    theirs = np.array(model.qpos0)
+    for index, name in joints.items():
+        joint = robot.joint(name)
+        assert joint is not None, "joints of an MJCF keep their names"
+        values, address = q[joint.idx_q : joint.idx_q + joint.nq], int(model.jnt_qposadr[index])
+        if joint.nq == 2:
+            theirs[address] = np.arctan2(values[1], values[0])
+        elif joint.nq == 1:
+            theirs[address] = values[0]
+        else:  # a quaternion at the end: w comes first there
+            theirs[address : address + joint.nq] = [*values[:-4], values[-1], *values[-4:-1]]
+    return theirs
+
+
+def _check_place(what: str, ours: Any, position: np.ndarray, rotation: np.ndarray) -> None:
+    apart = max(np.abs(ours.translation - position).max(), np.abs(ours.rotation.ravel() - rotation).max())
+    if not apart <= PLACEMENT_TOLERANCE * max(1.0, float(np.abs(position).max())):
+        raise RobotInvalid(f"MJCF: {what} stands elsewhere than MuJoCo has it, by {apart:.3g}; please report this file")

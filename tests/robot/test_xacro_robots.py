@@ -11,7 +11,7 @@ import pytest
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog import Catalog
 from tests.robot.odd_meshes import stl
 
 MAIN = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">

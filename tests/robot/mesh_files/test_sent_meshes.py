@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.catalog.sent_meshes import MAX_MESHES, name_by_content
+from guidefield.robot.mesh_files.sent_meshes import MAX_MESHES, name_by_content
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"
 PNG = b"\x89PNG not really"

@@ -1,4 +1,4 @@
-"""Robots of the package robot_descriptions: by its own loader, and clear words where that fails."""
+"""The library: every URDF has a name, those of one package are a family; robot_descriptions answers or says why not."""
 
 from __future__ import annotations
 
@@ -10,9 +10,52 @@ import pytest
 from guidefield.engine import Engine, LocalFiles
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import ReadRobot
-from guidefield.robot.catalog import robot_descriptions
-from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot import library
+from guidefield.robot.catalog import Catalog
+from guidefield.robot.urdf import srdf
+from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, MeshResolver, catalog_share
+from guidefield.robot.urdf.urdf_validation import check_urdf
 from tests.robots import box_arm
+
+ENTRIES = library.entries()
+
+
+def test_every_urdf_of_the_package_has_exactly_one_name() -> None:
+    robots = catalog_share() / CATALOG_PACKAGE / "robots"
+    there = sorted(str(path.relative_to(robots)) for path in robots.rglob("*.urdf"))
+    named = sorted(entry.card.urdf for entry in ENTRIES.values() if entry.source == CATALOG_PACKAGE)
+    assert named == there
+    assert len(there) == 69
+
+
+def test_srdfs_are_found_by_names_that_fit() -> None:
+    found = {name: entry.card.srdf and Path(entry.card.srdf).stem for name, entry in ENTRIES.items()}
+    assert found["baxter"] == "baxter_manipulation"
+    assert found["talos_reduced_corrected"] == "talos"
+    assert found["ur5_gripper"] == "ur5_gripper"
+    assert found["pr2"] == "pr2"
+    assert found["solo12"] is None, "that of solo is about another robot"
+    assert found["anymal_c_simple"] == "anymal"
+
+
+def test_variants_are_a_family_and_its_name_leads_to_them() -> None:
+    family = {entry.name for entry in ENTRIES.values() if entry.family == "talos"}
+    assert {"talos_full_v2", "talos_reduced", "talos_left_arm"} <= family
+    with pytest.raises(RobotInvalid, match="there are talos_full_v2, ") as unknown:
+        Catalog().load("talos")
+    assert set(unknown.value.details["available"]) == family
+
+
+@pytest.mark.parametrize("name", [name for name, entry in ENTRIES.items() if entry.card.tip is not None])
+def test_what_a_card_names_is_there(name: str) -> None:
+    entry = ENTRIES[name]
+    path = entry.folder / entry.card.urdf
+    facts = check_urdf(path.read_text(), MeshResolver.for_file(path))
+    joints = {*facts.joints, "root_joint"}
+    assert entry.card.tip in facts.links
+    assert joints >= {*(entry.card.group or ()), *entry.card.rest, *entry.card.ball_joints}
+    assert joints >= {*entry.card.velocity, *entry.card.acceleration}
+    assert entry.card.srdf is None or srdf.parse((entry.folder / entry.card.srdf).read_text())
 
 
 @pytest.fixture
@@ -34,7 +77,7 @@ def descriptions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         f"PACKAGE_PATH = REPOSITORY_PATH + '/arm_description'\nURDF_PATH = PACKAGE_PATH + '/urdf/arm.urdf'\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(package.parent))
-    vars(robot_descriptions.find_description.__wrapped__).pop("_found", None)  # frees what other tests found
+    vars(library.find_description.__wrapped__).pop("_found", None)  # frees what other tests found
     return urdf
 
 
@@ -44,7 +87,7 @@ def test_a_description_is_found_by_its_loader(descriptions: Path) -> None:
     assert robot.source.urdf_path == descriptions
     assert len(robot.joints) == 2
     assert catalog.load("robot_descriptions:arm_description") is robot
-    folders = robot_descriptions.find_description("robot_descriptions:arm_description").package_dirs
+    folders = library.find_description("robot_descriptions:arm_description").package_dirs
     assert folders == [str(descriptions.parents[2]), str(descriptions.parents[3])]
 
 
@@ -65,7 +108,7 @@ def test_what_cant_be_had_is_told_in_a_sentence(descriptions: Path, name: str, w
 
 
 def test_a_download_without_end_is_ended(descriptions: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(robot_descriptions, "MAX_DOWNLOAD_SECONDS", 1.0)
+    monkeypatch.setattr(library, "MAX_DOWNLOAD_SECONDS", 1.0)
     began = time.monotonic()
     with pytest.raises(RobotInvalid, match="took more than 1 s"):
         Catalog().load("robot_descriptions:slow_description")
