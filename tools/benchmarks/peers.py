@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.problems import Problems, scene_of
 from guidefield.collision.world import World
 
 STEP = 0.05
@@ -28,6 +29,8 @@ STEP = 0.05
 
 RANGE = 1.0
 """Longest extension of a tree [rad or m]."""
+
+SEED = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +44,6 @@ class Task:
         obstacles: The same obstacles as the problems' file has them.
         start, goal: Values of the group's joints, in its order.
         seconds: What planning may take.
-        seed: Of the planner.
     """
 
     robot: Path
@@ -51,7 +53,6 @@ class Task:
     start: np.ndarray
     goal: np.ndarray
     seconds: float
-    seed: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,14 @@ class Answer:
     plan: float
     simplify: float
     fault: str = ""
+
+
+def task_of(given: Problems, declared: dict[str, Any], seconds: float) -> Task:
+    """A public problem as a task for planners."""
+    world = World.build(given.group, scene_of(declared))
+    return Task(
+        given.description, given.folder / "robots", world, declared["obstacles"], *given.ends(declared), seconds
+    )
 
 
 class _Clock:
@@ -92,7 +101,7 @@ def ompl(task: Task) -> Answer:
     from ompl import base, geometric, util
 
     util.setLogLevel(util.LogLevel.LOG_NONE)
-    util.RNG.setSeed(task.seed + 1)
+    util.RNG.setSeed(SEED + 1)
     group, clock = task.world.group, _Clock()
     space = base.RealVectorStateSpace(group.nv)
     bounds = base.RealVectorBounds(group.nv)
@@ -144,7 +153,7 @@ def roboplan(task: Task) -> Answer:
     scene.importSrdf(Path(f"{task.robot}.srdf").read_text())
     scene.addGroup("planned", names)
     _add_obstacles(scene, task)
-    scene.setRngSeed(task.seed)
+    scene.setRngSeed(SEED)
     options = rrt.RRTOptions(
         group_name="planned",
         max_nodes=1_000_000,
@@ -154,14 +163,14 @@ def roboplan(task: Task) -> Answer:
         rrt_connect=True,
     )
     planner = rrt.RRT(scene, options)
-    planner.setRngSeed(task.seed)
+    planner.setRngSeed(SEED)
     built = clock()
     try:
         path = planner.plan(core.JointConfiguration(names, task.start), core.JointConfiguration(names, task.goal))
     except RuntimeError:  # how it says that it found none
         return Answer(None, built, clock(), 0.0)
     plan = clock()
-    shortcutting = core.PathShortcuttingOptions(group_name="planned", max_step_size=STEP, seed=task.seed)
+    shortcutting = core.PathShortcuttingOptions(group_name="planned", max_step_size=STEP, seed=SEED)
     short = core.PathShortcutter(scene, shortcutting).shortcut(path)
     simplify = clock()
     columns = [list(short.joint_names).index(name) for name in names]
@@ -210,7 +219,7 @@ def pyroboplan(task: Task) -> Answer:
         rrt_connect=True,
         bidirectional_rrt=True,
         max_planning_time=task.seconds,
-        rng_seed=task.seed,
+        rng_seed=SEED,
     )
     geometry = _listed_geometry(world)
     planner = RRTPlanner(world.model, geometry, options)

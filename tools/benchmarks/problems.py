@@ -6,20 +6,21 @@ A folder holds `problems/<robot>.json.gz`, `robots/<robot>/<robot>.urdf` and, if
 
 from __future__ import annotations
 
+import argparse
 import gzip
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.world import World
 from guidefield.messages import scene as messages
-from guidefield.messages.requests import UrdfFile
-from guidefield.planner.task.problem import Goal, Problem
-from guidefield.potential import Precision, RobotField
+from guidefield.messages.requests import PlanRequest, UrdfFile
+from guidefield.messages.values import JointsGoal, PoseGoal
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
@@ -52,10 +53,7 @@ class Problems:
         """Every n-th of a robot's problems."""
         with gzip.open(folder / "problems" / f"{robot}.json.gz") as file:
             declared = json.load(file)
-        path = folder / "robots" / robot / robot
-        model = Catalog().load(
-            UrdfFile(path=f"{path}.urdf", srdf_path=f"{path}.srdf", package_dirs=[str(folder / "robots")])
-        )
+        model = Catalog().load(_reference(folder, robot))
         rest = model.rest.copy()
         for name, value in declared["other_joints"].items():
             joint = model.joint(name)
@@ -64,6 +62,22 @@ class Problems:
         group = select(model, declared["joint_names"], None, rest, pin.SE3.Identity())
         valid = [problem for problem in declared["problems"] if problem["valid"]]
         return cls(folder, robot, group, declared["joint_names"], valid[::every])
+
+    @property
+    def description(self) -> Path:
+        """The robot's URDF and SRDF without their suffix."""
+        return self.folder / "robots" / self.robot / self.robot
+
+    @property
+    def reference(self) -> UrdfFile:
+        """The robot as a request names it."""
+        return _reference(self.folder, self.robot)
+
+    @property
+    def standing(self) -> dict[str, float]:
+        """Values of all joints of one coordinate that follow none, where no problem moves them."""
+        robot = self.group.robot
+        return {one.name: float(robot.rest[one.idx_q]) for one in robot.joints if one.nq == 1 and one.mimic is None}
 
     def ends(self, problem: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
         """Chart points (nv,) of start and goal."""
@@ -87,6 +101,11 @@ class Problems:
         return {
             (row["set"], row["index"]): row for row in rows if row["planner"] == planner and row["robot"] == self.robot
         }
+
+
+def _reference(folder: Path, robot: str) -> UrdfFile:
+    path = folder / "robots" / robot / robot
+    return UrdfFile(path=f"{path}.urdf", srdf_path=f"{path}.srdf", package_dirs=[str(folder / "robots")])
 
 
 def scene_message(problem: dict[str, Any]) -> messages.Scene:
@@ -116,15 +135,43 @@ def scene_of(problem: dict[str, Any]) -> Scene:
     return build(scene_message(problem))
 
 
-def posed(group: PlanningGroup, scene: Scene, q_start: np.ndarray, goal: Goal, **rest: Any) -> Problem:
-    """A problem, the tables of its world made anew; `rest` is what else `Problem` takes."""
-    return Problem(
-        group=group,
-        scene=scene,
-        world=World.build(group, scene),
-        robot_field=RobotField(group, scene, Precision.SINGLE),
-        kinematics=Kinematics(group),
-        q_start=q_start,
-        goal=goal,
-        **rest,
-    )
+def public_requests(given: Problems) -> tuple[list[PlanRequest], list[PlanRequest]]:
+    """Requests for a robot's public problems, named by set and index: with joint goals, and with the tip's poses."""
+    group = given.group
+    joints, poses = [], []
+    for problem in given.problems:
+        start, goal = (dict(zip((j.name for j in group.joints), z.tolist(), strict=True)) for z in given.ends(problem))
+        request = PlanRequest(
+            given.reference,
+            scene_message(problem),
+            JointsGoal(goal),
+            run_id=f"{problem['set']}_{problem['index']}",
+            group=given.names,
+            start=given.standing | start,
+            guide_planes=[],
+            recording="off",
+        )
+        joints.append(request)
+        pose = Kinematics(group).frame_placement(group.expand_from_chart(given.ends(problem)[1]), group.tip_id)
+        turn = pin.Quaternion(pose.rotation).coeffs().tolist()
+        goal_pose = PoseGoal(position=tuple(pose.translation.tolist()), quaternion_xyzw=tuple(turn))
+        poses.append(msgspec.structs.replace(request, goal=goal_pose))
+    return joints, poses
+
+
+def problems_parser(
+    name: str, doc: str, every: int = 1, robots: Sequence[str] = ROBOTS, nargs: str | None = None
+) -> argparse.ArgumentParser:
+    """The parser of a benchmark over the public problems, with what all of them take."""
+    parser = argparse.ArgumentParser(prog=f"tools/bench {name}", description=doc.partition("\n")[0])
+    parser.add_argument("folder", type=Path, nargs=nargs, help="the folder that `guidefield docs benchmarks` describes")
+    parser.add_argument("--robots", default=",".join(robots), help="which, between commas")
+    parser.add_argument("--every", type=int, default=every, help="take every n-th problem only")
+    return parser
+
+
+def print_times(title: str, times: Sequence[float]) -> None:
+    """Print median, mean and 95th percentile of what is a number."""
+    known = [value for value in times if np.isfinite(value)]
+    if known:
+        print(f"{title}: median {np.median(known):.4g}, mean {np.mean(known):.4g}, p95 {np.quantile(known, 0.95):.4g}")

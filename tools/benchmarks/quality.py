@@ -1,6 +1,7 @@
 """How good whole plans are: certified, truly free, how far from everything, how long, how smooth, and their times.
 
 Usage: tools/bench quality <folder> [--robots panda,ur5,fetch,baxter] [--every N] [--peers] [--worst N]
+       [--poses] [--acceleration A] [--jerk J] [--objective balanced]
 
 The folder is described in problems.py. Every trajectory is judged on the exact collision geometry, whoever made it:
 the smallest distances are exact along it, whether it hits is sampled `JUDGED_STEP` apart. *inner* leaves out
@@ -8,6 +9,10 @@ the smallest distances are exact along it, whether it hits is sampled `JUDGED_ST
 ends' own, less a millimetre; length is a multiple of VAMP's simplified path, from its rows in the folder. Times are
 CPU times of one thread, the best of `REPEATS` [ms]; *whole* is connect to certify, the world, its tables and the checks
 of the ends apart: those stand under *ends* and *load*.
+
+With --poses goals are the poses of the problems' goals. Numbers of the planner are chosen without every third problem,
+by index, which has a row of its own. cuRobo publishes durations of 1.361 (mean), 1.330, 1.420 (75 %) and 2.292 s (98 %)
+at 15 rad/s² and 500 rad/s³, of its own 800 problems to poses.
 """
 
 from __future__ import annotations
@@ -17,24 +22,26 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks import peers
-from benchmarks.problems import ROBOTS, Problems, posed, scene_of
+from benchmarks.problems import ROBOTS, Problems, problems_parser, scene_of
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.motion.waypoints import polyline
-from guidefield.planner.plan import Plan, plan
+from guidefield.planner.plan import plan
 from guidefield.planner.quality import END_LENGTH, measure_figures
-from guidefield.planner.task.problem import ConfigurationGoal, Problem
+from guidefield.planner.task.problem import ConfigurationGoal, Goal, Objective, Problem, TipGoal
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft
+from guidefield.potential import Precision, RobotField
 from guidefield.prove.certificate import smallest_along
 from guidefield.prove.curve import Curve
+from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.ik.inverse_kinematics import PoseTarget
 
 JUDGED_STEP = 0.02
 """Joint distance between two configurations that are judged on the exact geometry [rad or m]."""
@@ -49,9 +56,14 @@ REPEATS = 3
 SECONDS = 20.0
 """Budget of one problem."""
 
-STAGES = ("ends", "connect", "relax", "parameterize", "certify")
+LEFT_OUT = 3
+"""Numbers of the planner are chosen without every problem whose index is a multiple of this."""
+
+STAGES = ("load", "ends", "connect", "relax", "parameterize", "certify", "whole")
 AT_THE_ENDS = 1e-3
 """How much less than the ends' own clearance still counts as theirs [m]."""
+
+VampRows = dict[tuple[str, int], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -72,35 +84,42 @@ class Judged:
 
 @dataclass
 class Row:
-    """One problem: who it is, what came of it, and the times by stage [ms]."""
+    """One problem, the judged motion if there is one, and the times by stage [ms]."""
 
-    name: str
     problem_set: str
+    index: int
     status: str
     judged: Judged | None = None
     relative_length: float = np.nan
     smoothness: float = np.nan
     duration: float = np.nan
-    seconds: dict[str, float] = field(default_factory=dict)
+    times: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Set and index of the problem."""
+        return f"{self.problem_set} {self.index}"
 
 
 def run(arguments: list[str]) -> None:
     """Print a table for each robot."""
-    parser = argparse.ArgumentParser(prog="tools/bench quality", description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path, help="the folder that `guidefield docs benchmarks` describes")
-    parser.add_argument("--robots", default=",".join(ROBOTS[:3]), help="which, between commas")
-    parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
+    parser = problems_parser("quality", __doc__, robots=ROBOTS[:3])
     parser.add_argument("--peers", action="store_true", help="plan with the peers that are installed, too")
     parser.add_argument("--worst", type=int, default=0, help="name so many problems that were worst, and all warnings")
+    parser.add_argument("--poses", action="store_true", help="the goals are poses of the tip")
+    parser.add_argument("--acceleration", type=float, help="limit of every joint [rad/s² or m/s²]")
+    parser.add_argument("--jerk", type=float, help="limit of every joint [rad/s³ or m/s³]")
+    parser.add_argument("--objective", default="balanced", help="balanced, time or clearance")
     options = parser.parse_args(arguments)
     for robot in options.robots.split(","):
         given = Problems.load(options.folder, robot, options.every)
         vamp = given.peers_rows()
-        _row(given, given.problems[0], vamp)  # compiles and computes what is kept from then on
-        rows = [_row(given, problem, vamp) for problem in given.problems]
+        _row(given, given.problems[0], vamp, options)  # compiles and computes what is kept from then on
+        rows = [_row(given, problem, vamp, options) for problem in given.problems]
         print(f"\n{robot}: {len(rows)} problems")
         _print("guidefield", rows)
+        _print("  not used to choose numbers", [row for row in rows if row.index % LEFT_OUT == 0])
         for name in dict.fromkeys(row.problem_set for row in rows):
             _print(f"  {name}", [row for row in rows if row.problem_set == name])
         if options.worst:
@@ -125,61 +144,63 @@ class StageClock:
             self.seconds[event.name] += time.thread_time() - self._entered
 
 
-def _row(given: Problems, problem: dict[str, Any], vamp: dict[tuple[str, int], dict[str, Any]]) -> Row:
-    scene, (start, goal) = scene_of(problem), given.ends(problem)
-    group = given.group
-    seconds: dict[str, float] = {}
+def _problem(given: Problems, declared: dict[str, Any], options: argparse.Namespace, clock: StageClock) -> Problem:
+    """A problem with the goal and the limits that are asked for, the tables of its world made anew."""
+    group, scene, (start, end) = given.group, scene_of(declared), given.ends(declared)
+    if options.acceleration is not None:
+        group = group.with_limits({}, {joint.name: options.acceleration for joint in group.joints}, 1.0, 1.0)
+    kinematics = Kinematics(group)
+    goal: Goal = ConfigurationGoal((group.from_chart(end),))
+    if options.poses:
+        pose = kinematics.frame_placement(group.expand_from_chart(end), group.tip_id)
+        goal = TipGoal(PoseTarget(pose, np.zeros(3), np.zeros(3)))
+    return Problem(
+        group=group,
+        scene=scene,
+        world=World.build(group, scene),
+        robot_field=RobotField(group, scene, Precision.SINGLE),
+        kinematics=kinematics,
+        q_start=group.from_chart(start),
+        goal=goal,
+        deadline=Deadline(time.monotonic() + SECONDS),
+        observer=clock,
+        jerk_limits=None if options.jerk is None else np.full(group.nv, options.jerk),
+        objective=Objective(options.objective),
+    )
+
+
+def _row(given: Problems, declared: dict[str, Any], vamp: VampRows, options: argparse.Namespace) -> Row:
+    times: dict[str, float] = {}
     for _ in range(REPEATS):
         clock, began = StageClock(), time.thread_time()
-        q_start, to = group.from_chart(start), ConfigurationGoal((group.from_chart(goal),))
-        asked = posed(group, scene, q_start, to, deadline=Deadline(time.monotonic() + SECONDS), observer=clock)
+        asked = _problem(given, declared, options, clock)
         loaded = time.thread_time() - began
         made = plan(asked)
         whole = sum(spent for name, spent in clock.seconds.items() if name != "ends")
         for name, spent in {**clock.seconds, "load": loaded, "whole": whole}.items():
-            seconds[name] = min(seconds.get(name, np.inf), 1e3 * spent)
+            times[name] = min(times.get(name, np.inf), 1e3 * spent)
         if whole > 1.0:
             break
-    return _measured(f"{problem['set']} {problem['index']}", asked, made, problem, vamp, seconds)
-
-
-def _measured(
-    name: str,
-    asked: Problem,
-    made: Plan,
-    problem: dict[str, Any],
-    vamp: dict[tuple[str, int], dict[str, Any]],
-    seconds: dict[str, float],
-) -> Row:
-    row = Row(name, problem["set"], made.status.name, seconds=seconds, warnings=made.warnings)
-    if made.trajectory is None or made.status is not Status.SUCCESS:
-        return row
-    row.judged = judged(asked.world, Curve(made.trajectory.bezier(), made.trajectory.piece_times()))
-    row.relative_length = _relative(row.judged, problem, vamp)
-    row.smoothness, row.duration = (
-        measure_figures(made.trajectory, asked.kinematics).smoothness,
-        made.trajectory.duration,
-    )
+    row = Row(declared["set"], declared["index"], made.status.name, times=times, warnings=made.warnings)
+    if made.trajectory is not None and made.status is Status.SUCCESS:
+        row.judged = judged(asked.world, Curve(made.trajectory.bezier(), made.trajectory.piece_times()))
+        row.relative_length = _relative(row, vamp)
+        row.smoothness = measure_figures(made.trajectory, asked.kinematics).smoothness
+        row.duration = made.trajectory.duration
     return row
 
 
 def _peers_row(
-    given: Problems,
-    problem: dict[str, Any],
-    vamp: dict[tuple[str, int], dict[str, Any]],
-    name: str,
-    solve: Callable[[peers.Task], peers.Answer],
+    given: Problems, declared: dict[str, Any], vamp: VampRows, name: str, solve: Callable[[peers.Task], peers.Answer]
 ) -> Row:
-    start, goal = given.ends(problem)
-    world, path = World.build(given.group, scene_of(problem)), given.folder / "robots" / given.robot / given.robot
-    task = peers.Task(path, given.folder / "robots", world, problem["obstacles"], start, goal, SECONDS, 0)
+    task = peers.task_of(given, declared, SECONDS)
     answer = solve(task)
-    row = Row(f"{problem['set']} {problem['index']}", problem["set"], "SUCCESS" if answer.path is not None else name)
-    row.seconds = {"load": 1e-3 * answer.scene, "connect": 1e-3 * answer.plan, "relax": 1e-3 * answer.simplify}
-    row.seconds["whole"] = row.seconds["connect"] + row.seconds["relax"]
+    row = Row(declared["set"], declared["index"], "SUCCESS" if answer.path is not None else name)
+    row.times = {"load": 1e-3 * answer.scene, "connect": 1e-3 * answer.plan, "relax": 1e-3 * answer.simplify}
+    row.times["whole"] = row.times["connect"] + row.times["relax"]
     if answer.path is not None:
-        row.judged = judged(world, Curve(polyline(answer.path), np.arange(max(2.0, len(answer.path)))))
-        row.relative_length = _relative(row.judged, problem, vamp)
+        row.judged = judged(task.world, Curve(polyline(answer.path), np.arange(max(2.0, len(answer.path)))))
+        row.relative_length = _relative(row, vamp)
     return row
 
 
@@ -207,9 +228,9 @@ def judged(world: World, curve: Curve) -> Judged:
     )
 
 
-def _relative(motion: Judged, problem: dict[str, Any], vamp: dict[tuple[str, int], dict[str, Any]]) -> float:
-    peer = vamp.get((problem["set"], problem["index"]))
-    return motion.length / peer["cost"] if peer and peer["solved"] else np.nan
+def _relative(row: Row, vamp: VampRows) -> float:
+    peer = vamp.get((row.problem_set, row.index))
+    return row.judged.length / peer["cost"] if row.judged and peer and peer["solved"] else np.nan
 
 
 def _print(title: str, rows: list[Row]) -> None:
@@ -225,29 +246,28 @@ def _print(title: str, rows: list[Row]) -> None:
         f"    minimum {_spread(1e3 * m.minimum for _, m in done)} mm, {100 * share:.0f} % at the ends' own;"
         f" inner {_spread(1e3 * m.inner for _, m in done)} mm;"
         f" found motions not optimised: {sum(bool(row.warnings) for row, _ in done)};"
-        f" length {_spread((row.relative_length for row, _ in done), 95, 2)} of VAMP's;"
-        f" smoothness {_median(row.smoothness for row, _ in done):.2f};"
-        f" duration {_median(row.duration for row, _ in done):.2f} s"
+        f" length {_spread((row.relative_length for row, _ in done), (50, 95), 2)} of VAMP's;"
+        f" smoothness {_spread((row.smoothness for row, _ in done), (50,), 2)};"
+        f" duration, median / 75 / 98 % {_spread((row.duration for row, _ in done), (50, 75, 98), 3)} s"
     )
-    stages = [stage for stage in ("load", *STAGES, "whole") if any(stage in row.seconds for row, _ in done)]
-    times = [f"{stage} {_spread((row.seconds.get(stage, 0.0) for row, _ in done), 95, 1)}" for stage in stages]
+    stages = [stage for stage in STAGES if any(stage in row.times for row, _ in done)]
+    times = [f"{stage} {_spread((row.times.get(stage, 0.0) for row, _ in done), (50, 95))}" for stage in stages]
     print(f"    ms: {'; '.join(times)}")
 
 
 def _print_worst(rows: list[Row], count: int) -> None:
-    short = [row for row in rows if row.judged is not None and not row.judged.at_the_ends]
-    short.sort(key=lambda row: row.judged.minimum - row.judged.ends if row.judged else 0.0)
     for row in rows:
         for warning in row.warnings:
             print(f"    {row.name}: {warning}")
-    for row in short[:count]:
-        if row.judged is not None:
-            print(f"    {row.name} comes {1e3 * (row.judged.ends - row.judged.minimum):.1f} mm closer than its ends")
-    for row in sorted(rows, key=lambda row: -row.seconds.get("whole", 0.0))[:count]:
-        print(f"    {row.name}: " + ", ".join(f"{name} {spent:.1f}" for name, spent in row.seconds.items()) + " ms")
+    short = [(row.judged.minimum - row.judged.ends, row.name) for row in rows if row.judged is not None]
+    for off, name in sorted(short)[:count]:
+        if off < -AT_THE_ENDS:
+            print(f"    {name} comes {-1e3 * off:.1f} mm closer than its ends")
+    for row in sorted(rows, key=lambda row: -row.times.get("whole", 0.0))[:count]:
+        print(f"    {row.name}: " + ", ".join(f"{name} {spent:.1f}" for name, spent in row.times.items()) + " ms")
 
 
-def _print_vamp(given: Problems, vamp: dict[tuple[str, int], dict[str, Any]]) -> None:
+def _print_vamp(given: Problems, vamp: VampRows) -> None:
     chosen = [vamp[key] for p in given.problems if (key := (p["set"], p["index"])) in vamp]
     rows = [row for row in chosen if row["solved"] and row.get("clearance") is not None]
     if not rows:
@@ -260,14 +280,7 @@ def _print_vamp(given: Problems, vamp: dict[tuple[str, int], dict[str, Any]]) ->
     )
 
 
-def _spread(values: Iterable[float], quantile: int = 5, digits: int = 1) -> str:
-    """Median and a quantile."""
-    known = np.array([value for value in values if np.isfinite(value)])
-    if not len(known):
-        return "-"
-    return f"{np.median(known):.{digits}f} / {np.percentile(known, quantile):.{digits}f}"
-
-
-def _median(values: Iterable[float]) -> float:
+def _spread(values: Iterable[float], quantiles: tuple[int, ...] = (50, 5), digits: int = 1) -> str:
+    """Quantiles of what is known [%]."""
     known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else np.nan
+    return " / ".join(f"{value:.{digits}f}" for value in np.percentile(known, quantiles)) if known else "-"

@@ -28,8 +28,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from benchmarks.problems import ROBOTS, Problems, scene_message
-from guidefield import Box, Client, JointsGoal, PlanReply, PlanRequest, PoseGoal, Scene, UrdfFile, answer
+from benchmarks.problems import Problems, problems_parser, public_requests
+from guidefield import Box, Client, JointsGoal, PlanReply, PlanRequest, PoseGoal, Scene, answer
 from guidefield.cli.serving import service_in_child
 from guidefield.messages import codec
 
@@ -76,10 +76,7 @@ def run(arguments: list[str]) -> None:
         "first": _first,
         "batch": _batch,
     }
-    parser = argparse.ArgumentParser(prog="tools/bench whole", description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path, nargs="?", help="the folder that `guidefield docs benchmarks` describes")
-    parser.add_argument("--robots", default=",".join(ROBOTS), help="which, between commas")
-    parser.add_argument("--every", type=int, default=10, help="take every n-th problem only")
+    parser = problems_parser("whole", __doc__, every=10, nargs="?")
     parser.add_argument("--repeats", type=int, default=3, help="how often each is answered; the best counts")
     parser.add_argument("--cpu", action="store_true", help="the CPU time of this process, not the clock")
     parser.add_argument("--only", default=",".join(parts), help="which tables, between commas")
@@ -92,7 +89,7 @@ def run(arguments: list[str]) -> None:
 def _plans(options: argparse.Namespace) -> None:
     """The public problems, robot by robot: joint goals, pose goals, and the plainest answer."""
     for robot in options.robots.split(",") if options.folder else ():
-        joints, poses = public_requests(options.folder, robot, options.every)
+        joints, poses = public_requests(Problems.load(options.folder, robot, options.every))
         plain = [msgspec.structs.replace(request, optimization_iterations=0) for request in joints]
         for title, requests in (("joint goals", joints), ("pose goals", poses), ("nothing optimised", plain)):
             answers = [_best(request.run_id or "", _anonymous(request), options) for request in requests]
@@ -158,7 +155,7 @@ def _batch(options: argparse.Namespace) -> None:
     """`guidefield batch` over the public Panda problems, on two workers: plans a second once the workers are ready."""
     if not options.folder:
         return
-    requests = public_requests(options.folder, "panda", 1)[0]
+    requests = public_requests(Problems.load(options.folder, "panda"))[0]
     with tempfile.TemporaryDirectory() as folder:
         given = Path(folder) / "requests.jsonl"
         lines = [codec.encode(_anonymous(request)) for request in requests]
@@ -177,43 +174,6 @@ def _batch(options: argparse.Namespace) -> None:
         print(
             f"guidefield batch, {len(lines)} Panda problems, 2 workers: {rate:.0f} plans/s, {seconds[1]:.1f} s in all"
         )
-
-
-def public_requests(folder: Path, robot: str, every: int) -> tuple[list[PlanRequest], list[PlanRequest]]:
-    """Requests for a robot's public problems, named by set and index: with joint goals, and with the tip's poses."""
-    import pinocchio as pin
-
-    given = Problems.load(folder, robot, every)
-    group, path = given.group, folder / "robots" / robot / robot
-    urdf = UrdfFile(path=f"{path}.urdf", srdf_path=f"{path}.srdf", package_dirs=[str(folder / "robots")])
-    standing = {one.name: float(group.robot.rest[one.idx_q]) for one in group.robot.joints if one.nq == 1}
-    joints, poses = [], []
-    for problem in given.problems:
-        start, goal = (dict(zip((j.name for j in group.joints), z.tolist(), strict=True)) for z in given.ends(problem))
-        request = PlanRequest(
-            urdf,
-            scene_message(problem),
-            JointsGoal(goal),
-            run_id=f"{problem['set']}_{problem['index']}",
-            group=given.names,
-            start={name: value for name, value in (standing | start).items() if not _follows(group.robot, name)},
-            guide_planes=[],
-            allowed_planning_time=SECONDS,
-            recording="off",
-        )
-        joints.append(request)
-        data = group.model.createData()
-        pin.framesForwardKinematics(group.model, data, group.expand_from_chart(given.ends(problem)[1]))
-        pose = data.oMf[group.tip_id]
-        turn = pin.Quaternion(pose.rotation).coeffs().tolist()
-        goal_pose = PoseGoal(position=tuple(pose.translation.tolist()), quaternion_xyzw=tuple(turn))
-        poses.append(msgspec.structs.replace(request, goal=goal_pose))
-    return joints, poses
-
-
-def _follows(robot: Any, name: str) -> bool:
-    joint = robot.joint(name)
-    return joint is not None and joint.mimic is not None
 
 
 def refused_requests() -> dict[str, PlanRequest]:
@@ -236,7 +196,7 @@ def refused_requests() -> dict[str, PlanRequest]:
 
 
 def _anonymous(request: PlanRequest) -> PlanRequest:
-    return msgspec.structs.replace(request, run_id=None)
+    return msgspec.structs.replace(request, run_id=None, allowed_planning_time=SECONDS)
 
 
 def _best(name: str, request: Any, options: argparse.Namespace) -> Answer:

@@ -53,21 +53,12 @@ class Loaded:
         """
         reference = robot.reference(folder)
         model = Catalog().load(reference)
-        text, root = model.source.urdf_text, model.source.root_joint
+        text = model.source.urdf_text
         if isinstance(reference, UrdfText):
             text = reference.text
         if isinstance(reference, UrdfFile):
             text = Path(reference.path).read_text()
-        subject = Subject(
-            Formula.of(text, root),
-            frozenset(frozenset(pair.links) for pair in model.pairs_left_out),
-            frozenset(choice.name for choice in model.geometry_choices if choice.judged_as == "convex hull"),
-            as_values(configuration_to_wire(model.joints, model.rest)),
-            model.tip,
-            max(1.0, model.size),
-            model.size,
-        )
-        return cls(robot, reference, model, subject, text, engine)
+        return cls(robot, reference, model, subject_of(model, text), text, engine)
 
     @property
     def movable(self) -> list[Joint]:
@@ -89,6 +80,20 @@ class Loaded:
             "min_clearance": 0.0,
         }
         return Judge(self.subject, Setting(planned=planned, **{**nothing, **more}))
+
+
+def subject_of(model: RobotModel, text: str, *, exact: bool = False) -> Subject:
+    """A robot as the judge reads it from its URDF; exactly, meshes are judged where the service judges their hulls."""
+    hulls = () if exact else (one.name for one in model.geometry_choices if one.judged_as == "convex hull")
+    return Subject(
+        Formula.of(text, model.source.root_joint),
+        frozenset(frozenset(pair.links) for pair in model.pairs_left_out),
+        frozenset(hulls),
+        as_values(configuration_to_wire(model.joints, model.rest)),
+        model.tip,
+        max(1.0, model.size),
+        model.size,
+    )
 
 
 def as_values(wire: Wire) -> Values:

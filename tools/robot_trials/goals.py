@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -11,9 +12,8 @@ import pinocchio as pin
 from doubting import scenery
 from doubting.asked import between, value
 from doubting.compare import Disagreement, about_plan, judge_of, names_of
-from doubting.formula import Formula
-from doubting.judge import Judge, Subject
-from doubting.loaded import Loaded, Wire, as_values
+from doubting.judge import Judge
+from doubting.loaded import Loaded, Wire, as_values, subject_of
 from doubting.robots import Robot
 from guidefield.engine import Engine
 from guidefield.messages import scene as messages
@@ -21,9 +21,7 @@ from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest, RobotReference
 from guidefield.messages.values import Placement
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.model import Joint, RobotModel
-from robot_trials.mended import mend
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +47,7 @@ class Goals:
         """
         planned = select(robot, None, None, robot.rest, pin.SE3.Identity()).joints
         text = mend(robot.source.urdf_text)
-        subject = Subject(
-            Formula.of(text, robot.source.root_joint),
-            frozenset(frozenset(pair.links) for pair in robot.pairs_left_out),
-            frozenset(choice.name for choice in robot.geometry_choices if choice.judged_as == "convex hull"),
-            as_values(configuration_to_wire(robot.joints, robot.rest)),
-            robot.tip,
-        )
-        loaded = Loaded(Robot(), reference, robot, subject, text, engine)
+        loaded = Loaded(Robot(), reference, robot, subject_of(robot, text), text, engine)
         return cls(loaded, planned, loaded.judge(frozenset(joint.name for joint in planned)))
 
     def draw(self, seed: list[int], draws: int, obstacles: int) -> tuple[Wire, list[messages.Obstacle]] | None:
@@ -99,3 +90,20 @@ class Goals:
 
 def _of(joints: tuple[Joint, ...], wire: Wire) -> Wire:
     return {joint.name: wire[joint.name] for joint in joints}
+
+
+def mend(text: str) -> str:
+    """Exchange reversed limits, and give sources of mimic joints their prefix: `robots.md` says how faults are read."""
+    root = ElementTree.fromstring(text)  # noqa: S314 - the service has read it
+    names = [joint.get("name", "") for joint in root.findall("joint")]
+    for joint in root.findall("joint"):
+        for limit in joint.findall("limit"):
+            lower, upper = limit.get("lower", "0"), limit.get("upper", "0")
+            if float(lower) > float(upper):
+                limit.attrib.update(lower=upper, upper=lower)
+        for mimic in joint.findall("mimic"):
+            source, own = mimic.get("joint", ""), joint.get("name", "")
+            meant = [name for name in names if name.endswith(source) and own.startswith(name.removesuffix(source))]
+            if source not in names:
+                (mimic.attrib["joint"],) = [name for name in meant if name != own]
+    return ElementTree.tostring(root, encoding="unicode")

@@ -251,7 +251,7 @@ LEAST_RANGE_SHARE = 0.5  # share of the range at an end: what is that close by c
 RAMP = 0.5  # joint distance from an end at which the range is the full one [rad or m]. Unrecorded
 FLOOR_SHARE = 1.1  # the floor at an end, as a share of the end's distance from obstacles
 FLOOR_RAMP = 0.3  # joint distance from an end at which the floor is the full one [rad or m]. Unrecorded
-# share of a path constraint's limit up to which it costs nothing. By 33 problems of `tools/bench constrained`, as what
+# share of a path constraint's limit up to which it costs nothing. By 33 random problems among boxes, as what
 # follows: with 0.85 certificates take twice the time
 CONSTRAINT_ROOM = 0.7
 CONSTRAINT_WEIGHT = 3e3  # weight of half the mean square of what is beyond. With 300 some are refused

@@ -1,4 +1,4 @@
-"""The numbers of the optimisation of motions, each with what chose it; `tools/bench motion` measures them.
+"""The numbers of the optimisation of motions, each with what chose it; `tools/bench quality --poses` measures them.
 
 Lengths are those at size 1, see `sized`; a coordinate in metres counts by the robot's size, too.
 
@@ -227,7 +227,7 @@ def constrained(settings: OptimizationSettings) -> OptimizationSettings:
     """For a motion that keeps path constraints.
 
     A large weight of the limits' barrier would lead it off them first. Steps along a constraint that bends are short,
-    and many bring little. On 33 problems of `tools/bench constrained`, without these motions take 1 % longer, and
+    and many bring little. On 33 random problems among boxes, without these motions take 1 % longer, and
     their optimisation 1.3 times the time.
     """
     return dataclasses.replace(settings, coarse=settings.coarse[1:], little=3e-4, settled=1e-4, shorter=0.5)

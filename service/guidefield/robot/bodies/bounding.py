@@ -174,7 +174,7 @@ SMALL = 2.0
 """Covers of robots smaller than usual (`size`) may leave the shapes by this factor more, relative to their size.
 
 Their links are as intricate: the first use of an SO-101 takes a tenth less so. Plans of a Panda of 0.35 and 0.1 times
-the size are as long and take as long (`tools/bench otherwise`).
+the size are as long and take as long.
 """
 
 
