@@ -1,6 +1,6 @@
 """Plans with a held object: it is kept free all along, as Coal sees it on a robot that doesn't know of it."""
 
-import time
+import functools
 
 import coal
 import numpy as np
@@ -10,16 +10,15 @@ from msgspec import convert
 
 from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
 from guidefield.handlers.attached import holding
-from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject
 from guidefield.scene.scene import build
 from guidefield.stores import scenes
+from tests.handlers.motions import Bare, distance
+from tests.handlers.test_plan import READY, ask as plan, joints
 from tests.robots import robot
 
-PATIENT = {"allowed_planning_time": 60.0}  # the first of a process compiles
-READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
 SIZE, OFFSET = (0.02, 0.02, 0.25), 0.22
 ROD = {
     "obstacle": {"type": "box", "name": "rod", "size": SIZE, "position": (0, 0, 0), "quaternion_xyzw": (0, 0, 0, 1)},
@@ -29,29 +28,21 @@ ROD = {
 }
 
 
-def ask(scene: str = "bookshelf", **request) -> PlanReply:
-    message = codec.decode_request(
-        {"robot": "panda", "scene": scene, "start": READY, "guide_planes": [], **PATIENT, **request}
-    )
-    return answer_plan(
-        message, robot("panda"), build(scenes.read_packaged(scene)), run_id="r", received=time.monotonic()
-    )
+ask = functools.partial(plan, "bookshelf", start=READY, guide_planes=[])
 
 
-def rod_distance(q: list[float], scene: str) -> float:
+def rod_distance(reply: PlanReply) -> float:
     """Smallest distance of the rod to the scene's obstacles, the hand placed by the bare robot."""
-    model = robot("panda").model
-    data = model.createData()
-    whole = robot("panda").rest.copy()
-    whole[:7] = q
-    pin.framesForwardKinematics(model, data, whole)
-    hand = data.oMf[model.getFrameId("panda_hand", pin.FrameType.BODY)] * pin.SE3(np.eye(3), np.array([0, 0, OFFSET]))
-    here, rod = coal.Transform3s(hand.rotation, hand.translation), coal.Box(*SIZE)
+    bare, rod, obstacles = (
+        Bare(reply.position_names),
+        coal.Box(*SIZE),
+        build(scenes.read_packaged("bookshelf")).obstacles,
+    )
     distances = []
-    for obstacle in build(scenes.read_packaged(scene)).obstacles:
-        there = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
-        result = coal.DistanceResult()
-        distances.append(coal.distance(rod, here, obstacle.shape, there, coal.DistanceRequest(), result))
+    for q in reply.trajectory.positions:
+        bare.stand(np.array(q))
+        held = bare.frame("panda_hand") * pin.SE3(np.eye(3), np.array([0, 0, OFFSET]))
+        distances.append(min(distance(rod, held, one.shape, one.placement) for one in obstacles))
     return min(distances)
 
 
@@ -59,52 +50,25 @@ def test_what_is_held_is_kept_free_and_counts_in_the_clearance() -> None:
     goal = {"type": "joints", "positions": {**READY, "panda_joint1": 0.5, "panda_joint4": -1.9}}
     held = ask(goal=goal, attached_objects=[ROD])
     assert held.status.name == "SUCCESS", held.status.message
-    distances = [rod_distance(q, "bookshelf") for q in held.trajectory.positions]
-    assert min(distances) > 0.0
-    assert held.clearance.minimum <= min(distances) + 2e-3
+    nearest = rod_distance(held)
+    assert nearest > 0.0
+    assert held.clearance.minimum <= nearest + 2e-3
     bare = ask(goal=goal)
     assert bare.clearance.minimum >= held.clearance.minimum
     assert bare.clearance.inner > held.clearance.inner
 
 
 def test_what_is_held_may_touch_what_is_allowed() -> None:
-    model = robot("panda").model
-    data = model.createData()
-    q = robot("panda").rest.copy()
-    q[:7] = list(READY.values())
-    pin.framesForwardKinematics(model, data, q)
-    tip = data.oMf[model.getFrameId("panda_hand", pin.FrameType.BODY)].act(np.array([0, 0, OFFSET + 0.12]))
-    scene = build(
-        codec.decode_request(
-            {
-                "robot": "panda",
-                "goal": {"type": "joints", "positions": READY},
-                "scene": {
-                    "name": "s",
-                    "obstacles": [{"type": "sphere", "name": "ball", "radius": 0.02, "position": tip.tolist()}],
-                },
-            }
-        ).scene
-    )
-
-    def asked(**request) -> PlanReply:
-        message = codec.decode_request(
-            {
-                "robot": "panda",
-                "scene": "unread",
-                "start": READY,
-                "goal": {"type": "joints", "positions": {**READY, "panda_joint1": 0.4}},
-                "attached_objects": [ROD],
-                **PATIENT,
-                **request,
-            }
-        )
-        return answer_plan(message, robot("panda"), scene, run_id="r", received=time.monotonic())
-
-    refused = asked()
+    bare = Bare(list(READY))
+    bare.stand(np.array(list(READY.values())))
+    end = bare.frame("panda_hand").act(np.array([0, 0, OFFSET + 0.12]))
+    ball = {"type": "sphere", "name": "ball", "radius": 0.02, "position": end.tolist()}
+    asked = {"goal": joints(**READY | {"panda_joint1": 0.4}), "attached_objects": [ROD], "start": READY}
+    refused = plan({"name": "s", "obstacles": [ball]}, **asked)
     assert refused.status.name == "START_STATE_IN_COLLISION"
     assert refused.status.details["pair"] == ["rod", "ball"]
-    assert asked(allowed_collisions=[["rod", "ball"]]).status.name == "SUCCESS"
+    allowed = plan({"name": "s", "obstacles": [ball]}, **asked, allowed_collisions=[["rod", "ball"]])
+    assert allowed.status.name == "SUCCESS"
 
 
 def test_what_can_not_be_held_is_refused_by_name() -> None:

@@ -1,31 +1,23 @@
 """Limits of speed in space as a client meets them: kept by plans and steps, judged by certify, refused by name."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from guidefield.engine import answer
 from guidefield.errors import MalformedRequest, UnknownFrame
 from guidefield.messages.replies import PlanReply
-from guidefield.planner.motion.trajectory import Trajectory
+from tests.handlers.motions import frames_along
 from tests.handlers.test_certify import certify, motion_of
 from tests.handlers.test_plan import PATIENT, READY, ask, joints
-from tests.robots import group
 
 TIP = {"frame": "panda_hand_tcp", "speed": 0.25}
 THERE = {"start": READY, "goal": joints(panda_joint1=1.2, panda_joint4=-1.6), "guide_planes": [], "recording": "off"}
 
 
-def fastest(reply: PlanReply, frame: str = "panda_hand_tcp") -> float:
-    """The largest speed of a frame by dense differences of its places [m/s]."""
-    planned, sent = group("panda"), reply.trajectory
-    motion = Trajectory(*(np.array(rows) for rows in (sent.times, sent.positions, sent.velocities)))
-    times = np.linspace(0.0, motion.duration, 3001)
-    data, index = planned.model.createData(), planned.model.getFrameId(frame)
-    places = []
-    for z in motion.evaluate(times)[0]:
-        pin.framesForwardKinematics(planned.model, data, planned.expand_from_chart(z))
-        places.append(data.oMf[index].translation.copy())
+def fastest(reply: PlanReply) -> float:
+    """The largest speed of the tip by dense differences of its places [m/s]."""
+    times = np.linspace(0.0, reply.trajectory.times[-1], 3001)
+    places = [placed.translation for placed in frames_along(reply, "panda_hand_tcp", times)]
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).max() / times[1])
 
 
@@ -56,6 +48,17 @@ def test_a_motion_is_judged_by_the_speed_of_a_link_and_of_its_acceleration() -> 
     assert refused.status.details["limit"] == "cartesian_speed"
     steep = certify(**motion_of(slowed), start=READY, cartesian_limits=[{**TIP, "speed": 9.0, "acceleration": 0.1}])
     assert steep.status.details["limit"] == "cartesian_acceleration"
+
+
+def test_a_held_object_is_as_slow_as_asked_for() -> None:
+    ball = {"type": "sphere", "name": "load", "radius": 0.02, "position": [0, 0, 0.2]}
+    asked = {"attached_objects": [{"obstacle": ball, "link": "panda_hand"}], "start": READY}
+    asked["cartesian_limits"] = [{"link": "load", "speed": 0.3}]
+    made = ask(**{**THERE, **asked})
+    (use,) = made.cartesian
+    assert (use.link, use.speed_limit) == ("load", 0.3)
+    assert 0.29 < use.speed <= 0.3
+    assert certify(**motion_of(made), **asked).cartesian == made.cartesian
 
 
 def test_straight_pieces_are_as_fast_as_they_are() -> None:
@@ -104,6 +107,7 @@ def test_past_goals_a_motion_is_timed_for_limits_along_its_way(monkeypatch) -> N
     ("fields", "error", "words"),
     [
         ({"cartesian_limits": [{"speed": 0.2}]}, MalformedRequest, "give a `frame` or a `link`, got neither"),
+        ({"cartesian_limits": [{**TIP, "link": "panda_hand"}]}, MalformedRequest, "`frame` or a `link`, got both"),
         ({"cartesian_limits": [{"speed": 0.0, "frame": "panda_hand"}]}, MalformedRequest, "cartesian_limits"),
         ({"cartesian_limits": [{"speed": 1e-300, "frame": "panda_hand"}]}, MalformedRequest, "at least 1e-09"),
         ({"cartesian_limits": [{"speed": 0.2, "frame": "nose"}]}, UnknownFrame, "no frame 'nose'"),

@@ -1,6 +1,6 @@
 """Plans within path constraints: kept between the samples too, as the bare kinematics see it."""
 
-import time
+import math
 
 import msgspec
 import numpy as np
@@ -10,16 +10,16 @@ import pytest
 from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import MalformedRequest, UnknownFrame
-from guidefield.handlers.plan import answer_plan
-from guidefield.messages import codec, scene as messages
+from guidefield.messages import scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import build
+from tests.handlers.motions import Bare, frames_along
+from tests.handlers.test_plan import READY, ask as plan
 from tests.robots import robot
 
-READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
 TURNED = {**READY, "panda_joint1": 1.1}
 TIP = "panda_hand"
 CORNERS = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
@@ -27,33 +27,18 @@ POST = messages.Box(name="post", size=(0.06, 0.06, 0.5), position=(0.42, 0.27, 0
 
 
 def ask(*obstacles, **request) -> PlanReply:
-    message = codec.decode_request(
-        {"robot": "panda", "scene": "unread", "start": READY, "allowed_planning_time": 60.0, **request}
-    )
-    scene = build(messages.Scene(name="s", obstacles=list(obstacles)))
-    return answer_plan(message, robot("panda"), scene, run_id="r", received=time.monotonic())
+    return plan({"name": "s", "obstacles": msgspec.to_builtins(obstacles)}, start=READY, **request)
 
 
 def placements(reply: PlanReply) -> list[pin.SE3]:
-    """Where the hand is, densely along the certified curve."""
-    assert reply.trajectory is not None
-    motion = Trajectory(*(np.array(getattr(reply.trajectory, name)) for name in ("times", "positions", "velocities")))
-    model, found = robot("panda").model, []
-    data, whole = model.createData(), robot("panda").rest.copy()
-    frame = model.getFrameId(TIP, pin.FrameType.BODY)
-    for q in motion.evaluate(np.linspace(0.0, motion.duration, 1500))[0]:
-        whole[:7] = q
-        pin.framesForwardKinematics(model, data, whole)
-        found.append(data.oMf[frame].copy())
-    return found
+    """The hand's placements, densely along the certified curve."""
+    return frames_along(reply, TIP, np.linspace(0.0, reply.trajectory.times[-1], 1500))
 
 
 def hand_at(positions: dict[str, float]) -> pin.SE3:
-    model = robot("panda").model
-    data, whole = model.createData(), robot("panda").rest.copy()
-    whole[:7] = list(positions.values())
-    pin.framesForwardKinematics(model, data, whole)
-    return data.oMf[model.getFrameId(TIP, pin.FrameType.BODY)].copy()
+    bare = Bare(list(positions))
+    bare.stand(np.array(list(positions.values())))
+    return bare.frame(TIP)
 
 
 CONE = {"type": "orientation_cone", "frame": TIP, "axis": (0, 0, 1), "target_axis": (0, 0, -1), "half_angle": 0.25}
@@ -140,7 +125,7 @@ def test_guide_planes_are_crossed_within_constraints(moves: bool, planes: str) -
     centre, out = here + np.array([0.0, 0.0, 0.1]), here * (0.08, 0.08, 0.0) / np.linalg.norm(here[:2])
     corners = [centre + a * out + np.array([0.0, 0.0, 0.08 * b]) for a, b in CORNERS]
     square = {"name": "square", "vertices": [corner.tolist() for corner in corners]}
-    turned = {"quaternion_xyzw": (0.0, 0.0, np.sin(0.275), np.cos(0.275))}
+    turned = {"quaternion_xyzw": (0.0, 0.0, math.sin(0.275), math.cos(0.275))}
     below, door, above = (np.array([0.8 * np.cos(0.55), 0.8 * np.sin(0.55), z]).tolist() for z in (-0.7, 0.8, 2.6))
     obstacle = messages.Box(name="door", size=(1.02, 0.02, 1.6), position=below, **turned)
     if moves:

@@ -60,7 +60,8 @@ def test_a_limit_binds_and_is_proved() -> None:
     assert 0.5 < use.share <= 1.0 + 1e-6
     assert 0.99 * free.metrics.duration < bound.metrics.duration < 2.0 * free.metrics.duration
     request = {"start": READY, "attached_objects": held, "limits": {"panda_joint1": {"effort": most}}}
-    assert certify(**motion_of(bound), **request).status.name == "SUCCESS"
+    judged = certify(**motion_of(bound), **request)
+    assert (judged.status.name, judged.effort) == ("SUCCESS", bound.effort)
     refused = certify(**motion_of(free), **request)
     assert refused.status.name == "INVALID_MOTION_PLAN"
     assert refused.status.details["limit"] == "effort"

@@ -16,7 +16,8 @@ from guidefield.messages.scene import Scene
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import build
 from tests.examples import example
-from tests.handlers.test_sequence import PASS, Bare, ask, distance, joints, states
+from tests.handlers.motions import Bare, distance, states
+from tests.handlers.test_sequence import PASS, ask, joints
 from tests.robots import robot
 
 ARM = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
@@ -80,7 +81,7 @@ def test_a_goal_is_passed_when_nothing_that_moves_is_met(opens: float) -> None:
     assert 0.0 < passed.passed <= 0.2
     assert speed(reply, passed.end) > 0.1
     assert opens < duration(reply) < duration(stopped)
-    bare, (obstacle,) = Bare(reply, "ur5"), obstacles_of(scene)
+    bare, (obstacle,) = Bare(reply.position_names, "ur5"), obstacles_of(scene)
     for moment in np.linspace(0.0, max(duration(reply), opens + 1.0), 150).tolist():
         bare.stand(at(reply, min(moment, duration(reply))))
         there = obstacle.placement_at(moment)
@@ -111,7 +112,7 @@ def test_straight_steps_are_straight_but_for_their_corners(jerk: float | None) -
     reply = ask(request["steps"], "ur5", request["scene"], **fields)
     assert reply.status.name == "SUCCESS", reply.status.message
     corners = np.array([(0.35, -0.12), (0.35, 0.12), (0.51, 0.12), (0.51, -0.12), (0.35, -0.12)])
-    bare, obstacles = Bare(reply, "ur5"), obstacles_of(request["scene"])
+    bare, obstacles = Bare(reply.position_names, "ur5"), obstacles_of(request["scene"])
     for step, one, other in zip(reply.steps[1:5], corners, corners[1:], strict=False):
         for moment in np.linspace(step.begin, step.end, 25):
             bare.stand(at(reply, float(moment)))
@@ -154,7 +155,7 @@ def test_a_corner_that_would_come_too_close_is_rounded_more_tightly() -> None:
     assert free.steps[1].passed is not None
     assert tight.steps[1].passed is not None
     assert tight.steps[1].passed < 0.7 * free.steps[1].passed
-    bare, (obstacle,) = Bare(tight, "ur5"), obstacles_of(there)
+    bare, (obstacle,) = Bare(tight.position_names, "ur5"), obstacles_of(there)
     for moment in np.linspace(tight.steps[1].begin, duration(tight), 100):
         bare.stand(at(tight, float(moment)))
         for link, shape, placed in bare.bodies():

@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import coal
 import msgspec
 import numpy as np
 import pinocchio as pin
@@ -32,12 +31,12 @@ from guidefield.messages.requests import PlanRequest, UrdfText
 from guidefield.scene.scene import build
 from guidefield.stores import scenes
 from tests.examples import example
+from tests.handlers.motions import Bare, distance, frames_along, states
+from tests.handlers.test_plan import PATIENT, READY
 from tests.robots import box_arm, load, robot
 
-PATIENT = {"allowed_planning_time": 120.0}  # the first of a process compiles
-READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
 FINGERS = ["panda_leftfinger", "panda_rightfinger"]
-GRASP, CLOSE, LIFT, BACK, OVER, DOWN, OPEN = 1, 2, 3, 4, 5, 6, 7
+GRASP, CLOSE, LIFT, BACK, DOWN, OPEN = 1, 2, 3, 4, 6, 7
 """Steps of the kitchen's request."""
 
 
@@ -68,68 +67,15 @@ def kitchen() -> PlanReply:
     return reply
 
 
-def states(reply: PlanReply, times: np.ndarray) -> np.ndarray:
-    """Positions (n, k) of the reply's Hermite curve at times, by its own formula."""
-    t, p, v = (np.array(getattr(reply.trajectory, name)) for name in ("times", "positions", "velocities"))
-    i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
-    h = (t[i + 1] - t[i])[:, None]
-    s = (times - t[i])[:, None] / h
-    return (
-        (1 + 2 * s) * (1 - s) ** 2 * p[i]
-        + s * (1 - s) ** 2 * h * v[i]
-        + s**2 * (3 - 2 * s) * p[i + 1]
-        - s**2 * (1 - s) * h * v[i + 1]
-    )
-
-
-class Bare:
-    """A robot that knows nothing of what it holds, at the rows of a reply."""
-
-    def __init__(self, reply: PlanReply, name: str = "panda") -> None:
-        self.robot, self.names = robot(name), reply.position_names
-        self.data = self.robot.model.createData()
-        self.scratch = pin.GeometryData(self.robot.geometry)
-
-    def stand(self, row: np.ndarray) -> None:
-        q = np.array(self.robot.rest, float)
-        for name, value in zip(self.names, row, strict=True):
-            joint = self.robot.joint(name)
-            q[joint.idx_q] = value
-        for joint in self.robot.joints:
-            if joint.mimic is not None:
-                driver = self.robot.joint(joint.mimic.driver)
-                q[joint.idx_q] = joint.mimic.multiplier * q[driver.idx_q] + joint.mimic.offset
-        pin.framesForwardKinematics(self.robot.model, self.data, q)
-        pin.updateGeometryPlacements(self.robot.model, self.data, self.robot.geometry, self.scratch)
-
-    def frame(self, name: str) -> Any:
-        return self.data.oMf[self.robot.frame_id(name)].copy()
-
-    def bodies(self) -> list[tuple[str, Any, Any]]:
-        """Link, shape and placement of all that moves."""
-        shapes = self.robot.geometry.geometryObjects
-        return [
-            (self.robot.link_of_geometry(i), shape.geometry, self.scratch.oMg[i])
-            for i, shape in enumerate(shapes)
-            if shape.parentJoint
-        ]
-
-
-def distance(one: Any, at: Any, other: Any, there: Any) -> float:
-    first, second = (coal.Transform3s(placed.rotation, placed.translation) for placed in (at, there))
-    result = coal.DistanceResult()
-    return float(coal.distance(one, first, other, second, coal.DistanceRequest(), result))
-
-
 def held_since(reply: PlanReply) -> Any:
     """Placement of the can in the hand."""
-    bare, can = Bare(reply), build(scenes.read_packaged("kitchen")).obstacle("can")
+    bare, can = Bare(reply.position_names), build(scenes.read_packaged("kitchen")).obstacle("can")
     bare.stand(states(reply, np.array([reply.steps[GRASP].end]))[0])
     return bare.frame("panda_hand").actInv(can.placement)
 
 
 def test_the_can_is_on_the_table_in_the_end(kitchen: PlanReply) -> None:
-    bare = Bare(kitchen)
+    bare = Bare(kitchen.position_names)
     bare.stand(states(kitchen, np.array([kitchen.steps[OPEN].end]))[0])
     put = bare.frame("panda_hand") * held_since(kitchen)
     np.testing.assert_allclose(put.rotation[:, 2], (0.0, 0.0, 1.0), atol=2e-3)
@@ -141,7 +87,7 @@ def test_the_can_is_on_the_table_in_the_end(kitchen: PlanReply) -> None:
 
 def test_nothing_touches_but_what_may(kitchen: PlanReply) -> None:
     """Everything once more by Coal, at samples: the bare robot, and the can where the hand or somebody put it."""
-    bare, scene, in_hand = Bare(kitchen), build(scenes.read_packaged("kitchen")), held_since(kitchen)
+    bare, scene, in_hand = Bare(kitchen.position_names), build(scenes.read_packaged("kitchen")), held_since(kitchen)
     can, others = scene.obstacle("can"), [one for one in scene.obstacles if one.name != "can"]
     standing = can.placement
     for step in kitchen.steps:
@@ -161,7 +107,7 @@ def test_nothing_touches_but_what_may(kitchen: PlanReply) -> None:
 
 
 def test_the_permissions_end_where_the_can_is_away(kitchen: PlanReply) -> None:
-    bare, scene, in_hand = Bare(kitchen), build(scenes.read_packaged("kitchen")), held_since(kitchen)
+    bare, scene, in_hand = Bare(kitchen.position_names), build(scenes.read_packaged("kitchen")), held_since(kitchen)
     can = scene.obstacle("can")
     told = [(step, one) for step in kitchen.steps for one in step.permissions]
     assert [(one.object, one.obstacle) for _, one in told] == [("can", "board2")] * 2 + [("can", "table_top")] * 2
@@ -175,13 +121,9 @@ def test_the_permissions_end_where_the_can_is_away(kitchen: PlanReply) -> None:
 
 
 def test_straight_steps_are_straight(kitchen: PlanReply) -> None:
-    bare = Bare(kitchen)
     for index in (GRASP, LIFT, BACK, DOWN):
         step = kitchen.steps[index]
-        placed = []
-        for row in states(kitchen, np.linspace(step.begin, step.end, 60)):
-            bare.stand(row)
-            placed.append(bare.frame("panda_hand_tcp"))
+        placed = frames_along(kitchen, "panda_hand_tcp", np.linspace(step.begin, step.end, 60))
         first, last = placed[0], placed[-1]
         way = last.translation - first.translation
         along = way / np.linalg.norm(way)
@@ -365,16 +307,13 @@ def test_steps_are_planned_from_when_they_begin_among_what_moves_by_itself(tmp_p
     assert reply.certificate.collision_free
     assert 2.0 < reply.steps[0].end < 5.0
     among = build(msgspec.convert(scene, messages.Scene))
-    bare, times = Bare(reply), np.linspace(0.0, reply.trajectory.times[-1], 200)
+    bare, times = Bare(reply.position_names), np.linspace(0.0, reply.trajectory.times[-1], 200)
     for now, row in zip(times.tolist(), states(reply, times), strict=True):
         bare.stand(row)
         for there in among.at(now).obstacles:
             assert all(distance(shape, at, there.shape, there.placement) > 0.0 for _, shape, at in bare.bodies())
     begin, end = reply.steps[1].begin, reply.steps[1].end
-    ways = []
-    for row in states(reply, np.linspace(begin, end, 20)):
-        bare.stand(row)
-        ways.append(bare.frame("panda_hand").translation)
+    ways = [one.translation for one in frames_along(reply, "panda_hand", np.linspace(begin, end, 20))]
     np.testing.assert_allclose(np.array(ways)[:, :2], np.tile(ways[0][:2], (20, 1)), atol=2e-3)
     assert ways[-1][2] - ways[0][2] == pytest.approx(-0.05, abs=1e-4)
     recorded = run_arrays(tmp_path / "run.rrd")
@@ -397,7 +336,7 @@ def test_what_moves_is_picked_up_where_it_comes_to_rest_and_put_down_on_what_mov
     assert reply.certificate.collision_free
     assert reply.steps[GRASP].end == 5.0
     assert [one.obstacle for step in reply.steps for one in step.permissions] == ["board2"] * 2 + ["table_top"] * 2
-    scene, bare = build(msgspec.convert(declared, messages.Scene)), Bare(reply)
+    scene, bare = build(msgspec.convert(declared, messages.Scene)), Bare(reply.position_names)
     can = scene.obstacle("can")
     bare.stand(states(reply, np.array([5.0]))[0])
     in_hand, put = bare.frame("panda_hand").actInv(can.placement_at(5.0)), reply.steps[OPEN].end

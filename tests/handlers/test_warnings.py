@@ -14,10 +14,9 @@ from guidefield.messages.replies import Done, PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Mesh, Scene
 from guidefield.stores.scenes import SceneStore
+from tests.handlers.test_plan import READY
 from tests.robots import box_arm
 from tests.scene.solids import box_mesh, mesh_message
-
-READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
 
 
 def in_single_triangles(name: str, size: float, width: float, **fields: Any) -> Mesh:

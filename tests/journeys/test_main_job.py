@@ -146,7 +146,7 @@ def test_the_judge_would_see_a_collision(judge: Judge) -> None:
 
 
 @pytest.mark.parametrize("job", JOBS)
-def test_the_motion_keeps_the_limits_of_the_robot(
+def test_the_motion_begins_at_its_start_and_keeps_the_limits_of_the_robot(
     job: str, replies: dict[str, dict[str, Any]], wire: PlainClient
 ) -> None:
     reply = replies[job]
@@ -159,16 +159,10 @@ def test_the_motion_keeps_the_limits_of_the_robot(
         assert np.abs(velocities[:, column]).max() <= limits[name]["velocity"][0] * (1 + 1e-6)
         assert np.abs(at_knots[:, column]).max() <= limits[name]["acceleration"][0] * (1 + 1e-6)
     assert np.allclose(velocities[[0, -1]], 0.0, atol=1e-9)
+    start = [REQUEST["start"][name] for name in reply["position_names"]]
+    assert np.allclose([positions[0], reply["path"][0]], start, atol=1e-9)
     assert (np.diff(times) >= 0.0).all()
     assert reply["metrics"]["duration"] == pytest.approx(times[-1])
-
-
-@pytest.mark.parametrize("job", JOBS)
-def test_it_begins_where_it_was_told(job: str, replies: dict[str, dict[str, Any]]) -> None:
-    reply = replies[job]
-    start = [REQUEST["start"][name] for name in reply["position_names"]]
-    assert np.allclose(reply["trajectory"]["positions"][0], start, atol=1e-9)
-    assert np.allclose(reply["path"][0], start, atol=1e-9)
 
 
 def test_the_tip_crosses_the_planes_in_order_and_ends_on_the_last(
@@ -240,17 +234,3 @@ def test_a_run_is_deleted(replies: dict[str, dict[str, Any]], wire: PlainClient)
     wire.ask("guidefield/local/plan", {**JOBS["pose"], "run_id": "short-lived", "recording": "off"})
     wire.ask("guidefield/local/runs/short-lived?delete")
     assert wire.refusal("guidefield/local/runs/short-lived")["name"] == "INVALID_OBJECT_NAME"
-
-
-# ---- an honest "no" is a reply
-
-
-def test_a_goal_in_collision_names_the_pair_and_the_depth(wire: PlainClient) -> None:
-    goal = {"type": "joints", "positions": {"panda_joint2": 0.9, "panda_joint4": -1.0}}
-    reply = wire.ask(
-        "guidefield/local/plan",
-        {**JOBS["pose"], "run_id": "goal", "goal": goal, "guide_planes": [], "recording": "off"},
-    )
-    assert reply["status"]["name"] == "GOAL_IN_COLLISION"
-    assert len(reply["status"]["details"]["pair"]) == 2
-    assert reply["status"]["details"]["depth"] > 0.0

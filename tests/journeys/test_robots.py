@@ -1,4 +1,4 @@
-"""Robots over the wire: a client's own with its meshes, and robots with two arms of which one is planned for."""
+"""Robots over the wire: a client's own with its meshes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import json
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 
 from guidefield import Client, RobotInvalid
@@ -100,67 +99,3 @@ def test_names_and_fields_are_checked(wire: PlainClient) -> None:
     assert wire.refusal("guidefield/local/robots/mine", files)["name"] == "MALFORMED_REQUEST"
     files = json.dumps({"urdf": "<robot/>"}).encode()
     assert wire.refusal("guidefield/local/robots/.mine", files)["name"] == "MALFORMED_REQUEST"
-
-
-BOX = '<link name="{0}"><collision><geometry><box size="0.06 0.06 {1}"/></geometry></collision></link>'
-LIFTED = (
-    '<robot name="lifted">'
-    + BOX.format("stand", 0.4)
-    + BOX.format("torso", 0.2)
-    + '<joint name="lift" type="prismatic"><origin xyz="0 0 0.6"/><parent link="stand"/><child link="torso"/>'
-    '<axis xyz="0 0 1"/><limit lower="0" upper="0.3" effort="1" velocity="1"/></joint>'
-    + "".join(
-        BOX.format(f"{side}_{k}", 0.2)
-        + f'<joint name="{side}_{name}" type="revolute"><origin xyz="0 {y} {z}"/><parent link="{parent}"/>'
-        f'<child link="{side}_{k}"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
-        for side, sign in (("left", 1), ("right", -1))
-        for k, name, parent, y, z in (
-            (0, "s0", "torso", 0.3 * sign, 0.0), (1, "e1", f"{side}_0", 0.0, 0.3), (2, "w2", f"{side}_1", 0.0, 0.3)
-        )
-    )
-    + "</robot>"
-)  # fmt: skip
-"""Two arms on a torso that slides up and down."""
-
-
-def test_one_arm_is_planned_for_and_the_other_stays_where_it_starts(wire: PlainClient) -> None:
-    start = {"right_s0": 0.3, "right_e1": 0.8, "lift": 0.1}
-    goal = {"left_s0": 0.5, "left_e1": 0.6}
-    wire.ask("guidefield/local/robots/lifted", {"urdf": LIFTED})
-    names = [info["name"] for info in wire.ask("guidefield/local/robots/lifted")["joints"]]
-    arm = [name for name in names if name.startswith("left_")]
-    assert len(arm) == 3
-    request = {
-        "robot": "lifted",
-        "group": arm,
-        "tip": "left_2",
-        "start": start,
-        "scene": {
-            "name": "ball",
-            "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1, "position": [0, 0, 2.5]}],
-        },
-        "goal": {"type": "joints", "positions": goal},
-        "guide_planes": [],
-        "recording": "off",
-    }
-    reply = wire.ask("guidefield/local/plan", request)
-    assert reply["status"]["name"] == "SUCCESS", reply["status"]
-    assert reply["position_names"] == arm
-    ends = [dict(zip(arm, reply["trajectory"]["positions"][end], strict=True)) for end in (0, -1)]
-    assert {name: ends[1][name] for name in goal} == pytest.approx(goal, abs=1e-6)
-    placed = wire.ask(
-        "guidefield/local/kinematics",
-        {
-            "type": "forward_kinematics",
-            "robot": "lifted",
-            "frames": ["left_2", "right_2"],
-            "configurations": [{**start, **end} for end in ends],
-        },
-    )["placements"]
-    moved = [np.subtract(placed[1][k]["position"], placed[0][k]["position"]) for k in (0, 1)]
-    assert np.linalg.norm(moved[0]) > 0.1
-    assert np.linalg.norm(moved[1]) == 0.0
-    other = {**request, "goal": {"type": "joints", "positions": {**goal, next(iter(start)): 0.0}}}
-    refused = wire.refusal("guidefield/local/plan", json.dumps(other).encode())
-    assert refused["name"] == "INVALID_GOAL_CONSTRAINTS"
-    assert "which is not planned for" in refused["message"]

@@ -36,7 +36,7 @@ from tests.robots import robot
 
 TOOLS = Path(__file__).resolve().parent.parent.parent / "tools"
 HEARD = {**BENT, "panda_finger_joint1": 0.02}
-BOX, BALL = 1, 2
+BALL = 2
 
 
 @pytest.fixture(scope="module")

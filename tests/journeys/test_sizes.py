@@ -1,13 +1,10 @@
-"""Robots of every size, as people have them: a desk arm, a hand of 8 cm, a crane over a building."""
+"""Robots of every size, as people have them: a hand of 8 cm, a crane over a building."""
 
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from guidefield import (
     Box,
@@ -18,19 +15,15 @@ from guidefield import (
     PlanReply,
     PlanRequest,
     Scene,
-    UrdfFile,
     UrdfText,
     answer,
 )
 from guidefield.messages.kinematics_requests import TargetPose
 from tests.recorder.runs import Recording
 
-URDFS = Path(os.environ.get("GUIDEFIELD_URDFS", "no such folder"))
-"""Folder of public robots, which has the one of the SO-100 with its meshes as `so100/so100.urdf`."""
-
 
 def certified(
-    robot: UrdfText | UrdfFile, scene: Scene, goal: dict[str, float], record_to: Path | None = None, **more: Any
+    robot: UrdfText, scene: Scene, goal: dict[str, float], record_to: Path | None = None, **more: Any
 ) -> PlanReply:
     """A certified plan that is as it was optimised."""
     more = {"guide_planes": [], "allowed_planning_time": 60.0, **more}
@@ -39,21 +32,6 @@ def certified(
     assert reply.certificate.collision_free
     assert not [one for one in reply.warnings if "as it was found" in one or "metres" in one]
     return reply
-
-
-@pytest.mark.skipif(not (URDFS / "so100").is_dir(), reason="GUIDEFIELD_URDFS names no folder with an so100")
-def test_an_so100_reaches_over_a_book_on_a_desk() -> None:
-    robot = UrdfFile(str(URDFS / "so100" / "so100.urdf"))
-    scene = Scene(
-        "desk",
-        obstacles=[
-            Box(name="desk", size=(1.2, 0.8, 0.02), position=(0.0, 0.0, -0.03)),
-            Box(name="book", size=(0.03, 0.16, 0.22), position=(0.0, -0.3, 0.09)),
-        ],
-    )
-    start, goal = ({"shoulder_pan": pan, "shoulder_lift": 2.0, "elbow_flex": -1.2} for pan in (-1.0, 1.0))
-    reply = certified(robot, scene, goal, start=start)
-    assert reply.clearance.inner > 0.002
 
 
 def finger(name: str, x: float) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from guidefield import AsyncClient, Clearance, Client, Preempted, TimedOut
+from guidefield import AsyncClient, Client, Preempted, TimedOut
 from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, PlainClient, Service, await_that
 
 MANY: dict[str, Any] = {
@@ -106,16 +106,8 @@ def test_a_task_that_is_cancelled_ends_its_request(service: Service, wire: Plain
 
 
 def test_a_client_ends_a_request_by_its_name(client: Client, wire: PlainClient) -> None:
-    request = Clearance(
-        robot="panda",
-        scene="bookshelf",
-        configurations=[{}] * 100_000,
-        gradients=True,
-        allowed_time=600.0,
-        request_id="mine",
-    )
     with concurrent.futures.ThreadPoolExecutor(1) as thread:
-        asked = thread.submit(client.kinematics, request)
+        asked = thread.submit(client.kinematics, {**MANY, "request_id": "mine"})
         await_that(lambda: _busy(wire))
         assert client.cancel_request("mine") == "request 'mine' ends"
         with pytest.raises(Preempted, match="cancelled after"):

@@ -14,7 +14,6 @@ from guidefield.deadline import Deadline
 from guidefield.handlers.plan_problem import problem_of
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.values import Placement
-from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import plan
 from guidefield.referee.case import Case
 from guidefield.referee.loading import case_of
@@ -43,13 +42,6 @@ def planned(request: PlanRequest, robot: RobotModel) -> case_file.Motion:
 def straight(world: World, ends: Any, min_clearance: float = 0.0) -> case_file.Motion:
     """A path of straight lines in the chart, without times."""
     return case_file.Motion(world, Placement(), (), None, np.array(ends, float), None, min_clearance=min_clearance)
-
-
-def timed(motion: case_file.Motion, trajectory: Trajectory) -> case_file.Motion:
-    """Another trajectory in the place of a motion's own."""
-    return dataclasses.replace(
-        motion, times=trajectory.times, positions=trajectory.positions, velocities=trajectory.velocities
-    )
 
 
 def read(motion: case_file.Motion, limits: bool = True) -> Case:

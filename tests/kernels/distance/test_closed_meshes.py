@@ -88,21 +88,3 @@ def test_sides_are_those_that_solid_angles_tell(mesh: solids.Mesh) -> None:
         np.testing.assert_allclose(found[seen], apart[seen], rtol=1e-9, atol=1e-12 * size)
         # where solids overlap the depth is that in one of them, which is no farther than the nearest surface of all
         assert (-found[inside] >= apart[inside] - 1e-12 * size).all()
-
-
-def voxels(seed: int, side: int = 5) -> tuple[np.ndarray, solids.Mesh]:
-    """Which cells of a grid are full, shape (side, side, side), and their surface: most edges belong to four faces."""
-    full = np.zeros((side + 2, side + 2, side + 2), bool)
-    full[1:-1, 1:-1, 1:-1] = np.random.default_rng(seed).random((side, side, side)) < 0.45
-    faces = []
-    for axis in range(3):
-        along, u, v = np.eye(3)[axis], np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
-        ahead = np.roll(full, -1, axis=axis)
-        for cells, outwards in ((full & ~ahead, True), (~full & ahead, False)):
-            corner = np.argwhere(cells) + along
-            quad = np.stack([corner, corner + u, corner + u + v, corner + v], axis=1)
-            faces.append(quad if outwards else quad[:, ::-1])
-    corners = np.concatenate(faces)
-    vertices, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    quads = numbers.reshape(-1, 4)
-    return full, (vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))

@@ -32,9 +32,6 @@ ACCURACY = 1e-5
 
 INSTANTS = 41
 
-Body = tuple[Any, np.ndarray | None]
-"""A Coal shape, and its points about its origin; None: those of a half-space."""
-
 
 @kernel(
     types.float64(

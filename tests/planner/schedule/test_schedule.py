@@ -93,14 +93,6 @@ def test_until_when_and_from_when_on_a_place_is_free_is_what_dense_times_say() -
 # ---- schedules
 
 
-def touches(made: Problem, motion: Trajectory) -> bool:
-    for time in np.arange(0.0, motion.times[-1], 0.04):
-        z = motion.evaluate(np.array([time]))[0][0]
-        if contacts_at(World.build(PANDA, made.scene.at(time)), PANDA.expand_from_chart(z)):
-            return True
-    return False
-
-
 def require_within(made: Problem, motion: Trajectory) -> None:
     """Dense samples keep all limits; where jerk has one, accelerations don't jump at knots."""
     _, v, a = motion.evaluate(np.linspace(0.0, motion.times[-1], 20_001))
