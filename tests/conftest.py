@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from guidefield.collector import pause_collector
 from guidefield.kernels.jit.cache import keep_kernels_of
+from guidefield.memory import pause_collector
 
 # The same few examples every time, or more of another day: `tools/test --hypothesis-profile=afresh`.
 UNHURRIED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])

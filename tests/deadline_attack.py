@@ -19,6 +19,7 @@ import numpy as np
 from guidefield.endpoint.endpoint import LATE, LATE_SHARE, Endpoint
 from guidefield.endpoint.monitoring import Condition, no_trace
 from guidefield.endpoint.streams import Streams
+from guidefield.engines import EngineSetup
 from guidefield.errors import GuidefieldError
 from guidefield.handlers.info import Rules
 from guidefield.messages import keys
@@ -27,7 +28,6 @@ from guidefield.messages.keys import Query
 from guidefield.messages.service_replies import Health
 from guidefield.pool.pool import Pool
 from guidefield.stores.runs import RunDatabase
-from guidefield.worker import EngineSetup
 from tests.deadline_requests import MAKERS, Made
 
 TIMES = (0.1, 0.3, 1.0)

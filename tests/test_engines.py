@@ -1,25 +1,32 @@
-"""Each user has runs, scenes and robots of its own; others see what is shared, operators everything."""
+"""Each user has runs, scenes and robots of its own; others see what is shared, operators everything.
+
+Between queries a worker goes on with what a plan had no time for, until the next query.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from guidefield import engines as module
-from guidefield.bounded_map import Limit
 from guidefield.engines import Engines
 from guidefield.errors import GuidefieldError, NotAllowed, QuotaExceeded, RobotInvalid, SceneInvalid, UnknownObject
+from guidefield.memory import Limit
 from guidefield.messages import requests
 from guidefield.messages.identities import PLAIN, Quota, Quotas
 from guidefield.messages.replies import ClearanceReply
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.streams import StreamOpen, StreamUpdate
+from guidefield.pool.pool import Pool
+from guidefield.pool.waiting import Task
 from guidefield.stores import by_user
 from guidefield.stores.by_user import Kind, StoresByUser
 from guidefield.stores.runs import RunDatabase
 from guidefield.stream.journal import Journal
+from tests import worker_setups
 from tests.kept_runs import begin
 
 URDF = """<robot name="{}"><link name="a"/>
@@ -178,3 +185,29 @@ def test_a_streams_recording_that_is_too_large_is_told_with_the_way_to_have_it(
         UnknownObject, match=r"at most 1000 are sent: at the service `guidefield runs export s stream.rrd`"
     ):
         engines.stream_recording("alice", "s")
+
+
+PATIENCE = 60.0
+
+
+@pytest.mark.parametrize("asked_again", [False, True])
+def test_a_preparation_goes_on_until_the_next_query(asked_again: bool, tmp_path: Path) -> None:
+    (parts := tmp_path / "parts").touch()
+    pool = Pool(worker_setups.obedient, workers=1)
+    pool.start()
+    try:
+        assert pool.submit(Task(("go_on", str(parts)), PATIENCE)).result(PATIENCE) == (True, b"goes on")
+        if asked_again:
+            time.sleep(0.1)
+            assert pool.submit(Task(("echo", "next"), PATIENCE)).result(PATIENCE) == (True, b"next")
+            done = len(parts.read_bytes())
+            assert done < 30
+            time.sleep(0.1)
+            assert len(parts.read_bytes()) == done
+        else:
+            until = time.monotonic() + PATIENCE
+            while len(parts.read_bytes()) < 30 and time.monotonic() < until:
+                time.sleep(0.02)
+            assert len(parts.read_bytes()) == 30
+    finally:
+        pool.close(0.0)

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from guidefield import memo
-from guidefield.bounded_map import BoundedMap, Limit
 from guidefield.cli.demonstration import REQUESTS
 from guidefield.collision.world import World
 from guidefield.engine import Engine
 from guidefield.memo import MAX_PER_OBJECT, memoized
+from guidefield.memory import BoundedMap, Limit
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.stores.recordings import Recordings
 

@@ -15,7 +15,7 @@ import pytest
 
 from guidefield import renderer as module
 from guidefield.engine import Engine
-from guidefield.engines import Engines
+from guidefield.engines import Engines, EngineSetup
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.pool.pool import DEFAULT_MEMORY
@@ -23,7 +23,6 @@ from guidefield.pool.process import Work
 from guidefield.renderer import MAX_ATTEMPTS, Renderer
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.runs import RunDatabase
-from guidefield.worker import EngineSetup
 
 PATIENCE = 300.0
 PLAN = PlanRequest("ur5", "table", JointsGoal({"elbow_joint": 1.2}), guide_planes=[], recording="summary")

@@ -1,7 +1,9 @@
-"""What the system tells of processes, by the ways of Linux and of others."""
+"""What the system tells of processes, by the ways of Linux and of others; a machine can read every line of the log."""
 
 from __future__ import annotations
 
+import json
+import logging
 import os
 import resource
 import signal
@@ -13,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from guidefield import system
+from guidefield.system import Journal, JsonLines
 
 GONE = 2**22 + 1
 """No process has that id: it is above Linux's largest."""
@@ -43,3 +46,38 @@ def test_a_worker_ends_with_its_parent_where_the_system_does_not_see_to_it() -> 
         assert child.poll() is None
         child.stdin.close()
         assert child.wait(60.0) == -signal.SIGKILL
+
+
+def test_a_line_is_one_object_whatever_is_said() -> None:
+    try:
+        raise ValueError("with\na line break")
+    except ValueError as error:
+        trace = (type(error), error, error.__traceback__)
+    record = logging.LogRecord("guidefield.pool", logging.ERROR, __file__, 1, 'run %s: "é"\n', ("r1",), trace)
+    line = JsonLines().format(record)
+    assert "\n" not in line
+    told = json.loads(line)
+    assert (told["level"], told["logger"], told["message"]) == ("ERROR", "guidefield.pool", 'run r1: "é"\n')
+    assert "ValueError: with" in told["trace"]
+
+
+@pytest.mark.parametrize(
+    ("level", "number"), [(logging.DEBUG, 7), (logging.INFO, 6), (logging.WARNING, 4), (logging.ERROR, 3), (50, 2)]
+)
+def test_a_line_in_the_journal_begins_with_its_level(level: int, number: int) -> None:
+    record = logging.LogRecord("guidefield", level, __file__, 1, "one\ntwo", (), None)
+    assert Journal(logging.Formatter("%(message)s")).format(record) == f"<{number}>one\n<{number}>two"
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_process_whose_errors_go_to_the_journal_logs_for_it(tmp_path: Path, told: bool) -> None:
+    script = (
+        "import logging; from guidefield.system import configure_logging\n"
+        "configure_logging(20, json=False); logging.warning('so')"
+    )
+    with (tmp_path / "log").open("w") as log:
+        there = os.fstat(log.fileno())
+        stream = {"JOURNAL_STREAM": f"{there.st_dev}:{there.st_ino}"} if told else {}
+        subprocess.run([sys.executable, "-c", script], check=True, stderr=log, env={**os.environ, **stream})
+    line = (tmp_path / "log").read_text()
+    assert line == "<4>WARNING root: so\n" if told else line.startswith("20")

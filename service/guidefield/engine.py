@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import msgspec
 
-from guidefield.collector import pause_collector
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.errors import (
     GuidefieldError,
@@ -34,6 +33,7 @@ from guidefield.errors import (
 )
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
+from guidefield.memory import pause_collector
 from guidefield.messages import requests
 from guidefield.messages.codec import read_request
 from guidefield.messages.faults import field_path

@@ -15,7 +15,7 @@ from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, cast
 
 import numpy as np
 
-from guidefield.bounded_map import FOUND, BoundedMap
+from guidefield.memory import FOUND, BoundedMap
 
 Key = TypeVar("Key")
 Rest = ParamSpec("Rest")

@@ -16,15 +16,13 @@ from collections import Counter
 from collections.abc import Callable
 from functools import partial
 
-from guidefield import logs
-from guidefield.engines import Engines
+from guidefield.engines import Engines, EngineSetup
 from guidefield.errors import GuidefieldError, strip_path
 from guidefield.pool.pool import Pool
 from guidefield.pool.process import Call, Work
 from guidefield.pool.waiting import Answer, Task
 from guidefield.stores.recordings import Recordings
-from guidefield.system import become_idle
-from guidefield.worker import EngineSetup
+from guidefield.system import become_idle, configure_logging
 
 LOOK_INTERVAL_S = 0.1  # time between two looks whether a worker has rendered a recording that is left to it [s]
 RETRY_INTERVAL_S = 5.0  # pause after a disk has refused, or a process has died [s]
@@ -136,7 +134,7 @@ class Renderer:
 
 def _prepare(setup: EngineSetup) -> Work:
     become_idle()
-    logs.configure(setup.log_level, json=setup.json_logs)
+    configure_logging(setup.log_level, json=setup.json_logs)
     return partial(_render, setup.engines())
 
 

@@ -15,8 +15,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from guidefield.bounded_map import RENDERED_SCENES
 from guidefield.errors import GuidefieldError
+from guidefield.memory import RENDERED_SCENES
 from guidefield.messages.requests import PlanRequest, UrdfFile
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.model import RobotModel

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from guidefield import logs
+from guidefield.engines import EngineSetup
 from guidefield.errors import GuidefieldError, ServerBusy, convert_exception
 from guidefield.first_start import compile_kernels, processor
 from guidefield.messages import codec
@@ -32,7 +32,7 @@ from guidefield.messages.stream_requests import StreamAim, StreamAimed, StreamJu
 from guidefield.messages.streams import Observation, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Placement
 from guidefield.pool.process import Taken
-from guidefield.worker import EngineSetup
+from guidefield.system import configure_logging
 
 if TYPE_CHECKING:
     from guidefield.stream.journal import Journal
@@ -117,7 +117,7 @@ class StreamConversation:
 
     def __call__(self, line: Connection) -> None:
         """In the process: open the stream, and answer until nobody is there."""
-        logs.configure(self.setup.log_level, json=self.setup.json_logs)
+        configure_logging(self.setup.log_level, json=self.setup.json_logs)
         with contextlib.suppress(OSError):  # not everybody may
             os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
         journal = self._journal()

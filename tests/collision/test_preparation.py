@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.bounded_map import MESH_TREES, BoundedMap
 from guidefield.collision import part_tables
 from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.engine import Engine
 from guidefield.kernels.jit.cache import cache_folder
+from guidefield.memory import MESH_TREES, BoundedMap
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfFile
 from guidefield.messages.scene import Scene
 from guidefield.robot.bodies import bounding as parts_room

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guidefield.bounded_map import BoundedMap, Limit
 from guidefield.errors import MalformedRequest, RequestTooLarge
+from guidefield.memory import BoundedMap, Limit
 from guidefield.messages import codec
 from guidefield.messages.codec import MIN_HASHED_BYTES, Encoding, read_payload, read_request
 from guidefield.messages.requests import JointsGoal, PlanRequest

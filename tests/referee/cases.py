@@ -11,7 +11,7 @@ import numpy as np
 from guidefield import case_file
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
-from guidefield.handlers.plan_problem import problem_of
+from guidefield.handlers.plan import problem_of
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.values import Placement
 from guidefield.planner.plan import plan

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.bounded_map import BYTES_PER_FACE, BoundedMap, Limit
 from guidefield.deadline import Deadline, DeadlineExpired
+from guidefield.memory import BYTES_PER_FACE, BoundedMap, Limit
 from guidefield.messages import scene as messages
 from guidefield.messages.scene_changes import SceneDiff, apply_change, freeze
 from guidefield.messages.values import Float32Array, Placement

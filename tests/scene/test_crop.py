@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pytest
 
-from guidefield.bounded_map import Limit
+from guidefield.memory import Limit
 from guidefield.messages import scene as messages
 from guidefield.messages.scene_changes import SceneDiff, apply_change, freeze
 from guidefield.messages.values import Placement

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.bounded_map import Limit
 from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
+from guidefield.memory import Limit
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.scene_changes import SceneDiff, apply_change, freeze
 from guidefield.messages.values import Placement

@@ -12,8 +12,7 @@ import pytest
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
-from guidefield import demo_stream
-from guidefield.cli import app
+from guidefield.cli import app, demonstration
 from guidefield.errors import MalformedRequest
 from guidefield.messages.scene import Box
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
@@ -139,7 +138,7 @@ def _column(chunk: object, name: str) -> list[object]:
 
 
 def test_the_demonstration_serves_and_can_be_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(demo_stream, "LASTS", 0.6)
+    monkeypatch.setattr(demonstration, "LASTS", 0.6)
     told = CliRunner().invoke(app, ["demo", "--stream", "--folder", str(tmp_path)])
     assert told.exit_code == 1, "no place is reached so soon"
     assert "done again: the same, to the last bit" in told.output
@@ -150,5 +149,5 @@ def test_the_demonstration_serves_and_can_be_done_again(tmp_path: Path, monkeypa
     assert "bit-identical: 30 updates" in told.output
     assert (tmp_path / "again.rrd").read_bytes()[:3] == b"RRF"
     for number in range(3):
-        path = np.array([demo_stream.box_at(number, 0.01 * k) for k in range(1_700)])
-        assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.01 * demo_stream.FASTEST
+        path = np.array([demonstration.box_at(number, 0.01 * k) for k in range(1_700)])
+        assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.01 * demonstration.FASTEST

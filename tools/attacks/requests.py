@@ -25,12 +25,12 @@ from pathlib import Path
 from hypothesis import HealthCheck, Phase, given, seed as drawn_from, settings, strategies as st
 from lxml import etree
 
+from guidefield.engines import EngineSetup, Job
 from guidefield.errors import GuidefieldError, WorkerCrashed
 from guidefield.messages import keys
 from guidefield.messages.codec import Encoding
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Task
-from guidefield.worker import EngineSetup, Job
 
 HANG = 60.0
 """A worker that takes longer hangs [s]; what is asked takes tenths of a second."""

@@ -26,8 +26,7 @@ import zenoh
 
 from attacks.ros_payloads import SERVICES, TYPES, Sent, drawn
 from guidefield.cli.serving import LOOPBACK, free_port
-from guidefield.endpoint.ros.cdr import Unreadable
-from guidefield.endpoint.ros.names import Entity, Kind
+from guidefield.endpoint.ros.rmw_zenoh import Entity, Kind, Unreadable
 
 AT_ONCE = 24
 """Queries that wait for an answer."""

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.endpoint.ros.cdr import types_of
-from guidefield.endpoint.ros.options import Distribution
+from guidefield.endpoint.link import Distribution
+from guidefield.endpoint.ros.rmw_zenoh import types_of
 
 TYPES = types_of(Distribution.JAZZY)
 SERVICES = {

@@ -24,9 +24,9 @@ import numpy as np
 
 from benchmarks.grown import Made, boxes, cloud, moving, terrain
 from guidefield import memo
-from guidefield.bounded_map import FOUND, BoundedMap, Limit
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError
+from guidefield.memory import FOUND, BoundedMap, Limit
 from guidefield.messages.requests import ReadRobot
 from guidefield.system import resident
 

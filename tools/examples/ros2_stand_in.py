@@ -18,9 +18,8 @@ import uuid
 
 import zenoh
 
-from guidefield.endpoint.ros.cdr import types_of
-from guidefield.endpoint.ros.names import Entity, Kind
-from guidefield.endpoint.ros.options import Distribution
+from guidefield.endpoint.link import Distribution
+from guidefield.endpoint.ros.rmw_zenoh import Entity, Kind, types_of
 
 ENDPOINT = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
 GOAL = {

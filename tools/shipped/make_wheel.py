@@ -33,7 +33,7 @@ import sys
 from pathlib import Path
 from guidefield.first_start import kernels_fingerprint, level
 from guidefield.kernels.jit.cache import cache_folder, is_compiled, kernel_folder, sources
-from guidefield.shipped_code import pack
+from guidefield.first_start import pack
 
 fingerprint = kernels_fingerprint()
 folders = [kernel_folder(name).name for name in sources().names if is_compiled(name)]

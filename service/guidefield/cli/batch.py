@@ -1,6 +1,6 @@
 """`guidefield batch`: answer the requests of a file on all cores or a cluster, render recordings, show progress.
 
-Exit codes, and files as `batch/results.py` has them, are what scripts read; what is printed may be changed.
+Exit codes, and files as `guidefield/batch.py` has them, are what scripts read; what is printed may be changed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from guidefield.batch.results import RECORDINGS, RESULTS, Item, ItemAnswer, RequestFile, Results
+from guidefield.batch import RECORDINGS, RESULTS, Item, ItemAnswer, RequestFile, Results
 from guidefield.errors import ERRORS, Status
 from guidefield.stores.recordings import Recordings
 
@@ -53,7 +53,7 @@ def _render_owed(folder: Path, workers: int, bar: Progress) -> None:
     owed = len(Recordings(folder).list_owed())
     if not owed:
         return
-    from guidefield.batch.workers import render_over_workers
+    from guidefield.batch import render_over_workers
 
     task = bar.add_task("recorded", total=owed)
     for fault in render_over_workers(folder, min(workers, owed)):
@@ -66,9 +66,9 @@ def _render_owed(folder: Path, workers: int, bar: Progress) -> None:
 
 def _start_answers(items: Iterable[Item], workers: int, ray: str | None) -> Iterator[ItemAnswer]:
     if ray is None:
-        from guidefield.batch.workers import answer_over_workers
+        from guidefield.batch import answer_over_workers
 
         return answer_over_workers(items, workers)
-    from guidefield.batch.workers import answer_over_cluster
+    from guidefield.batch import answer_over_cluster
 
     return answer_over_cluster(items, ray)

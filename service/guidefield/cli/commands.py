@@ -44,8 +44,7 @@ from guidefield.cli.found_run import (
 )
 from guidefield.cli.kept_runs import replay, runs_app
 from guidefield.cli.tables import motion_table, robot_table, robots_table
-from guidefield.endpoint.link import DEFAULT_LISTEN
-from guidefield.endpoint.ros.options import Distribution, RosSettings
+from guidefield.endpoint.link import DEFAULT_LISTEN, Distribution, RosSettings
 from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.first_start import CannotStart, compile_kernels
 from guidefield.messages import codec, requests
@@ -62,7 +61,7 @@ from guidefield.viewer import CannotShow, find_viewer, is_listening
 
 if TYPE_CHECKING:
     from guidefield.client import Client
-    from guidefield.doctor.examination import Finding
+    from guidefield.doctor import Finding
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 
@@ -617,7 +616,7 @@ def doctor(
 
     Exit code 0 if a service can work here, 1 if something is wrong.
     """
-    from guidefield.doctor.examination import FindingState, examination
+    from guidefield.doctor import FindingState, examination
 
     findings = []
     for finding in examination(default_data_folder(name) if data is None else data):
@@ -631,7 +630,7 @@ def doctor(
 
 
 def _format_finding(finding: Finding) -> Text:
-    from guidefield.doctor.examination import FindingState
+    from guidefield.doctor import FindingState
 
     advice = f": {finding.advice}" if finding.advice else ""
     colour = {FindingState.FINE: "green", FindingState.REMARK: "yellow", FindingState.WRONG: "red"}[finding.state]

@@ -18,7 +18,6 @@ from rich.console import Console, RenderableType
 from rich.progress import track
 from rich.table import Table
 
-from guidefield.batch.results import RECORDINGS
 from guidefield.cli.found_run import (
     Data,
     RunName,
@@ -299,6 +298,7 @@ def render(
 
     Exit code 0 if all are rendered, 1 if some are lost, 2 where the disk refuses.
     """
+    from guidefield.batch import RECORDINGS
     from guidefield.rendering import Renderings
 
     if folder is not None:

@@ -25,12 +25,12 @@ from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
-from guidefield import logs
 from guidefield.endpoint.link import LOOPBACK
 from guidefield.endpoint.service import ServiceSettings, serve
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
 from guidefield.messages.identities import Quotas
+from guidefield.system import configure_logging
 
 FORCED_EXIT_CODE = os.EX_SOFTWARE  # exit code of a process that was ended by force: 70 in docs/service.md
 DUMP_TIME_S = 5.0
@@ -114,7 +114,7 @@ def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None
     `FORCED_EXIT_CODE`, and its workers with it. Sentences about start and end are announced unless standard output
     would block.
     """
-    logs.configure(logging.INFO, json=settings.json_logs)
+    configure_logging(logging.INFO, json=settings.json_logs)
     faulthandler.register(TRACE_SIGNAL)
     stop = threading.Event()
     end_on_signal(stop, settings.grace + END_TIME_S)

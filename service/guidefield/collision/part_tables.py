@@ -15,7 +15,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap, content_key
 from guidefield.geometry.cache import Arrays, Layout, allocate_in_memory
 from guidefield.geometry.convex import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about
 from guidefield.geometry.surfaces import transform_points
@@ -42,6 +41,7 @@ from guidefield.kernels.jit.compilers import load_imported
 from guidefield.kernels.simd.packing import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import size_of
+from guidefield.memory import MESH_TREES, PLACED_MESHES, BoundedMap, content_key
 from guidefield.parallel import run_queue, usable_processors
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike

@@ -3,9 +3,9 @@
 Theory of operation. One queryable serves every key of the instance, so that each query, on a known key or not, has one
 answerer. Zenoh calls it in the thread of the query's link, so that a flood on one link delays no other. It only
 sorts: queries that need a robot, obstacle geometry or a kernel go to the pool of workers; those that read or delete
-files go to a few threads here; the others are answered at once, or end a run early. Each query is settled through
-`PendingQuery`, which answers exactly once; a thread of the `Outbox` sends the answer, so that a client that doesn't
-read delays no other. What each key needs and does is declared in `messages/served.py`, too.
+files go to the few threads of `Readers`; the others are answered at once, or end a run early. Each query is settled
+through `PendingQuery`, which answers exactly once; a thread of the `Outbox` sends the answer, so that a client that
+doesn't read delays no other. What each key needs and does is declared in `messages/served.py`, too.
 """
 
 from __future__ import annotations
@@ -26,11 +26,10 @@ import zenoh
 
 from guidefield.endpoint.allowances import Allowances
 from guidefield.endpoint.monitoring import Condition, End, Meter, Trace
-from guidefield.endpoint.readers import Readers
 from guidefield.endpoint.streams import Streams, require_own
 from guidefield.endpoint.under_way import REMEMBERED_KEYS, PendingQuery, UnderWay, keep_answer
-from guidefield.engines import Engines
-from guidefield.errors import DiskRefused, MalformedRequest, NotAllowed
+from guidefield.engines import Engines, EngineSetup, Job
+from guidefield.errors import DiskRefused, GuidefieldError, MalformedRequest, NotAllowed, ServerBusy, convert_exception
 from guidefield.handlers import expired
 from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
 from guidefield.messages import codec, keys, stream_requests
@@ -39,13 +38,68 @@ from guidefield.messages.replies import Done, Identity, UserFigures
 from guidefield.messages.requests import MotionRequest
 from guidefield.messages.scene_changes import SceneChanged
 from guidefield.pool.pool import Pool
-from guidefield.pool.waiting import BACKSTOP, Answer, Task, TimedAnswer
+from guidefield.pool.waiting import BACKSTOP, Answer, Limits, Task, TimedAnswer, Waiting
 from guidefield.run import whole_recording
 from guidefield.stores.by_user import Kind
 from guidefield.stores.files import checked_name
 from guidefield.stores.run_rows import NewRun
 from guidefield.stores.runs import RunDatabase, answered_before
-from guidefield.worker import EngineSetup, Job
+
+THREADS = 2  # files that are read at once
+MOST_READS = 64  # number of queries for files that may wait; in docs/wire.md by `rules.py`: then `tools/wire_page`
+TASK_TIME_S = 600.0  # time that a task states; no thread is stopped after it [s]
+
+
+class Readers:
+    """Threads that answer queries which need files only."""
+
+    def __init__(self) -> None:
+        self._waiting = Waiting(Limits(tasks=MOST_READS, tasks_of_client=MOST_READS))
+        self._come = threading.Semaphore(0)
+        self._threads = [
+            threading.Thread(target=self._read_all, name="guidefield-reader", daemon=True) for _ in range(THREADS)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def submit(self, asker: Asker, read: Callable[[], Answer]) -> Task:
+        """Have `read` called; return the future of its answer or error.
+
+        Raises ServerBusy if too many queries wait already, or the threads end.
+        """
+        task = Task(read, TASK_TIME_S, asker=asker)
+        for pushed in self._waiting.add(task):
+            reason = "too many queries wait for the disk, and most of them are yours; ask again later"
+            pushed.set_exception(ServerBusy(reason, retry_after=self._waiting.retry_after(pushed.asker.user)))
+        self._come.release()
+        return task
+
+    def close(self) -> None:
+        """Finish running reads, and refuse waiting ones."""
+        for task in self._waiting.close():
+            task.set_exception(ServerBusy("the service is shutting down"))
+        self._come.release(THREADS)
+        for thread in self._threads:
+            thread.join()
+
+    def _read_all(self) -> None:
+        while self._come.acquire() and not self._waiting.closed:
+            if (task := self._waiting.take()) is None:  # it was pushed out
+                continue
+            began = time.monotonic()
+            try:
+                outcome: Answer | GuidefieldError = task.job()
+            except Exception as error:  # the thread must outlive it
+                outcome = convert_exception(error)
+                if outcome is not error:
+                    _log.exception("a query failed by itself")
+            seconds = time.monotonic() - began
+            self._waiting.settle(task, seconds, seconds)
+            if isinstance(outcome, GuidefieldError):
+                task.set_exception(outcome)
+            else:
+                task.set_result(outcome)
+
 
 _log = logging.getLogger(__name__)
 

@@ -1,15 +1,18 @@
 """Zenoh links of a service: their settings, sockets that are closed without waiting, and a test query over loopback.
 
-The wire page tells `READ_WITHIN`, `LEASE` and `LONGEST_MESSAGE` by `rules.py`: after a change, `tools/wire_page`.
+The wire page tells `READ_WITHIN`, `LEASE` and `LONGEST_MESSAGE` by `rules.py`: after a change, `tools/wire_page`. The
+settings of the link to ROS 2 nodes are here, without any import of ROS's types, which only some installations have.
 """
 
 from __future__ import annotations
 
 import contextlib
+import enum
 import json
 import socket
 import struct
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import zenoh
@@ -17,6 +20,32 @@ import zenoh
 from guidefield.errors import strip_source
 from guidefield.messages import codec
 from guidefield.pool.outbox import MAX_THREADS
+
+IDENTITY = "ros"  # the one user as whom all nodes ask
+LATCHING = ("timestamping/enabled", "true")
+"""The setting of Zenoh with which a latched message is kept for later subscribers."""
+
+
+class Distribution(enum.StrEnum):
+    """A distribution whose nodes find the service by its type hashes; `ros/rmw_zenoh.py` has the types of each."""
+
+    JAZZY = "jazzy"
+    KILTED = "kilted"
+    LYRICAL = "lyrical"
+    ROLLING = "rolling"
+
+
+@dataclass(frozen=True)
+class RosSettings:
+    """How the service is offered to ROS 2 nodes."""
+
+    robot: str  # the one robot that is offered; a name that the service knows
+    domain: int = 0  # ROS domain
+    distribution: Distribution = Distribution.JAZZY  # of the nodes
+    # zenoh endpoint of a router, rmw_zenohd's, that nodes are reached through, in a session of its own as its client;
+    # None: nodes reach the service's own session
+    connect: str | None = None
+
 
 READ_WITHIN = 15.0  # time for reading an answer, beside what the system keeps of it, before its link is ended [s]
 LEASE = 10.0

@@ -7,9 +7,8 @@ that enforce them; after a change of one, or of a rule, `tools/wire_page` makes 
 from __future__ import annotations
 
 from guidefield.endpoint.allowances import LIST_COUNTS
-from guidefield.endpoint.endpoint import LATE, LATE_SHARE
+from guidefield.endpoint.endpoint import LATE, LATE_SHARE, MOST_READS
 from guidefield.endpoint.link import LEASE, LONGEST_MESSAGE, READ_WITHIN
-from guidefield.endpoint.readers import MOST_READS
 from guidefield.endpoint.streams import OPENED_WITHIN, SILENCE
 from guidefield.endpoint.under_way import GRACE, LONGEST_CLIENT, MOST_REMEMBERED, REMEMBERED
 from guidefield.messages import codec

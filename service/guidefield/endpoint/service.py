@@ -22,12 +22,19 @@ import zenoh
 
 from guidefield.endpoint import monitoring
 from guidefield.endpoint.endpoint import Endpoint
-from guidefield.endpoint.link import DEFAULT_LISTEN, DEFAULT_SETTINGS, RUNTIME, close_links_at_once
-from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
+from guidefield.endpoint.link import (
+    DEFAULT_LISTEN,
+    DEFAULT_SETTINGS,
+    IDENTITY,
+    LATCHING,
+    RUNTIME,
+    RosSettings,
+    close_links_at_once,
+)
 from guidefield.endpoint.rules import DELIVERY, list_limits
 from guidefield.endpoint.streams import Streams
 from guidefield.endpoint.under_way import Clients
-from guidefield.engines import Engines
+from guidefield.engines import Engines, EngineSetup
 from guidefield.errors import DiskRefused, GuidefieldError, WorkerCrashed, strip_source
 from guidefield.first_start import CannotStart, compile_kernels
 from guidefield.handlers.info import Figures, Rules, brief_info
@@ -40,7 +47,6 @@ from guidefield.pool.waiting import Limits
 from guidefield.renderer import Renderer
 from guidefield.stores.files import checked_name
 from guidefield.stores.runs import DEFAULT_RETENTION, Retention, RunDatabase
-from guidefield.worker import EngineSetup
 
 if TYPE_CHECKING:
     from guidefield.endpoint.ros.node import RosNode

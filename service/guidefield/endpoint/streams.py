@@ -23,6 +23,7 @@ import zenoh
 
 from guidefield import stream_worker
 from guidefield.endpoint.under_way import encoding_of
+from guidefield.engines import EngineSetup
 from guidefield.errors import (
     GuidefieldError,
     MalformedRequest,
@@ -45,7 +46,6 @@ from guidefield.pool.process import Companion
 from guidefield.pool.waiting import Answer
 from guidefield.stores.files import checked_name
 from guidefield.stream_worker import StreamConversation
-from guidefield.worker import EngineSetup
 
 SILENCE = 10.0  # time without an update after which a stream ends [s] (docs/stream.md)
 OPENED_WITHIN = 120.0  # time after which opening is given up [s]; the first use of a robot prepares it

@@ -14,7 +14,6 @@ from functools import cached_property
 
 import numpy as np
 
-from guidefield.bounded_map import BYTES_PER_SOLID_FACE, SOLIDS, BoundedMap, content_key
 from guidefield.geometry.cache import allocate_in_memory
 from guidefield.geometry.closed import (
     WIDEST_CRACK,
@@ -34,6 +33,7 @@ from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 from guidefield.kernels.cover.inscribed import depths_at, distances_at, largest_distance
 from guidefield.kernels.distance.ray_winding import ray_winding
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
+from guidefield.memory import BYTES_PER_SOLID_FACE, SOLIDS, BoundedMap, content_key
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from guidefield.case_file import Motion
 from guidefield.collision.clearance import find_closed_bodies
 from guidefield.collision.part_tables import robot_parts
 from guidefield.collision.world import World
-from guidefield.deadline import UNLIMITED, Deadline, end_reason
+from guidefield.deadline import UNLIMITED, Deadline, end_reason, seconds_waited
 from guidefield.errors import GuidefieldError, Status
 from guidefield.handlers.agreement import Certified, declare, declare_parts, keep_contradictions, require_agreement
 from guidefield.handlers.attached import are_large, holding
@@ -39,7 +39,6 @@ from guidefield.handlers.plan_reply import (
 )
 from guidefield.handlers.preparation import crop_to_reach, prepare_plan
 from guidefield.handlers.recording import PackedMotion, PlainMotion, Prove, Record
-from guidefield.kernel_wait import seconds_waited
 from guidefield.messages import replies, scene as messages
 from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply

@@ -13,7 +13,6 @@ from typing import Any, TypeVar, cast
 import msgspec
 import numpy as np
 
-from guidefield.collector import pause_collector
 from guidefield.collision.clearance import ClearanceAt, blocking_pairs, clearance_gradient
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
@@ -34,6 +33,7 @@ from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import exact
 from guidefield.kernels.kinematics.forward_kinematics import FrameTable, place_frames
 from guidefield.memo import memoized
+from guidefield.memory import pause_collector
 from guidefield.messages import requests, scene as scene_messages
 from guidefield.messages.kinematics_replies import PackedClearance
 from guidefield.messages.replies import (

@@ -20,7 +20,7 @@ import numpy as np
 from guidefield.case_file import Motion
 from guidefield.collision.preparation import Announce
 from guidefield.collision.world import World
-from guidefield.deadline import UNLIMITED, Deadline
+from guidefield.deadline import UNLIMITED, Deadline, seconds_waited, working_time
 from guidefield.errors import Status
 from guidefield.handlers.agreement import Certified, declare, keep_contradictions, require_agreement
 from guidefield.handlers.attached import CARRIED, StepSituation
@@ -50,7 +50,6 @@ from guidefield.handlers.recording import (
     Record,
 )
 from guidefield.handlers.steps import Steps
-from guidefield.kernel_wait import seconds_waited, working_time
 from guidefield.messages import replies, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest

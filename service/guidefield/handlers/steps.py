@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from guidefield.collision.preparation import Announce
 from guidefield.collision.world import World
-from guidefield.deadline import Deadline
+from guidefield.deadline import Deadline, working_time
 from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, at_path
 from guidefield.geometry.surfaces import se3, wire_pose
 from guidefield.handlers.asked_group import (
@@ -28,10 +28,8 @@ from guidefield.handlers.asked_group import (
     warn_of_clamped_goals,
 )
 from guidefield.handlers.attached import HeldObject, StepSituation, holding, payload_inertia
-from guidefield.handlers.plan import refuse_ends
-from guidefield.handlers.plan_problem import in_motion, problem_of, with_derived_planes
+from guidefield.handlers.plan import in_motion, problem_of, refuse_ends, with_derived_planes
 from guidefield.handlers.preparation import prepare_problem
-from guidefield.kernel_wait import working_time
 from guidefield.messages import requests
 from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal

@@ -15,9 +15,8 @@ from typing import Any
 
 import msgspec
 
-from guidefield.bounded_map import READ_SCENES, BoundedMap, content_key
-from guidefield.collector import pause_collector
 from guidefield.errors import MalformedRequest, RequestTooLarge
+from guidefield.memory import READ_SCENES, BoundedMap, content_key, pause_collector
 from guidefield.messages import faults, requests
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import FrozenFacts, RequestScene, freeze

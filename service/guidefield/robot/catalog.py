@@ -24,9 +24,9 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from guidefield.bounded_map import ROBOT_LINES, ROBOTS, BoundedMap
 from guidefield.errors import RobotInvalid
 from guidefield.geometry.cache import Arrays, find_or_compute
+from guidefield.memory import ROBOT_LINES, ROBOTS, BoundedMap
 from guidefield.messages.faults import find_nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import ROBOT_DESCRIPTIONS, RobotReference, UrdfFile, UrdfText

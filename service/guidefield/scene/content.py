@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from guidefield.bounded_map import content_key
+from guidefield.memory import content_key
 from guidefield.messages import scene as messages
 from guidefield.messages.scene import Points, Triangles
 from guidefield.messages.scene_changes import Derivation

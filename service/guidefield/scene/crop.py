@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.bounded_map import content_key
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.cache import Arrays, find_or_compute, is_large
 from guidefield.kernels.collide.primitive import gaps_from_ball
 from guidefield.memo import memoized_by
+from guidefield.memory import content_key
 from guidefield.scene.cloud import Cloud, cloud_specks
 from guidefield.scene.cropped_surface import crop_surface, nearest_parts
 from guidefield.scene.incremental import MANY, Rows, incremental

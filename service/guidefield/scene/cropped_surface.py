@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from guidefield.bounded_map import content_key
 from guidefield.geometry.cache import Arrays, find_or_compute, is_large
 from guidefield.geometry.closed import boxes_about, drop_unused
 from guidefield.geometry.distance_bodies import NO_TRIANGLES, Triangulated, are_wide
@@ -20,6 +19,7 @@ from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.cover.crop_to_ball import crop_to_ball, distance_to_triangles
 from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.kernels.distance.ray_winding import ANCHOR, BALL, PLACE, REACH, ROOM, TURNS
+from guidefield.memory import content_key
 
 Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
 """Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface; not before they are needed."""

@@ -18,7 +18,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.bounded_map import BYTES_PER_FACE, OBSTACLES, BoundedMap
 from guidefield.errors import SceneInvalid
 from guidefield.geometry import surfaces
 from guidefield.geometry.cache import is_large
@@ -28,6 +27,7 @@ from guidefield.geometry.mesh_surface import SolidBox, find_boxes
 from guidefield.geometry.surfaces import se3, transform_points, unit
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.collide.primitives_layout import PLACED
+from guidefield.memory import BYTES_PER_FACE, OBSTACLES, BoundedMap
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.content import Content, content_of, points_in

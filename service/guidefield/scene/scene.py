@@ -17,13 +17,12 @@ from types import MappingProxyType
 import msgspec
 import numpy as np
 
-from guidefield.bounded_map import BUILT_SCENES, BYTES_PER_FACE, BoundedMap, Limit
-from guidefield.collector import pause_collector
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.charged import expand_at_angle, field_tables
 from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.memo import SharedAnswer, memoized_by
+from guidefield.memory import BUILT_SCENES, BYTES_PER_FACE, BoundedMap, Limit, pause_collector
 from guidefield.messages import scene as messages
 from guidefield.messages.scene_changes import Derivation, FrozenFacts, frozen_facts
 from guidefield.scene import guide_plane, obstacle

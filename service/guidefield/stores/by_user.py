@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from guidefield.bounded_map import OPEN_STORES, BoundedMap
 from guidefield.errors import NotAllowed, QuotaExceeded
+from guidefield.memory import OPEN_STORES, BoundedMap
 from guidefield.messages.identities import DEFAULT_QUOTAS, PLAIN, Quotas
 from guidefield.stores.files import checked_name, user_folder, users_in
 from guidefield.stores.recordings import Recordings

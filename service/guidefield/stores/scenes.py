@@ -21,8 +21,8 @@ from pathlib import Path
 
 import msgspec
 
-from guidefield.bounded_map import READ_VERSIONS, BoundedMap
 from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid
+from guidefield.memory import READ_VERSIONS, BoundedMap
 from guidefield.messages import codec
 from guidefield.messages.faults import list_choices, suggest
 from guidefield.messages.scene import Scene

@@ -13,8 +13,8 @@ from typing import Any
 
 import zenoh
 
-from guidefield.endpoint.ros.cdr import types_of
-from guidefield.endpoint.ros.options import Distribution
+from guidefield.endpoint.link import Distribution
+from guidefield.endpoint.ros.rmw_zenoh import types_of
 
 TYPES = types_of(Distribution.JAZZY)
 new = TYPES.new

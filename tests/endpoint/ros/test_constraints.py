@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.endpoint.ros.constraints import goal_of, path_constraints_of
 from guidefield.endpoint.ros.refusals import FRAME_TRANSFORM_FAILURE, Refused
-from guidefield.endpoint.ros.scene_updates import apply_scene, with_state
+from guidefield.endpoint.ros.snapshot import apply_scene, with_state
 from guidefield.errors import Status
 from guidefield.messages.conditions import LineConstraint, OrientationCone, PlaneConstraint
 from guidefield.messages.values import JointSetGoal, JointsGoal, PoseGoal

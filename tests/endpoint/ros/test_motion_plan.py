@@ -15,8 +15,7 @@ from guidefield.endpoint.ros.motion_plan import (
 )
 from guidefield.endpoint.ros.refusals import Refused, moveit_code
 from guidefield.endpoint.ros.robot_messages import duration
-from guidefield.endpoint.ros.scene_updates import apply_scene
-from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.endpoint.ros.snapshot import Snapshot, apply_scene
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding

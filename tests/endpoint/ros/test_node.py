@@ -9,9 +9,9 @@ import pytest
 import zenoh
 
 from guidefield.cli.serving import free_port
-from guidefield.endpoint.ros.names import Entity, Kind, Node
+from guidefield.endpoint.link import LATCHING, RosSettings
 from guidefield.endpoint.ros.node import ros_node
-from guidefield.endpoint.ros.options import LATCHING, RosSettings
+from guidefield.endpoint.ros.rmw_zenoh import Entity, Kind, Node
 from tests.endpoint.ros.peer import peer_at
 from tests.journeys.service import await_that
 from tests.robots import robot

@@ -9,9 +9,17 @@ import pytest
 
 from guidefield.endpoint.ros.collision_objects import object_of
 from guidefield.endpoint.ros.refusals import Refused
-from guidefield.endpoint.ros.scene_updates import ADD, APPEND, MOVE, REMOVE, apply_joint_state, apply_scene, with_state
 from guidefield.endpoint.ros.services import GEOMETRY, MATRIX, OBJECT_NAMES, SETTINGS, scene_response
-from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.endpoint.ros.snapshot import (
+    ADD,
+    APPEND,
+    MOVE,
+    REMOVE,
+    Snapshot,
+    apply_joint_state,
+    apply_scene,
+    with_state,
+)
 from guidefield.errors import Status
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Sphere
 from tests.endpoint.ros.messages import BENT, held, point, pose, primitive, scene, snapshot, state, thing

@@ -13,7 +13,7 @@ def compiling_package(folder: Path) -> Path:
     copied = folder / "guidefield" / "kernels"
     copied.mkdir(parents=True)
     (copied.parent / "__init__.py").touch()
-    for name in ("first_start.py", "shipped_code.py", "whole_file.py"):
+    for name in ("first_start.py", "whole_file.py"):
         shutil.copy(KERNELS.parent / name, copied.parent)
     shutil.copy(KERNELS / "__init__.py", copied)
     shutil.copytree(KERNELS / "jit", copied / "jit")

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.bounded_map import MESH_TREES, TRIANGULATIONS, BoundedMap
 from guidefield.collision import part_tables as trees
 from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.jit.cache import cache_folder
+from guidefield.memory import MESH_TREES, TRIANGULATIONS, BoundedMap
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.bodies import bounding
 from guidefield.robot.bodies.bounding import coverage, recall_coverage

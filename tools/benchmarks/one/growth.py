@@ -13,7 +13,7 @@ from typing import Any
 import guidefield
 from benchmarks import grown
 from benchmarks.grown import PANDA, SEED, TURNED, Made
-from guidefield.batch.results import ItemAnswer, RequestFile, Results
+from guidefield.batch import ItemAnswer, RequestFile, Results
 from guidefield.messages import codec
 
 WARMED = 5

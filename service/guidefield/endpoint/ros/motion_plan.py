@@ -15,8 +15,7 @@ import msgspec
 from guidefield.endpoint.ros.constraints import RequestedGoal, goal_of, path_constraints_of
 from guidefield.endpoint.ros.refusals import GoalRefused, Refused, StateRefused, moveit_code, number
 from guidefield.endpoint.ros.robot_messages import error_code, robot_state, robot_trajectory
-from guidefield.endpoint.ros.scene_updates import with_state
-from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.endpoint.ros.snapshot import Snapshot, with_state
 from guidefield.errors import Status
 from guidefield.messages.conditions import CartesianLimit
 from guidefield.messages.kinematics_replies import InverseKinematicsReply

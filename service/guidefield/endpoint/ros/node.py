@@ -23,14 +23,22 @@ from typing import Any
 import zenoh
 import zenoh.ext
 
-from guidefield.endpoint.link import DEFAULT_SETTINGS
-from guidefield.endpoint.ros.cdr import Types, Unreadable, types_of
-from guidefield.endpoint.ros.names import GRAPH, LATCHED_QOS, Attachment, Entity, Kind, MismatchReport, Node
-from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
+from guidefield.endpoint.link import DEFAULT_SETTINGS, IDENTITY, LATCHING, RosSettings
 from guidefield.endpoint.ros.refusals import Refused, moveit_code
-from guidefield.endpoint.ros.scene_updates import apply_joint_state, apply_scene
+from guidefield.endpoint.ros.rmw_zenoh import (
+    GRAPH,
+    LATCHED_QOS,
+    Attachment,
+    Entity,
+    Kind,
+    MismatchReport,
+    Node,
+    Types,
+    Unreadable,
+    types_of,
+)
 from guidefield.endpoint.ros.services import Ask, Service, ServiceAnswer, Services
-from guidefield.endpoint.ros.snapshot import KnownRobot, KnownScene, Snapshot
+from guidefield.endpoint.ros.snapshot import KnownRobot, KnownScene, Snapshot, apply_joint_state, apply_scene
 from guidefield.errors import Status, convert_exception
 from guidefield.messages.identities import Asker
 from guidefield.pool.outbox import Outbox

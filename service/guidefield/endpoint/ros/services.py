@@ -14,9 +14,9 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from guidefield.endpoint.link import IDENTITY
 from guidefield.endpoint.ros import motion_plan
 from guidefield.endpoint.ros.collision_objects import message_of, object_of
-from guidefield.endpoint.ros.options import IDENTITY
 from guidefield.endpoint.ros.refusals import (
     FrameRefused,
     LinkRefused,
@@ -28,8 +28,7 @@ from guidefield.endpoint.ros.refusals import (
     require_no_constraints,
 )
 from guidefield.endpoint.ros.robot_messages import NANO, error_code, header, robot_state
-from guidefield.endpoint.ros.scene_updates import apply_scene, with_state
-from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot
+from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot, apply_scene, with_state
 from guidefield.errors import Status
 from guidefield.geometry.surfaces import se3, wire_pose
 from guidefield.messages import codec, keys

@@ -23,10 +23,21 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from guidefield.endpoint.ros.cdr import MESSAGES, SERVICES, STORES, Types, Unreadable
-from guidefield.endpoint.ros.names import GRAPH, Attachment, Entity, Kind, Node, RemoteEntity
+from guidefield.endpoint.link import Distribution
 from guidefield.endpoint.ros.node import client_config
-from guidefield.endpoint.ros.options import Distribution
+from guidefield.endpoint.ros.rmw_zenoh import (
+    GRAPH,
+    MESSAGES,
+    SERVICES,
+    STORES,
+    Attachment,
+    Entity,
+    Kind,
+    Node,
+    RemoteEntity,
+    Types,
+    Unreadable,
+)
 from guidefield.errors import GuidefieldError, MalformedRequest, NoService, TimedOut, UnknownObject, strip_source
 from guidefield.messages.certify_reply import JointStates
 

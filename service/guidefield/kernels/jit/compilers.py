@@ -12,8 +12,8 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+from guidefield.deadline import waiting_for_kernels
 from guidefield.first_start import plain_numba
-from guidefield.kernel_wait import waiting_for_kernels
 from guidefield.kernels.jit.cache import is_kept, use_kernel_folders
 
 

@@ -40,8 +40,8 @@ from numba.core.types.functions import BaseFunction
 from numba.extending import overload
 from numba.np import arrayobj
 
+from guidefield.deadline import waiting_for_kernels
 from guidefield.first_start import target_variables
-from guidefield.kernel_wait import waiting_for_kernels
 from guidefield.kernels.jit.cache import await_machine_code, use_kernel_folders
 
 _making = threading.RLock()  # a type that is freed here may have others made

@@ -15,9 +15,8 @@ from typing import Any, Generic, cast
 import numpy as np
 
 from guidefield.collision.world import World
-from guidefield.deadline import Deadline, DeadlineExpired, end_reason
+from guidefield.deadline import Deadline, DeadlineExpired, end_reason, working_time
 from guidefield.errors import Status
-from guidefield.kernel_wait import working_time
 from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import CERTIFY_GRACE_S, find_excess

@@ -11,9 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.deadline import end_reason
+from guidefield.deadline import end_reason, working_time
 from guidefield.errors import Status
-from guidefield.kernel_wait import working_time
 from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.planner.task.trace import StageEntered, StageLeft
 from guidefield.prove.verdict import Reason, Verdict

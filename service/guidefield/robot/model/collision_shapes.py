@@ -18,7 +18,6 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from guidefield.bounded_map import TRIANGULATIONS, BoundedMap, content_key
 from guidefield.errors import RobotInvalid
 from guidefield.geometry.cache import Arrays, find_or_compute, recall
 from guidefield.geometry.closed import volume
@@ -27,6 +26,7 @@ from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.geometry.solid import Solid, find_nested, near_solid_of_mesh, solid_of_mesh, stand_off
 from guidefield.geometry.surfaces import Surface, surface
 from guidefield.kernels.jit.compilers import load_imported
+from guidefield.memory import TRIANGULATIONS, BoundedMap, content_key
 from guidefield.parallel import run_queue, usable_processors
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import FileMesh, find_ignored_unit, read_mesh, unit_of

@@ -35,14 +35,15 @@ from guidefield.first_start import (
     SHIPPED,
     cache_parent,
     compiled_marker,
+    find_shipped,
     kernels_fingerprint,
     level,
+    list_shipped,
     plain_numba,
     processor,
 )
 from guidefield.parallel import usable_processors
 from guidefield.pool.pool import DEFAULT_MEMORY
-from guidefield.shipped_code import find_shipped, list_shipped
 from guidefield.stores.run_file import FILE, connect_reader, connect_writer, telling_faults
 from guidefield.stores.runs import DEFAULT_RETENTION
 

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, strategies as st
 from typer.testing import CliRunner
 
+from guidefield import doctor
 from guidefield.cli import app
 from guidefield.cli.serving import free_port
-from guidefield.doctor import examination as doctor_examination
-from guidefield.doctor.examination import (
+from guidefield.doctor import (
     SERVICE_TAKES,
     WORKER_TAKES,
     Finding,
@@ -166,7 +166,7 @@ def test_a_machine_whose_sessions_get_no_answer_is_told(monkeypatch: pytest.Monk
     def unanswered() -> float:
         raise NoAnswer("the loopback is down")
 
-    monkeypatch.setattr(doctor_examination, "measure_answer", unanswered)
+    monkeypatch.setattr(doctor, "measure_answer", unanswered)
     finding = session()
     assert finding.state is FindingState.WRONG
     assert "the loopback is down" in finding.found
@@ -180,7 +180,7 @@ def test_a_port_is_taken_where_somebody_listens(monkeypatch: pytest.MonkeyPatch)
     with socket.create_server(("127.0.0.1", 0)) as server:
         held = f"tcp/127.0.0.1:{server.getsockname()[1]}"
         assert is_taken(held)
-        monkeypatch.setattr(doctor_examination, "DEFAULT_LISTEN", held)
+        monkeypatch.setattr(doctor, "DEFAULT_LISTEN", held)
         assert "is taken" in session().found
 
 
@@ -188,7 +188,7 @@ def test_a_look_that_can_not_be_taken_is_a_finding(monkeypatch: pytest.MonkeyPat
     def unreadable() -> Finding:
         raise PermissionError("/proc/meminfo")
 
-    monkeypatch.setattr("guidefield.doctor.examination.memory", unreadable)
+    monkeypatch.setattr("guidefield.doctor.memory", unreadable)
     (found,) = (finding for finding in examination(tmp_path) if finding.about == "memory")
     assert found.state is FindingState.WRONG
     assert "/proc/meminfo" in found.found

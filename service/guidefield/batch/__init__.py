@@ -1,1 +1,0 @@
-"""Many requests at once, over local workers or over a cluster: resumable, every one answered."""

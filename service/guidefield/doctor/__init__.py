@@ -1,1 +1,0 @@
-"""Examine this machine for faults that guidefield suffers from, each with advice."""
