@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from guidefield.collision.preparation import prepare
+from guidefield.handlers.preparation import prepare
 from tests.robots import ARMS, robot
 
 if __name__ == "__main__":

@@ -280,7 +280,7 @@ class Engine:
                 importlib.import_module(f"guidefield.{room}")
             importlib.import_module("guidefield.kernels.jit.compilers").load_imported()
         self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))
-        preparation = importlib.import_module("guidefield.collision.preparation")
+        preparation = importlib.import_module("guidefield.handlers.preparation")
         for robot in robots:
             preparation.prepare(self._load_robot(robot))
 
@@ -289,8 +289,8 @@ class Engine:
 
         Raises RobotInvalid if the robot can't be used; DeadlineExpired if the deadline passed before all is prepared.
         """
-        from guidefield.collision.preparation import prepare
         from guidefield.handlers.plan import prepare_ahead
+        from guidefield.handlers.preparation import prepare
 
         prepare(self._load_robot(request.robot), deadline)
         deadline.check("the links were laid out")

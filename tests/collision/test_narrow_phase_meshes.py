@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from guidefield.collision.narrow_phase import NarrowPhase, transform
 from guidefield.geometry.convex import bvh
 from guidefield.messages.scene import Mesh
-from guidefield.planner.guide.tip_reach import find_touched_obstacle
+from guidefield.planner.guide.guide import find_touched_obstacle
 from tests.planner.problems import scene_of
 
 FLAT = {

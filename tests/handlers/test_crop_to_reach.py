@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from guidefield.collision.robot_ball import reach_ball
+from guidefield.collision.bodies import reach_ball
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.handlers import preparation
 from guidefield.handlers.certify import answer_certify

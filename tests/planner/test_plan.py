@@ -14,7 +14,6 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.optimized_motion import LOOKS
@@ -22,6 +21,7 @@ from guidefield.planner.path_so_far import time_path_ignoring_jerk
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.prove.certificate import certify
+from guidefield.prove.curve import polyline
 from guidefield.robot.ik.inverse_kinematics import PoseTarget
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import closed_shell, problem, scene_of, to_configuration

@@ -27,8 +27,8 @@ from guidefield.messages.scene import Scene
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import ATTEMPTS, FINER
 from guidefield.planner.connect.tree_search import RESOLUTION
-from guidefield.planner.motion.waypoints import polyline
 from guidefield.prove.certificate import certify
+from guidefield.prove.curve import polyline
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import MARGIN
 from guidefield.scene.scene import build

@@ -32,14 +32,13 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
-from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.plan import plan
 from guidefield.planner.quality import END_LENGTH, measure_figures
 from guidefield.planner.task.problem import ConfigurationGoal, Goal, Objective, Problem, TipGoal
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft
 from guidefield.potential import Precision, RobotField
 from guidefield.prove.certificate import smallest_along
-from guidefield.prove.curve import Curve
+from guidefield.prove.curve import Curve, polyline
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.ik.inverse_kinematics import PoseTarget
 

@@ -1,8 +1,8 @@
-"""Balls about the robot's bodies, which joints move what, and rigorous bounds on how much closer two bodies come.
+"""Balls about the robot's bodies, and its reach; which joints move what, and bounds on how much closer bodies come.
 
 Filters of pairs and every certificate of a motion rest on balls and bounds (prove/, the planner, streams): they may be
-larger, never smaller, and a change needs a proof like that of `MotionBound`. The referee bounds motions by code of its
-own.
+larger, never smaller, and a change needs a proof like that of `MotionBound`. Scenes are cropped to the ball of
+`reach_ball` (`scene/crop.py`), which may be larger, too. The referee bounds motions by code of its own.
 """
 
 from __future__ import annotations
@@ -20,12 +20,19 @@ from guidefield.kernels.collide.near_pairs import BodyBalls
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.chart import ROTATION, TRANSLATION
+from guidefield.robot.model.model import JointKind
+from guidefield.scene.crop import Ball
 
 PARTS = 8
 """Number of boxes that a robot body's box is halved into: balls about them follow a long body closer than one ball.
 
 A power of 2, and of the filter of near pairs alone (kernels/collide/near_pairs.py): it is a matter of time.
 """
+
+SLIDE_MARGIN = 0.05  # sliding joints may be so far beyond their limits [m]: farther than any start or goal
+
+# kinds of joints that leave the origin of their frame where it is
+_TURNING_KINDS = {JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.SPHERICAL}
 
 
 def joint_placements(data: Any, *, writeable: bool = False) -> np.ndarray:
@@ -158,6 +165,47 @@ def parts_of(shape: Any) -> tuple[np.ndarray, float]:
     cell = (high - low) / counts
     places = np.indices(tuple(counts.tolist())).reshape(3, -1).T
     return low + (places + 0.5) * cell, 0.5 * float(np.linalg.norm(cell))
+
+
+@memoized_for_alike
+def reach_ball(group: PlanningGroup, limited: bool = True) -> Ball | None:
+    """Return the ball about all bodies of a group, within joint limits or not; None if a joint may go anywhere.
+
+    Its centre is the first joint, or the mean of several. The distance from one joint to the next is at most that of
+    its placement and of its slide.
+    """
+    model, about = group.model, bodies(group)
+    first = [index for index in range(1, model.njoints) if model.parents[index] == 0]
+    if not first:
+        return None
+    centre = np.mean([model.jointPlacements[index].translation for index in first], axis=0)
+    slides = _slides(group, limited)
+    if not np.isfinite(slides).all():
+        return None
+    away = np.zeros(model.njoints)
+    for index in range(1, model.njoints):
+        parent, there = model.parents[index], model.jointPlacements[index].translation
+        apart = np.linalg.norm(there - centre) if parent == 0 else away[parent] + np.linalg.norm(there)
+        away[index] = apart + slides[index]
+    middle = np.where(about.joints[:, None] == 0, about.centres - centre, about.centres)
+    reach = away[about.joints] + np.linalg.norm(middle, axis=1) + about.radii
+    x, y, z = centre.tolist()
+    return Ball(x, y, z, float(reach.max(initial=0.0)))
+
+
+def _slides(group: PlanningGroup, limited: bool) -> np.ndarray:
+    """Return the largest slide of each joint of the model, shape (njoints,) [m]; it may be infinite."""
+    model, found = group.model, np.zeros(group.model.njoints)
+    most, share = np.maximum(np.abs(group.lower), np.abs(group.upper)), np.abs(group.expand_velocity)
+    each = np.multiply(share, most, out=np.zeros_like(share), where=share > 0.0)
+    farthest = each.sum(axis=1) + np.abs(group.expand_offset)
+    for index in range(1, model.njoints):
+        joint = group.robot.joint(model.names[index])
+        assert joint is not None, "a group's joints are the robot's"
+        if joint.kind not in _TURNING_KINDS:
+            within = limited and joint.kind is JointKind.PRISMATIC
+            found[index] = farthest[model.joints[index].idx_v] + SLIDE_MARGIN if within else np.inf
+    return found
 
 
 @dataclass(frozen=True, eq=False)

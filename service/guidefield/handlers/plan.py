@@ -20,7 +20,6 @@ import numpy as np
 
 from guidefield.case_file import Motion
 from guidefield.collision.clearance import contacts_at
-from guidefield.collision.preparation import Announce, is_prepared, prepare
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline, seconds_waited, working_time
 from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, Status, at_path
@@ -42,7 +41,16 @@ from guidefield.handlers.asked_group import (
 )
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.plan_reply import reply_to
-from guidefield.handlers.preparation import connects, crop_to_reach, is_laid_out, prepare_links, prepare_problem
+from guidefield.handlers.preparation import (
+    Announce,
+    connects,
+    crop_to_reach,
+    is_laid_out,
+    is_prepared,
+    prepare,
+    prepare_links,
+    prepare_problem,
+)
 from guidefield.handlers.recording import PackedMotion, PlainMotion, Prove, Record
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply

@@ -1,40 +1,101 @@
 """Prepare a robot and a scene for their first plan: each part is stored, and the next request continues from it.
 
-Also crop a scene to the robot's reach. A part that is missing here is made later, within the plan's own time.
+Of a robot: bounding spheres, convex parts, trees of meshes, points on links. That takes about a second for an arm whose
+links are meshes, some seconds for a humanoid. Results are kept on disk (`geometry/cache.py`), so that a preparation
+that was stopped goes on where it was, in whatever process. A part that is missing here is made later, within the plan's
+own time. Also crop a scene to the robot's reach.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import functools
+import logging
+import time
+from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import TypeVar
 
+import coal
+
+from guidefield.collision.bodies import reach_ball
 from guidefield.collision.clearance import find_closed_bodies
 from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
-from guidefield.collision.part_tables import robot_parts
-from guidefield.collision.preparation import Announce, is_prepared, prepare
-from guidefield.collision.robot_ball import reach_ball
+from guidefield.collision.part_tables import recall_mesh_tree, robot_parts
+from guidefield.collision.solids import hulls_of
 from guidefield.collision.world import World
-from guidefield.deadline import Deadline
+from guidefield.deadline import UNLIMITED, Deadline
+from guidefield.geometry.solid import clear_solids
 from guidefield.memo import MemoSet
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
 from guidefield.parallel import run_parallel
 from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.prove.tables import prepare_obstacles
+from guidefield.robot.bodies.bounding import COVERS, DELTA, MOST_PARTS, PARTS, ShapeTask, find_in_parallel
+from guidefield.robot.bodies.charges import link_bodies, surface_samples
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.content import are_many
 from guidefield.scene.crop import crop, has_large, has_many
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, unplaced
 
-Asked = TypeVar("Asked", bound=Conditions)
+_log = logging.getLogger(__name__)
 
+Announce = Callable[[str], None]  # receives before each task what is prepared: ``covering link2, shape 3 of 8``
+
+LONG = 1.0  # a preparation of a robot that takes longer is worth a line in the log [s]
 # triangles and points, of resting meshes and clouds too; where any obstacle moves, a scene of fewer is laid out at a
 # time within some milliseconds
 MANY_HELD = 10_000
+
+Asked = TypeVar("Asked", bound=Conditions)
+
+
+def is_prepared(robot: RobotModel) -> bool:
+    """Return whether `prepare` came to its end for a robot in this process."""
+    return robot in _prepared_robots
+
+
+def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Announce = lambda _: None) -> None:
+    """Compute all that is missing; `told` hears of each task, from one thread at a time.
+
+    Raises DeadlineExpired if time was up; what is found by then is kept.
+    """
+    if is_prepared(robot):
+        return
+    began = time.monotonic()
+
+    def progress(task: ShapeTask) -> None:
+        deadline.check(task.told)
+        told(task.told)
+
+    covers, parts = COVERS.search(robot, DELTA), PARTS.search(robot, MOST_PARTS)
+    # the cover and the parts of a mesh one after the other, from the same solid
+    unfound = sorted([*covers.tasks, *parts.tasks], key=lambda task: -task.extent)
+    find_in_parallel(unfound, progress)
+    clear_solids()
+    covers.keep()
+    parts.keep()
+    whole = {"laying out the surfaces of": link_bodies, "spreading points on": surface_samples}
+    on_links = [
+        ShapeTask(f"{doing} {robot.name}", 0.0, functools.partial(find, robot)) for doing, find in whole.items()
+    ]
+    # if no cover or part was missing, these are probably on disk, and one thread reads them sooner than kernels load
+    find_in_parallel([*_surfaces(robot), *on_links], progress, None if unfound else 1)
+    hulls_of(robot)
+    _prepared_robots.add(robot)
+    if time.monotonic() - began > LONG:
+        _log.info("prepared robot %s in %.1f s", robot.name, time.monotonic() - began)
+
+
+def _surfaces(robot: RobotModel) -> list[ShapeTask]:
+    return [
+        ShapeTask.of("laying out", robot, index, 0.0, functools.partial(recall_mesh_tree, shape.geometry))
+        for index, shape in enumerate(robot.geometry.geometryObjects)
+        if isinstance(shape.geometry, coal.BVHModelBase)
+    ]
 
 
 def prepare_plan(
@@ -139,5 +200,7 @@ def prepare_field(scene: Scene, deadline: Deadline) -> None:
 
 _prepared = MemoSet()
 """Scenes that `prepare_plan` has prepared in this process."""
+_prepared_robots = MemoSet()
+"""Robots that `prepare` has prepared in this process."""
 _laid_out = MemoSet()
 """Robots whose links have their tables."""

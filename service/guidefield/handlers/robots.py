@@ -10,9 +10,9 @@ import time
 from collections.abc import Iterable
 from typing import Protocol
 
-from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.errors import RobotInvalid
+from guidefield.handlers.preparation import prepare
 from guidefield.messages.replies import (
     CoverInfo,
     GeometryInfo,

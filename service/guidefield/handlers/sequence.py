@@ -18,7 +18,6 @@ import msgspec
 import numpy as np
 
 from guidefield.case_file import Motion
-from guidefield.collision.preparation import Announce
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline, seconds_waited, working_time
 from guidefield.errors import Status
@@ -39,7 +38,7 @@ from guidefield.handlers.plan_reply import (
     wire_planes,
     wire_trajectory,
 )
-from guidefield.handlers.preparation import prepare_plan
+from guidefield.handlers.preparation import Announce, prepare_plan
 from guidefield.handlers.recording import (
     PackedClearance,
     PackedKnots,

@@ -11,7 +11,6 @@ from typing import Any
 import msgspec
 import pinocchio as pin
 
-from guidefield.collision.preparation import Announce
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline, working_time
 from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, at_path
@@ -29,7 +28,7 @@ from guidefield.handlers.asked_group import (
 )
 from guidefield.handlers.attached import HeldObject, StepSituation, holding, payload_inertia
 from guidefield.handlers.plan import in_motion, problem_of, refuse_ends, with_derived_planes
-from guidefield.handlers.preparation import prepare_problem
+from guidefield.handlers.preparation import Announce, prepare_problem
 from guidefield.messages import requests
 from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal

@@ -29,6 +29,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.planner.connect.tree_search import RESOLUTION
 from guidefield.planner.motion.limit_load import TOLERANCE
+from guidefield.planner.motion.timing import remove_repetitions
 from guidefield.planner.motion.trajectory import (
     Trajectory,
     choose_jerks,
@@ -38,7 +39,6 @@ from guidefield.planner.motion.trajectory import (
     stop_motion,
     unwrap_towards,
 )
-from guidefield.planner.motion.waypoints import remove_repetitions
 from guidefield.planner.motion_certificate import CertifiedMotion, certify_as_far_as_found, certify_motion, judge_itself
 from guidefield.planner.optimized_motion import CrossedPlanes, bring_onto_planes, is_overloaded, optimize_motion
 from guidefield.planner.path_so_far import (

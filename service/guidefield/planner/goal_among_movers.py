@@ -24,8 +24,8 @@ from guidefield.errors import Status
 from guidefield.planner.ends import are_free
 from guidefield.planner.finish import certify_found_path, finish, time_through_planes
 from guidefield.planner.held_paths import HeldPath, Through, connections, find_detours, find_quick_paths
+from guidefield.planner.motion.timing import remove_repetitions
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import remove_repetitions
 from guidefield.planner.motion_certificate import CertifiedMotion, certify_motion, find_excess, judge
 from guidefield.planner.optimize.clearance_samples import keeps_distance
 from guidefield.planner.optimized_motion import CrossedPlanes, optimize_motion

@@ -17,7 +17,7 @@ import pinocchio as pin
 from guidefield.errors import Status
 from guidefield.planner.connect.connect import Connection, Keeper, connect, connect_constrained, find_quickest_path
 from guidefield.planner.ends import UNREACHED, find_tip_points
-from guidefield.planner.guide.tip_reach import inset_of
+from guidefield.planner.guide.guide import inset_of
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.slices import WAYS, Slices, build_held_world
 from guidefield.planner.task.problem import Problem

@@ -17,8 +17,8 @@ import numpy as np
 
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.limit_load import TOLERANCE, measure_limit_load, stretch_to_limits
+from guidefield.planner.motion.timing import length_of
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.motion_certificate import CertifiedMotion, Judge, certify_motion, find_excess, judge
 from guidefield.planner.optimize import settings as presets
 from guidefield.planner.optimize.clearance_samples import TouchedPoint, is_better, touched_points

@@ -16,12 +16,21 @@ import numpy as np
 
 from guidefield.planner.connect.connect import Keeper
 from guidefield.planner.motion.bspline import BSpline
-from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
+from guidefield.planner.motion.timing import (
+    REPEATED,
+    Limits,
+    PathCurve,
+    lengths_of,
+    parameterize,
+    remove_repetitions,
+    stretch_spline_to_limits,
+    subdivide,
+)
 from guidefield.planner.motion.trajectory import Trajectory, concatenate
-from guidefield.planner.motion.waypoints import REPEATED, lengths_of, polyline, remove_repetitions, subdivide
 from guidefield.planner.task.motion_limits import MotionLimit
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending
+from guidefield.prove.curve import polyline
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRate, ChartRates
 

@@ -18,9 +18,8 @@ from guidefield.messages import scene as messages
 from guidefield.planner.ends import UNREACHED, check_start, find_goal_points, find_tip_points
 from guidefield.planner.finish import STOPS, MovingEnds, finish, moving_ends
 from guidefield.planner.goal_among_movers import reach_among_movers
-from guidefield.planner.guide.guide import PROJECTED, cross_plane
+from guidefield.planner.guide.guide import PROJECTED, cross_plane, tip_radius
 from guidefield.planner.guide.rounds import Attempt
-from guidefield.planner.guide.tip_reach import tip_radius
 from guidefield.planner.held_paths import Through, connect_to_plane, connections
 from guidefield.planner.judgement import judge_leaving
 from guidefield.planner.leaving import continue_after, join_way_out, leave_contacts
@@ -130,7 +129,7 @@ def _make_square(problem: Problem, here: ChartPoint, place: np.ndarray) -> Guide
     way = place - problem.kinematics.tip_position(problem.group.expand_from_chart(here))
     length = float(np.linalg.norm(way))
     across = axes_across(way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0]))
-    half = SQUARE * max(tip_radius(problem), 1e-3)
+    half = SQUARE * max(tip_radius(problem.group), 1e-3)
     corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     vertices = [tuple(vertex) for vertex in (place + corners @ across).tolist()]
     return build(messages.GuidePlane(name="goal", vertices=vertices), 0)

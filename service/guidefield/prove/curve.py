@@ -26,6 +26,16 @@ def ranges(controls: ChartCurves) -> tuple[ChartPoints, ChartPoints]:
     return cast(ChartPoints, low), cast(ChartPoints, high)
 
 
+def polyline(path: ChartPoints) -> ChartCurves:
+    """Straight pieces between chart points, shape (n, nv), as Bezier control points, shape (n - 1, 2, nv).
+
+    A single point is one piece.
+    """
+    if len(path) == 1:
+        return np.repeat(path[None], 2, axis=1)
+    return np.stack([path[:-1], path[1:]], axis=1)
+
+
 def point_on(controls: ChartPoints, parameter: float) -> ChartPoint:
     """Return the point (nv,) of a Bezier curve, control points (k, nv), at a parameter by de Casteljau's scheme."""
     row = controls

@@ -17,7 +17,6 @@ from guidefield.collision.bodies import bodies, joint_placements, motion_bound
 from guidefield.collision.lanes.scene_tables import balls_of_cloud, lane_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.part_tables import BodyParts, PartsTable, robot_parts
-from guidefield.collision.robot_ball import robot_ball
 from guidefield.collision.world import World
 from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.prove.tables import BezierCurve, BodyPairs, MovingObstacles, ObstacleBodies, RobotBodies
@@ -27,6 +26,7 @@ from guidefield.prove.curve import Curve
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
+from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.content import points_in
 from guidefield.scene.movers import motion_of, movers
 from guidefield.scene.scene import Scene, build, unplaced
@@ -184,6 +184,22 @@ def with_passing_speeds(world: World, curve: Curve, made: MovingObstacles) -> Mo
         speeds[begin : end - 1] = motion_of(known.obstacles[index]).passing(*about)[1:-1]
     read_only(speeds)
     return made._replace(speeds=speeds)
+
+
+def robot_ball(world: World, low: ChartPoint, high: ChartPoint) -> tuple[np.ndarray, float]:
+    """Return a ball about the bodies that are tested against obstacles, anywhere between chart corners (nv,).
+
+    Centre (3,) and radius [m, world]. The robot is placed anew.
+    """
+    group, about, moving = world.group, world.bodies, world.pairs.moving
+    q = group.expand_from_chart(0.5 * (low + high))
+    jacobian = pin.computeJointJacobians(world.model, world.data, q).reshape(6, -1)
+    centres = about.centres_in_world(world.joint_placements[None])
+    _, reach = world.motion_bound.at(jacobian[None], centres, 0.5 * (high - low)[None])
+    own = centres[0, moving]
+    centre = own.mean(axis=0)
+    away = np.linalg.norm(own - centre, axis=1) + about.radii[moving] + reach[0, moving]
+    return centre, float(away.max())
 
 
 NOTHING_MOVES = MovingObstacles(

@@ -17,7 +17,7 @@ from guidefield.planner.connect.connect import (
     shorten_path,
 )
 from guidefield.planner.connect.tree_search import sources_of
-from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.motion.timing import length_of
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import densely_free, problem
 from tests.robots import box_arm, group, grouped

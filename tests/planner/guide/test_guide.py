@@ -7,10 +7,9 @@ import pytest
 
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
+from guidefield.planner.guide.guide import ATTEMPTS, cross_plane, explain_unreachable, inset_of
 from guidefield.planner.guide.guided_path import reach_point
 from guidefield.planner.guide.rounds import ON_PLANE
-from guidefield.planner.guide.tip_reach import explain_unreachable, inset_of
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 

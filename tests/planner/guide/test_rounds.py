@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.planner.guide.guide import FIRST_STEP, margin_at
+from guidefield.planner.guide.guide import FIRST_STEP, inset_of, margin_at
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.rounds import Aim, Attempt, Made, Projected, Round, approach, rounds
-from guidefield.planner.guide.tip_reach import inset_of
 from tests.planner.problems import seed_problem
 
 ATTEMPT = Attempt(Projected(), FIRST_STEP)

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
+from guidefield.planner.motion.timing import (
+    Limits,
+    PathCurve,
+    parameterize,
+    remove_repetitions,
+    stretch_spline_to_limits,
+    subdivide,
+)
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import remove_repetitions, subdivide
 from guidefield.planner.path_so_far import CURVE_SPACING
 
 # Those of a Panda, accelerations halved.

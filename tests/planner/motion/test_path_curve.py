@@ -8,8 +8,7 @@ import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as arrays
 
-from guidefield.planner.motion.timing import PathCurve
-from guidefield.planner.motion.waypoints import length_of, remove_repetitions, subdivide
+from guidefield.planner.motion.timing import PathCurve, length_of, remove_repetitions, subdivide
 from guidefield.planner.path_so_far import CURVE_SPACING
 from tests.planner.motion.paths import curve_along, walk
 

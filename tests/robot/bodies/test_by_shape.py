@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from guidefield.collision import part_tables as trees
-from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
+from guidefield.handlers.preparation import prepare
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.memory import MESH_TREES, TRIANGULATIONS, BoundedMap
 from guidefield.messages.requests import UrdfFile
@@ -137,7 +137,7 @@ def test_two_at_a_time_find_the_same(tmp_path: Path) -> None:
 
 CHILD = """
 import sys
-from guidefield.collision.preparation import prepare
+from guidefield.handlers.preparation import prepare
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.catalog import Catalog
 prepare(Catalog().load(UrdfFile(path=sys.argv[1])), told=lambda what: print(what, flush=True))

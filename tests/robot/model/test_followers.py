@@ -14,7 +14,7 @@ from guidefield.messages import requests
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest, PoseGoal, TargetPose, UrdfText
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
-from guidefield.planner.guide.tip_reach import arm_reach
+from guidefield.planner.guide.guide import arm_reach
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import chain_to_tip
 from guidefield.robot.group.reduced_model import select
@@ -241,8 +241,7 @@ def test_guided_motions_across_half_a_turn_are_free_by_the_formula() -> None:
 
 def test_what_a_slide_adds_to_the_reach_counts() -> None:
     planned = grouped(winding(), "tool")
-    problem = type("Problem", (), {"group": planned})
-    base, reach = arm_reach(problem)
+    base, reach = arm_reach(planned)
     turned = planned.chart(planned.random(np.random.default_rng(0)))
     turned[1] = planned.upper[1]
     assert reach >= np.linalg.norm(place(*turned[::-1]) - base)

@@ -19,7 +19,7 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.planner.motion.timing import PathCurve
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import polyline
+from guidefield.prove.curve import polyline
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics

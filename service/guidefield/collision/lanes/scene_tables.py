@@ -29,7 +29,6 @@ from guidefield.collision.lanes.surface_tables import (
     large_surface,
 )
 from guidefield.collision.part_tables import PartsTable, tree_above
-from guidefield.collision.preparation import Announce
 from guidefield.collision.solids import MOST_TRIANGLES
 from guidefield.deadline import Deadline
 from guidefield.geometry.convex import mesh_tree
@@ -281,7 +280,7 @@ def _behind(obstacles: LaneObstacles, tables: list[_Tables], roots: np.ndarray) 
     )
 
 
-def prepare_scene(scene: Scene, deadline: Deadline, told: Announce = lambda _: None) -> None:
+def prepare_scene(scene: Scene, deadline: Deadline, told: Callable[[str], None] = lambda _: None) -> None:
     """Build and keep the tables of obstacles that aren't primitives, which takes seconds for large meshes.
 
     `told` hears of each before. One that was begun is finished. Raises DeadlineExpired, with the obstacle's name, if

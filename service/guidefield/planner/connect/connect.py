@@ -30,7 +30,7 @@ from guidefield.planner.connect.tree_search import (
     FoundPath,
     explain_failed_search,
 )
-from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.motion.timing import length_of
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
 from guidefield.prove.certificate import motion_free

@@ -21,7 +21,7 @@ from guidefield.kernels.distance.distance import DistanceTables, distance_at_poi
 from guidefield.kernels.guide.grid_astar import CAP, wavefront
 from guidefield.kernels.guide.visibility_polygon import free_section, is_enclosed, open_areas as open_areas_kernel
 from guidefield.messages import scene as messages
-from guidefield.planner.guide.tip_reach import arm_reach, tip_radius
+from guidefield.planner.guide.guide import arm_reach, tip_radius
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
 from guidefield.scene.distance_tables import distance_tables
@@ -188,10 +188,10 @@ def derive_planes(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[Guid
     tables = distance_tables(problem.world.scene)
     start = problem.kinematics.tip_position(problem.group.expand_from_chart(problem.z_start))
     place, normals = (goal.centroid, goal.normal[None]) if isinstance(goal, GuidePlane) else (goal, NORMALS)
-    centre, reach = arm_reach(problem)
+    centre, reach = arm_reach(problem.group)
     size = problem.group.size
     ample = min(_ample_clearance(tables, start, NORMALS, size), _ample_clearance(tables, place, normals, size))
-    way = find_tip_way(tables, start, place, tip_radius(problem), centre, reach, ample, size)
+    way = find_tip_way(tables, start, place, tip_radius(problem.group), centre, reach, ample, size)
     if way is None:
         return None
     confined, chosen = way.clearances < MOUTH * CAP * way.size, list[int]()

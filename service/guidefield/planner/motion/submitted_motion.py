@@ -19,9 +19,8 @@ import numpy as np
 from guidefield.kernels.timing import hermite as not_a_knot
 from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.task.motion_limits import polynomials_of
-from guidefield.prove.curve import Curve, find_pieces, point_on
+from guidefield.prove.curve import Curve, find_pieces, point_on, polyline
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 from guidefield.scene.scene import Scene

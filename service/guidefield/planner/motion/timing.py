@@ -1,14 +1,18 @@
-"""Time-optimal speed along a curve: as fast as the velocity and acceleration limits allow, at rest at both ends.
+"""The waypoints of a path, and the time-optimal motion along a curve through them, at rest at both ends.
 
-The optimal speed is found on a grid. The motion is *defined* as the uniform cubic B-spline in time whose control points
-are where the curve is at even times. So it keeps the position limits that the curve keeps, and the means over a piece
-of what accelerations the optimal motion has. Its extrema are known exactly: time is scaled so that it reaches a limit
-and exceeds none. It keeps to the curve but for a sixth of the second difference of its control points.
+The optimal speed within the velocity and acceleration limits is found on a grid. The motion is *defined* as the uniform
+cubic B-spline in time whose control points are where the curve is at even times. So it keeps the position limits that
+the curve keeps, and the means over a piece of what accelerations the optimal motion has. Its extrema are known exactly:
+time is scaled so that it reaches a limit and exceeds none. It keeps to the curve but for a sixth of the second
+difference of its control points.
 
 Jerk is limited by that scaling alone. The longer its pieces are, the less jerk a motion has, so several lengths are
-tried. So no constant here decides whether limits are kept: they change how long a motion takes, how far it is from the
-path, and the time to find it. `SHORTEST_PIECE` is that of schedules, too; service/docs/algorithm.md repeats the last
-of `PIECES`.
+tried. So no constant of the timing decides whether limits are kept: they change how long a motion takes, how far it is
+from the path, and the time to find it. `SHORTEST_PIECE` is that of schedules, too; service/docs/algorithm.md repeats
+the last of `PIECES`.
+
+Pieces need some length, so `REPEATED` has to be above 0. A goal within it of the start counts as reached, so it has to
+be less than goals may be missed by; else first and last waypoint stay bit for bit.
 """
 
 from __future__ import annotations
@@ -25,7 +29,6 @@ from guidefield.memo import memoized_by_value
 from guidefield.planner.motion.bspline import ENDS, BSpline, End, basis, basis_bends, basis_slopes
 from guidefield.planner.motion.limit_load import stretch_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import lengths_of
 from guidefield.planner.task.motion_limits import CurveLimits, MotionLimit
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
@@ -45,6 +48,53 @@ PIECES = (16, 24, 32, 48, 64)
 SHORTEST_PIECE = 2e-4
 
 BEFORE = np.array([-1, 0, 1, 2])  # the control points of a piece, counted from the place at which it begins
+# a waypoint at most this far from the one before is the same [rad or m]: a nanometre at a metre's reach
+REPEATED = 1e-9
+
+
+def length_of(path: ChartPoints, units: np.ndarray | float = 1.0) -> float:
+    """Length of a path of chart points (n, nv), by a group's metric where its units (nv,) are given [rad or m]."""
+    along = (path[1:] - path[:-1]) / units
+    return float(np.sqrt(np.einsum("ij,ij->i", along, along)).sum())
+
+
+def lengths_of(path: ChartPoints) -> np.ndarray:
+    """Lengths of the straight pieces of a path of chart points (n, nv), shape (n - 1,) [rad or m]."""
+    along = path[1:] - path[:-1]
+    lengths: np.ndarray = np.sqrt((along * along).sum(axis=1))
+    return lengths
+
+
+def remove_repetitions(path: ChartPoints) -> ChartPoints:
+    """The waypoints (n, nv) of a path without repetitions, first and last kept; a single one if they are all the same.
+
+    What is within `REPEATED` of the one before repeats it.
+    """
+    if len(path) > 1 and lengths_of(path).min() > REPEATED:
+        return path
+    kept = [path[0]]
+    for waypoint in path[1:-1]:
+        if np.linalg.norm(waypoint - kept[-1]) > REPEATED:
+            kept.append(waypoint)
+    goal = path[-1]
+    while len(kept) > 1 and np.linalg.norm(goal - kept[-1]) <= REPEATED:
+        kept.pop()
+    if np.linalg.norm(goal - kept[-1]) > REPEATED:
+        kept.append(goal)
+    return cast(ChartPoints, np.array(kept))
+
+
+def subdivide(path: ChartPoints, spacing: float, sizes: np.ndarray | float = 1.0) -> ChartPoints:
+    """Places along a path (n, nv), its waypoints among them, evenly on each straight piece and at most so far apart.
+
+    There are three at least. Coordinates count by their sizes (nv,), where these are given.
+    """
+    lengths = lengths_of(cast(ChartPoints, path / sizes))
+    parts = np.maximum(np.ceil(lengths / spacing).astype(np.int64), 2 if len(path) == 2 else 1)
+    piece = np.repeat(np.arange(len(parts)), parts)
+    share = (np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[piece]
+    inner = path[piece] + share[:, None] * (path[piece + 1] - path[piece])
+    return cast(ChartPoints, np.concatenate([inner, path[-1:]]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,8 +30,8 @@ from guidefield.errors import Status
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits
 from guidefield.planner.motion.bspline import ENDS, BSpline, End
 from guidefield.planner.motion.limit_load import stretch_to_limits
+from guidefield.planner.motion.timing import length_of
 from guidefield.planner.motion.trajectory import ROUNDING, Trajectory
-from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.optimize.clearance_samples import (
     Sections,
     TouchedPoint,

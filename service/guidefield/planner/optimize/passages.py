@@ -28,7 +28,7 @@ from typing import Protocol
 import numpy as np
 
 from guidefield.kernels.optimize.tip_plane import SAMPLES, TipPlane, add_crossing, nearest_crossing
-from guidefield.planner.guide.tip_reach import inset_at
+from guidefield.planner.guide.guide import inset_at
 from guidefield.planner.motion.bspline import ENDS, BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import Problem

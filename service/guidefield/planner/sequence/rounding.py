@@ -30,8 +30,8 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.planner.goal_among_movers import keep_schedule
 from guidefield.planner.held_paths import without_movers
+from guidefield.planner.motion.timing import length_of
 from guidefield.planner.motion.trajectory import Trajectory, concatenate
-from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.motion_certificate import CertifiedMotion, find_excess
 from guidefield.planner.optimize import settings as presets
 from guidefield.planner.optimize.clearance_samples import CONSTRAINT_ROOM, Sections

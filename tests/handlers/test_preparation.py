@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from guidefield.collision import part_tables
-from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.engine import Engine
+from guidefield.handlers.preparation import prepare
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.memory import MESH_TREES, BoundedMap
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfFile
