@@ -1,10 +1,22 @@
-"""The Hermite curve: its Bezier points, its samples, and several joined."""
+"""The Hermite curve: Bezier points, samples, several joined; joints that come to rest exactly, soon, within limits."""
+
+import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.planner.motion.trajectory import Trajectory, concatenate
+from guidefield.planner.motion.limit_load import measure_limit_load
+from guidefield.planner.motion.trajectory import (
+    CLOSE,
+    Trajectory,
+    choose_jerks,
+    concatenate,
+    reverse_motion,
+    separate_jerks,
+    stop_motion,
+)
+from guidefield.planner.task.motion_limits import KEPT_SHARE
 from tests.knots import random_knots
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -49,3 +61,96 @@ def test_joined_motions_are_each_where_they_were() -> None:
     times = np.linspace(0.0, 1.0, 9)
     np.testing.assert_allclose(both.evaluate(times)[0], first.evaluate(times)[0], atol=1e-12)
     np.testing.assert_allclose(both.evaluate(1.0 + 2.0 * times)[0], second.evaluate(2.0 * times)[0], atol=1e-12)
+
+
+seeds = st.integers(0, 10_000)
+
+
+def drawn(seed: int) -> tuple[np.ndarray, ...]:
+    """Position, velocity, acceleration, and limits of acceleration and jerk of three joints."""
+    rng = np.random.default_rng(seed)
+    limits = 10.0 ** rng.uniform(-1, 1, 3)
+    moving = rng.random((2, 3)) < 0.8
+    velocity, acceleration = rng.normal(size=3) * moving[0], rng.uniform(-1, 1, 3) * limits * moving[1]
+    return rng.normal(size=3), velocity, acceleration, limits, limits * 10.0 ** rng.uniform(0, 2, 3)
+
+
+@given(seeds)
+def test_it_begins_in_its_state_ends_at_rest_and_keeps_limits(seed: int) -> None:
+    position, velocity, acceleration, limits, jerks = drawn(seed)
+    motion = stop_motion(position, velocity, acceleration, limits, jerks)
+    np.testing.assert_array_equal(motion.positions[0], position)
+    np.testing.assert_array_equal(motion.velocities[0], velocity)
+    if motion.duration == 0.0:
+        assert not velocity.any()
+        assert not acceleration.any()
+        return
+    times = np.linspace(0.0, motion.duration, 20_001)
+    q, v, a = motion.evaluate(times)
+    scale = np.abs(velocity).max() + limits.max()
+    np.testing.assert_allclose(a[0], acceleration, atol=1e-6 * scale)
+    np.testing.assert_allclose(v[-1], 0.0, atol=1e-9 * scale)
+    np.testing.assert_allclose(a[-1], 0.0, atol=1e-5 * scale)
+    assert (np.abs(a) <= limits * (1 + 1e-6) + 1e-7 * scale).all()
+    step = times[1]
+    assert (np.abs(np.diff(a, axis=0)) / step <= jerks * (1 + 1e-3) + 1e-6 * scale / step).all()
+    integrated = position + step * (np.cumsum(v, axis=0)[-1] - 0.5 * (v[0] + v[-1]))
+    np.testing.assert_allclose(q[-1], integrated, atol=1e-4 * scale * motion.duration)
+
+
+@given(st.floats(1e-3, 10.0), st.floats(0.1, 20.0), st.floats(1.0, 1e3))
+def test_without_acceleration_it_takes_the_time_of_the_formula(speed: float, limit: float, jerk: float) -> None:
+    zero = np.zeros(1)
+    motion = stop_motion(zero, np.array([-speed]), zero, np.array([limit]), np.array([jerk]))
+    ramps = limit**2 / jerk
+    expected = speed / limit + limit / jerk if speed > ramps else 2.0 * math.sqrt(speed / jerk)
+    assert motion.duration == pytest.approx(expected, rel=1e-9)
+    assert motion.positions[-1, 0] == pytest.approx(-0.5 * speed * expected, rel=1e-6), "as it is symmetric in time"
+
+
+@given(seeds)
+def test_backwards_is_the_same_way_from_rest(seed: int) -> None:
+    motion = stop_motion(*drawn(seed))
+    back = reverse_motion(motion)
+    times = np.linspace(0.0, motion.duration, 50)
+    q, v, _ = motion.evaluate(times)
+    p, w, _ = back.evaluate(motion.duration - times)
+    np.testing.assert_allclose(p, q, atol=1e-9 * (1.0 + np.abs(q).max()))
+    np.testing.assert_allclose(w, -v, atol=1e-9 * (1.0 + np.abs(v).max()))
+
+
+@given(seeds)
+def test_knots_are_apart_for_jerks_that_are_hardly_lower(seed: int) -> None:
+    _, velocity, acceleration, limits, jerks = drawn(seed)
+    lower = separate_jerks(velocity, acceleration, limits, jerks, np.zeros(3))
+    assert (lower <= jerks).all()
+    assert (lower >= 0.88 * jerks).all()
+    again = separate_jerks(velocity, acceleration, limits, lower, np.zeros(3))
+    if (np.diff(stop_motion(np.zeros(3), velocity, acceleration, limits, lower).times) >= CLOSE).all():
+        np.testing.assert_array_equal(again, lower)
+
+
+def test_two_joints_that_stop_almost_together_are_set_apart() -> None:
+    velocity, zero, limits = np.array([1.0, 1.0001]), np.zeros(2), np.array([50.0, 50.0])
+    jerks = np.array([120.0, 120.0])
+    assert np.diff(stop_motion(zero, velocity, zero, limits, jerks).times).min() < 1e-4
+    lower = separate_jerks(velocity, zero, limits, jerks, zero)
+    assert lower[0] == 120.0
+    assert np.diff(stop_motion(zero, velocity, zero, limits, lower).times).min() >= CLOSE
+    np.testing.assert_array_equal(
+        separate_jerks(velocity, zero, limits, jerks, jerks), jerks, err_msg="none may be lower"
+    )
+
+
+@pytest.mark.parametrize("jerk", [500.0, 7500.0])  # of the benchmarks, and of a Panda
+def test_seven_joints_stop_within_their_limits_of_jerk(jerk: float) -> None:
+    fast, rise = np.array([2.175] * 4 + [2.61] * 3), np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
+    rng, limits, none, loads = np.random.default_rng(0), np.full(7, jerk), np.zeros(7), []
+    for _ in range(200):
+        velocity, acceleration = rng.uniform(-0.5, 0.5, 7) * fast, rng.uniform(-0.5, 0.5, 7) * rise
+        jerks = separate_jerks(velocity, acceleration, rise, choose_jerks(rise, limits, none), none)
+        motion = stop_motion(rng.uniform(-2.0, 2.0, 7), velocity, acceleration, rise, jerks)
+        load = measure_limit_load(motion.times, motion.positions, motion.velocities, 2.0 * fast, rise, limits)
+        loads.append(load**3)
+    assert max(loads) <= 1.0 + 1e-3
+    assert sum(load > KEPT_SHARE for load in loads) <= 1, "rounding is more where knots can't be set apart"
