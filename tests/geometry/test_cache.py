@@ -90,9 +90,7 @@ def test_other_inputs_are_another_entry(monkeypatch: pytest.MonkeyPatch) -> None
 def test_an_edit_of_what_computes_is_another_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = tmp_path / "guidefield"
     for name, text in {
-        "robot/bodies/bounding": (
-            "from guidefield.geometry import cover\nfrom guidefield.robot.model.model import Robot"
-        ),
+        "robot/link_bounds": ("from guidefield.geometry import cover\nfrom guidefield.robot.model.model import Robot"),
         "robot/model/model": "",
         "geometry/cover": "import guidefield.kernels.greedy",
         "geometry/other": "",
@@ -105,7 +103,7 @@ def test_an_edit_of_what_computes_is_another_entry(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(cache, "_PACKAGE", package)
     monkeypatch.setattr(cache, "_sources", functools.cache(cache._sources.__wrapped__))  # the others keep what is real
     seen = {_fingerprint()}
-    for name in ("kernels/bits", "geometry/cover", "robot/bodies/bounding"):
+    for name in ("kernels/bits", "geometry/cover", "robot/link_bounds"):
         with (package / f"{name}.py").open("a") as file:
             file.write("\n# edited")
         seen.add(_fingerprint())
@@ -125,7 +123,7 @@ def test_hulls_of_another_coal_are_not_read(monkeypatch: pytest.MonkeyPatch) -> 
 
 def _fingerprint() -> str:
     cache._sources.cache_clear()
-    return cache._sources("guidefield.robot.bodies.bounding")
+    return cache._sources("guidefield.robot.link_bounds")
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
 from guidefield.kernels.cover.enclosing_circle import enclosing_circle
-from guidefield.robot.bodies.charges import Capsule, fit_capsule
+from guidefield.robot.link_charges import Capsule, fit_capsule
 from tests.kernels.evaluation import vectors
 from tests.oracles import distance_to_segment
 

@@ -7,7 +7,7 @@ import pytest
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.surfaces import Surface
-from guidefield.robot.bodies.charges import surface_points
+from guidefield.robot.link_charges import surface_points
 from tests.geometry.measures import areas
 from tests.oracles import distance_to_triangle
 

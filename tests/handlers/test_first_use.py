@@ -16,7 +16,7 @@ from guidefield.messages.conditions import AttachedObject
 from guidefield.messages.requests import Attach, CertifyRequest, JointsGoal, PlanRequest, PlanStep, UrdfText
 from guidefield.messages.scene import Box, Mesh, Scene
 from guidefield.messages.values import Placement
-from guidefield.robot.bodies.bounding import COVERS, DELTA, MOST_PARTS, PARTS
+from guidefield.robot.link_bounds import COVERS, DELTA, MOST_PARTS, PARTS
 from guidefield.scene.scene import build
 from tests.robots import box_arm
 from tests.scene.solids import l_prism, mesh_message

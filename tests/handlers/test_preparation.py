@@ -16,7 +16,7 @@ from guidefield.kernels.jit.cache import cache_folder
 from guidefield.memory import MESH_TREES, BoundedMap
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfFile
 from guidefield.messages.scene import Scene
-from guidefield.robot.bodies import bounding as parts_room
+from guidefield.robot import link_bounds as parts_room
 from guidefield.robot.catalog import Catalog
 from tests.geometry import solids
 from tests.robot.odd_meshes import stl

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from guidefield.handlers.robots import robot as described
-from guidefield.robot.bodies.bounding import convex_parts, coverage
+from guidefield.robot.link_bounds import convex_parts, coverage
 from tests.robots import robot
 
 

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings, strategies as st
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import find_blocked_tip
-from guidefield.robot.ik.inverse_kinematics import PoseTarget, solve
+from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
 from tests.planner.problems import scene_of
 from tests.robots import group, random_configuration
 

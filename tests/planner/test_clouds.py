@@ -8,7 +8,7 @@ import pinocchio as pin
 
 import guidefield
 from guidefield.geometry import surfaces
-from guidefield.robot.bodies.charges import surface_points
+from guidefield.robot.link_charges import surface_points
 from tests.robots import robot
 
 RADIUS = 0.02

@@ -24,7 +24,7 @@ from guidefield.planner.ends import (
 )
 from guidefield.planner.task.problem import ConfigurationGoal, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed
-from guidefield.robot.ik.inverse_kinematics import PoseTarget
+from guidefield.robot.group.inverse_kinematics import PoseTarget
 from tests.planner.problems import closed_shell, problem, scene_of
 from tests.robots import random_configuration, rest
 

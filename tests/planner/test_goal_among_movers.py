@@ -24,8 +24,8 @@ from guidefield.planner.schedule.slices import SCHEDULE
 from guidefield.planner.task.effort import EffortLimit, tree_of
 from guidefield.planner.task.motion_limits import frame_limit
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
+from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.path_constraints import Cone
-from guidefield.robot.ik.inverse_kinematics import PoseTarget
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import problem, scene_of, to_configuration
 from tests.planner.schedule.test_schedule import flight, require_within

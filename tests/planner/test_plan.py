@@ -22,7 +22,7 @@ from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.prove.certificate import certify
 from guidefield.prove.curve import polyline
-from guidefield.robot.ik.inverse_kinematics import PoseTarget
+from guidefield.robot.group.inverse_kinematics import PoseTarget
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import closed_shell, problem, scene_of, to_configuration
 from tests.robots import box_arm, grouped

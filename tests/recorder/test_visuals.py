@@ -12,7 +12,7 @@ import trimesh
 from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies import cover_spheres, visual_bodies
 from guidefield.recorder.surface import Surface
-from guidefield.robot.bodies.bounding import coverage
+from guidefield.robot.link_bounds import coverage
 from tests.robots import robot
 
 MOST_DRAWN = 6

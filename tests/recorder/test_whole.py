@@ -13,7 +13,7 @@ import pytest
 from guidefield.recorder import bodies
 from guidefield.recorder.chunks import read_meshes
 from guidefield.recorder.stored import LEFT_OUT, RecordingPlace, self_contained
-from guidefield.robot.bodies.bounding import coverage
+from guidefield.robot.link_bounds import coverage
 from tests.recorder.runs import MadeUp, Recording, made_up
 
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.geometry import surfaces
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.messages import scene as messages
-from guidefield.robot.bodies.charges import surface_points
+from guidefield.robot.link_charges import surface_points
 from guidefield.scene.cloud import (
     CORNERS,
     MOST_PLACES,

@@ -39,8 +39,8 @@ from guidefield.planner.task.trace import Event, StageEntered, StageLeft
 from guidefield.potential import Precision, RobotField
 from guidefield.prove.certificate import smallest_along
 from guidefield.prove.curve import Curve, polyline
+from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.ik.inverse_kinematics import PoseTarget
 
 JUDGED_STEP = 0.02
 """Joint distance between two configurations that are judged on the exact geometry [rad or m]."""

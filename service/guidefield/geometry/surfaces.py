@@ -2,7 +2,7 @@
 
 They are drawn, and charges stand on them; collisions are judged by the exact shapes. A cylinder's prism contains it,
 which covers rely on (`primitive_covers.py`); the surfaces of a sphere and a capsule are inside them, with vertices so
-placed that a capsule fitted to these contains the shape (`robot/bodies/charges.py`), by which motions are proved.
+placed that a capsule fitted to these contains the shape (`robot/link_charges.py`), by which motions are proved.
 
 Products are kernels or sums by hand, because NumPy hands tall ones to BLAS, whose threads cost more than these loops.
 Covers and hulls are chosen by these directions: others give other (as valid) shapes.

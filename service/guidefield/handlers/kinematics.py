@@ -49,8 +49,8 @@ from guidefield.potential import RobotField
 from guidefield.prove.closest import ClosestPairs
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.ik.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.model.configuration import CLAMP_TOLERANCE, configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ModelConfiguration, RobotConfiguration, RobotConfigurations

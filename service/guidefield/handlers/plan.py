@@ -66,9 +66,9 @@ from guidefield.planner.task.problem import ConfigurationGoal, Goal, LastPlaneGo
 from guidefield.planner.task.trace import StageLeft
 from guidefield.potential import Precision, RobotField
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.ik.inverse_kinematics import PoseTarget
 from guidefield.robot.model.configuration import LimitFault, configuration_from_wire, limit_faults
 from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.robot.model.spaces import Configuration

@@ -33,8 +33,8 @@ from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
 from guidefield.parallel import run_parallel
 from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.prove.tables import prepare_obstacles
-from guidefield.robot.bodies.bounding import COVERS, DELTA, MOST_PARTS, PARTS, ShapeTask, find_in_parallel
-from guidefield.robot.bodies.charges import link_bodies, surface_samples
+from guidefield.robot.link_bounds import COVERS, DELTA, MOST_PARTS, PARTS, ShapeTask, find_in_parallel
+from guidefield.robot.link_charges import link_bodies, surface_samples
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.content import are_many
 from guidefield.scene.crop import crop, has_large, has_many

@@ -30,7 +30,7 @@ from guidefield.memo import MISSING, Answers
 from guidefield.recorder import surface
 from guidefield.recorder.chunks import UNREADABLE, encode_recording, entity, link_frame, read_chunks, read_meshes, still
 from guidefield.recorder.surface import GREY, Surface
-from guidefield.robot.bodies.bounding import recall_coverage
+from guidefield.robot.link_bounds import recall_coverage
 from guidefield.robot.mesh_files import reading as mesh_files
 from guidefield.robot.model.model import RobotModel, RobotSource
 from guidefield.whole_file import DRAFT, write_whole

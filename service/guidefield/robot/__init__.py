@@ -1,4 +1,4 @@
-"""Robots: descriptions read and checked, limits, planning groups, kinematics, and links as bodies and charges.
+"""Robots: descriptions read and checked, limits, planning groups, kinematics, and bounds and charges of links.
 
-Rooms import downwards alone (service/contracts.toml). A robot isn't changed once it is loaded.
+Files and rooms import downwards alone (service/contracts.toml). A robot isn't changed once it is loaded.
 """

@@ -34,7 +34,7 @@ from guidefield.messages.values import RootJoint
 from guidefield.robot.library import NO_CARD, Entry, RobotCard, SentRobot, entries, find_description
 from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import companions
-from guidefield.robot.mjcf.compilation import (
+from guidefield.robot.mjcf_compilation import (
     CompiledModel,
     body_names,
     compile_file,
@@ -42,7 +42,7 @@ from guidefield.robot.mjcf.compilation import (
     import_mujoco,
     is_mjcf,
 )
-from guidefield.robot.mjcf.conversion import convert, root_is_fixed
+from guidefield.robot.mjcf_conversion import convert, root_is_fixed
 from guidefield.robot.model.followers import unwrapped, with_ball_joints
 from guidefield.robot.model.loading import default_tip, load
 from guidefield.robot.model.model import RobotModel, RobotSource

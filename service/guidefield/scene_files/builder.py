@@ -31,7 +31,7 @@ from guidefield.messages.scene import (
 )
 from guidefield.messages.values import LARGEST, Float32Array, Uint32Array
 from guidefield.robot.mesh_files.numbers import MeshFault
-from guidefield.robot.mjcf.conversion import circumscribed_ball
+from guidefield.robot.mjcf_conversion import circumscribed_ball
 
 TO_Z_UP = {
     "x": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),

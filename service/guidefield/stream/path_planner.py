@@ -35,8 +35,8 @@ from guidefield.messages.streams import StreamGoal
 from guidefield.messages.values import JointSetGoal, JointsGoal, PoseGoal
 from guidefield.planner.connect import tree_search
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.group.kinematics import lent_data
-from guidefield.robot.ik.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.model.configuration import CLAMP_TOLERANCE, configuration_from_wire, limit_faults
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.stream.commit import JointBounds

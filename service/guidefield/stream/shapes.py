@@ -35,8 +35,8 @@ from guidefield.kernels.collide.parts import (
 )
 from guidefield.messages import scene as messages
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.bodies.bounding import convex_parts
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
+from guidefield.robot.link_bounds import convex_parts
 from guidefield.scene.obstacle import Obstacle
 
 Named = TypeVar("Named", bound=tuple[Any, ...])

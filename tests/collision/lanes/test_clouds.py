@@ -17,7 +17,7 @@ from guidefield.kernels.collide.layout import BAND
 from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
-from guidefield.robot.bodies.charges import surface_points
+from guidefield.robot.link_charges import surface_points
 from guidefield.robot.model.collision_shapes import triangulation
 from guidefield.scene.scene import build
 from tests.collision.scenery import scattered

@@ -36,8 +36,8 @@ from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
 from guidefield.planner.motion.timing import length_of
 from guidefield.planner.task.problem import Objective, Problem, TipGoal
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.path_constraints import Cone, line, plane, point
-from guidefield.robot.ik.inverse_kinematics import PoseTarget
 from tests.collision.lanes.test_lanes import draw
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 from tests.robots import box_arm, group, grouped, rest

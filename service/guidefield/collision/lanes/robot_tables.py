@@ -44,9 +44,9 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
 )
 from guidefield.memo import SharedAnswer, memoized_by_value
 from guidefield.read_only import read_only
-from guidefield.robot.bodies.bounding import convex_parts, coverage
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
+from guidefield.robot.link_bounds import convex_parts, coverage
 from guidefield.robot.model.collision_shapes import hull_vertices, triangulation
 from guidefield.robot.model.model import joint_table
 

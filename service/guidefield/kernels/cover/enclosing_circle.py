@@ -1,7 +1,7 @@
 """The smallest circle around points in the plane.
 
 It takes in the farthest point outside until there is none; the circle of the two or three points that hold it grows
-each time, so that no such set returns. `robot/bodies/charges.py` fits capsules about links with it, and widens them by
+each time, so that no such set returns. `robot/link_charges.py` fits capsules about links with it, and widens them by
 `SLACK`, which may grow, not shrink.
 """
 

@@ -2,7 +2,7 @@
 
 All sums keep their order, but in `farthest_first`, which may decide ties otherwise: so every number is what NumPy makes
 of the same triangles, on every machine. Covers (`geometry/cover.py`) are made of elements, charges
-(`robot/bodies/charges.py`) of what `farthest_first` chooses: another order changes them.
+(`robot/link_charges.py`) of what `farthest_first` chooses: another order changes them.
 """
 
 from __future__ import annotations

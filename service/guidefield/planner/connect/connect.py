@@ -35,8 +35,8 @@ from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
 from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
+from guidefield.robot.group.inverse_kinematics import EXACT, SEARCH, PoseTarget
 from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
-from guidefield.robot.ik.inverse_kinematics import EXACT, SEARCH, PoseTarget
 from guidefield.robot.model.chart import ANGLE
 from guidefield.robot.model.model import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate

@@ -36,10 +36,10 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import make_stopped_message
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.read_only import ReadOnly
-from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import chain_to_tip, mover_of
 from guidefield.robot.group.link_chain import SerialChain, link_chain
+from guidefield.robot.link_charges import robot_charges
 from guidefield.robot.model.model import MARGIN
 from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.distance_tables import distance_tables

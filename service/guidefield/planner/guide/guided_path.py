@@ -32,9 +32,9 @@ from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.prove.certificate import motion_free
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import find_planned_values, joints_of, mover_of
+from guidefield.robot.link_charges import robot_charges
 from guidefield.robot.model.spaces import ChartPoint, Configuration
 from guidefield.scene.distance_tables import distance_tables
 

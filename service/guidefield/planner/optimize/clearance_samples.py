@@ -30,10 +30,10 @@ from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.task.problem import Problem
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.bodies.charges import link_bodies, surface_samples
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, group_joints
 from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
+from guidefield.robot.link_charges import link_bodies, surface_samples
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 

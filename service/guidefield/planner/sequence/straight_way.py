@@ -34,7 +34,7 @@ from guidefield.prove.curve import halve_curves
 from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.ik.inverse_kinematics import PoseTarget, solve
+from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.model.chart import TRANSLATION
 from guidefield.robot.model.model import Joint, frame_index
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints

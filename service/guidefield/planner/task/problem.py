@@ -23,9 +23,9 @@ from guidefield.planner.task.motion_limits import CartesianLimit, MotionLimit
 from guidefield.planner.task.trace import Event, Observer, Silent
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, PathConstraint
-from guidefield.robot.ik.inverse_kinematics import PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartRate, Configuration
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene

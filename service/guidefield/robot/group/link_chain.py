@@ -14,8 +14,8 @@ from guidefield.errors import InvalidGroup
 from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements
 from guidefield.kernels.kinematics.link_chain import BALL, FREE, UNIVERSAL, LinkChain
 from guidefield.read_only import read_only
-from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.link_charges import robot_charges
 from guidefield.robot.model.model import JointKind, joint_table
 from guidefield.robot.model.spaces import Configuration
 

@@ -2,7 +2,7 @@
 
 What a link is judged as (`HULL_STAND_OFF`) decides every collision with it, and is reported to users; docs/robots.md
 states it. `LEAST_FILLED` and `HARDLY_METRES` decide on warnings alone; here `WIDEST_GAP`, too, but it also decides what
-is inside a mesh for the spheres and parts of bodies/bounding.py. Triangles and hulls are kept, because Coal hands them
+is inside a mesh for the spheres and parts of link_bounds.py. Triangles and hulls are kept, because Coal hands them
 out slowly.
 """
 

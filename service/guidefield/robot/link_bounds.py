@@ -1,9 +1,9 @@
 """Bounding and inscribed spheres and convex parts of a robot's links: one search for each shape, kept on disk.
 
-SIMD batches test spheres and parts before the exact shapes (`collision/lanes/robot_tables.py`). They may be coarser:
-`DELTA`, `LARGE`, `SMALL`, `TIGHT` and `MOST_PARTS` trade the time of the first use, and of every plan, against each
-other; streams' paths keep their distances from the spheres. A change makes what is on disk anew; docs/robots.md states
-`DELTA`.
+SIMD batches test spheres and parts before the exact shapes (`collision/lanes/robot_tables.py`). They may be coarser,
+but have to contain the shapes, and inscribed spheres to lie inside: `DELTA`, `LARGE`, `SMALL`, `TIGHT` and `MOST_PARTS`
+trade the time of the first use, and of every plan, against each other; streams' paths keep their distances from the
+spheres. A change makes what is on disk anew; docs/robots.md states `DELTA`.
 """
 
 from __future__ import annotations

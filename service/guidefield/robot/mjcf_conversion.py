@@ -22,7 +22,7 @@ from lxml import etree
 from guidefield.errors import RobotInvalid
 from guidefield.geometry.cache import keep_file
 from guidefield.messages.requests import Positions
-from guidefield.robot.mjcf.compilation import (
+from guidefield.robot.mjcf_compilation import (
     CompiledModel,
     UniqueNames,
     add_origin,

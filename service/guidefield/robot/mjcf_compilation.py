@@ -1,7 +1,7 @@
 """Compile an MJCF by MuJoCo, and write its bodies, joints and sites as links and joints of a URDF.
 
-Names that it leaves out are made up, and no two of one kind are the same. Limits bound what MuJoCo computes for text
-from clients.
+The package `mujoco` is an extra, imported on demand alone. Names that a file leaves out are made up, and no two of one
+kind are the same. Limits bound what MuJoCo computes for text from clients.
 
 A joint of MuJoCo turns or slides its body about a point of the body, several one after the other, from the placement at
 its reference value. A joint of a URDF moves its child link about the link's own origin, from zero. So a link stands at

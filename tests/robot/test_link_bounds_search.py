@@ -17,9 +17,9 @@ from guidefield.handlers.preparation import prepare
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.memory import MESH_TREES, TRIANGULATIONS, BoundedMap
 from guidefield.messages.requests import UrdfFile
-from guidefield.robot.bodies import bounding
-from guidefield.robot.bodies.bounding import coverage, recall_coverage
+from guidefield.robot import link_bounds
 from guidefield.robot.catalog import Catalog
+from guidefield.robot.link_bounds import coverage, recall_coverage
 from guidefield.robot.model import collision_shapes
 from tests.geometry import solids
 from tests.robot.odd_meshes import odd, stl
@@ -69,7 +69,7 @@ def emptied(folder: Path) -> None:
 def test_any_number_of_processors_finds_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     urdf, found = many(tmp_path), []
     for processors in (1, 7):
-        monkeypatch.setattr(bounding, "usable_processors", lambda count=processors: count)
+        monkeypatch.setattr(link_bounds, "usable_processors", lambda count=processors: count)
         told: list[str] = []
         prepare(Catalog().load(urdf), told=told.append)
         found.append((kept(tmp_path), told))
@@ -96,7 +96,7 @@ def test_stopped_anywhere_it_goes_on_from_there(tmp_path: Path) -> None:
 
 def test_a_fault_comes_through_and_what_was_found_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = Catalog().load(many(tmp_path, 2))
-    restored, found = bounding.find_or_compute, []
+    restored, found = link_bounds.find_or_compute, []
 
     def failing(*question: object) -> object:
         if len(found) == 2:
@@ -104,8 +104,8 @@ def test_a_fault_comes_through_and_what_was_found_is_kept(tmp_path: Path, monkey
         found.append(restored(*question))
         return found[-1]
 
-    monkeypatch.setattr(bounding, "find_or_compute", failing)
-    monkeypatch.setattr(bounding, "usable_processors", lambda: 1)
+    monkeypatch.setattr(link_bounds, "find_or_compute", failing)
+    monkeypatch.setattr(link_bounds, "usable_processors", lambda: 1)
     with pytest.raises(MemoryError, match="no room"):
         prepare(robot)
     assert sum(one is not None for one in recall_coverage(robot)) >= 2

@@ -12,9 +12,9 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.inverse_kinematics import EXACT, PoseTarget, solve
 from guidefield.robot.group.kinematics import DISTINCT
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.ik.inverse_kinematics import EXACT, PoseTarget, solve
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from tests.robot.random_chains import chain
 from tests.robots import ARMS, box_arm, group, grouped, random_configuration, rest, robot
