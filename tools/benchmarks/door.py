@@ -1,21 +1,19 @@
 """The cost of the service's door: a plain Zenoh queryable, the service and the same answers in process, in turn.
 
-Usage: tools/bench door [--only PARTS] [--seconds S] [--recorded S] [--plans N] [--kept N,N] [--batch N] [--workers N]
+Usage: tools/bench door [--only PARTS] [--seconds S] [--plans N] [--workers N]
 
 All are asked over loopback, without scouting, by the same clients: processes of their own, with a session each, that
 send JSON and throw the answers away. "Plain" is a queryable of forty lines with Pinocchio in its own process. A service
-is as it starts by default, on a data folder of its own; others are on folders with kept runs. The parts:
+is as it starts by default, on a data folder of its own. The parts:
 
 - kinematics: forward kinematics and clearance, one client, each target for S seconds, in rounds. *own* and *workers*
   are the processor time of the target's process and of its children for each query, *switches* their context switches.
 - clients: answers a second with 1, 8 and 24 clients.
 - plans: a Panda's plan, N times each in rounds, one after the other as in all parts, recordings off; *extra* is the
   median beyond that in process. After a pause of 0.1 s everybody's answer takes longer: a plain one five times.
-- page: a page of 100 runs, of as many as are kept.
-- recorded: plans a second of two clients for S seconds, recordings off, then as by default.
-- batch: `guidefield batch` of N plans without recordings, then the same command again.
 
-Last comes the table of goals. On a machine with other work only ratios within a run count.
+Kept runs, batches and recordings are measured by `tools/bench growth` and `whole`. Last comes the table of goals. On a
+machine with other work only ratios within a run count.
 """
 
 from __future__ import annotations
@@ -26,30 +24,27 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any, Self
 
-import msgspec
 import numpy as np
 
 import guidefield
-from benchmarks.doors.costs import read_costs
-from benchmarks.doors.kept_runs import PLAN, WARM, fill, time_of
-from guidefield import Client, JointsGoal
+from guidefield import JointsGoal, PlanRequest
 from guidefield.cli.serving import LOOPBACK, free_port, service_in_child
 from guidefield.messages import codec
 
-PARTS = ("kinematics", "clients", "plans", "page", "recorded", "batch")
+PARTS = ("kinematics", "clients", "plans")
 CLIENTS = (1, 8, 24)
 ROUNDS = 5
 """Rounds in which all targets are asked in turn."""
+_CLOCK_OF_PROCESS = 2
 HEAD_START = 0.05
 """Between an order and the moment at which all clients begin [s]."""
 DOORS = Path(__file__).resolve().parent / "doors"
@@ -60,17 +55,10 @@ BENT = {"panda_joint1": 0.3, "panda_joint2": -0.8, "panda_joint4": -2.3, "panda_
 FRAMES = {"type": "forward_kinematics", "robot": "panda", "frames": ["panda_hand_tcp"], "configurations": [BENT]}
 CLEARANCE = {"type": "clearance", "robot": "panda", "scene": "bookshelf", "configurations": [BENT]}
 QUESTIONS = {"forward kinematics": FRAMES, "clearance": CLEARANCE}
-RECORDED = msgspec.structs.replace(PLAN, recording="full")
+PLAN = PlanRequest("panda", "table", JointsGoal({"panda_joint1": 0.1}), guide_planes=[], recording="off")
+WARM = 5
+"""Answers that don't count."""
 PLAIN, SERVICE, IN_PROCESS = "plain", "service", "in process"
-BATCH_TURNS = 40
-"""Configurations of the first joint that the plans of a batch go to, one after the other."""
-_MEASURED = """
-import resource, subprocess, sys
-subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)
-used = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(used.ru_utime + used.ru_stime, used.ru_maxrss)
-"""
-"""Runs a command; prints its processor time [s] and the memory of the largest of its processes [KiB]."""
 Figures = dict[tuple[str, str], float]
 """What was measured: the quantity and the target."""
 GOALS: tuple[tuple[str, float, Callable[[Figures], float]], ...] = (
@@ -93,26 +81,6 @@ GOALS: tuple[tuple[str, float, Callable[[Figures], float]], ...] = (
         "a plan over Zenoh less in process / plain's answer",
         8.0,
         lambda f: f["extra", SERVICE] / f["forward kinematics", PLAIN],
-    ),
-    (
-        "the same with kept runs / with none",
-        1.1,
-        lambda f: max(f["extra", name] for _, name in f if name.startswith("kept")) / f["extra", SERVICE],
-    ),
-    (
-        "a page of 100 runs of the most that are kept, ms",
-        10.0,
-        lambda f: 1e3 * [value for (what, _), value in f.items() if what == "page"][-1],
-    ),
-    (
-        "plans a second without / with recordings, two clients",
-        1.25,
-        lambda f: f["plans", "without recordings"] / f["plans", "with recordings"],
-    ),
-    (
-        "a finished batch asked again / answering it",
-        0.1,
-        lambda f: f["batch", "again"] / f["batch", "answered"],
     ),
 )
 """The goals: what, the most that it may be, and how it is made of the figures."""
@@ -185,14 +153,10 @@ def plain_queryable() -> Iterator[Target]:
 
 
 @contextlib.contextmanager
-def default_service(kept: int, workers: int) -> Iterator[Target]:
-    """A service with so many kept runs in a data folder of its own, for as long as the block runs."""
-    with tempfile.TemporaryDirectory(prefix="guidefield-") as data:
-        if kept:
-            fill(kept, Path(data))
-        keep = ("--keep-runs", str(kept + 10_000)) if kept else ()
-        with service_in_child(lambda _: None, workers=workers, options=keep, data=Path(data)) as service:
-            yield Target(service.endpoint, service.process.pid)
+def default_service(workers: int, data: Path | None = None, options: Sequence[str] = ()) -> Iterator[Target]:
+    """A service on a data folder of its own unless one is given, for as long as the block runs."""
+    with service_in_child(lambda _: None, workers=workers, options=options, data=data) as service:
+        yield Target(service.endpoint, service.process.pid)
 
 
 def measure_kinematics(askers: Askers, targets: dict[str, Target], seconds: float, figures: Figures) -> None:
@@ -232,59 +196,17 @@ def measure_clients(askers: Askers, targets: dict[str, Target], seconds: float, 
             print(row + _per_query(costs, label, found), flush=True)
 
 
-def measure_plans(askers: Askers, targets: dict[str, Target], plans: int, figures: Figures) -> None:
+def measure_plans(askers: Askers, service: Target, plans: int, figures: Figures) -> None:
     """Print what a plan takes over Zenoh beyond the same in process."""
-    services = {label: target for label, target in targets.items() if label != PLAIN}
     times: dict[str, list[float]] = defaultdict(list)
     for _ in range(ROUNDS):
-        for label, target in services.items():
-            found = askers.ask(1, target, target.plan, PLAN, count=WARM + plans // ROUNDS)
-            times[label] += found[WARM:].tolist()
-        here = [time_of(lambda: guidefield.answer(PLAN)) for _ in range(WARM + plans // ROUNDS)]
-        times[IN_PROCESS] += here[WARM:]
+        times[SERVICE] += askers.ask(1, service, service.plan, PLAN, count=WARM + plans // ROUNDS)[WARM:].tolist()
+        times[IN_PROCESS] += [time_of(lambda: guidefield.answer(PLAN)) for _ in range(WARM + plans // ROUNDS)][WARM:]
     print(f"\n{'a plan, one client':32s}{'median':>9s}{'p99':>9s}{'extra':>9s} ms")
     alone = np.median(times[IN_PROCESS])
     for label, taken in times.items():
         figures["extra", label] = extra = float(np.median(taken) - alone)
         print(f"{label:32s}{_in_ms(np.median(taken), np.quantile(taken, 0.99), extra)}", flush=True)
-
-
-def measure_pages(targets: dict[str, Target], kept: list[int], figures: Figures) -> None:
-    """Print what a page of 100 runs takes."""
-    print(f"\n{'a page of 100 runs':32s}{'median':>9s}{'best':>9s} ms")
-    for count in kept:
-        with Client.connect(targets[_kept(count)].endpoint, wait=60.0) as client:
-            taken = [time_of(lambda: client.runs(limit=100)) for _ in range(30)]
-        figures["page", _kept(count)] = float(np.median(taken))
-        print(f"{_kept(count):32s}{_in_ms(np.median(taken), min(taken))}", flush=True)
-
-
-def measure_recorded(askers: Askers, target: Target, seconds: float, figures: Figures) -> None:
-    """Print the plans a second of two clients, recordings off and then as by default."""
-    print(f"\n{'plans of two clients':32s}{'plans/s':>9s}{'median':>9s}{'p99':>9s}{'longest':>9s} ms")
-    for label, request in (("without recordings", PLAN), ("with recordings", RECORDED)):
-        askers.ask(2, target, target.plan, request, count=WARM)
-        found = askers.ask(2, target, target.plan, request, seconds=seconds)
-        figures["plans", label] = rate = len(found) / seconds
-        print(f"{label:32s}{rate:9.1f}{_in_ms(np.median(found), np.quantile(found, 0.99), max(found))}", flush=True)
-
-
-def measure_batch(plans: int, workers: int, figures: Figures) -> None:
-    """Print what a batch takes, and what the same command takes again once it is finished."""
-    print(f"\n{f'a batch of {plans} plans':32s}{'seconds':>9s}{'of CPU':>9s} s{'memory':>9s} MB")
-    with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
-        requests = Path(folder) / "requests.jsonl"
-        turned = (0.1 + 0.01 * (number % BATCH_TURNS) for number in range(plans))
-        goals = (msgspec.structs.replace(PLAN, goal=JointsGoal({"panda_joint1": turn})) for turn in turned)
-        requests.write_bytes(b"\n".join(map(codec.encode, goals)))
-        command = [sys.executable, "-m", "guidefield", "batch", str(requests), "-o", f"{folder}/results"]
-        command += ["--workers", str(workers), "--no-recordings"]
-        for label in ("answered", "again"):
-            began = time.perf_counter()
-            measured = subprocess.run([sys.executable, "-c", _MEASURED, *command], capture_output=True, check=True)
-            figures["batch", label] = elapsed = time.perf_counter() - began
-            work, memory = map(float, measured.stdout.split())
-            print(f"{label:32s}{elapsed:9.2f}{work:9.2f}  {memory / 1024:9.0f}", flush=True)
 
 
 def print_goals(figures: Figures) -> None:
@@ -304,48 +226,70 @@ def run(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="tools/bench door", description=__doc__.splitlines()[0])
     parser.add_argument("--only", default=",".join(PARTS), help=f"of {', '.join(PARTS)}")
     parser.add_argument("--seconds", type=float, default=5.0, help="for each target and number of clients")
-    parser.add_argument("--recorded", type=float, default=60.0, help="seconds of plans, without and with recordings")
     parser.add_argument("--plans", type=int, default=100)
-    parser.add_argument("--kept", default="1000", help="kept runs of more services, such as 1000,100000; none: ''")
-    parser.add_argument("--batch", type=int, default=2000, help="plans of the batch")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args(arguments)
-    parts, kept = options.only.split(","), [int(count) for count in options.kept.split(",") if count]
+    parts = options.only.split(",")
     if unknown := set(parts) - set(PARTS):
         parser.error(f"there is no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     figures: Figures = {}
-    if set(parts) - {"batch"}:
-        with contextlib.ExitStack() as opened:
-            targets = {
-                PLAIN: opened.enter_context(plain_queryable()),
-                SERVICE: opened.enter_context(default_service(0, options.workers)),
-                **{_kept(count): opened.enter_context(default_service(count, options.workers)) for count in kept},
-            }
-            askers = opened.enter_context(Askers(max(CLIENTS) if "clients" in parts else 2))
-            if "kinematics" in parts:
-                measure_kinematics(askers, targets, options.seconds, figures)
-            if "clients" in parts:
-                measure_clients(askers, targets, options.seconds, figures)
-            if "plans" in parts:
-                measure_plans(askers, targets, options.plans, figures)
-            if "page" in parts:
-                measure_pages(targets, kept, figures)
-            if "recorded" in parts:
-                measure_recorded(askers, targets[SERVICE], options.recorded, figures)
-            for error, count in askers.errors.items():
-                print(f"{count} errors: {error}")
-    if "batch" in parts:
-        measure_batch(options.batch, options.workers, figures)
+    with (
+        plain_queryable() as plain,
+        default_service(options.workers) as service,
+        Askers(max(CLIENTS) if "clients" in parts else 1) as askers,
+    ):
+        targets = {PLAIN: plain, SERVICE: service}
+        if "kinematics" in parts:
+            measure_kinematics(askers, targets, options.seconds, figures)
+        if "clients" in parts:
+            measure_clients(askers, targets, options.seconds, figures)
+        if "plans" in parts:
+            measure_plans(askers, service, options.plans, figures)
+        for error, count in askers.errors.items():
+            print(f"{count} errors: {error}")
     print_goals(figures)
     print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 
 
+def time_of(ask: Callable[[], object]) -> float:
+    """Return the time that an answer takes [s]."""
+    began = time.perf_counter()
+    ask()
+    return time.perf_counter() - began
+
+
+def read_costs(pid: int) -> np.ndarray:
+    """Return the costs of a process by now.
+
+    They are its processor time and that of all processes below it [s], then the context switches of its threads,
+    voluntary or not, and those of the processes below it. What a process cost that has ended is not counted.
+    """
+    own, below = _cost(pid), sum((_cost(child) for child in _descendants(pid)), np.zeros(2))
+    return np.array([own[0], below[0], own[1], below[1]])
+
+
+def _cost(pid: int) -> np.ndarray:
+    switches = 0
+    for thread in Path(f"/proc/{pid}/task").glob("*/status"):
+        with contextlib.suppress(OSError):  # the thread has ended
+            counts = (line.split() for line in thread.read_text().splitlines() if "ctxt_switches" in line)
+            switches += sum(int(count) for _, count in counts)
+    try:
+        return np.array([time.clock_gettime(~pid << 3 | _CLOCK_OF_PROCESS), switches])
+    except OSError:  # the process has ended
+        return np.array([0.0, switches])
+
+
+def _descendants(pid: int) -> Iterator[int]:
+    for children in Path(f"/proc/{pid}/task").glob("*/children"):
+        with contextlib.suppress(OSError):
+            for child in children.read_text().split():
+                yield int(child)
+                yield from _descendants(int(child))
+
+
 def _answer_here(request: bytes) -> bytes:
     return codec.encode(guidefield.answer(request))
-
-
-def _kept(count: int) -> str:
-    return f"kept {count}"
 
 
 def _in_ms(*seconds: float) -> str:

@@ -1,6 +1,6 @@
 """How costs grow with everything that a user can have many of: at n, 4 n and 16 n.
 
-Usage: tools/bench growth [SUBJECT ..] [--sizes 10,100,1000] [--repeats N] [--small]
+Usage: tools/bench growth [SUBJECT ..] [--sizes 10,100,1000] [--small]
 
 Subjects: boxes, polygons, triangles, points, movers, crossed (boxes at rest, with one that comes across the way),
 configurations, waypoints, goals, steps, links (of the thesis' chains), joints, held (objects), results (of a batch),
@@ -11,8 +11,9 @@ The first ones are measured in a process of their own for each size: *first* is 
 or of writing, *then* of the next one or of reading again (of a stream four times that of its last quarter), *memory*
 what the process grew at most. Of a service *first* is the processor time of its process and its workers for storing
 all, or for 50 answers to each client; *then* for a list of all, or for as many answers again; *memory* is what its
-process has in the end, when the clients have gone. Of kept runs see the lines that are printed with them; *first* is a
-plan's cost, *then* a page's.
+process has in the end, when the clients have gone. Of kept runs *first* is the processor time of the service, without
+its worker, for a plan, and *then* the time of the slowest of three pages of 100 runs: the newest, some from the middle,
+and those that failed, one in ten.
 
 The exponent is that of the power of the size that the growth of the time follows over the last three sizes: 1 is
 linear, and 0 is written where hardly anything grows. Worse than linear is marked, beyond what caches and a busy machine
@@ -30,13 +31,19 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
-from benchmarks.door import FRAMES, Askers, Target, default_service
-from benchmarks.doors.costs import read_costs
-from benchmarks.doors.kept_runs import WARM, measure
-from guidefield import Box, Client, Scene
+import msgspec
+import numpy as np
+
+from benchmarks.door import FRAMES, PLAN, WARM, Askers, Target, default_service, read_costs, time_of
+from guidefield import Box, Client, PlanReply, Scene, answer
 from guidefield.kernels.jit.cache import cache_folder
+from guidefield.messages import codec
+from guidefield.messages.identities import PLAIN
+from guidefield.stores.run_rows import NewRun
+from guidefield.stores.runs import Retention, RunDatabase
 
 TOOLS = Path(__file__).resolve().parents[1]
 SIZES: dict[str, int] = {
@@ -71,13 +78,15 @@ NOISE, LEAST = 1.3, 10e-3
 """Ratio of the time at 16 n to that at n, and their difference [s], below which hardly anything grows."""
 SMALLEST = 16.0
 """Memory below this is that of allocators [MB]."""
+REPEATS = 30
+"""Plans and pages of kept runs."""
 ANSWERS = 50
 """Answers to each client."""
 
 Row = tuple[float, float, float]
 """Processor times [s] and memory [MB]."""
 
-_SCRIPT = f"import sys; sys.path.insert(0, {str(TOOLS)!r}); from benchmarks.one.growth import main; main()"
+_SCRIPT = f"import sys; sys.path.insert(0, {str(TOOLS)!r}); from benchmarks.growth_process import main; main()"
 
 
 def measure_in_process(subject: str, size: int) -> Row:
@@ -94,7 +103,7 @@ def measure_in_process(subject: str, size: int) -> Row:
 
 def measure_clients(size: int) -> Row:
     """Measure so many clients that ask as fast as they can."""
-    with default_service(0, 2) as service:
+    with default_service(2) as service:
         with Askers(size) as askers:
             askers.ask(size, service, service.kinematics, FRAMES, count=WARM)
             first, then = (
@@ -123,10 +132,45 @@ def measure_robots(size: int) -> Row:
         return first, _processor_time(service, client.robots), _memory(service)
 
 
+def measure_runs(size: int) -> Row:
+    """Measure a service with so many kept runs, one in ten of which failed."""
+    with tempfile.TemporaryDirectory(prefix="guidefield-") as data:
+        _keep_runs(size, Path(data))
+        keep = ("--keep-runs", str(size + 1000))
+        with default_service(2, Path(data), keep) as service, Client.connect(service.endpoint, wait=60.0) as client:
+            pages = (
+                partial(client.runs, limit=100),
+                partial(client.runs, limit=100, after=str(size // 2 + 1)),
+                partial(client.runs, limit=100, status="PLANNING_FAILED"),
+            )
+            costs = []
+            for _ in range(WARM + REPEATS):
+                before = read_costs(service.pid)[0]
+                client.plan(PLAN)
+                costs.append(read_costs(service.pid)[0] - before)
+            slowest = max(min(time_of(page) for _ in range(REPEATS)) for page in pages)
+            return float(np.median(costs[WARM:])), slowest, _memory(service)
+
+
+def _keep_runs(count: int, data: Path) -> None:
+    reply = answer(PLAN)
+    assert isinstance(reply, PlanReply)
+    # lists don't depend on rows of the reply, and 100,000 whole ones take 5 GB
+    reply = msgspec.structs.replace(reply, path=reply.path[:20], trajectory=None)
+    status = msgspec.structs.replace(reply.status, code=-1, name="PLANNING_FAILED")
+    failed = codec.encode(msgspec.structs.replace(reply, status=status))
+    replies, database = [*[codec.encode(reply)] * 9, failed], RunDatabase(data, Retention(runs=count + 1))
+    runs = database.of(PLAIN)
+    for number in range(count):
+        runs.finish(NewRun(PLAIN, f"kept{number}", "plan", codec.encode(PLAN)), replies[number % 10])
+    database.close()
+
+
 SERVED: dict[str, Callable[[int], Row]] = {
     "clients": measure_clients,
     "scenes": measure_scenes,
     "robots": measure_robots,
+    "runs": measure_runs,
 }
 
 
@@ -158,7 +202,6 @@ def run(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="tools/bench growth", description=__doc__.splitlines()[0])
     parser.add_argument("subjects", nargs="*", help=f"of {', '.join(SIZES)}")
     parser.add_argument("--sizes", type=_sizes, help="other ones, such as 10,100,1000")
-    parser.add_argument("--repeats", type=int, default=30, help="plans for each number of kept runs")
     parser.add_argument("--small", action="store_true", help="a quarter of each size")
     options = parser.parse_args(arguments)
     subjects = options.subjects or [*SIZES]
@@ -168,12 +211,8 @@ def run(arguments: list[str]) -> None:
         ratio = RATIOS.get(subject, 4)
         n = max(1, SIZES[subject] // ratio) if options.small else SIZES[subject]
         sizes = options.sizes or [n, ratio * n, ratio**2 * n]
-        if subject == "runs":
-            rows = [(row[1], row[2], 0.0) for row in measure(sizes, options.repeats).values()]
-        elif subject in SERVED:
-            rows = [SERVED[subject](size) for size in sizes]
-        else:
-            rows = [measure_in_process(subject, size) for size in sizes]
+        measure = SERVED.get(subject, partial(measure_in_process, subject))
+        rows = [measure(size) for size in sizes]
         print_growth(subject, sizes, rows)
     print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 
@@ -185,7 +224,7 @@ def _sizes(text: str) -> list[int]:
 
 @contextlib.contextmanager
 def _client() -> Iterator[tuple[Target, Client]]:
-    with default_service(0, 1) as service, Client.connect(service.endpoint, wait=60.0) as client:
+    with default_service(1) as service, Client.connect(service.endpoint, wait=60.0) as client:
         client.robot("panda")
         client.robots()
         yield service, client

@@ -2,15 +2,13 @@
 
 Usage: tools/bench stream FOLDER [--arms 10,14,18,22] [--runs N] [--first N] [--every N]
        tools/bench stream panda [--runs N] [--first N] [--every N] [--hunters]
-       and --unproven with either
 
 FOLDER holds public random scenarios in the neutral format: a robot among five boxes of 0.3 m that drift, each declared
 0.3 m/s. *panda*: a Panda among 20 boxes of 10 to 12 cm that drift at 0.1 to 0.5 m/s, each of which declares its own
 speed; with --hunters three that hunt it at 0.9 m/s; its jerks are limited as its maker says. A run succeeds if the
 robot stands at its goal within 10 s and touched nothing, moving or at rest; an outside judge samples each 4 ms with
 plain Pinocchio and Coal. The CPU time of every update is charged to the simulated clock: a piece that is late isn't
-taken. *free* is the same run without obstacles; *x free* the ratio of times, of runs that succeeded. With --unproven
-every piece that is planned is sent, as if the certificate had agreed: to see what it is worth.
+taken. *free* is the same run without obstacles; *x free* the ratio of times, of runs that succeeded.
 """
 
 from __future__ import annotations
@@ -57,19 +55,17 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--every", type=int, default=1, help="of the runs one in so many")
     parser.add_argument("--hunters", action="store_true")
-    parser.add_argument("--unproven", action="store_true", help="without the certificate")
     asked = parser.parse_args(arguments)
-    made = Unproven if asked.unproven else CertifiedStream
     print(
         f"{'':14s}{'success':>12s}{'at speed/rest':>15s}{'x free':>8s}{'95 %':>7s}{'stood':>7s}"
         f"{'cycle ms':>10s}{'95 %':>7s}{'99 %':>7s}{'late':>7s}"
     )
     chosen = range(asked.first, asked.first + asked.runs * asked.every, asked.every)
     if asked.what == "panda":
-        told("panda hunted" if asked.hunters else "panda", chosen, partial(panda_run, hunters=asked.hunters, made=made))
+        told("panda hunted" if asked.hunters else "panda", chosen, partial(panda_run, hunters=asked.hunters))
         return
     for arm in asked.arms.split(","):
-        told(f"{arm} DoF", chosen, partial(public_run, Path(asked.what), int(arm), made=made))
+        told(f"{arm} DoF", chosen, partial(public_run, Path(asked.what), int(arm)))
 
 
 def told(name: str, chosen: range, made: Callable[[int], tuple[Outcome, Outcome]]) -> None:
@@ -93,17 +89,7 @@ def told(name: str, chosen: range, made: Callable[[int], tuple[Outcome, Outcome]
             print(f"   run {index}: reached {one.reached:.2f}, {one.at_speed[:1]}, {one.at_rest[:1]}, {one.reasons}")
 
 
-class Unproven(CertifiedStream):
-    """A stream that sends what it plans, proven or not."""
-
-    def _prove(self, cycle: Any, commit: Any, reserved: bool) -> bool:
-        super()._prove(cycle, commit, reserved)
-        return True
-
-
-def public_run(
-    folder: Path, arm: int, index: int, made: type[CertifiedStream] = CertifiedStream
-) -> tuple[Outcome, Outcome]:
+def public_run(folder: Path, arm: int, index: int) -> tuple[Outcome, Outcome]:
     """One public run, and the same without obstacles."""
     data = json.loads(gzip.decompress((folder / f"spatial_{arm}dof.json.gz").read_bytes()))
     robot = Catalog().load(UrdfFile(path=str(folder / data["urdf"])))
@@ -136,7 +122,7 @@ def public_run(
             allowed_collisions=[(robot.link_of_geometry(0), "ground"), *combinations(robot.links, 2)],
             obstacles=[StreamObstacle(mover.message, mover.largest) for mover in movers],
         )
-        with made(request, robot, scene) as stream:
+        with CertifiedStream(request, robot, scene) as stream:
             place = coal.Transform3s(np.eye(3), np.array(ground["position"], float))
             resting = [("ground", coal.Box(*ground["size"]), place)]
             rng = np.random.default_rng(index)
@@ -144,7 +130,7 @@ def public_run(
     return outcomes[0], outcomes[1]
 
 
-def panda_run(index: int, hunters: bool, made: type[CertifiedStream] = CertifiedStream) -> tuple[Outcome, Outcome]:
+def panda_run(index: int, hunters: bool) -> tuple[Outcome, Outcome]:
     """A Panda among drifting boxes, or hunted, and the same without obstacles."""
     robot = Catalog().load("panda")
     floor = HalfSpace(name="floor", normal=(0.0, 0.0, 1.0), offset=-0.05)
@@ -162,7 +148,7 @@ def panda_run(index: int, hunters: bool, made: type[CertifiedStream] = Certified
             limits={name: JointLimits(jerk=jerk) for name, jerk in zip(request[0], PANDA_JERKS, strict=True)},
             obstacles=[StreamObstacle(mover.message, mover.largest) for mover in some],
         )
-        with made(asked, robot, scene) as stream:
+        with CertifiedStream(asked, robot, scene) as stream:
             place = coal.Transform3s(np.eye(3), np.array([0.0, 0.0, 0.0]))
             resting = [("floor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), -0.05), place)]
             outcomes.append(

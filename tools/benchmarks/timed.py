@@ -8,8 +8,8 @@ rest. *still* is how many of them the planner among obstacles at rest solves the
 solved in time, and *others* how many more. *arrival* is the median of when the robot arrives over when it would, had it
 waited until all rest; *waited* is how many departed later than 0.3 s; *lasts* is the median of how long motions take,
 waiting included, and *inner* that of their smallest clearance without the ends; *CPU* is the processor time of a plan,
-median and 95th percentile; *still CPU* that of the still planner. Every motion is judged by an outside judge: dense
-samples of Pinocchio and Coal.
+median and 95th percentile; *still CPU* that of the still planner. Every motion is judged by the sampling judge of
+`tools/doubt`.
 """
 
 from __future__ import annotations
@@ -17,20 +17,24 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-import coal
 import numpy as np
 import pinocchio as pin
 
 import guidefield
+from doubting.compare import judge_of, names_of, planned_curve
+from doubting.loaded import Loaded
+from doubting.robots import Robot
 from guidefield.collision.clearance import contacts_at
 from guidefield.collision.world import World
+from guidefield.engine import Engine
 from guidefield.messages import scene as messages
 from guidefield.messages.conditions import JointLimits
+from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.values import JointsGoal, Placement
-from guidefield.robot.catalog import Catalog
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build
@@ -42,7 +46,10 @@ SLOWEST = 0.8
 """At least so long is a body on its way from one place to the next [s]."""
 
 SAMPLES = 0.02
-"""Between two samples of the outside judge [s]."""
+"""Between two samples of what passes the robot [s]."""
+
+PASSING = 0.03
+"""An obstacle that comes as close to the start as that passes it [m]."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +78,11 @@ def run(arguments: list[str]) -> None:
         f"{'inner mm':>10s}{'CPU ms':>8s}{'95 %':>8s}{'still CPU':>11s}{'contacts':>10s}"
     )
     for robot in asked.robots.split(","):
+        loaded = Loaded.of(Robot(catalog=robot), Path(), Engine())
         solved, others, ratios, waited, spent, still_spent, contacts, still = 0, 0, [], 0, [], [], 0, 0
         lasts, inner = [], []
         for seed in range(asked.first, asked.first + asked.runs):
-            drawn = problem_of(robot, seed, asked.time, jerk=asked.jerk, met=asked.met)
+            drawn = problem_of(loaded, seed, asked.time, jerk=asked.jerk, met=asked.met)
             guidefield.answer(drawn.resting)  # what is loaded once is not measured
             reply, seconds = measured(drawn.request)
             at_rest, still_seconds = measured(drawn.resting)
@@ -83,7 +91,7 @@ def run(arguments: list[str]) -> None:
             spent.append(1e3 * seconds)
             still_spent.append(1e3 * still_seconds)
             if good:
-                contacts += touches(drawn, reply)
+                contacts += touches(loaded, drawn, reply)
                 lasts.append(reply.metrics.duration)
                 inner.append(np.nan if reply.clearance.inner is None else 1e3 * reply.clearance.inner)
                 waited += bool(reply.trajectory.times[1] > 0.3)
@@ -108,9 +116,9 @@ def measured(request: PlanRequest) -> tuple[Any, float]:
     return reply, time.process_time() - begin
 
 
-def problem_of(robot: str, seed: int, seconds: float, *, jerk: bool = False, met: bool = False) -> Drawn:
+def problem_of(loaded: Loaded, seed: int, seconds: float, *, jerk: bool = False, met: bool = False) -> Drawn:
     """The random problem of a seed; with `met` one in which something comes to the robot where it starts."""
-    model = Catalog().load(robot)
+    model = loaded.model
     group = select(model, None, None, model.rest, pin.SE3.Identity())
     rng = np.random.default_rng([seed, 19])
     start = group.part_of(model.rest)
@@ -123,7 +131,7 @@ def problem_of(robot: str, seed: int, seconds: float, *, jerk: bool = False, met
         last = scene.at(scene.end)
         world, first = World.build(group, last), World.build(group, scene.at(0.0))
         ends_free = not any(contacts_at(one, group.expand(start)) for one in (world, first))
-        if not ends_free or touched(group, scene, start) != met:
+        if not ends_free or touched(loaded, obstacles) != met:
             continue
         goal = next(
             (z for z in (group.random(rng) for _ in range(50)) if not contacts_at(world, group.expand_from_chart(z))),
@@ -133,7 +141,7 @@ def problem_of(robot: str, seed: int, seconds: float, *, jerk: bool = False, met
             break
     names = group.position_names
     fields = {
-        "robot": robot,
+        "robot": loaded.reference,
         "start": dict(zip(names, group.wire_positions(group.chart(start)), strict=True)),
         "goal": JointsGoal(dict(zip(names, group.wire_positions(goal), strict=True))),
         "guide_planes": [],
@@ -174,48 +182,16 @@ def turn(rng: np.random.Generator) -> Any:
     return tuple((quaternion / np.linalg.norm(quaternion)).tolist())
 
 
-def touches(drawn: Drawn, reply: Any) -> bool:
+def touches(loaded: Loaded, drawn: Drawn, reply: PlanReply) -> bool:
     """Whether a sample of a reply's motion touches an obstacle as it stands then."""
-    times, group = np.array(reply.trajectory.times), drawn.group
-    positions = np.array(reply.trajectory.positions)
-    velocities = np.array(reply.trajectory.velocities)
-    data, scratch = group.model.createData(), group.geometry.createData()
-    for now in np.arange(0.0, times[-1], SAMPLES):
-        k = int(np.clip(np.searchsorted(times, now, side="right") - 1, 0, len(times) - 2))
-        h = times[k + 1] - times[k]
-        s = (now - times[k]) / h
-        wire = (
-            (1 + 2 * s) * (1 - s) ** 2 * positions[k]
-            + s * (1 - s) ** 2 * h * velocities[k]
-            + s * s * (3 - 2 * s) * positions[k + 1]
-            + s * s * (s - 1) * h * velocities[k + 1]
-        )
-        if _touches_at(drawn.scene, group, group.expand(wire), now, data, scratch):
-            return True
-    return False
+    curve = planned_curve(reply)
+    assert curve is not None, "it is a success"
+    return judge_of(loaded, drawn.request, names_of(reply.position_names)).along_all(curve).obstacle.distance <= 0.0
 
 
-def touched(group: PlanningGroup, scene: Scene, q: Any) -> bool:
-    """Whether any obstacle touches a robot at a configuration (nq,), or comes within 30 mm of it, as it passes."""
-    data, scratch = group.model.createData(), group.geometry.createData()
-    times = np.arange(0.0, scene.end + SAMPLES, SAMPLES)
-    return any(_touches_at(scene, group, group.expand(q), now, data, scratch, 0.03) for now in times)
-
-
-def _touches_at(
-    scene: Scene, group: PlanningGroup, q: Any, now: float, data: Any, scratch: Any, margin: float = 0.0
-) -> bool:
-    pin.updateGeometryPlacements(group.model, data, group.geometry, scratch, q)
-    for body_index, link in enumerate(group.geometry.geometryObjects):
-        if not link.parentJoint:
-            continue
-        here = coal.Transform3s(scratch.oMg[body_index].rotation, scratch.oMg[body_index].translation)
-        for one in scene.obstacles:
-            there = one.placement_at(now)
-            request, result = coal.CollisionRequest(), coal.CollisionResult()
-            request.security_margin = margin
-            if coal.collide(
-                link.geometry, here, one.shape, coal.Transform3s(there.rotation, there.translation), request, result
-            ):
-                return True
-    return False
+def touched(loaded: Loaded, obstacles: list[messages.Obstacle]) -> bool:
+    """Whether any obstacle touches a robot at rest, or comes within 30 mm of it, as it passes."""
+    times = np.arange(0.0, LATEST + SAMPLES, SAMPLES)
+    judge = loaded.judge(frozenset(joint.name for joint in loaded.movable), obstacles=obstacles)
+    distances, _ = judge.measured({name: np.repeat(one, len(times)) for name, one in judge.whole({}).items()}, times)
+    return bool(distances[:, ~judge.own].min() < PASSING)
