@@ -51,8 +51,3 @@ def _loaded(statement: str) -> set[str]:
 )
 def test_a_light_import_loads_nothing_heavy(statement: str) -> None:
     assert _loaded(statement) == set()
-
-
-def test_a_request_that_needs_the_kernels_loads_them() -> None:
-    statement = "from guidefield import answer; answer({'type': 'robot', 'robot': 'panda'})"
-    assert {"pinocchio", "coal"} <= _loaded(statement)

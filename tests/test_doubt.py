@@ -168,25 +168,19 @@ def test_the_judges_curve_is_that_of_the_samples(tmp_path: Path, robot: str) -> 
         np.testing.assert_allclose(mine, rows, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("judge", ["refereed", "validated"])
 @pytest.mark.parametrize(("change", "until"), [(certified, 0.9), (refused, 0.3), (lambda reply: reply, 0.9)])
-def test_the_referee_contradicts_what_is_false_alone(tmp_path: Path, change: Any, until: float) -> None:
-    from doubting.refereed import Outcome, refereed
+def test_the_referee_and_hpp_contradict_what_is_false_alone(
+    tmp_path: Path, judge: str, change: Any, until: float
+) -> None:
+    from doubting import hpp, refereed
 
-    reply = change(ENGINE.answer(slide(until)))
-    outcome, found = refereed(loaded(tmp_path), slide(until), reply)
-    assert (outcome, len(found)) == ((Outcome.DISAGREES, 1) if change in (certified, refused) else (Outcome.AGREES, 0))
-
-
-@pytest.mark.parametrize(("change", "until"), [(certified, 0.9), (refused, 0.3), (lambda reply: reply, 0.9)])
-def test_hpp_contradicts_what_is_false_alone(tmp_path: Path, change: Any, until: float) -> None:
-    from doubting import hpp
-    from doubting.refereed import Outcome, validated
-
-    if not hpp.installed():
+    if judge == "validated" and not hpp.installed():
         pytest.skip("HPP isn't installed; `tools/doubt --hpp` does it")
     reply = change(ENGINE.answer(slide(until)))
-    outcome, found = validated(loaded(tmp_path), slide(until), reply)
-    assert (outcome, len(found)) == ((Outcome.DISAGREES, 1) if change in (certified, refused) else (Outcome.AGREES, 0))
+    outcome, found = getattr(refereed, judge)(loaded(tmp_path), slide(until), reply)
+    expected = (refereed.Outcome.DISAGREES, 1) if change in (certified, refused) else (refereed.Outcome.AGREES, 0)
+    assert (outcome, len(found)) == expected
 
 
 def test_hpp_finds_contacts_along_cubics_of_an_arm(tmp_path: Path) -> None:

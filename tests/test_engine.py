@@ -247,12 +247,6 @@ def test_a_recording_that_is_too_large_is_dropped(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_recording_goes_where_the_caller_says(engine: Engine, planned: list[dict[str, Any]], tmp_path: Path) -> None:
-    reply = engine.answer(PLAN, record_to=tmp_path / "run.rrd")
-    assert reply.recording == str(tmp_path / "run.rrd")
-    assert (tmp_path / "run.rrd").read_bytes() == b"recording"
-
-
 def test_two_of_one_name_in_a_change_of_a_stored_scene_are_refused(tmp_path: Path) -> None:
     store = SceneStore(tmp_path)
     keeps = Engine(scenes=store)

@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from functools import cache
-from importlib import import_module, resources
+from importlib import import_module
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import NamedTuple, get_origin
@@ -29,8 +29,6 @@ PACKAGE = HOUSE / "service" / "guidefield"
 PROJECT = tomllib.loads((HOUSE / "pyproject.toml").read_text())
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 PAGES = [*sorted(HOUSE.glob("*.md")), *sorted((HOUSE / "service" / "docs").glob("*.md"))]
-DATA = {"docs": HOUSE / "service" / "docs", "robots": HOUSE / "robots", "scenes": HOUSE / "scenes"}
-"""Packages without code, and their folders."""
 CITATION = re.compile(r"([\w./-]*\w\.md)\b(?:,\s+\"([^\"]+)\")?")
 """A document, and its section where one is named."""
 FOREIGN_NAMES = {
@@ -90,17 +88,6 @@ def _ours() -> Iterator[Path]:
                 yield path
     yield from PAGES
     yield HOUSE / "pyproject.toml"
-
-
-def test_the_data_of_every_package_is_in_the_wheel() -> None:
-    data = PROJECT["tool"]["setuptools"]["package-data"]
-    assert data["guidefield"] == ["py.typed"]
-    assert (PACKAGE / "py.typed").exists()
-    assert all((PACKAGE / "endpoint" / "ros" / name).exists() for name in data["guidefield.endpoint.ros"])
-    for name, folder in DATA.items():
-        assert data[f"guidefield.{name}"] == ["**/*"]
-        installed = {entry.name for entry in resources.files(f"guidefield.{name}").iterdir()}
-        assert {path.name for path in folder.iterdir() if path.suffix in (".json", ".md")} <= installed
 
 
 def test_the_packages_that_are_imported_are_those_that_are_declared() -> None:

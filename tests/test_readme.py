@@ -18,10 +18,8 @@ from typer.testing import CliRunner
 
 import guidefield
 from guidefield.cli import app
-from guidefield.errors import ERRORS, Status
 from guidefield.messages import codec, identities, replies, requests, scene, scene_changes
 from guidefield.messages.codec import Encoding
-from guidefield.messages.served import KEYS
 from tests.journeys.service import Service, plain_client, running_service
 
 HOUSE = Path(__file__).resolve().parent.parent
@@ -227,14 +225,6 @@ def test_pages_for_a_quick_look_are_short() -> None:
     assert len(README.read_text().split()) <= MOST_WORDS
     assert len(newest.split()) <= 800
     assert len((DOCS / "benchmarks.md").read_text().split()) <= 1500
-
-
-def test_the_wire_page_has_every_key_code_and_field() -> None:
-    text = (DOCS / "wire.md").read_text()
-    assert [key.key for key in KEYS if f"`guidefield/<i>/{key.key}`" not in text] == []
-    rows = dict(re.findall(r"^\| (-?\d+) \| `(\w+)`", text, re.MULTILINE))
-    assert {int(code): name for code, name in rows.items()} == {int(s): s.name for s in Status}
-    assert [kind.__name__ for kind in ERRORS.values() if f"`{kind.__name__}`" not in text] == []
 
 
 def test_the_service_page_has_every_option() -> None:
