@@ -13,8 +13,6 @@ import threading
 from collections.abc import Callable
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, cast
 
-import numpy as np
-
 from guidefield.memory import FOUND, BoundedMap
 
 Key = TypeVar("Key")
@@ -199,6 +197,8 @@ def _add_sizes(value: Any, sizes: dict[int, int]) -> None:
 @functools.cache
 def _choose_measure(kind: type) -> Callable[[Any, dict[int, int]], None] | None:
     """Return how the size of values of a type is added; None if they have none."""
+    import numpy as np  # here: a service imports this module before it needs arrays
+
     add: Callable[[Any, dict[int, int]], None] | None = None
     if issubclass(kind, np.ndarray):
         add = _add_array
