@@ -10,7 +10,7 @@ import pytest
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import held_paths
-from guidefield.planner.connect.connect import Connection
+from guidefield.planner.connect import Connection
 from guidefield.planner.held_paths import connect_to_goal
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.stages import Ending, Stage, StageFailed

@@ -20,7 +20,7 @@ from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.messages.values import JointsGoal
 from guidefield.planner.finish import STOPS
 from guidefield.planner.plan import Plan, plan
-from guidefield.planner.schedule.slices import SCHEDULE
+from guidefield.planner.slices import SCHEDULE
 from guidefield.planner.task.effort import EffortLimit, tree_of
 from guidefield.planner.task.motion_limits import frame_limit
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
@@ -28,7 +28,7 @@ from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.path_constraints import Cone
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import problem, scene_of, to_configuration
-from tests.planner.schedule.test_schedule import flight, require_within
+from tests.planner.test_schedule import flight, require_within
 from tests.robots import group, rest
 
 PANDA = group("panda")

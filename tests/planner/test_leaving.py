@@ -20,7 +20,7 @@ from guidefield.prove.certificate import certify
 from guidefield.robot.group.group import Alike
 from tests.planner.limit_attack import extremes
 from tests.planner.problems import problem, scene_of, to_configuration
-from tests.planner.schedule.test_schedule import flight
+from tests.planner.test_schedule import flight
 from tests.robots import group, rest
 
 

@@ -13,8 +13,8 @@ from guidefield.planner.plan import Plan, plan
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StageEntered
 from tests.planner.problems import Listener
-from tests.planner.schedule.test_schedule import flight
 from tests.planner.test_goal_among_movers import DOOR, RIGHT, asked, made_tip, require_free
+from tests.planner.test_schedule import flight
 
 
 @functools.cache

@@ -23,8 +23,8 @@ from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.prove.certificate import certify
 from guidefield.prove.curve import polyline
 from guidefield.robot.group.inverse_kinematics import PoseTarget
-from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import closed_shell, problem, scene_of, to_configuration
+from tests.planner.test_connect import wall_between
 from tests.robots import box_arm, grouped
 
 

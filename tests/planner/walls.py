@@ -8,7 +8,7 @@ import numpy as np
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.messages import scene as messages
-from guidefield.planner.connect.connect import connect
+from guidefield.planner.connect import connect
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from tests.planner.problems import problem, scene_of

@@ -24,9 +24,9 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.messages.scene import Scene
-from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import ATTEMPTS, FINER
-from guidefield.planner.connect.tree_search import RESOLUTION
+from guidefield.planner import tree_search
+from guidefield.planner.connect import ATTEMPTS, FINER
+from guidefield.planner.tree_search import RESOLUTION
 from guidefield.prove.certificate import certify
 from guidefield.prove.curve import polyline
 from guidefield.robot.group.group import PlanningGroup

@@ -29,7 +29,7 @@ from guidefield.collision.clearance import (
 )
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.connect.connect import PoseKeeper
+from guidefield.planner.connect import PoseKeeper
 from guidefield.planner.leaving import SLIGHT_DEPTH
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed

@@ -27,7 +27,6 @@ import numpy as np
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
-from guidefield.planner.connect.tree_search import RESOLUTION
 from guidefield.planner.motion.limit_load import TOLERANCE
 from guidefield.planner.motion.timing import remove_repetitions
 from guidefield.planner.motion.trajectory import (
@@ -53,6 +52,7 @@ from guidefield.planner.task.effort import torques_of
 from guidefield.planner.task.motion_limits import KEPT_SHARE
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.planner.tree_search import RESOLUTION
 from guidefield.prove.verdict import LIMIT_TOLERANCE, Reason
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates

@@ -1,12 +1,12 @@
 """Plans to configurations and poses among obstacles that move: first paths, then a schedule along each.
 
 A path is found among obstacles that are held in one of several manners (held_paths.py), optimised and certified there,
-and a schedule along it is searched for that meets nothing that moves (planner/schedule). Paths are tried in order of
+and a schedule along it is searched for that meets nothing that moves (schedule.py). Paths are tried in order of
 their estimated arrival. If the time-dependent certificate refuses a motion, the search continues with another that
 isn't there at that time. If all else fails, the robot waits until the obstacles have come to rest, if it may wait, and
 goes as the planner among obstacles at rest goes.
 
-The settings are `SCHEDULE` and `WAYS` of schedule/slices.py: they and the order of the attempts change which motion is
+The settings are `SCHEDULE` and `WAYS` of slices.py: they and the order of the attempts change which motion is
 found and how soon. That certificate, over the whole scene, judges each motion before it is returned.
 """
 
@@ -30,7 +30,7 @@ from guidefield.planner.motion_certificate import CertifiedMotion, certify_motio
 from guidefield.planner.optimize.clearance_samples import keeps_distance
 from guidefield.planner.optimized_motion import CrossedPlanes, optimize_motion
 from guidefield.planner.path_so_far import PathSoFar, time_path
-from guidefield.planner.schedule.schedule import (
+from guidefield.planner.schedule import (
     Occupancy,
     Schedule,
     Stuck,
@@ -41,7 +41,7 @@ from guidefield.planner.schedule.schedule import (
     schedule_at_any_rate,
     schedule_at_one_rate,
 )
-from guidefield.planner.schedule.slices import SCHEDULE, WAYS, Slices, find_free_from, find_meeting
+from guidefield.planner.slices import SCHEDULE, WAYS, Slices, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending, Stages, make_ending_at_rest
 from guidefield.planner.task.trace import Note

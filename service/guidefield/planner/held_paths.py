@@ -1,7 +1,7 @@
 """Paths and connections to goals among moving obstacles that are left out, or held where they are at some times.
 
 `goal_among_movers.py` schedules and certifies the paths, `plan.py` and it the connections: the order of holdings and
-the shares of time (`WAYS` of schedule/slices.py) change which is tried first, not what is free. A holding's draw seeds
+the shares of time (`WAYS` of slices.py) change which is tried first, not what is free. A holding's draw seeds
 its search, so a new one belongs at the end.
 """
 
@@ -15,11 +15,11 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import Status
-from guidefield.planner.connect.connect import Connection, Keeper, connect, connect_constrained, find_quickest_path
+from guidefield.planner.connect import Connection, Keeper, connect, connect_constrained, find_quickest_path
 from guidefield.planner.ends import UNREACHED, find_tip_points
 from guidefield.planner.guide.guide import inset_of
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.schedule.slices import WAYS, Slices, build_held_world
+from guidefield.planner.slices import WAYS, Slices, build_held_world
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending, Stage, StageFailed, Stages
 from guidefield.planner.task.trace import Note

@@ -25,7 +25,7 @@ from guidefield.planner.optimize.clearance_samples import TouchedPoint, is_bette
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage, PlanePlace, first_places, move_onto_places, with_knots
 from guidefield.planner.path_so_far import limits_of, retime_motion
-from guidefield.planner.schedule.schedule import wait_until_begin
+from guidefield.planner.schedule import wait_until_begin
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.read_only import ReadOnly

@@ -14,7 +14,7 @@ from typing import Self, cast
 
 import numpy as np
 
-from guidefield.planner.connect.connect import Keeper
+from guidefield.planner.connect import Keeper
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.timing import (
     REPEATED,

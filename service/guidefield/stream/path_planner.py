@@ -33,7 +33,7 @@ from guidefield.kernels.collide.layout import (
 )
 from guidefield.messages.streams import StreamGoal
 from guidefield.messages.values import JointSetGoal, JointsGoal, PoseGoal
-from guidefield.planner.connect import tree_search
+from guidefield.planner import tree_search
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.group.kinematics import lent_data

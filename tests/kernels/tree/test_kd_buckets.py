@@ -9,7 +9,7 @@ from guidefield.kernels.simd.packing import pack
 from guidefield.kernels.tree import nodes as lane_nodes
 from guidefield.kernels.tree.informed_samples import Sampling
 from guidefield.kernels.tree.kd_buckets import BUCKET, KNOWN, STATE
-from guidefield.planner.connect.tree_search import _TreeMemory, held_by
+from guidefield.planner.tree_search import _TreeMemory, held_by
 from tests.kernels.collide.lane_callers import nearest_nodes, nearest_nodes_of_samples
 
 WRAPS = np.array([0.0, 2.0 * np.pi, 0.0, 0.0, 2.0 * np.pi], np.float32)

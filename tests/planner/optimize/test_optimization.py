@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.messages import scene as messages
-from guidefield.planner.connect.connect import Keeper
+from guidefield.planner.connect import Keeper
 from guidefield.planner.motion.timing import stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize

@@ -11,7 +11,7 @@ Forward from rest, the greatest u that stays controllable is optimal. Theory: H.
 time-optimal path parameterization based on reachability analysis", IEEE Transactions on Robotics 34(3), 2018.
 
 A schedule is a search in breadth over places on a path and rates, step by step in time: of those that arrive first, the
-cheapest. `planner/schedule/schedule.py` follows `parents_out` back; costs decide among schedules, not whether there is
+cheapest. `planner/schedule.py` follows `parents_out` back; costs decide among schedules, not whether there is
 one.
 """
 

@@ -2,7 +2,7 @@
 
 A joint turns by more than most ways need. Samples from all of its limits mostly pull a tree away from where it has to
 go; those near the straight way from a start to a goal find most paths sooner, and the others find the rest. The
-sequence is fixed by `Sampling.steps` and the places where it begins, which `planner/connect/tree_search.py` draws by
+sequence is fixed by `Sampling.steps` and the places where it begins, which `planner/tree_search.py` draws by
 the seed: a change here changes every path.
 """
 

@@ -1,6 +1,6 @@
 """The nodes of two trees that a search in SIMD batches grows: steps from them, one more of them, the path between.
 
-`planner/connect/tree_search.py` makes the arrays of `TreeSearch`, and reads path and counters; `rrt_connect.py` and
+`planner/tree_search.py` makes the arrays of `TreeSearch`, and reads path and counters; `rrt_connect.py` and
 `constrained_connect.py` grow the trees in them. `RANGE` changes which path a seed gives, not whether it is free; `LATE`
 only the time, as buckets are exact.
 """

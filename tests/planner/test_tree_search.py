@@ -14,9 +14,9 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
-from guidefield.planner.connect import tree_search
-from tests.planner.connect.test_connect import wall_between
+from guidefield.planner import tree_search
 from tests.planner.problems import scene_of
+from tests.planner.test_connect import wall_between
 from tests.robots import box_arm, grouped
 
 

@@ -17,8 +17,8 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import (
+from guidefield.planner import tree_search
+from guidefield.planner.connect import (
     LEAST_SHORTER,
     Keeper,
     PoseKeeper,
@@ -30,11 +30,11 @@ from guidefield.planner.connect.connect import (
     find_quickest_path,
     shorten_path,
 )
-from guidefield.planner.connect.tree_search import FARTHEST_STRIDE, STRIDE, explain_failed_search, sources_of
 from guidefield.planner.ends import find_goal_points
 from guidefield.planner.guide.guide import ATTEMPTS, cross_plane
 from guidefield.planner.motion.timing import length_of
 from guidefield.planner.task.problem import Objective, Problem, TipGoal
+from guidefield.planner.tree_search import FARTHEST_STRIDE, STRIDE, explain_failed_search, sources_of
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.path_constraints import Cone, line, plane, point

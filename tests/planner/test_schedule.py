@@ -15,8 +15,8 @@ from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
-from guidefield.planner.schedule.schedule import bezier, bound_slopes, clamp_smoothly, find_leaving
-from guidefield.planner.schedule.slices import SCHEDULE, Slices, find_free_from, find_meeting
+from guidefield.planner.schedule import bezier, bound_slopes, clamp_smoothly, find_leaving
+from guidefield.planner.slices import SCHEDULE, Slices, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
 from guidefield.prove.curve import excesses
 from tests.planner.problems import closed_shell, problem, scene_of
@@ -53,7 +53,7 @@ def asked(*obstacles: messages.Obstacle, **options: Any) -> Problem:
 def test_what_a_slice_says_is_free_is_free_at_all_times_in_it(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if kind == "shell as a box":
         coarse = dataclasses.replace(SCHEDULE, most_triangles=1)
-        monkeypatch.setattr("guidefield.planner.schedule.slices.SCHEDULE", coarse)
+        monkeypatch.setattr("guidefield.planner.slices.SCHEDULE", coarse)
     shell = closed_shell(0.15)
     mover = ball(trajectory=PASSING) if kind == "ball" else messages.Mesh(
         name="shell", vertices=shell.vertices, triangles=shell.triangles, trajectory=PASSING

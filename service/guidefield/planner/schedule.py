@@ -19,7 +19,7 @@ from guidefield.kernels.timing import path_parameterization as kernel
 from guidefield.planner.motion.limit_load import TOLERANCE, measure_limit_load
 from guidefield.planner.motion.timing import SHORTEST_PIECE
 from guidefield.planner.motion.trajectory import Trajectory, bezier, piece_accelerations
-from guidefield.planner.schedule.slices import SCHEDULE, Slices
+from guidefield.planner.slices import SCHEDULE, Slices
 from guidefield.planner.task.problem import Problem
 from guidefield.prove.curve import excesses
 from guidefield.read_only import ReadOnly
