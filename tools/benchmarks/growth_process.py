@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import sys
 import tempfile
@@ -10,11 +11,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import guidefield
 from benchmarks import grown
 from benchmarks.grown import PANDA, SEED, TURNED, Made
 from guidefield.batch import ItemAnswer, RequestFile, Results
 from guidefield.messages import codec
+from guidefield.messages.scene import Box, HalfSpace, Scene
+from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
+from guidefield.messages.values import JointsGoal, Placement
+from guidefield.robot.catalog import Catalog
+from guidefield.scene.scene import build
+from guidefield.stream.stream import CertifiedStream
 
 WARMED = 5
 """A size that is answered twice before, so that kernels are loaded."""
@@ -103,11 +112,32 @@ def batch_results(count: int) -> Costs:
 
 
 def stream_cycles(count: int) -> Costs:
-    """Run a stream of a Panda among three boxes for so many cycles, 50 a second."""
-    from benchmarks.stream_rate import Kind, measured
-
-    cycles, _, _ = measured(Kind(3, 3), count)
-    return float(cycles.sum()), float(cycles[-count // 4 :].sum() * 4)
+    """Run a stream of a Panda to and fro among three boxes that sway for so many cycles, 50 a second."""
+    names = [f"box{k}" for k in range(3)]
+    places, sways = np.array([[0.8, 0.3 * k, 0.4 + 0.2 * k] for k in (-1, 0, 1)]), 0.1 * np.eye(3)
+    goals = [JointsGoal({**PANDA, "panda_joint1": turn}) for turn in (1.0, -1.0)]
+    obstacles = [StreamObstacle(Box(name=name, size=(0.1, 0.1, 0.1)), 0.5) for name in names]
+    floor = build(Scene("floor", obstacles=[HalfSpace(name="floor", normal=(0.0, 0.0, 1.0), offset=-0.05)]))
+    request = StreamOpen("panda", "floor", goal=goals[0], start=goals[1].positions, obstacles=obstacles)
+    times, turns = [], 0
+    with CertifiedStream(request, Catalog().load("panda"), floor) as stream:
+        gc.collect()
+        gc.freeze()  # as a service does
+        for now in (0.02 * np.arange(count)).tolist():
+            moved, rates = (places + np.sin(now) * sways).tolist(), (np.cos(now) * sways).tolist()
+            observed = [
+                Observation(name, now, Placement(tuple(at)), tuple(rate))
+                for name, at, rate in zip(names, moved, rates, strict=True)
+            ]
+            positions = stream.executing.state(now)[:, 0].tolist()
+            joints = dict(zip(stream.group.position_names, positions, strict=True))
+            began = time.thread_time()
+            reply = stream.update(StreamUpdate(now, observed, joints))
+            times.append(time.thread_time() - began)
+            if not isinstance(reply, Piece) and reply.reason == "at_goal" and now >= reply.stops:
+                turns += 1
+                stream.aim_for(goals[turns % 2])
+    return sum(times), 4.0 * sum(times[-count // 4 :])
 
 
 SUBJECTS: dict[str, Callable[[], Callable[[int], Costs]]] = {

@@ -60,7 +60,6 @@ CAPTIONS = {
     "kitchen": "A Panda takes a can from a shelf and puts it on a table",
     "objectives": "The same request with each objective",
     "failure": "A start in collision: the bodies are red",
-    "web": "A recording in a browser",
     "tab": "A tab of a recording",
     "seed": "A scene of the thesis, light at the start and dark at the goal",
 }

@@ -12,12 +12,11 @@ from PIL import Image
 import guidefield
 from guidefield.messages.conditions import SceneReference
 from guidefield.messages.replies import PlanReply
-from guidefield.messages.requests import PlanRequest, ReadScene
+from guidefield.messages.requests import ForwardKinematics, PlanRequest, ReadRobot, ReadScene
 from guidefield.messages.scene import GuidePlane
 from guidefield.scene.scene import build
-from pictures import browser, compose
+from pictures import compose
 from pictures.figure import ORANGE, SIDES, WAY, Style, View, write_figure
-from pictures.moments import moments
 from pictures.viewer import bring_forward, complaints, headless_viewer, opened, steady_picture
 
 SHEET_WINDOW = (2100, 1100)
@@ -76,7 +75,7 @@ def sheet(run: Planned) -> Faults:
     whole = {f"{side}, whole way": replace(view, drawn=(WAY,)) for side, view in SIDES.items()}
     aspect = SHEET_WINDOW[0] / 3 / (SHEET_WINDOW[1] / 2 - BARS)
     run.draw(SIDES | whole, aspect, Style(robot=ORANGE))
-    stops = moments(run.request, run.reply)
+    stops = _moments(run.request, run.reply)
     cells: dict[str, list[Image.Image]] = {side: [] for side in SIDES}
     with headless_viewer(SHEET_WINDOW) as viewer:
         opened(viewer, run.figure())
@@ -93,6 +92,38 @@ def sheet(run: Planned) -> Faults:
         yield from (f"{side}, picture {i} is blank" for i, one in enumerate(images) if compose.is_blank(one))
     headings = [*(title for title, _ in stops), "the whole way"]
     compose.save(compose.sheet(list(cells.values()), headings, SHEET_WIDTH), run.folder / f"{run.name}.webp")
+
+
+def _moments(request: PlanRequest, reply: PlanReply) -> list[tuple[str, float]]:
+    """Start, where the tip crosses each guide plane, and the end: each with its time [s]."""
+    assert reply.trajectory is not None
+    about = guidefield.answer(ReadRobot(request.robot))
+    rows = [_positions(reply.position_names, row) for row in reply.trajectory.positions]
+    asked = ForwardKinematics(
+        robot=request.robot, frames=[about.tip], configurations=rows, robot_placement=request.robot_placement
+    )
+    tip = np.array([placements[0].position for placements in guidefield.answer(asked).placements])
+    times = reply.trajectory.times
+    found = [("start", times[0])]
+    for plane in reply.guide_planes[:-1]:
+        corners = np.array(plane.vertices)
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        side = (tip - corners[0]) @ normal
+        at = int(np.argmax(side * side[0] <= 0.0))
+        found.append((plane.name, times[at]))
+    return [*found, ("goal", times[-1])]
+
+
+def _positions(names: Sequence[str], row: Sequence[float]) -> dict[str, float | list[float]]:
+    """A row of a path as a request wants it: `ball1.qx`, `ball1.qy` .. belong to one joint."""
+    found: dict[str, float | list[float]] = {}
+    for name, value in zip(names, row, strict=True):
+        joint, dot, _ = name.rpartition(".")
+        if dot:
+            found.setdefault(joint, []).append(value)
+        else:
+            found[name] = value
+    return found
 
 
 def clip(run: Planned, view: View, style: Style) -> Faults:
@@ -153,15 +184,6 @@ def beside(runs: Sequence[Planned], view: View, style: Style, picture: Path) -> 
         headings.append(f"{run.request.objective}: {run.reply.metrics.duration:.2f} s, {away} mm away")
     yield from (f"{run.name} is blank" for run, one in zip(runs, images, strict=True) if compose.is_blank(one))
     compose.save(compose.sheet([images], headings, TAB_WIDTH), picture)
-
-
-def web(run: Recorded) -> Faults:
-    """The recording in a browser, as `guidefield show --web` serves it; says why where there is no browser."""
-    reason = browser.missing()
-    if reason is not None:
-        print(f"{run.name}: skipped: {reason}")
-        return
-    yield from browser.web_picture(run.recording, run.folder / f"{run.name}.webp")
 
 
 def tabs(run: Planned) -> Faults:

@@ -15,7 +15,7 @@ from guidefield.messages import codec
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import GuidePlaneGoal, JointsGoal, PlanRequest, PoseGoal
 from pictures.figure import ORANGE, ROBOT, STOP, TO_STOP, Colour, Style, View
-from pictures.shots import Faults, Planned, Recorded, beside, clip, sheet, still, stretch, tabs, web
+from pictures.shots import Faults, Planned, Recorded, beside, clip, sheet, still, stretch, tabs
 
 REQUESTS = Path(__file__).resolve().parents[1] / "examples" / "requests"
 OBJECTIVES = ("balanced", "time", "clearance")
@@ -181,7 +181,6 @@ SUBJECTS: dict[str, Subject | Demonstration | Comparison] = {
         partial(still, view=SHELF, style=SEE_THROUGH),
         status="START_STATE_IN_COLLISION",
     ),
-    "web": Subject(demonstration.REQUESTS["demo-guide-planes"][1], web),
     "tabs": Subject(demonstration.REQUESTS["demo-guide-planes"][1], tabs),
     **{name: Subject(_file(name), sheet) for name in THESIS},
 }
