@@ -13,7 +13,7 @@ from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.model.followers import lock_joints
+from guidefield.robot.model.model import lock_joints
 from tests.robots import load, robot
 
 PLAIN = ("w", "a", "b", "c", "d"), ("j1", "j2", "j3", "j4")

@@ -25,8 +25,8 @@ from guidefield.messages.values import QUATERNION_TOLERANCE, Placement
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model import chart
-from guidefield.robot.model.configuration import FURTHEST, configuration_from_wire
-from guidefield.robot.model.model import Joint, JointKind, RobotModel
+from guidefield.robot.model.configuration import configuration_from_wire
+from guidefield.robot.model.model import LARGEST_VALUE, Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import ChartPoints, ChartRates, ModelConfigurations, RobotConfigurations
 
 # how far a mimic joint's column may be from its law [rad or m, and per s]: the law is certified, not the column, so a
@@ -113,10 +113,10 @@ def chart_points(columns: Columns, rows: np.ndarray, group: PlanningGroup, field
     Raises:
         InvalidConfiguration: if a value is too large, a quaternion is none, or a mimic joint is not where its law says.
     """
-    if len(far := np.argwhere(np.abs(rows) > FURTHEST)):
+    if len(far := np.argwhere(np.abs(rows) > LARGEST_VALUE)):
         row, column = far[0].tolist()
         raise InvalidConfiguration(
-            f"`{field}[{row}]`: {columns.names[column]} may be {FURTHEST:g} at most, got {rows[row, column]:g}",
+            f"`{field}[{row}]`: {columns.names[column]} may be {LARGEST_VALUE:g} at most, got {rows[row, column]:g}",
             column=columns.names[column],
             row=row,
         )
@@ -259,7 +259,7 @@ def configurations_from(robot: RobotModel, given: ConfigurationBatch) -> RobotCo
     if (values := _scalar_rows(given)) is not None:
         with at_path("$.configurations[0]"):
             configuration_from_wire(robot, given[0])  # every fault of a name is found in the first
-        if np.abs(values).max(initial=0.0) <= FURTHEST:
+        if np.abs(values).max(initial=0.0) <= LARGEST_VALUE:
             return _of_rows(robot, {name: (index,) for index, name in enumerate(given[0])}, values, "configurations")
     found = np.empty((len(given), robot.model.nq))
     for index, positions in enumerate(given):
@@ -370,11 +370,11 @@ def _of_rows(
     robot: RobotModel, columns: Mapping[str, tuple[int, ...]], rows: np.ndarray, field: str
 ) -> RobotConfigurations:
     """Configurations, shape (n, nq), of rows (n, k) whose columns are known by joint."""
-    if len(far := np.argwhere(np.abs(rows) > FURTHEST)):
+    if len(far := np.argwhere(np.abs(rows) > LARGEST_VALUE)):
         row, column = far[0].tolist()
         name = next(name for name, at in columns.items() if column in at)
         raise InvalidConfiguration(
-            f"`{field}[{row}]`: {name} may be {FURTHEST:g} at most, got {rows[row, column]:g}", joint=name, row=row
+            f"`{field}[{row}]`: {name} may be {LARGEST_VALUE:g} at most, got {rows[row, column]:g}", joint=name, row=row
         )
     found = np.tile(robot.rest, (len(rows), 1))
     for joint in robot.joints:

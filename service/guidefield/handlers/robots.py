@@ -27,7 +27,7 @@ from guidefield.robot.catalog import Catalog
 from guidefield.robot.library import SentRobot
 from guidefield.robot.link_bounds import ShapeCoverage, recall_coverage, recall_parts
 from guidefield.robot.model.configuration import configuration_to_wire
-from guidefield.robot.model.mimic_limits import bind_rates
+from guidefield.robot.model.mimic_joints import bind_rates
 from guidefield.robot.model.model import Joint, RobotModel
 
 PREPARE_WITHIN = 60.0

@@ -43,9 +43,9 @@ from guidefield.robot.mjcf_compilation import (
     is_mjcf,
 )
 from guidefield.robot.mjcf_conversion import convert, root_is_fixed
-from guidefield.robot.model.followers import unwrapped, with_ball_joints
 from guidefield.robot.model.loading import default_tip, load
-from guidefield.robot.model.model import RobotModel, RobotSource
+from guidefield.robot.model.mimic_joints import find_unwrapped
+from guidefield.robot.model.model import RobotModel, RobotSource, with_ball_joints
 from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
 from guidefield.robot.model.pairs import random_configuration
 from guidefield.robot.model.spaces import RobotConfiguration
@@ -106,7 +106,7 @@ def _summary(
     except (RobotInvalid, ValueError) as error:
         return msgspec.structs.replace(line, problem=str(error))
     model = with_ball_joints(line.name, model, card.ball_joints)
-    otherwise = {**dict.fromkeys(card.ball_joints, "spherical"), **dict.fromkeys(unwrapped(facts), "revolute")}
+    otherwise = {**dict.fromkeys(card.ball_joints, "spherical"), **dict.fromkeys(find_unwrapped(facts), "revolute")}
     kinds = Counter(
         otherwise.get(joint.name, joint.kind)
         for joint in facts.joints.values()

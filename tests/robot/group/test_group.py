@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.errors import InvalidGroup, UnknownFrame
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.model.followers import follow
+from guidefield.robot.model.mimic_joints import follow
 from tests.robots import ARMS, group, random_configuration, rest, robot
 
 HERE = pin.SE3.Identity()

@@ -33,7 +33,7 @@ from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.followers import follow
+from guidefield.robot.model.mimic_joints import follow
 from guidefield.robot.model.spaces import (
     ChartPoint,
     ChartPoints,

@@ -22,7 +22,7 @@ from guidefield.messages.requests import Positions
 from guidefield.read_only import read_only
 from guidefield.robot.model import chart
 from guidefield.robot.model.chart import ROAM, TRANSLATION, WIND
-from guidefield.robot.model.mimic_limits import bind_rates
+from guidefield.robot.model.mimic_joints import bind_rates
 from guidefield.robot.model.model import Joint, JointKind, LimitSource, RobotModel
 from guidefield.robot.model.spaces import (
     ChartPoint,

@@ -14,8 +14,8 @@ from guidefield.errors import GuidefieldError, InvalidConfiguration, at_path
 from guidefield.messages.requests import JointValue, Positions
 from guidefield.messages.values import QUATERNION_TOLERANCE
 from guidefield.robot.model import chart
-from guidefield.robot.model.followers import follow
-from guidefield.robot.model.model import Joint, JointKind, RobotModel
+from guidefield.robot.model.mimic_joints import follow
+from guidefield.robot.model.model import LARGEST_VALUE, Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import IndexedConfiguration, RobotConfiguration
 
 CLAMP_TOLERANCE = 1e-5 + 1e-11
@@ -23,8 +23,6 @@ CLAMP_TOLERANCE = 1e-5 + 1e-11
 
 The docs promise it. Motions themselves are held to `LIMIT_TOLERANCE` of prove/verdict.py, which is far less.
 """
-
-FURTHEST = 1e4  # largest value of a joint [rad or m]: a motion further than that could not be judged in any time
 
 LENGTHS = {JointKind.PLANAR: 3, JointKind.SPHERICAL: 4, JointKind.FLOATING: 7}
 """How many numbers the wire has for a joint, where it isn't one."""
@@ -62,7 +60,7 @@ def configuration_from_wire(
 
     Raises:
         InvalidConfiguration: (or `error`) for an unknown joint, a joint that follows another, a value of the wrong
-            length or beyond `FURTHEST`, or a quaternion whose norm isn't 1 within 1e-6.
+            length or beyond `LARGEST_VALUE`, or a quaternion whose norm isn't 1 within 1e-6.
     """
     q = np.array(robot.rest if base is None else base, float)
     for name, value in positions.items():
@@ -81,8 +79,8 @@ def configuration_from_wire(
                 joint=name,
                 path=path,
             )
-        if (max(map(abs, value), default=0.0) if isinstance(value, list) else abs(value)) > FURTHEST:
-            raise error(f"joint {name!r}: a value may be {FURTHEST:g} at most, got {value}", joint=name, path=path)
+        if (max(map(abs, value), default=0.0) if isinstance(value, list) else abs(value)) > LARGEST_VALUE:
+            raise error(f"joint {name!r}: a value may be {LARGEST_VALUE:g} at most, got {value}", joint=name, path=path)
         if joint.nq == 1 and not isinstance(value, list):
             q[joint.idx_q] = value
         else:

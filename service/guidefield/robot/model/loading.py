@@ -15,10 +15,15 @@ import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.library import RobotCard
-from guidefield.robot.model import chart, followers, pairs, rest
+from guidefield.robot.model import chart, pairs, rest
 from guidefield.robot.model.collision_shapes import Meshes, choose_shapes, read_meshes
-from guidefield.robot.model.followers import with_ball_joints
-from guidefield.robot.model.mimic_limits import bind_ranges, describe_bound_rates
+from guidefield.robot.model.mimic_joints import (
+    bind_ranges,
+    describe_bound_rates,
+    find_unwrapped,
+    mimic_laws,
+    with_unwrapped,
+)
 from guidefield.robot.model.model import (
     NO_GEOMETRY,
     ROOT_JOINT,
@@ -33,6 +38,7 @@ from guidefield.robot.model.model import (
     joint_indices,
     joints_to,
     moving_joint,
+    with_ball_joints,
 )
 from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
 from guidefield.robot.urdf import srdf
@@ -128,7 +134,7 @@ def load(
     indices = joint_indices(model)
     axes = {indices[name]: np.array(joint.axis) for name, joint in facts.joints.items() if joint.axis is not None}
     set_planar_axes(model, geometry, axes)
-    model = followers.with_unwrapped(with_ball_joints(name, model, card.ball_joints), facts)
+    model = with_unwrapped(with_ball_joints(name, model, card.ball_joints), facts)
     known_joints = [*facts.joints, ROOT_JOINT, *described.virtual]
     warnings += [*described.warnings, *srdf.find_unknown_names(described, facts.links, known_joints)]
     warnings += _differing_root(described, source.root_joint)
@@ -136,10 +142,10 @@ def load(
         warnings.append(f"robot {name!r} {NO_GEOMETRY}: it can be asked for forward and inverse kinematics alone")
     size = find_size(model, geometry, {name: mesh.vertices for name, (*_, mesh) in meshes.items()})
     choices = choose_shapes(model, geometry, meshes, facts.meshes, size, warnings)
-    laws = followers.laws(facts)
+    laws = mimic_laws(facts)
     joints = tuple(_joint(model, index, facts, laws, card, warnings) for index in range(1, model.njoints))
     _check_columns(name, joints)
-    for driver, follower in followers.unwrapped(facts).items():
+    for driver, follower in find_unwrapped(facts).items():
         warnings.append(
             f"joint {driver!r} is continuous, but {follower!r}, which follows it, is elsewhere after a turn of it: "
             f"{driver!r} is a revolute joint therefore, whose whole turns count"

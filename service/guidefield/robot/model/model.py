@@ -1,6 +1,7 @@
 """The robot as a value: Pinocchio's model with its joints and frames, the collision geometry that counts, and limits.
 
-Links and joints may share a name, and then the link's frame is meant.
+Links and joints may share a name, and then the link's frame is meant. A model whose joints are replaced or locked keeps
+the indices of its frames.
 
 Lengths that were chosen (margins, steps, spacings) are stated for a usual arm, and scale with a robot's size. A Panda,
 a UR5, a Fetch and a Baxter reach 1.1 to 1.5 m: all lengths were chosen with them. So robots of about their reach have
@@ -12,7 +13,8 @@ they are in docs/robots.md, "Size".
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -34,6 +36,35 @@ from guidefield.kernels.kinematics.forward_kinematics import (
 )
 from guidefield.robot.model.spaces import RobotConfiguration
 
+ROOT_JOINT = "root_joint"  # name of the joint by which a robot moves in the world, unless its root is fixed
+
+NO_GEOMETRY = "has no collision geometry, so nothing can be said about collisions"
+
+LARGEST_VALUE = 1e4  # largest value of a joint [rad or m]: a motion further than that could not be judged in any time
+
+USUAL_REACH = 1.15  # reach of a robot of size 1 [m]
+
+LEAST_USUAL, MOST_USUAL = 0.75, 2.5
+"""Robots that reach no less and no more than this have that size, too [m]: those that lengths were chosen with."""
+
+USUAL_RADIUS, LEAST_RADIUS, MOST_RADIUS = 0.25, 0.05, 1.0
+"""For robots of which nothing but the root turns, such as a gantry, a box that slides or one that flies, the same three
+numbers of the radius of the largest moving body [m]: how far they go is no matter of their size."""
+
+POINT_EXTENT = 1e-5  # robots that extend less far are points, as bodies of size zero are, and have the size 1 [m]
+
+MARGIN = 2e-3
+"""Margin that the planner keeps beyond the clearance that is asked for [m], at size 1.
+
+It is 200 times the certificate's resolution, and next to nothing of free space. With it the certificate refuses a tenth
+as many of a tree's shortened paths as without, because shortcuts end where they graze something and samples overlook
+corners; paths are 0.5 % longer (`tools/bench connect`). It holds for steps of the guided planner, motions among moving
+obstacles, and links that are in contact at the stated rest. `least_floor` of `planner/optimize/settings.py`, the lowest
+clearance of the optimiser, has the same value written out.
+"""
+
+FREE = ("JointModelPlanar", "JointModelFreeFlyer")  # Pinocchio's names of joints that turn a whole robot
+
 CODES = {
     "JointModelPlanar": PLANAR,
     "JointModelSpherical": SPHERICAL,
@@ -45,6 +76,7 @@ CODES = {
     **{f"JointModelRUB{axis}": CONTINUOUS for axis in "XYZ"},
     **{f"JointModelP{axis}": PRISMATIC for axis in "XYZ"},
 }
+"""Kind of joint, as the kernels have it, by Pinocchio's name of it."""
 
 
 def joint_table(model: Any) -> JointTable:
@@ -100,9 +132,6 @@ def joints_to(model: Any, frame: str) -> list[str]:
     return [model.names[index] for index in model.supports[moving_joint(model, frame)] if index]
 
 
-ROOT_JOINT = "root_joint"  # name of the joint by which a robot moves in the world, unless its root is fixed
-
-NO_GEOMETRY = "has no collision geometry, so nothing can be said about collisions"
 """The fault of a robot that is good for kinematics alone."""
 
 
@@ -266,26 +295,90 @@ class RobotModel:
         return {}
 
 
-USUAL_REACH = 1.15  # reach of a robot of size 1 [m]
+def with_joints(model: Any, replacements: Mapping[int, Any]) -> Any:
+    """Return the same Pinocchio model with joints replaced by index; the indices of joints and frames stay the same.
 
-LEAST_USUAL, MOST_USUAL = 0.75, 2.5
-"""Robots that reach no less and no more than this have that size, too [m]: those that lengths were chosen with."""
+    Limits are kept where a joint has as many values as before; what replaces another has no limits of positions else.
+    """
+    if not replacements:
+        return model
+    made, _ = _rebuild(model, replacements, (), pin.neutral(model))
+    return made
 
-USUAL_RADIUS, LEAST_RADIUS, MOST_RADIUS = 0.25, 0.05, 1.0
-"""For robots of which nothing but the root turns, such as a gantry, a box that slides or one that flies, the same three
-numbers of the radius of the largest moving body [m]: how far they go is no matter of their size."""
 
-POINT_EXTENT = 1e-5  # robots that extend less far are points, as bodies of size zero are, and have the size 1 [m]
+def lock_joints(model: Any, geometry: Any, locked: Collection[int], q: np.ndarray) -> tuple[Any, Any]:
+    """Return the models with some joints, by index, fixed at a configuration, shape (model.nq,).
 
-MARGIN = 2e-3
-"""Margin that the planner keeps beyond the clearance that is asked for [m], at size 1.
+    Frames keep their indices and names; joints keep their order. `pinocchio.buildReducedModel` does the same, but finds
+    frames by name.
+    """
+    if not locked:
+        return model, geometry
+    made, places = _rebuild(model, {}, locked, q)
+    reduced = geometry.copy()
+    for shape in reduced.geometryObjects:
+        carrier, offset = places[shape.parentJoint]
+        shape.parentJoint, shape.placement = carrier, offset * shape.placement
+    return made, reduced
 
-It is 200 times the certificate's resolution, and next to nothing of free space. With it the certificate refuses a tenth
-as many of a tree's shortened paths as without, because shortcuts end where they graze something and samples overlook
-corners; paths are 0.5 % longer (`tools/bench connect`). It holds for steps of the guided planner, motions among moving
-obstacles, and links that are in contact at the stated rest. `least_floor` of `planner/optimize/settings.py`, the lowest
-clearance of the optimiser, has the same value written out.
-"""
+
+def _rebuild(
+    model: Any, replacements: Mapping[int, Any], locked: Collection[int], q: np.ndarray
+) -> tuple[Any, list[tuple[int, Any]]]:
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    made = pin.Model()
+    made.name = model.name
+    kept: list[tuple[Any, Any]] = []
+    places: list[tuple[int, Any]] = [(0, pin.SE3.Identity())]
+    for index in range(1, model.njoints):
+        carrier, offset = places[model.parents[index]]
+        if index in locked:
+            places.append((carrier, offset * data.liMi[index]))
+        else:
+            joint = replacements.get(index) or model.joints[index].extract()
+            carrier = made.addJoint(carrier, joint, offset * model.jointPlacements[index], model.names[index])
+            kept.append((model.joints[index], made.joints[carrier]))
+            places.append((carrier, pin.SE3.Identity()))
+        made.appendBodyToJoint(places[index][0], model.inertias[index], places[index][1])
+    for number, frame in enumerate(list(model.frames)[1:]):
+        carrier, offset = places[frame.parentJoint]
+        # under a name of its own, as Pinocchio merges frames that share name and type
+        copied = pin.Frame(f"frame {number}", carrier, frame.parentFrame, offset * frame.placement, frame.type)
+        made.frames[made.addFrame(copied, False)].name = frame.name
+    _copy_limits(model, made, kept)
+    return made, places
+
+
+def _copy_limits(source: Any, target: Any, kept: Sequence[tuple[Any, Any]]) -> None:
+    for name, none in (("lowerPositionLimit", -math.inf), ("upperPositionLimit", math.inf)):
+        limits = getattr(source, name)
+        parts = [
+            limits[joint.idx_q : joint.idx_q + joint.nq] if joint.nq == copied.nq else np.full(copied.nq, none)
+            for joint, copied in kept
+        ]
+        setattr(target, name, np.concatenate([np.empty(0), *parts]))
+    for name in ("lowerVelocityLimit", "upperVelocityLimit", "lowerEffortLimit", "upperEffortLimit"):
+        limits, none = getattr(source, name), -math.inf if name == "lowerEffortLimit" else math.inf
+        parts = [
+            limits[joint.idx_v : joint.idx_v + joint.nv] if joint.nv == copied.nv else np.full(copied.nv, none)
+            for joint, copied in kept
+        ]
+        setattr(target, name, np.concatenate([np.empty(0), *parts]))
+
+
+def with_ball_joints(name: str, model: Any, marked: Collection[str]) -> Any:
+    """Replace marked floating joints, which only turn, by spherical ones in a Pinocchio model; indices stay the same.
+
+    RobotInvalid if a marked joint doesn't exist or isn't floating.
+    """
+    indices = joint_indices(model)
+    for joint in marked:
+        if joint not in indices:
+            raise RobotInvalid(f"robot {name!r} has no joint {joint!r}, which its card marks as a ball", joint=joint)
+        if model.joints[indices[joint]].shortname() != "JointModelFreeFlyer":
+            raise RobotInvalid(f"robot {name!r}: joint {joint!r} is marked as a ball but isn't floating", joint=joint)
+    return with_joints(model, {indices[joint]: pin.JointModelSpherical() for joint in marked})
 
 
 def find_size(model: Any, geometry: Any, meshes: Mapping[str, np.ndarray]) -> float:
@@ -300,9 +393,6 @@ def find_size(model: Any, geometry: Any, meshes: Mapping[str, np.ndarray]) -> fl
         return 1.0 if radius < POINT_EXTENT or LEAST_RADIUS <= radius <= MOST_RADIUS else radius / USUAL_RADIUS
     reach = _find_reach(model, geometry, meshes)
     return 1.0 if reach < POINT_EXTENT or LEAST_USUAL <= reach <= MOST_USUAL else reach / USUAL_REACH
-
-
-FREE = ("JointModelPlanar", "JointModelFreeFlyer")  # Pinocchio's names of joints that turn a whole robot
 
 
 def _find_reach(model: Any, geometry: Any, meshes: Mapping[str, np.ndarray]) -> float:

@@ -18,7 +18,7 @@ from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import Positions
 from guidefield.robot.library import RobotCard
 from guidefield.robot.model.configuration import CLAMP_TOLERANCE, LENGTHS, clamp, values_from_wire
-from guidefield.robot.model.followers import follow
+from guidefield.robot.model.mimic_joints import follow
 from guidefield.robot.model.model import MARGIN, ROOT_JOINT, Joint, JointKind
 from guidefield.robot.model.pairs import SelfContacts
 from guidefield.robot.model.spaces import RobotConfiguration

@@ -16,7 +16,7 @@ import pinocchio as pin
 from lxml import etree
 
 from guidefield.robot.model.configuration import scalar
-from guidefield.robot.model.followers import follow
+from guidefield.robot.model.mimic_joints import follow
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import RobotConfiguration
 

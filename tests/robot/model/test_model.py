@@ -1,4 +1,4 @@
-"""Ball joints: made of marked floating joints, everything else as it was."""
+"""The robot's model: a link before a joint of its name; ball joints, everything else as it was."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.model.followers import with_ball_joints
-from guidefield.robot.model.model import JointKind
+from guidefield.messages.requests import UrdfText
+from guidefield.robot.model.model import JointKind, frame_index, with_ball_joints
 from tests.robots import box_arm, load, robot
 
 
@@ -40,3 +40,19 @@ def test_the_seeds_chains_are_balls(name: str) -> None:
     moving = "moving" in name
     assert kinds.count(JointKind.SPHERICAL) == (2 if moving else 6)
     assert (kinds[0] is JointKind.FLOATING) == moving
+
+
+SHARED = (
+    '<robot name="r"><link name="a"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+    '<link name="b"/>'
+    '<joint name="b" type="revolute"><origin xyz="0 0 1"/><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+    '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+)
+
+
+def test_the_link_is_meant() -> None:
+    model = load(UrdfText(text=SHARED)).model
+    index = frame_index(model, "b")
+    assert index is not None
+    assert model.frames[index].type.name == "BODY"
+    assert load(UrdfText(text=SHARED)).frame_id("b") == index
