@@ -136,6 +136,8 @@ def test_a_certify_request_in_a_file_is_taken_whole(tmp_path: Path) -> None:
 
 BROKEN: dict[str, tuple[str, Any, str]] = {
     "no numbers": ("m.csv", "time,a\n0.0,x\n", "line 2: column 'a' has 'x', which is no number"),
+    "semicolons": ("m.csv", "time;a\n0;0\n", "column 'time;a' has '0;0', which is no number; columns"),
+    "a comma at the end": ("m.csv", "a,\n0,\n", "column '' has ''"),
     "a short line": ("m.csv", "time,a\n0.0\n", "line 2 has 1 values, the head names 2 columns"),
     "no rows": ("m.csv", "time,a\n", "a row at least"),
     "no positions": ("m.csv", "time,velocity:a\n0.0,1.0\n", "neither `positions` nor a `path`"),
@@ -156,6 +158,17 @@ def test_what_is_wrong_with_a_file_is_told(case: str, tmp_path: Path) -> None:
         read_fields(tmp_path / name)
     assert why in refusal.value.message
     assert name in refusal.value.message
+
+
+@pytest.mark.parametrize(
+    "head", ["time,j0,j1", " time, j0 , j1", 'time, "j0", "j1"', "time,position: j0, position:j1 "]
+)
+def test_blanks_in_a_head_are_no_part_of_names(head: str, tmp_path: Path) -> None:
+    file = tmp_path / "motion.csv"
+    file.write_text(f"{head}\n0, 0.0\n1, 0.5\n", encoding="utf-8")
+    fields = read_fields(file)
+    assert fields["position_names"] == ["j0"]
+    assert fields["trajectory"] == {"times": [0.0, 1.0], "positions": [[0.0], [0.5]]}
 
 
 def test_what_is_missing_is_told(tmp_path: Path) -> None:

@@ -187,6 +187,7 @@ def test_robots_are_listed_for_people_and_for_machines() -> None:
     table = here("robots")
     assert table.returncode == 0
     assert "panda" in table.stdout
+    assert "tip panda_hand_tcp" in here("robots", "panda").stdout
 
 
 def test_a_robot_of_ones_own_is_described_from_its_file(tmp_path: Path) -> None:
@@ -346,20 +347,6 @@ def test_a_recording_and_a_proof_are_written_only_where_they_are_found_again(pla
         assert done.returncode == 2
         assert f"ends with {suffix}" in " ".join(done.stderr.split())
         assert not (tmp_path / "run.txt").exists()
-
-
-def test_paragraphs_of_help_have_no_line_breaks() -> None:
-    """In a narrow terminal a break of the source would follow one of the terminal."""
-    commands: Any = [get_command(app)]
-    for command in commands:
-        commands += getattr(command, "commands", {}).values()
-        assert "\n" not in (command.help or "").replace("\n\n", "")
-    assert len(commands) > 20
-
-
-def test_flags_are_shown_without_a_type() -> None:
-    for words in ([], ["serve"], ["runs", "list"]):
-        assert "bool" not in CliRunner().invoke(app, [*words, "--help"]).output
 
 
 def test_the_demo_plans_twice_and_leaves_recordings(tmp_path: Path) -> None:

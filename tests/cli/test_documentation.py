@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import io
-import re
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 from typer.testing import CliRunner
 
 from guidefield.cli import app, documentation
@@ -36,16 +33,6 @@ def test_a_page_is_rendered(subject: str) -> None:
     assert "\x1b" not in done.output
 
 
-@pytest.mark.parametrize("subject", ["PlanRequest", "CertifyReply", "wire", "comparison"])
-def test_nothing_of_a_table_is_cut_off_in_a_narrow_terminal(subject: str) -> None:
-    out = io.StringIO()
-    documentation.show_page(subject, Console(file=out, width=80))
-    text = documentation.read_page(subject)
-    assert out.getvalue().count("…") == text.count("…")
-    names = re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)
-    assert [name for name in names if name not in out.getvalue()] == []
-
-
 def test_an_unknown_subject_is_told_what_may_have_been_meant() -> None:
     with pytest.raises(
         UnknownObject,
@@ -65,9 +52,3 @@ def test_a_message_is_shown_with_what_each_field_may_be_and_means() -> None:
     assert done.exit_code == 0
     assert "min_clearance" in done.output
     assert "did you mean PlanReply" in str(CliRunner().invoke(app, ["docs", "PlanRepli"]).exception)
-
-
-def test_a_default_that_is_a_messages_own_is_short() -> None:
-    assert "| `robot_placement` | Placement | `{}` |" in documentation.read_page("PlanRequest")
-    assert "| `quaternion_xyzw` |" in (placement := documentation.read_page("Placement"))
-    assert "`[0.0,0.0,0.0,1.0]`" in placement

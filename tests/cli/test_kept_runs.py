@@ -81,14 +81,6 @@ def test_runs_are_listed_and_filtered(data: Path) -> None:
     assert "must be one of SUCCESS" in _said(2, "runs", "list", "--data", str(data), "--status", "success")
 
 
-def test_a_run_has_two_lines_in_a_narrow_terminal(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.cli.kept_runs.out", Console(width=80))
-    said = _said(0, "runs", "list", "--data", str(data), "--status", "STUCK_IN_MINIMUM")
-    _, _, first, second = (line.split() for line in said.splitlines() if line.strip())
-    assert first == ["stuck", "STUCK_IN_MINIMUM,", "recording", "none"]
-    assert second[-3:] == ["panda", "in", "ball"]
-
-
 def test_recordings_that_are_owed_are_rendered_when_they_are_asked_for(tmp_path: Path) -> None:
     database = RunDatabase(tmp_path)
     for owner, run_id in ((PLAIN, "r1"), (PLAIN, "r2"), ("alice", "a1")):

@@ -1,12 +1,10 @@
-"""The page on which a goal and obstacles are dragged: it plans at each change, and a browser shows it."""
+"""The page on which a goal and obstacles are dragged: it plans at each change."""
 
 from __future__ import annotations
 
 import html
 import io
-import shutil
 import socket
-import threading
 import urllib.request
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -24,13 +22,6 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages.scene import Box
 from guidefield.messages.values import Placement
 from guidefield.viewer import LOOPBACK
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-TIME_MS = 300_000  # time that a browser without a graphics card may take [ms]
-ARGUMENTS = [
-    *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
-    *("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
-]
 
 
 @pytest.fixture(scope="module")
@@ -104,29 +95,6 @@ def test_an_obstacle_that_is_moved_counts(page: tuple[TryPage, str]) -> None:
     tried._plan()
     assert "GOAL_IN_COLLISION" in tried._report.content
     assert "box 1" in tried._report.content
-
-
-def test_a_browser_shows_the_page_and_plans(page: tuple[TryPage, str]) -> None:
-    browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser_path is None:
-        pytest.skip("there is no Chromium (Debian: apt install chromium)")
-    driving = pytest.importorskip("playwright.sync_api", reason="there is no playwright: it is in the extra gallery")
-    tried, address = page
-    _put_box_at_goal(tried)
-    threading.Thread(target=tried.run, daemon=True).start()
-    tried._tell("")
-    faults: list[str] = []
-    with driving.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=browser_path, args=ARGUMENTS)
-        shown = browser.new_page(viewport={"width": 800, "height": 500})
-        shown.on("pageerror", lambda error: faults.append(str(error)))
-        shown.goto(address, timeout=TIME_MS)
-        shown.get_by_text("Add a box").click(timeout=TIME_MS)
-        shown.get_by_text("ur5").first.wait_for(timeout=TIME_MS)
-        shown.get_by_text("in contact").or_(shown.get_by_text("collision")).first.wait_for(timeout=TIME_MS)
-        assert shown.locator("canvas").count() >= 1
-        browser.close()
-    assert faults == []
 
 
 def test_names_are_shown_as_they_are(page: tuple[TryPage, str]) -> None:

@@ -69,39 +69,15 @@ def test_is_one_whole_file_with_its_own_layout(file, recording):
 
 
 def test_holds_what_a_reader_looks_for(recording):
+    plots = ("clearance", "potential", "position", "velocity", "acceleration", "use/velocity", "use/acceleration")
     expected = {
-        "/robot/visual/panda_link3_0",
-        "/robot/collision/panda_link3_0",
-        "/robot/model/frames",
-        "/robot/tip",
-        "/field/charges/panda_joint3",
-        "/field/forces",
-        "/field/picture",
-        "/field/slice",
-        "/ghosts",
-        "/obstacles/boxes",
-        "/obstacles/balls",
-        "/obstacles/cylinders",
-        "/obstacles/walls",
-        "/guide_planes",
-        "/path/tip",
-        "/path/planned",
-        "/path/closest_pair",
-        "/planner/log",
-        "/planner/tip",
-        "/planner/connect/tree",
-        "/planner/relaxed",
-        "/planner/potential",
-        "/plots/clearance",
-        "/plots/potential",
-        "/plots/position",
-        "/plots/velocity",
-        "/plots/acceleration",
-        "/plots/use/velocity",
-        "/plots/use/acceleration",
-        "/documents/summary",
-        "/documents/request",
-        "/documents/reply",
+        *("/ghosts", "/guide_planes", "/robot/visual/panda_link3_0", "/robot/collision/panda_link3_0", "/robot/tip"),
+        *(f"/field/{name}" for name in ("charges/panda_joint3", "forces", "picture", "slice")),
+        *(f"/obstacles/{name}" for name in ("boxes", "balls", "cylinders", "walls")),
+        *(f"/path/{name}" for name in ("tip", "planned", "closest_pair")),
+        *(f"/planner/{name}" for name in ("log", "tip", "connect/tree", "relaxed", "potential")),
+        *(f"/plots/{name}" for name in plots),
+        *(f"/documents/{name}" for name in ("summary", "request", "reply")),
     }
     assert expected <= recording.entities
 
