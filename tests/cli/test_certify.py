@@ -160,9 +160,7 @@ def test_what_is_wrong_with_a_file_is_told(case: str, tmp_path: Path) -> None:
     assert name in refusal.value.message
 
 
-@pytest.mark.parametrize(
-    "head", ["time,j0,j1", " time, j0 , j1", 'time, "j0", "j1"', "time,position: j0, position:j1 "]
-)
+@pytest.mark.parametrize("head", ["time,j0", " time, j0 ", 'time, "j0"', "time,position: j0 "])
 def test_blanks_in_a_head_are_no_part_of_names(head: str, tmp_path: Path) -> None:
     file = tmp_path / "motion.csv"
     file.write_text(f"{head}\n0, 0.0\n1, 0.5\n", encoding="utf-8")

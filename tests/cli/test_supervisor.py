@@ -53,6 +53,6 @@ def test_what_a_service_announces_the_supervisor_hears(
     monkeypatch.setattr(serving, "serve", serve)
     monkeypatch.setattr(serving, "end_on_signal", lambda *_: None)
     monkeypatch.setattr(serving.faulthandler, "register", lambda _: None)
-    monkeypatch.setattr(serving.logs, "configure", lambda *_, **__: None)
+    monkeypatch.setattr(serving, "configure_logging", lambda *_, **__: None)
     serving.serve_until_signal(ServiceSettings(tmp_path), print)
     assert b"READY=1" in systemd.recv(4096)
