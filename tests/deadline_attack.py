@@ -25,7 +25,7 @@ from guidefield.handlers.info import Rules
 from guidefield.messages import keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.keys import Query
-from guidefield.messages.service_replies import Health
+from guidefield.messages.service import Health
 from guidefield.pool.pool import Pool
 from guidefield.stores.runs import RunDatabase
 from tests.deadline_requests import MAKERS, Made

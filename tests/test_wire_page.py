@@ -15,8 +15,9 @@ from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
 from guidefield.errors import ERRORS, Status
 from guidefield.handlers.info import Figures, Rules, info
 from guidefield.messages import codec
+from guidefield.messages.keys import KEYS
 from guidefield.messages.schemas import describe_message, make_schemas, write_schemas
-from guidefield.messages.served import CODES, KEYS, MEANINGS
+from guidefield.messages.service import CODES, MEANINGS
 from guidefield.messages.streams import DEFAULT_STREAMS
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION

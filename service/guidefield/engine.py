@@ -1,7 +1,8 @@
 """The engine: answer one request with its handler, the robot catalog, the stores and the recorder; no network.
 
-A new kind of request gets a line in `Engine`'s handlers, or a branch of `_dispatch` if it needs a deadline. Imports of
-heavy packages stay inside functions: an engine that only reads scenes and runs stays light.
+A new kind of request about stored things gets a line in `Engine`'s handlers, one with a deadline of its own a branch of
+`_dispatch`; kinematics requests need nothing here. Imports of heavy packages stay inside functions: an engine that only
+reads scenes and runs stays light.
 """
 
 from __future__ import annotations
@@ -419,8 +420,7 @@ class Engine:
         watcher, until = context.watcher, context.received + request.allowed_time
         deadline = Deadline(until) if watcher is None else Deadline(until, watcher.is_cancelled)
         robot = None if request.robot is None else self._load_robot(request.robot)
-        kinds = requests.InverseKinematics | requests.Clearance | requests.Potential
-        reference = request.scene if isinstance(request, kinds) else None
+        reference: requests.SceneReference | None = getattr(request, "scene", None)
         try:
             scene = None if reference is None else self._build_scene(reference, deadline)
             if scene is not None and isinstance(request, requests.Potential):

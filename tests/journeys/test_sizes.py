@@ -18,7 +18,7 @@ from guidefield import (
     UrdfText,
     answer,
 )
-from guidefield.messages.kinematics_requests import TargetPose
+from guidefield.messages.kinematics_parts import TargetPose
 from tests.recorder.runs import Recording
 
 

@@ -1,3 +1,5 @@
+"""Queries become the requests of their keys; the list of keys says what the rules of the keys say."""
+
 from __future__ import annotations
 
 import contextlib
@@ -9,9 +11,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import GuidefieldError, MalformedRequest
-from guidefield.messages import keys, requests
+from guidefield.messages import keys, requests, stream_requests
 from guidefield.messages.codec import Encoding
+from guidefield.messages.keys import KEYS, SERVED, KeyInfo
 from guidefield.messages.scene import Scene
+from guidefield.messages.schemas import make_schemas
 
 PLAN = b"""{"robot": "panda", "scene": "bookshelf", "goal": {"type": "guide_plane"},
            "allowed_planning_time": 7, "run_id": "r"}"""
@@ -138,3 +142,48 @@ def test_a_large_payload_travels_beside_the_pickled_query() -> None:
 def test_a_query_comes_out_of_any_pickle_as_it_was(protocol: int, size: int) -> None:
     query = _query("plan", b"7" * size, {"a": "b"})
     assert pickle.loads(pickle.dumps(query, protocol)) == query
+
+
+QUERIED = [key for key in KEYS if key.how == "query"]
+
+
+def _query_of(key: KeyInfo, parameters: dict[str, str] | None = None, payload: bytes = b"") -> keys.Query:
+    chunks = tuple(chunk.strip("<>") for chunk in key.key.split("/"))
+    return keys.Query(chunks, parameters or {}, payload, Encoding.JSON)
+
+
+def _check(query: keys.Query) -> None:
+    (stream_requests.check if stream_requests.is_stream(query) else keys.check)(query)
+
+
+def test_every_message_has_its_schema() -> None:
+    messages = make_schemas()
+    known = {*messages["messages"], *messages["$defs"]}
+    assert {name for key in KEYS for name in (*key.takes, *key.gives)} <= known
+
+
+@pytest.mark.parametrize("key", QUERIED, ids=SERVED)
+def test_a_key_is_served_with_its_parameters_and_no_others(key: KeyInfo) -> None:
+    values = {"since": "1", "status": "SUCCESS"}
+    for parameter in key.parameters:
+        _check(_query_of(key, {parameter: values.get(parameter, "")}))
+    _check(_query_of(key))
+    if not (keys.is_file(_query_of(key)) or keys.is_cancel(_query_of(key))):
+        with pytest.raises(keys.MalformedRequest, match="unknown parameter 'other'"):
+            _check(_query_of(key, {"other": ""}))
+
+
+@pytest.mark.parametrize("key", QUERIED, ids=SERVED)
+def test_a_key_takes_a_payload_if_it_has_messages_for_it(key: KeyInfo) -> None:
+    if key.takes:
+        _check(_query_of(key, payload=b"{}"))
+    else:
+        with pytest.raises(keys.MalformedRequest, match="takes no payload"):
+            _check(_query_of(key, payload=b"{}"))
+
+
+def test_every_rule_is_told() -> None:
+    own = {key.key for key in QUERIED if stream_requests.is_stream(_query_of(key))}
+    assert own == {"streams", *(f"streams/<id>{what}" for what in ("", "/goal", "/judge", "/stop", "/recording"))}
+    told = {(key.key.split("/")[0], key.key.count("/") + 1) for key in QUERIED}
+    assert set(keys._RULES) <= told

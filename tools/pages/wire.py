@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator
 
 from guidefield.endpoint.rules import DELIVERY, list_limits
 from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
+from guidefield.messages.keys import KEYS
 from guidefield.messages.schemas import make_table
-from guidefield.messages.served import CODES, KEYS, CodeInfo, KeyInfo
+from guidefield.messages.service import CODES, CodeInfo, KeyInfo
 from guidefield.messages.streams import DEFAULT_STREAMS
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.runs import DEFAULT_RETENTION

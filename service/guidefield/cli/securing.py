@@ -1,7 +1,7 @@
 """`guidefield secure`: write certificates, passwords and Zenoh configurations of a service and its users.
 
 Needs ``guidefield[secure]``. Users may use all keys below their own; a key that onlookers may read is listed here. The
-keys are the wire's (`messages/served.py`). A change reaches a service only when its files are written anew.
+keys are the wire's (`messages/keys.py`). A change reaches a service only when its files are written anew.
 """
 
 from __future__ import annotations

@@ -17,12 +17,13 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 from guidefield.client import questions
 from guidefield.client.client import GIVE_UP_WITHIN, Client, connect_exchange
 from guidefield.client.exchange import Exchange
-from guidefield.client.questions import KinematicsReply, Question
+from guidefield.client.questions import Question
 from guidefield.client.shown_runs import ShownRuns, choose_viewer
 from guidefield.client.stream_link import Answer, StreamLink
 from guidefield.client.streams import END_WITHIN, StreamFacts
 from guidefield.errors import GuidefieldError
 from guidefield.messages import codec
+from guidefield.messages.kinematics import KinematicsReply
 from guidefield.messages.replies import CertifyReply, Done, PlanReply, Progress, RunsReply
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest, ReadRuns
 from guidefield.messages.scene_changes import SceneChanged

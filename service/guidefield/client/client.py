@@ -14,13 +14,14 @@ from typing import Any, Literal, Self, TypeVar
 
 from guidefield.client import questions
 from guidefield.client.exchange import Exchange, await_answer
-from guidefield.client.questions import KinematicsReply, Question
+from guidefield.client.questions import Question
 from guidefield.client.session import build_config, explain_no_link, has_link, open_session, read_user
 from guidefield.client.shown_runs import ShownRuns, choose_viewer
 from guidefield.client.streams import ServiceStream
 from guidefield.errors import GuidefieldError, NoService
 from guidefield.messages import codec
 from guidefield.messages.identities import check_user
+from guidefield.messages.kinematics import KinematicsReply
 from guidefield.messages.replies import (
     AnyRunReply,
     CertifyReply,

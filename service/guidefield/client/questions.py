@@ -1,6 +1,6 @@
 """The questions of a client: key, payload and reader of the reply of each, without a network.
 
-Both clients make their methods of these; keys, parameters and messages are the wire's (`messages/served.py`).
+Both clients make their methods of these; keys, parameters and messages are the wire's (`messages/keys.py`).
 """
 
 from __future__ import annotations
@@ -17,21 +17,15 @@ import msgspec
 from guidefield.errors import GuidefieldError, InternalFailure, MalformedRequest, RequestTooLarge
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
+from guidefield.messages.kinematics import KinematicsReply, kinematics_reply_kind
 from guidefield.messages.replies import (
     CERTIFY,
     AnyRunReply,
     CertifyReply,
-    ClearanceReply,
     Done,
-    DynamicsReply,
     ErrorReply,
-    ForwardKinematicsReply,
     InfoReply,
-    InverseKinematicsReply,
-    JacobianReply,
     PlanReply,
-    PointPotentialReply,
-    RobotPotentialReply,
     RobotReply,
     RobotsReply,
     RunReply,
@@ -61,16 +55,6 @@ from guidefield.messages.stream_requests import (
 )
 from guidefield.messages.streams import StreamGoal, StreamOpen
 from guidefield.messages.values import Placement, Reply, RootJoint
-
-KinematicsReply = (
-    ForwardKinematicsReply
-    | InverseKinematicsReply
-    | ClearanceReply
-    | PointPotentialReply
-    | RobotPotentialReply
-    | JacobianReply
-    | DynamicsReply
-)
 
 ANSWER_TIMEOUT = 660.0
 """Time to wait for an answer to anything but a run and kinematics [s].
@@ -155,7 +139,7 @@ def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[Kinemati
     given = codec.convert(request, KinematicsRequest) if isinstance(request, dict) else request
     request_id = given.request_id or uuid.uuid4().hex
     named = msgspec.structs.replace(given, request_id=request_id)
-    read, timeout = _make_reader("kinematics", _kinematics_reply(given)), given.allowed_time + PLAN_MARGIN
+    read, timeout = _make_reader("kinematics", kinematics_reply_kind(given)), given.allowed_time + PLAN_MARGIN
     return Question(
         "kinematics", read, _encode(named), timeout, request_id=request_id, work=True, needs=_list_needs(given)
     )
@@ -451,18 +435,3 @@ def _encode(message: msgspec.Struct) -> bytes:
             limit=codec.MAX_REQUEST_BYTES,
         )
     return payload
-
-
-_KINEMATICS_REPLIES: dict[type, type[KinematicsReply]] = {
-    requests.ForwardKinematics: ForwardKinematicsReply,
-    requests.InverseKinematics: InverseKinematicsReply,
-    requests.Clearance: ClearanceReply,
-    requests.Jacobian: JacobianReply,
-    requests.Dynamics: DynamicsReply,
-}
-
-
-def _kinematics_reply(request: KinematicsRequest) -> type[KinematicsReply]:
-    if isinstance(request, requests.Potential):
-        return RobotPotentialReply if request.points is None else PointPotentialReply
-    return _KINEMATICS_REPLIES[type(request)]

@@ -5,7 +5,7 @@ answerer. Zenoh calls it in the thread of the query's link, so that a flood on o
 sorts: queries that need a robot, obstacle geometry or a kernel go to the pool of workers; those that read or delete
 files go to the few threads of `Readers`; the others are answered at once, or end a run early. Each query is settled
 through `PendingQuery`, which answers exactly once; a thread of the `Outbox` sends the answer, so that a client that
-doesn't read delays no other. What each key needs and does is declared in `messages/served.py`, too.
+doesn't read delays no other. What each key needs and does is declared in `messages/keys.py`, too.
 """
 
 from __future__ import annotations
@@ -103,11 +103,10 @@ class Readers:
 
 _log = logging.getLogger(__name__)
 
-HEAVY_KEYS = ("plan", "certify", "kinematics", "robots")
-"""First chunks of keys whose queries need a worker; by `_sort` those with a payload do, too, whatever their key is.
+HEAVY_KEYS = frozenset(key.key.partition("/")[0] for key in keys.KEYS if key.worker == "always")
+"""First chunks of the keys whose queries always need a worker; by `_sort` those with a payload do, whatever their key.
 
-So of these only `robots` decides anything for valid queries. `_read_files` alone sends proofs and tells of deleted
-scenes: `runs` and `scenes` can't be added.
+`_read_files` alone sends proofs and tells of deleted scenes: `runs` and `scenes` can't be among them.
 """
 KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "streams", "info")
 """First chunks of keys under which queries are timed: the kinds in `info` and metrics."""

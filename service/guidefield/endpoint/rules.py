@@ -14,10 +14,10 @@ from guidefield.endpoint.under_way import GRACE, LONGEST_CLIENT, MOST_REMEMBERED
 from guidefield.messages import codec
 from guidefield.messages.certify_request import MOST_ROWS
 from guidefield.messages.keys import STORE_TIME_LIMIT
-from guidefield.messages.kinematics_requests import DEFAULT_TIME
+from guidefield.messages.kinematics import DEFAULT_TIME
 from guidefield.messages.requests import LARGEST_PAGE
 from guidefield.messages.scene import MAX_VERTICES
-from guidefield.messages.service_replies import DeliveryRule, LimitInfo
+from guidefield.messages.service import DeliveryRule, LimitInfo
 from guidefield.messages.streams import MOST_STREAM_OBSTACLES, MOST_UPDATE_BYTES
 from guidefield.messages.values import LARGEST, LONGEST_TIME, MAX_URDF_CHARACTERS
 from guidefield.pool.outbox import MAX_ANSWERS, MAX_CLIENT_BYTES, MAX_UNREAD_BYTES, USER_SHARE

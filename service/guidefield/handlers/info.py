@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 
 from guidefield.messages import codec
+from guidefield.messages.keys import KEYS
 from guidefield.messages.replies import (
     DeliveryRule,
     Disk,
@@ -27,7 +28,7 @@ from guidefield.messages.replies import (
     UserFigures,
 )
 from guidefield.messages.schemas import make_schemas
-from guidefield.messages.served import CODES, KEYS
+from guidefield.messages.service import CODES
 from guidefield.system import resident
 
 PACKAGES = ("pin", "coal", "numba", "numpy", "eclipse-zenoh", "rerun-sdk", "example-robot-data", "msgspec")

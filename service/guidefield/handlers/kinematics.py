@@ -1,6 +1,7 @@
 """Answer kinematics requests, but for Jacobians and dynamics: frames, inverse kinematics, clearances, and the field.
 
-A new kind of request is a line in `_ANSWERS` (and in `messages/`); order of rows and columns of replies is the wire.
+A new kind of request is a line in `_ANSWERS`, and messages in messages/kinematics.py; order of rows and columns of
+replies is the wire.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from guidefield.kernels.kinematics.forward_kinematics import FrameTable, place_f
 from guidefield.memo import memoized
 from guidefield.memory import pause_collector
 from guidefield.messages import requests, scene as scene_messages
-from guidefield.messages.kinematics_replies import PackedClearance
+from guidefield.messages.kinematics import PackedClearance
 from guidefield.messages.replies import (
     ClearanceReply,
     ForwardKinematicsReply,

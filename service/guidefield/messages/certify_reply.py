@@ -26,7 +26,7 @@ from guidefield.messages.plan_reply import (
     SelfClearance,
     Timing,
 )
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.plan_request import PlanRequest
 from guidefield.messages.values import Reply
 
 

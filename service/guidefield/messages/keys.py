@@ -1,18 +1,17 @@
-"""Decode queries: the request of a key below an instance's, its parameters and its payload.
+"""The keys of a service: what each is for, takes and gives, and how the request of a query on it is decoded.
 
-`_RULES` decides which keys are served, with `is_file` and `is_cancel`, but for streams (stream_requests.py); served.py
-describes them for clients. Heads repeat fields of requests, with their defaults, so that a run can be queued before all
-of its request is decoded.
+A new key is a row in `KEYS` and a line in `_READERS`, but for those of streams, which stream_requests.py decodes.
+`KEYS` are in `info` and docs/wire.md: after a change, `tools/wire_page`. Heads repeat fields of requests, with their
+defaults, so that a run can be queued before all of its request is decoded.
 """
 
 from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
 from operator import index
-from typing import Any, SupportsIndex
+from typing import Any, NamedTuple, SupportsIndex
 
 import msgspec
 
@@ -20,10 +19,10 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, Asker
-from guidefield.messages.kinematics_requests import DEFAULT_TIME
+from guidefield.messages.kinematics import DEFAULT_TIME, KinematicsReply, KinematicsRequest
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import SceneDiff
-from guidefield.messages.served import SERVED, SHARING
+from guidefield.messages.service import KeyInfo
 from guidefield.messages.values import LONGEST_TIME, PLANNING_TIME, RunId
 
 STORE_TIME_LIMIT = 120.0
@@ -31,6 +30,13 @@ STORE_TIME_LIMIT = 120.0
 
 docs/wire.md tells it: after a change, `tools/wire_page`.
 """
+
+SHARING = {
+    "share": "lets every user read it, as `<user>:<name>`",
+    "unshare": "ends that, but for operators",
+}
+"""The parameters that share."""
+DELETE = {"delete": "forgets it"}
 
 MIN_BESIDE = 1 << 16
 """Smallest payload that is sent to a worker out of band, beside the pickled query, instead of copied [bytes]."""
@@ -288,24 +294,142 @@ def _decode_run(query: Query) -> requests.Request:
     return kind(query.key[1])
 
 
-@dataclass(frozen=True)
-class _Rule:
+KEYS = (
+    KeyInfo("plan", "plans a motion", worker="always", takes=["PlanRequest"], gives=["PlanReply"]),
+    KeyInfo("certify", "judges a given motion", worker="always", takes=["CertifyRequest"], gives=["CertifyReply"]),
+    KeyInfo(
+        "kinematics",
+        "kinematics, dynamics, distances, potentials",
+        worker="always",
+        takes=[kind.__name__ for kind in KinematicsRequest.__args__],
+        gives=[kind.__name__ for kind in KinematicsReply.__args__],
+    ),
+    KeyInfo("requests/<id>/cancel", "cancels a kinematics request", gives=["Done"]),
+    KeyInfo("robots", "lists robots", worker="always", gives=["RobotsReply"]),
+    KeyInfo(
+        "robots/<name>",
+        "describes a robot; with a payload stores it",
+        worker="always",
+        parameters=DELETE | SHARING,
+        takes=["RobotFiles"],
+        gives=["RobotReply", "Done"],
+    ),
+    KeyInfo("scenes", "lists scenes", gives=["ScenesReply"]),
+    KeyInfo(
+        "scenes/<name>",
+        "reads a scene; with a payload stores or changes it",
+        worker="with a payload",
+        parameters={**DELETE, **SHARING, "version": "one of the last 16"},
+        takes=["Scene", "SceneDiff"],
+        gives=["SceneReply", "Done"],
+    ),
+    KeyInfo("scenes/<name>/changes", "changes of a stored scene", how="published", gives=["SceneChanged"]),
+    KeyInfo(
+        "runs",
+        "lists kept runs, newest first",
+        parameters={
+            "status": "name of a status, RUNNING or UNREADABLE",
+            "robot": "its name",
+            "since": "begin [s since 1970]",
+            "text": "part of the status's message",
+            "limit": "up to 1000",
+            "after": "`next` of the page before",
+        },
+        gives=["RunsReply"],
+    ),
+    KeyInfo(
+        "runs/<id>",
+        "request and reply of a run, also while it runs",
+        parameters={"delete": "forgets it, its recording and proof", **SHARING},
+        gives=["RunReply", "CertifyRunReply", "Done"],
+    ),
+    KeyInfo("runs/<id>/recording", "a run's recording, .rrd", worker="while it is owed"),
+    KeyInfo("runs/<id>/proof", "a run's proof, .npz"),
+    KeyInfo("runs/<id>/cancel", "cancels a run", gives=["Done"]),
+    KeyInfo("runs/<id>/progress", "progress of a run", how="published", gives=["Progress"]),
+    KeyInfo(
+        "shared/runs/<user>:<id>/progress",
+        "progress of a shared run, for every user",
+        how="published",
+        gives=["Progress"],
+    ),
+    KeyInfo(
+        "streams",
+        "lists open streams; with a payload opens one",
+        worker="with a payload",
+        takes=["StreamOpen"],
+        gives=["StreamsReply", "StreamReply"],
+    ),
+    KeyInfo(
+        "streams/<id>",
+        "state of a stream",
+        parameters={"delete": "ends it"},
+        gives=["StreamReply", "Done"],
+    ),
+    KeyInfo(
+        "streams/<id>/goal",
+        "sets its goal",
+        worker="with a payload",
+        takes=["StreamAim"],
+        gives=["StreamAimed"],
+    ),
+    KeyInfo(
+        "streams/<id>/judge",
+        "judges its last piece by the last observations",
+        worker="with a payload",
+        takes=["StreamJudge"],
+        gives=["StreamJudged"],
+    ),
+    KeyInfo("streams/<id>/stop", "stops its robot", gives=["Done"]),
+    KeyInfo(
+        "streams/<id>/recording",
+        "a kept stream, .rrd, made on demand",
+        worker="always",
+    ),
+    KeyInfo("streams/<id>/update", "what its client sees", how="put", takes=["StreamUpdate"]),
+    KeyInfo("streams/<id>/pieces", "pieces of motion, each with its stop", how="published", gives=["Piece"]),
+    KeyInfo("streams/<id>/state", "why an update got no piece", how="published", gives=["StreamState"]),
+    KeyInfo(
+        "info",
+        "state, figures, rules and schemas of the service",
+        parameters={"brief": "state and figures only"},
+        gives=["InfoReply"],
+    ),
+    KeyInfo("alive", "exists while requests are taken", how="token"),
+    KeyInfo("clients/<client>", "declared by a client; when it is gone, its requests end", how="token"),
+    KeyInfo("starting", "exists while the service starts", how="token"),
+    KeyInfo("starting/<id>", "exists while a service looks whether another one has its name", how="token"),
+)
+"""Every key."""
+
+SERVED = tuple(key.key for key in KEYS if key.how == "query")
+"""The keys that can be queried, which the error about any other lists."""
+
+_READERS: dict[str, Callable[[Query], requests.Request]] = {
+    "plan": _decode_as(requests.PlanRequest),
+    "certify": _decode_as(requests.CertifyRequest),
+    "kinematics": _decode_as(requests.KinematicsRequest),
+    "robots": lambda _: requests.ReadRobots(),
+    "robots/<name>": _decode_robot,
+    "scenes": lambda _: requests.ReadScenes(),
+    "scenes/<name>": _decode_scene,
+    "runs": _decode_runs,
+    "runs/<id>": _decode_run,
+    "info": lambda _: requests.ReadInfo(),
+}
+"""Decoders of requests by key; the other keys have no request, or are those of stream_requests.py."""
+
+
+class _Rule(NamedTuple):
     read: Callable[[Query], requests.Request]
-    parameters: frozenset[str] = frozenset()
-    takes_payload: bool = False
+    parameters: Collection[str]
+    takes_payload: bool
 
 
 _RULES = {
-    ("plan", 1): _Rule(_decode_as(requests.PlanRequest), takes_payload=True),
-    ("certify", 1): _Rule(_decode_as(requests.CertifyRequest), takes_payload=True),
-    ("kinematics", 1): _Rule(_decode_as(requests.KinematicsRequest), takes_payload=True),
-    ("robots", 1): _Rule(lambda _: requests.ReadRobots()),
-    ("robots", 2): _Rule(_decode_robot, frozenset({"delete", *SHARING}), takes_payload=True),
-    ("scenes", 1): _Rule(lambda _: requests.ReadScenes()),
-    ("scenes", 2): _Rule(_decode_scene, frozenset({"delete", "version", *SHARING}), takes_payload=True),
-    ("runs", 1): _Rule(_decode_runs, frozenset(requests.ReadRuns.__struct_fields__)),
-    ("runs", 2): _Rule(_decode_run, frozenset({"delete", *SHARING})),
-    ("info", 1): _Rule(lambda _: requests.ReadInfo(), frozenset({"brief"})),
+    (key.key.partition("/")[0], key.key.count("/") + 1): _Rule(_READERS[key.key], key.parameters, bool(key.takes))
+    for key in KEYS
+    if key.key in _READERS
 }
 """Rules by the first chunk of the key and the number of chunks."""
 
@@ -331,7 +455,7 @@ def refuse_key(query: Query) -> MalformedRequest:
     )
 
 
-def require_parameters(query: Query, valid: Iterable[str]) -> None:
+def require_parameters(query: Query, valid: Collection[str]) -> None:
     """Raise MalformedRequest if a query has a parameter that isn't valid."""
     if query.parameters and (unknown := sorted(query.parameters.keys() - {*valid})):
         told = f"unknown parameter {unknown[0]!r} at {'/'.join(query.key)!r}"

@@ -37,7 +37,7 @@ MIN_RETRY_S, MAX_RETRY_S = 0.1, 30.0  # bounds of the time after which a client 
 HALF_LIFE_S = 30.0
 """Half-life of a user's use of processors [s], which quotas count: `endpoint/allowances.py`.
 
-`UserFigures` of `messages/service_replies.py` and docs/operation.md tell it.
+`UserFigures` of `messages/service.py` and docs/operation.md tell it.
 """
 NEGLIGIBLE_USE_S = 1e-3  # use of processors that counts as none [s]
 MAX_USERS = 100  # number of users above which those without use are removed

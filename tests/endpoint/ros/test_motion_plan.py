@@ -19,7 +19,7 @@ from guidefield.endpoint.ros.snapshot import Snapshot, apply_scene
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
-from guidefield.messages.kinematics_replies import InverseKinematicsReply
+from guidefield.messages.kinematics import InverseKinematicsReply
 from guidefield.messages.plan_reply import (
     CertificateFigures,
     ClearanceFigures,

@@ -18,7 +18,7 @@ from guidefield.endpoint.ros.robot_messages import error_code, robot_state, robo
 from guidefield.endpoint.ros.snapshot import Snapshot, with_state
 from guidefield.errors import Status
 from guidefield.messages.conditions import CartesianLimit
-from guidefield.messages.kinematics_replies import InverseKinematicsReply
+from guidefield.messages.kinematics import InverseKinematicsReply
 from guidefield.messages.plan_reply import PlanReply
 from guidefield.messages.requests import InverseKinematics, PlanRequest, TargetPose
 from guidefield.messages.values import LONGEST_TIME, JointSetGoal, JointsGoal, PoseGoal

@@ -33,7 +33,7 @@ from guidefield.errors import Status
 from guidefield.geometry.surfaces import se3, wire_pose
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
-from guidefield.messages.kinematics_replies import ClearanceReply, ForwardKinematicsReply, InverseKinematicsReply
+from guidefield.messages.kinematics import ClearanceReply, ForwardKinematicsReply, InverseKinematicsReply
 from guidefield.messages.plan_reply import PlanReply
 from guidefield.messages.replies import ErrorReply
 from guidefield.messages.requests import Clearance, ForwardKinematics, InverseKinematics, TargetPose

@@ -1,16 +1,14 @@
-"""Requests about configurations, poses and points, one or a batch of them in one request.
+"""Requests about configurations, poses and points, one or a batch of them in one request, each with its reply.
+
+A new kind stands here, request and reply, in the unions and in `_REPLIES`, and is answered by a function in `_ANSWERS`
+of handlers/kinematics.py. Replies are in the order of the request; numbers come as lists, many also packed.
 
 Names, order, defaults and meanings of fields are the wire and the Python API: a new one comes last. Docstrings of
-messages, and the largest numbers here, are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
+messages, and `DEFAULT_TIME`, are in docs/wire.md and the schemas: after a change, `tools/wire_page`.
 """
 
 from __future__ import annotations
 
-import math
-import sys
-from array import array
-from collections.abc import Sequence
-from itertools import chain
 from typing import Annotated, Literal
 
 import msgspec
@@ -22,118 +20,35 @@ from guidefield.messages.conditions import (
     SceneReference,
     settle_scene,
 )
-from guidefield.messages.scene import VALUES_PER_CHECK
+from guidefield.messages.kinematics_parts import (
+    MOST_POINTS,
+    MOST_POSES,
+    MOST_STARTS,
+    ConfigurationBatch,
+    JointRates,
+    PackedNumbers,
+    Payload,
+    TargetPose,
+    require_finite_batch,
+    require_finite_points,
+    require_rates,
+)
+from guidefield.messages.plan_reply import Rows
 from guidefield.messages.values import (
-    LARGEST,
-    NO_INERTIA,
-    ORIGIN,
     AllowedTime,
-    InertiaTensor,
-    Mass,
     Message,
     Name,
     Placement,
     Positions,
-    QuaternionXYZW,
+    Reply,
     RunId,
-    Tolerance3,
     Vector3,
     require_finite,
     require_finite_configurations,
-    require_finite_number,
-    require_load,
-    require_unit_quaternion,
 )
 
 DEFAULT_TIME = 60.0
 """Default of the allowed time of a request [s]."""
-
-MOST_CONFIGURATIONS = 100_000
-"""The largest number of configurations of a request."""
-MOST_POSES = 10_000
-"""The largest number of poses of a request."""
-MOST_STARTS = 10_000
-"""The largest number of configurations from which a search may start."""
-MOST_POINTS = 1_000_000
-"""The largest number of points of a request."""
-MOST_COLUMNS = 2_000
-"""The largest number of columns of a table of configurations."""
-
-
-class ConfigurationTable(Message):
-    """Configurations as the rows of a table: smaller and faster to decode than one object for each.
-
-    Attributes:
-        names: The columns, named as in `position_names` of a plan's reply, in any order.
-        rows: A row for each configuration [rad, m, or entries of a quaternion].
-        float64: Instead of `rows` the same numbers packed row by row: little-endian float64, as bytes in MessagePack
-            and base64 text in JSON.
-    """
-
-    names: Annotated[list[Name], msgspec.Meta(min_length=1, max_length=MOST_COLUMNS)]
-    rows: Annotated[list[list[float]], msgspec.Meta(max_length=MOST_CONFIGURATIONS)] | None = None
-    float64: bytes | None = None
-
-    def __post_init__(self) -> None:
-        if (self.rows is None) == (self.float64 is None):
-            raise ValueError("give either `rows` or `float64`")
-        width = len(self.names)
-        if self.float64 is not None:
-            require_packed_rows("float64", self.float64, width, MOST_CONFIGURATIONS)
-        for index, row in enumerate(self.rows or ()):
-            if len(row) != width:
-                raise ValueError(f"`rows[{index}]` has {len(row)} values, but there are {width} `names`")
-            if not math.hypot(*row) <= LARGEST:
-                require_finite(f"rows[{index}]", row)
-
-
-ConfigurationBatch = Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)] | ConfigurationTable
-
-
-JointRates = Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)] | ConfigurationTable
-"""Velocities or accelerations of joints, in the tangent space: a number, or the list of a joint with several (planar:
-[vx, vy, wz]; spherical: [wx, wy, wz]; floating: [vx, vy, vz, wx, wy, wz]; in the moved frame)."""
-
-
-def count_configurations(configurations: ConfigurationBatch) -> int:
-    """Return the number of configurations."""
-    if not isinstance(configurations, ConfigurationTable):
-        return len(configurations)
-    if configurations.float64 is not None:
-        return len(configurations.float64) // (8 * len(configurations.names))
-    return len(configurations.rows or ())
-
-
-def require_rates(field: str, rates: JointRates | None, configurations: ConfigurationBatch) -> None:
-    """Raise ValueError unless there is a finite rate for each configuration, or none at all."""
-    if rates is None:
-        return
-    given, needed = count_configurations(rates), count_configurations(configurations)
-    if given != needed:
-        raise ValueError(f"`{field}` must have one for each of the {needed} configurations, not {given}")
-    require_finite_batch(field, rates)
-
-
-def require_packed_rows(field: str, packed: bytes, width: int, most: int) -> None:
-    """Raise ValueError unless packed float64 numbers are finite, and whole rows of a width, at most `most` of them."""
-    if len(packed) % (8 * width):
-        raise ValueError(f"`{field}` must hold whole rows of {width} numbers ({8 * width} bytes), not {len(packed)}")
-    if len(packed) > 8 * width * most:
-        raise ValueError(f"`{field}` may hold {most} rows, got {len(packed) // (8 * width)}")
-    numbers = array("d", packed)
-    if sys.byteorder == "big":
-        numbers.byteswap()
-    for begin in range(0, len(numbers), VALUES_PER_CHECK):
-        if not math.hypot(*numbers[begin : begin + VALUES_PER_CHECK]) <= LARGEST:
-            for index, number in enumerate(numbers[begin : begin + VALUES_PER_CHECK], begin):
-                row, column = divmod(index, width)
-                require_finite_number(f"{field}[{row}][{column}]", number)
-
-
-def require_finite_batch(field: str, configurations: ConfigurationBatch) -> None:
-    """Raise ValueError if a joint value of listed configurations isn't finite; a table checks its own."""
-    if not isinstance(configurations, ConfigurationTable):
-        require_finite_configurations(field, configurations)
 
 
 class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
@@ -162,17 +77,19 @@ class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
         require_finite_batch("configurations", self.configurations)
 
 
-class TargetPose(Message):
-    """A pose for inverse kinematics; the fields are those of `PoseGoal`, a tolerance of 0 means rounding error."""
+class ForwardKinematicsReply(Reply):
+    """Placements of frames in the world.
 
-    position: Vector3
-    quaternion_xyzw: QuaternionXYZW
-    position_tolerance: Tolerance3 = (0.0, 0.0, 0.0)
-    orientation_tolerance: Tolerance3 = (0.0, 0.0, 0.0)
+    Attributes:
+        placements: By configuration, then by frame; empty if the request has `packed`.
+        packed: The same as positions [m] and unit quaternions (x, y, z, w), shape (configurations, frames, 7).
+        warnings: Harmless peculiarities of the robot or the scene.
+    """
 
-    def __post_init__(self) -> None:
-        require_finite("position", self.position)
-        require_unit_quaternion("quaternion_xyzw", self.quaternion_xyzw)
+    placements: list[list[Placement]]
+    packed: PackedNumbers | None = None
+    warnings: list[str] = []
+    schema: int = 1
 
 
 class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
@@ -216,6 +133,21 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
         require_finite_configurations("start_configurations", self.start_configurations)
 
 
+class InverseKinematicsReply(Reply):
+    """Distinct solutions of each pose.
+
+    Attributes:
+        configurations: By pose.
+        reasons: By pose, the reason for fewer solutions than requested; else empty.
+        warnings: Harmless peculiarities of the robot or the scene.
+    """
+
+    configurations: list[list[Positions]]
+    reasons: list[str]
+    warnings: list[str] = []
+    schema: int = 1
+
+
 class Clearance(Message, tag_field="type", tag="clearance"):
     """Distance of the robot's moving links to the obstacles, and to themselves, at configurations.
 
@@ -257,6 +189,58 @@ class Clearance(Message, tag_field="type", tag="clearance"):
             )
 
 
+class PackedClearance(Reply):
+    """The lists of a clearance reply, packed as `PackedNumbers`; NaN instead of null.
+
+    Attributes:
+        minimum, self_minimum: Shape (n,) [m].
+        witness_points: Shape (n, 2, 3) [m, world].
+        pairs: Every closest link and obstacle, once.
+        pair: Index into `pairs` by configuration, shape (n,); -1 for none.
+        gradient, self_gradient: Shape (n, columns of `velocity_names`); null unless requested.
+    """
+
+    minimum: PackedNumbers
+    self_minimum: PackedNumbers
+    witness_points: PackedNumbers
+    pairs: list[list[str]]
+    pair: PackedNumbers
+    gradient: PackedNumbers | None = None
+    self_gradient: PackedNumbers | None = None
+
+
+class ClearanceReply(Reply):
+    """Clearance, by configuration: signed where both shapes are convex, else 0 in contact; null without such a pair.
+
+    Attributes:
+        minimum: Smallest distance of moving links to obstacles [m].
+        pair: The closest link and obstacle.
+        witness_points: Their closest points [m, world].
+        self_minimum: Smallest distance of the robot to itself [m].
+        contacts: Pairs that touch, or of which one is wholly inside the other; null unless requested.
+        free: Whether nothing touches and nothing is wholly inside something else; null unless requested by `verdict`.
+        gradient: Derivatives of `minimum` in the columns of `velocity_names` [m per rad or m]; null unless
+            requested, and at configurations without such a pair, or whose pair touches so that none is defined.
+        self_gradient: The same of `self_minimum`.
+        velocity_names: Columns of the gradients, in the tangent space.
+        packed: The packed lists, instead of those above.
+        warnings: Harmless peculiarities of the robot or the scene.
+    """
+
+    minimum: list[float | None]
+    pair: list[list[str] | None]
+    witness_points: list[list[Vector3] | None]
+    self_minimum: list[float | None]
+    contacts: list[list[list[str]]] | None = None
+    free: list[bool] | None = None
+    gradient: list[list[float] | None] | None = None
+    self_gradient: list[list[float] | None] | None = None
+    velocity_names: list[str] | None = None
+    packed: PackedClearance | None = None
+    warnings: list[str] = []
+    schema: int = 1
+
+
 class Potential(Message, tag_field="type", tag="potential"):
     """The field of a scene at points (a unit point charge each), or on a robot at configurations.
 
@@ -287,6 +271,54 @@ class Potential(Message, tag_field="type", tag="potential"):
             raise ValueError("give either `points`, or `robot` with `configurations`")
         require_finite_points("points", self.points or ())
         require_finite_batch("configurations", self.configurations or [])
+
+
+class PointPotentialReply(Reply):
+    """The field on a unit charge, by point.
+
+    Attributes:
+        potential: [1/m].
+        gradient: [1/m^2], in the world.
+        winding: Winding number of the solids around the point: 0 outside.
+        warnings: Harmless peculiarities of the robot or the scene.
+    """
+
+    potential: list[float]
+    gradient: list[Vector3]
+    winding: list[float]
+    warnings: list[str] = []
+    schema: int = 1
+
+
+class LinkWrench(Reply):
+    """The wrench of the field on one link, by configuration, in the world's axes.
+
+    Attributes:
+        force: [1].
+        torque: About the origin of the joint that moves the link [m].
+    """
+
+    force: list[Vector3]
+    torque: list[Vector3]
+
+
+class RobotPotentialReply(Reply):
+    """The field on a robot, by configuration.
+
+    Attributes:
+        potential: U [m].
+        generalized_force: -dU/dv, in the columns of `velocity_names`.
+        velocity_names: Names of the columns, in the tangent space.
+        links: By name.
+        warnings: Harmless peculiarities of the robot or the scene.
+    """
+
+    potential: list[float]
+    generalized_force: Rows
+    velocity_names: list[str]
+    links: dict[str, LinkWrench]
+    warnings: list[str] = []
+    schema: int = 1
 
 
 ReferenceFrame = Literal["local", "world", "local_world_aligned"]
@@ -326,23 +358,26 @@ class Jacobian(Message, tag_field="type", tag="jacobian"):
         require_rates("velocities", self.velocities, self.configurations)
 
 
-class Payload(Message):
-    """A rigid load on a link, for dynamics.
+class JacobianReply(Reply):
+    """Jacobians of frames; rows are those of a twist: linear velocity first, then angular, as Pinocchio has them.
 
     Attributes:
-        link: The link that carries it.
-        mass: Its mass [kg].
-        centre_of_mass: In the link's frame [m].
-        inertia: Ixx, Ixy, Ixz, Iyy, Iyz, Izz about its centre of mass, in the axes of the link's frame [kg m^2].
+        jacobian: By configuration, then by frame; six rows in the columns of `velocity_names`. Empty if the request
+            has `packed`.
+        velocity_names: Names of the columns, in the tangent space.
+        twist: By configuration, then by frame [m/s, rad/s]; null unless velocities were given.
+        packed: The Jacobians, shape (configurations, frames, 6, columns).
+        packed_twist: The twists, shape (configurations, frames, 6).
+        warnings: Harmless peculiarities of the robot or the scene.
     """
 
-    link: Name
-    mass: Mass
-    centre_of_mass: Vector3 = ORIGIN
-    inertia: InertiaTensor = NO_INERTIA
-
-    def __post_init__(self) -> None:
-        require_load(self.mass, self.centre_of_mass, self.inertia)
+    jacobian: list[list[Rows]]
+    velocity_names: list[str]
+    twist: list[Rows] | None = None
+    packed: PackedNumbers | None = None
+    packed_twist: PackedNumbers | None = None
+    warnings: list[str] = []
+    schema: int = 1
 
 
 DynamicsQuantity = Literal["inverse_dynamics", "gravity", "mass_matrix", "centre_of_mass"]
@@ -389,13 +424,54 @@ class Dynamics(Message, tag_field="type", tag="dynamics"):
             raise ValueError("`accelerations` are for `inverse_dynamics`, which `quantities` doesn't have")
 
 
+class DynamicsReply(Reply):
+    """Dynamics, by configuration; quantities that the request doesn't name are null.
+
+    Attributes:
+        velocity_names: Names of the columns, in the tangent space.
+        mass: Of the whole robot and its payload [kg].
+        inverse_dynamics: Torques or forces in the columns of `velocity_names` [N m or N].
+        gravity: The same that hold the robot still.
+        mass_matrix: Symmetric, in these columns.
+        centre_of_mass: Of the robot and its payload [m, world].
+        packed: The packed fields by name; the fields above are null then.
+        warnings: Harmless peculiarities of the robot or the scene.
+    """
+
+    velocity_names: list[str]
+    mass: float
+    inverse_dynamics: Rows | None = None
+    gravity: Rows | None = None
+    mass_matrix: list[Rows] | None = None
+    centre_of_mass: list[Vector3] | None = None
+    packed: dict[str, PackedNumbers] | None = None
+    warnings: list[str] = []
+    schema: int = 1
+
+
 KinematicsRequest = ForwardKinematics | InverseKinematics | Clearance | Potential | Jacobian | Dynamics
 
+KinematicsReply = (
+    ForwardKinematicsReply
+    | InverseKinematicsReply
+    | ClearanceReply
+    | PointPotentialReply
+    | JacobianReply
+    | DynamicsReply
+    | RobotPotentialReply
+)
 
-def require_finite_points(field: str, points: Sequence[Vector3]) -> None:
-    """Raise ValueError if a number is NaN, infinite or too large."""
-    for begin in range(0, len(points), VALUES_PER_CHECK):
-        some = points[begin : begin + VALUES_PER_CHECK]
-        if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is at least that of each
-            for index, point in enumerate(some, begin):
-                require_finite(f"{field}[{index}]", point)
+_REPLIES: dict[type, type[KinematicsReply]] = {
+    ForwardKinematics: ForwardKinematicsReply,
+    InverseKinematics: InverseKinematicsReply,
+    Clearance: ClearanceReply,
+    Jacobian: JacobianReply,
+    Dynamics: DynamicsReply,
+}
+
+
+def kinematics_reply_kind(request: KinematicsRequest) -> type[KinematicsReply]:
+    """Return the type of the reply to a request."""
+    if isinstance(request, Potential):
+        return RobotPotentialReply if request.points is None else PointPotentialReply
+    return _REPLIES[type(request)]
