@@ -1,8 +1,9 @@
-"""A stream's journal: each of its files gives the same pieces again, whatever happened, and the oldest are dropped."""
+"""A stream's journal: each of its files gives the same pieces again, and the oldest are dropped."""
 
 from __future__ import annotations
 
 import contextlib
+import os
 from itertools import count
 from pathlib import Path
 
@@ -18,7 +19,19 @@ from guidefield.messages.streams import Observation, Piece, StreamObstacle, Stre
 from guidefield.messages.values import JointsGoal, Placement, PoseGoal
 from guidefield.scene.scene import build
 from guidefield.stream import journal as journals
-from guidefield.stream.journal import Journal, Updated, files_of, read, replay
+from guidefield.stream.journal import (
+    FILE_BYTES,
+    MOST_FILES,
+    MOST_KEPT,
+    Journal,
+    Updated,
+    begin,
+    file_bytes,
+    files_of,
+    kept_files,
+    read,
+    replay,
+)
 from guidefield.stream.path_planner import TakeOver, WhenReady
 from guidefield.stream.shown import render
 from guidefield.stream.state import encode_part
@@ -201,3 +214,37 @@ def test_what_can_not_be_written_in_time_goes_on_in_another_file(
     journal.close()
     for file in files_of(tmp_path):
         assert replay(file, opens).same
+
+
+def test_the_oldest_make_room_and_a_name_begins_anew(tmp_path: Path) -> None:
+    streams = tmp_path / "streams"
+    for index in range(MOST_KEPT + 2):
+        folder = begin(streams, f"s{index}")
+        (folder / "000001.stream").write_bytes(b"x")
+        os.utime(folder / "000001.stream", (index, index))
+        os.utime(folder, (index, index))
+    assert {folder.name for folder in streams.iterdir()} == {f"s{index}" for index in range(2, MOST_KEPT + 2)}
+    again = begin(streams, "s5")
+    assert list(again.iterdir()) == []
+    assert len(list(streams.iterdir())) == MOST_KEPT
+
+
+def test_all_streams_of_a_user_keep_its_quota() -> None:
+    assert file_bytes(None) == FILE_BYTES
+    assert MOST_KEPT * MOST_FILES * file_bytes(2**20) <= 2**20
+    assert file_bytes(2**40) == FILE_BYTES
+
+
+def test_files_are_asked_for_by_the_name_of_its_stream(tmp_path: Path) -> None:
+    folder = begin(tmp_path / "streams", "s")
+    with pytest.raises(UnknownObject, match="nothing is kept of a stream 's'"):
+        kept_files(tmp_path / "streams", "s")
+    for number in (1, 2):
+        (folder / f"{number:06}.stream").write_bytes(b"x")
+    assert [file.stem for file in kept_files(tmp_path / "streams", "s")] == ["000001", "000002"]
+    for name in ("..", "../streams/s", ".", "", "s/../s"):
+        with pytest.raises(MalformedRequest, match="stream_id"):
+            kept_files(tmp_path / "streams", name)
+    with pytest.raises(UnknownObject):
+        kept_files(tmp_path / "nowhere", "s")
+    assert not (tmp_path / "nowhere").exists(), "looking leaves no folder behind"

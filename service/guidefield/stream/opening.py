@@ -28,7 +28,6 @@ from guidefield.scene.scene import Scene
 from guidefield.stream.commit import JointBounds
 from guidefield.stream.obstacles import Assumption
 from guidefield.stream.settings import RISE
-from guidefield.stream.shapes import require_one_axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +86,7 @@ def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: S
     group = limit_group(group, request)
     turned = group.starting_at(request.start).whole_turns
     turns = np.zeros(group.nv) if turned is None else turned
-    require_one_axis(group)
+    _require_one_axis(group)
     q_start = group.part_of(q_whole)
     for fault in limit_faults(group.joints, q_start):
         raise InvalidConfiguration(
@@ -129,6 +128,18 @@ def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: S
         warnings=(*robot.warnings, *scene.warnings, *coarse, *warnings, *touching),
         touching=touching,
     )
+
+
+def _require_one_axis(group: PlanningGroup) -> None:
+    """Raise MalformedRequest if a joint of a group's model neither turns about one axis nor slides along one."""
+    for joint, name in zip(group.model.joints[1:], list(group.model.names)[1:], strict=True):
+        if joint.nv != 1:
+            raise MalformedRequest(
+                f"a stream isn't served for joint {name!r}, which has {joint.nv} degrees of freedom: only for joints"
+                " that turn about one axis or slide along one; leave it out of the `group`",
+                unserved="group",
+                joint=name,
+            )
 
 
 def _require_known(request: StreamOpen, robot: RobotModel, scene: Scene, declared: set[str]) -> None:

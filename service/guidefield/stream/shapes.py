@@ -15,7 +15,6 @@ import numpy as np
 from guidefield.collision.lanes.scene_tables import parts_of
 from guidefield.collision.obstacle_boxes import OwnBoxes, own_boxes
 from guidefield.collision.part_tables import PartsTable, tree_layout
-from guidefield.errors import MalformedRequest
 from guidefield.geometry.cache import allocate_in_memory
 from guidefield.geometry.convex import CLUSTERS
 from guidefield.geometry.curve_order import curve_order
@@ -38,6 +37,9 @@ from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.link_bounds import convex_parts
 from guidefield.scene.obstacle import Obstacle
+
+MOST_PARTS = 8  # most parts of a mesh, which stand for its triangles in proofs
+CLOUD_BOXES = 128  # boxes that stand for a cloud in planning, at most
 
 Named = TypeVar("Named", bound=tuple[Any, ...])
 
@@ -137,9 +139,6 @@ def _balls_of_cloud(points: np.ndarray, radius: float) -> Parts:
     return Parts(**{name: made[name] for name in Parts._fields})
 
 
-CLOUD_BOXES = 128  # boxes that stand for a cloud in planning, at most
-
-
 def _clusters(points: np.ndarray, radius: float) -> np.ndarray:
     """Boxes (b, 16) about runs of neighbours among sorted points (n, 3) [m]."""
     starts = np.unique(np.linspace(0, len(points), min(CLOUD_BOXES, len(points)), endpoint=False).astype(int))
@@ -165,9 +164,6 @@ def _below(plane: np.ndarray) -> np.ndarray:
     return row
 
 
-MOST_PARTS = 8  # most parts of a mesh, which stand for its triangles in proofs
-
-
 @memoized_for_alike
 def solid_parts(group: PlanningGroup) -> tuple[np.ndarray, Parts, np.ndarray]:
     """The bodies of a robot as hulls of nearly convex pieces, in the frames of their joints.
@@ -189,19 +185,3 @@ def solid_parts(group: PlanningGroup) -> tuple[np.ndarray, Parts, np.ndarray]:
     made = np.array(roots, np.int64), table.tables(), np.array(inside).reshape(-1, 3)
     read_only(made[0], *made[1], made[2])
     return made
-
-
-def require_one_axis(group: PlanningGroup) -> None:
-    """Require that each joint of a group's model turns about one axis or slides along one.
-
-    Raises:
-        MalformedRequest: if one doesn't.
-    """
-    for joint, name in zip(group.model.joints[1:], list(group.model.names)[1:], strict=True):
-        if joint.nv != 1:
-            raise MalformedRequest(
-                f"a stream isn't served for joint {name!r}, which has {joint.nv} degrees of freedom: only for joints"
-                " that turn about one axis or slide along one; leave it out of the `group`",
-                unserved="group",
-                joint=name,
-            )

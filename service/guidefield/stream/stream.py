@@ -1,8 +1,8 @@
 """A stream in one process, driven by the caller's clock: observations go in, certified pieces come out.
 
-Each update is a cycle: take observations, follow the path to the goal by a proven piece, else flee from what comes
-close, else say why there is none. No piece is sent that the judge hasn't proven together with its stop. With another
-order of work, or of random draws, journals that are kept replay to other pieces.
+Each update is a cycle: take observations, find a piece (`pieces.py`), which is proven together with its stop, and send
+it, or say why there is none. With another order of work journals that are kept replay to other pieces. `SLACK` is how
+far a robot may be off its piece beyond what is proven.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
-from functools import partial
 from types import TracebackType
 from typing import Any, TypeVar, cast
 
@@ -33,7 +32,6 @@ from guidefield.kernels.tree import rrt_connect, shortcut
 from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import ORIGIN
-from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
@@ -44,16 +42,11 @@ from guidefield.stream.commit import (
     CommitReason,
     CommitVerdict,
     Judge,
-    SeenObstacles,
     join_commits,
-    plan_commit,
 )
-from guidefield.stream.dodging import TimedPath, draw_flights, measure_pressures, pressure_slope
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import read_opening
 from guidefield.stream.path_planner import (
-    INSIDE,
-    NOTHING,
     BackgroundPlanner,
     FixedDelay,
     PathOrder,
@@ -61,13 +54,13 @@ from guidefield.stream.path_planner import (
     TakeOver,
     find_goals,
 )
-from guidefield.stream.settings import STREAM, WITHIN
+from guidefield.stream.pieces import Cycle, LeadsTo, PieceFinder
+from guidefield.stream.settings import STREAM
 from guidefield.stream.state import (
     MAX_COMMITS,
     Event,
     KeptObstacle,
     Phase,
-    Pursuit,
     Snapshot,
     State,
     StreamWatcher,
@@ -78,20 +71,11 @@ from guidefield.stream.state import (
 
 _A = TypeVar("_A", bound=Piece | StreamState | None)
 
-GOAL_TOLERANCE = 1e-6  # a configuration this close to a goal has reached it [rad or m]
-TRAVELLED_IN = 20  # parts in which the travel of the robot is bounded, before what appears can have come
 SLACK = 1e-6
 """Deviation of joints that is allowed beyond the tolerance, for rounded numbers [rad or m]: no proof covers it."""
 
-KERNELS = (
-    search,
-    dodge,
-    drift,
-    judge,
-    rrt_connect,
-    shortcut,
-    way,
-)  # loaded when a stream opens: else its first update would wait for them, 30 to 60 ms
+# loaded when a stream opens: else its first update would wait for them, 30 to 60 ms
+KERNELS = search, dodge, drift, judge, rrt_connect, shortcut, way
 
 
 @dataclass(frozen=True)
@@ -132,16 +116,18 @@ class CertifiedStream:
         self.group, self.scene = asked.group, scene
         keeping = (request.min_clearance, request.tracking_tolerance)
         self._paths = PathPlanner(asked.group, asked.world, asked.bounds, *keeping)
-        self._taking: TakeOver = taking or FixedDelay()
+        taking = taking or FixedDelay()
         beside = PathPlanner(asked.group, asked.world, asked.bounds, *keeping)
-        self._planner = BackgroundPlanner(beside, self._taking.niceness)
+        self._planner = BackgroundPlanner(beside, taking.niceness)
         self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met, self.origin)
         for index, one in enumerate(request.obstacles):
             self._obstacles.take(self._obstacles.prepare(one, f"$.obstacles[{index}]", asked.group.robot.links))
         tolerances = np.full(asked.group.nv, request.tracking_tolerance)
         self._judge = Judge(asked.world, asked.bounds, request.min_clearance, tolerances, asked.cartesian_limits)
         self._rng = np.random.default_rng(request.seed)
-        self._speeds = asked.bounds.rates[:, 0]
+        self._finder = PieceFinder(
+            request, asked, self._judge, self._obstacles, self._paths, self._planner, taking, self._rng
+        )
         self._state = State.at_rest(asked.start)
         self._seeking = 0
         self._pieces: deque[Piece] = deque(maxlen=MAX_COMMITS)
@@ -215,7 +201,11 @@ class CertifiedStream:
         state = self._state
         state.sought, self._seeking = state.sought + 1, self._seeking + 1
         rng = np.random.default_rng([self.request.seed, state.sought])
-        work = partial(_search_goals, self._inward(asked), self.group, self.executing.ends, rng)
+        inward, near = self._inward(asked), self.executing.ends
+
+        def work(paths: PathPlanner) -> ChartPoints:
+            return find_goals(inward, self.group, paths, near, rng)
+
         self._watching.seek(asked)
         return GoalSearch(state.sought, self._planner.submit(work))
 
@@ -296,7 +286,7 @@ class CertifiedStream:
         if now - self._obstacles.oldest > self.request.age_limit:
             return self._tell_none(now, "stale", broken, base)
         executed, seen = state.find_executed(now), self._obstacles.see(STREAM.reserve)
-        return self._find_piece(_Cycle(now, now + self.request.latency, executed, broken, seen))
+        return self._find_piece(Cycle(now, now + self.request.latency, state, executed, broken, seen))
 
     def _find_break(self, now: float) -> CommitVerdict | None:
         """The refusal of what is executed from now on; None: it is still proven, or no obstacle is new."""
@@ -427,224 +417,22 @@ class CertifiedStream:
         self._state.stand_at(stood)
         return stood
 
-    def _find_piece(self, cycle: _Cycle) -> Piece | StreamState:
+    def _find_piece(self, cycle: Cycle) -> Piece | StreamState:
         if self._state.phase is Phase.HALTED:
             return self._tell_none(cycle.now, "stopped", cycle.broken, cycle.base)
-        state = np.ascontiguousarray(cycle.base.state(cycle.begins)[:, :3])
-        still = self._make_commit(cycle, state, np.zeros(self.group.nv), None)
-        pursuit = self._state.pursuit
-        found = self._follow(cycle, pursuit, state, still)
-        # a robot that comes to the goal stands there first: the piece that leads there is proven
-        arriving = cycle.reason == "at_goal" and cycle.now < cycle.base.stops
-        if (found is None and not arriving) or cycle.threatened:
-            found = self._flee(cycle, state, still) or found
-        if found is None and cycle.reason in ("too_close", "no_way") and not state[:, 1:].any():
-            found = self._leave(cycle, state, still)
-        if pursuit is not None:
-            pursuit.refused = 0 if found is not None else pursuit.refused + 1
+        found = self._finder.find(cycle)
         if found is not None:
             return self._send(cycle, *found)
         verdict = None if cycle.reason in ("standing", "at_goal") else cycle.verdict  # of a flight that was refused
         return self._tell_none(cycle.now, cycle.reason, cycle.broken, cycle.base, verdict)
 
-    def _make_commit(self, cycle: _Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
-        """The commit of a piece from a state (nv, 3) towards velocities (nv,), or lower ones for limits in space."""
-        goals, slowed = np.full(self.group.nv, np.inf) if last is None else last, 0
-        while True:
-            bounds = self._opened.bounds
-            commit = plan_commit(state, velocities, goals, bounds, cycle.begins, self.request.piece, WITHIN)
-            if slowed == STREAM.slowed or not velocities.any():
-                return commit
-            if (share := self._judge.speed_share(commit)) <= 1.0:
-                return commit
-            velocities, slowed = velocities * (STREAM.in_space / share), slowed + 1
-
-    def _follow(
-        self, cycle: _Cycle, pursuit: Pursuit | None, state: np.ndarray, still: Commit
-    ) -> tuple[Commit, str] | None:
-        """A proven piece along the path to the goal, or None; then the cycle knows why."""
-        if pursuit is None:
-            cycle.reason = "standing"
-            return None
-        if cycle.base.at_goal and cycle.base.goal == self._state.goal:
-            cycle.reason = "at_goal"
-            return None
-        way = self._update_way(cycle, pursuit, still.ends)
-        since = pursuit.place
-        for share in STREAM.speeds:
-            aim = way.aim(still.ends, since, STREAM.ahead * share, way.due(cycle.begins + STREAM.early))
-            pursuit.place = aim.place
-            largest = float((np.abs(aim.direction) / self._speeds).max())
-            velocities = aim.direction * (share / largest) if largest > 0.0 else aim.direction
-            commit = self._make_commit(cycle, state, velocities, aim.last)
-            if (commit.ends == state[:, 0]).all() and not state[:, 1:].any():
-                if self._is_at_goal(commit.ends):
-                    cycle.reason = "at_goal"
-                    return None
-                break
-            closing = aim.last is not None and bool((aim.last == way.goal).all())  # then there is nothing to go on to
-            if self._prove(cycle, commit, reserved=not closing):
-                flees = share <= STREAM.threatened and self._is_threatened(
-                    cycle, commit.ends, way, pursuit.place, share
-                )
-                stays = closing and flees and self._paths.is_goal_free(self._obstacles.drifting(cycle.now), way.goal)
-                cycle.threatened = flees and not stays
-                return commit, "goal"
-        if cycle.verdict is None or pursuit.unfound:
-            cycle.reason = "no_way"
-        return None
-
-    def _is_threatened(self, cycle: _Cycle, end: ChartPoint, way: TimedPath, place: float, share: float) -> bool:
-        """Return whether what is foreseen comes close to a piece's end (nv,), and to where the path leads by then.
-
-        The piece ends at a place of the path [s].
-        """
-        boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
-        then = min(place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
-        places = (end, way.at(max(then, place)))
-        near = STREAM.threat * self.group.size
-        return bool((measure_pressures(self._paths.lanes, boxes, np.array(places), near) > 0.0).all())
-
-    def _flee(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
-        """A proven piece away from what is predicted to come close, or None."""
-        boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
-        if not len(boxes):
-            return None
-        near = STREAM.near * self.group.size
-        lanes = self._paths.lanes
-        before = float(measure_pressures(lanes, boxes, still.ends[None], near)[0])
-        if before <= 0.0:
-            return None
-        directions = draw_flights(pressure_slope(lanes, boxes, still.ends, near), self._speeds, self._rng)
-        commits = [self._make_commit(cycle, state, velocities, None) for velocities in directions]
-        after = measure_pressures(lanes, boxes, np.array([one.ends for one in commits]), near).tolist()
-        tried = [(now, k, one) for k, (now, one) in enumerate(zip(after, commits, strict=True)) if now < before]
-        return self._choose_flight(cycle, tried, reserved=False)
-
-    def _leave(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
-        """A proven piece from where the robot stands to where it keeps more from what rests, or None."""
-        before = self._paths.count_kept(still.ends)
-        if before == len(STREAM.leaving):
-            return None
-        tried: list[tuple[float, int, Commit]] = []
-        for velocities in draw_flights(np.zeros(self.group.nv), self._speeds, self._rng):
-            for towards_it in (velocities, -velocities):
-                commit = self._make_commit(cycle, state, towards_it, None)
-                after = self._paths.count_kept(commit.ends)
-                if after > before:
-                    tried.append((-after, len(tried), commit))
-        return self._choose_flight(cycle, tried, reserved=True)
-
-    def _choose_flight(
-        self, cycle: _Cycle, tried: list[tuple[float, int, Commit]], *, reserved: bool
-    ) -> tuple[Commit, str] | None:
-        """Return the first proven commit by cost and order, or None."""
-        for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
-            if self._prove(cycle, commit, reserved):
-                if self._state.pursuit is not None:
-                    self._state.pursuit.place = 0.0  # the path may be nearest elsewhere then
-                return commit, "away"
-        return None
-
-    def _prove(self, cycle: _Cycle, commit: Commit, reserved: bool) -> bool:
-        """Return whether a commit is proven; the cycle keeps the first refusal."""
-        verdict = self._judge.judge(commit, cycle.seen, STREAM.evaluations, reserved=reserved)
-        cycle.evaluations = verdict.evaluations
-        if verdict.free and not self._is_seen_far_enough(cycle, commit):
-            verdict = CommitVerdict(CommitReason.UNDECIDED, verdict.evaluations, -1, commit.stops)
-        if not verdict.free and cycle.verdict is None:
-            cycle.verdict = verdict
-        return verdict.free
-
-    def _is_seen_far_enough(self, cycle: _Cycle, commit: Commit) -> bool:
-        """Return whether an obstacle that isn't observed yet can't reach the robot before it stands."""
-        asked = self.request
-        if asked.appear_distance is None:
-            return True
-        until = join_commits([*cycle.executed, commit])
-        gone = self._judge.bound_travel(until, cycle.seen, cycle.now, commit.stops, TRAVELLED_IN)
-        come = asked.appear_speed * (commit.stops - cycle.now + asked.clock_error)
-        return gone + come < asked.appear_distance
-
-    def _update_way(self, cycle: _Cycle, pursuit: Pursuit, stand: ChartPoint) -> TimedPath:
-        """The path to follow; takes a planned one over, and orders the next one, if it is time."""
-        state, goal = self._state, self._choose_goal(cycle, pursuit, stand)
-        if (ordered := state.ordered) is not None and self._taking.takes(ordered, cycle.now):
-            found = ordered.found.result()
-            pursuit.unfound = found.nowhere
-            if found.way is not None and self._is_same(ordered.goal, goal):
-                pursuit.follow(TimedPath(found.way.points, self._speeds, ordered.due + STREAM.lag + found.way.times))
-            state.enter(Event.TAKE)
-        if pursuit.way is None or not self._is_same(pursuit.way.goal, goal):
-            pursuit.follow(TimedPath(np.array([stand, goal]), self._speeds))
-        assert pursuit.way is not None, "one is followed"
-        if state.phase is Phase.FOLLOWING:
-            self._order_if_due(cycle, pursuit, pursuit.way, stand, goal)
-        return pursuit.way
-
-    def _order_if_due(
-        self, cycle: _Cycle, pursuit: Pursuit, way: TimedPath, stand: ChartPoint, goal: ChartPoint
-    ) -> None:
-        """Have a path planned where the one that is followed isn't free of what rests, or something moves.
-
-        It begins on the path that is followed, where the robot could stand when it is taken over; or where it could
-        stand now, if it isn't on its path.
-        """
-        state, speeds = self._state, self._speeds
-        due = cycle.now + self.request.planning_time
-        drifting = self._obstacles.drifting(due + STREAM.lag)
-        goes = pursuit.refused < STREAM.refused and self._is_free(way, pursuit.place, stand)
-        again = len(drifting.boxes) > 0 and cycle.now >= state.planned + self.request.planning_time + STREAM.again
-        if goes and not again:
-            return
-        start, followed = stand, None
-        if goes:
-            place = way.nearest(stand, pursuit.place, pursuit.place + STREAM.looked_at)
-            share = float((np.abs(cycle.base.state(cycle.begins)[:, 1]) / speeds).max())
-            goes_on = self.request.planning_time * min(1.0, share)
-            then = max(place, min(place + goes_on, way.due(due + STREAM.early)))
-            if (np.abs(way.at(then) - stand) / speeds).max() <= STREAM.on_it * goes_on:
-                start, place = way.at(then), then
-            followed = way.rest(start, place)
-        state.order(self._planner.order(due, start, goal, drifting, followed, self._rng))
-        pursuit.refused = 0
-
-    def _choose_goal(self, cycle: _Cycle, pursuit: Pursuit, stand: ChartPoint) -> ChartPoint:
-        """The goal that is nearest (nv,), of those that nothing is predicted on if there are any."""
-        goals, way = pursuit.goals, pursuit.way
-        boxes = self._obstacles.boxes([cycle.now, cycle.now + STREAM.predicted])
-        taken = np.array([(self._paths.gaps(boxes, z) < -INSIDE * self.group.size).any() for z in goals], bool)
-        if taken.all():
-            cycle.reason = "goal_taken"
-            taken[:] = False
-        if way is not None:
-            same = [k for k, goal in enumerate(goals) if self._is_same(way.goal, goal)]
-            if same and not taken[same[0]]:
-                chosen: ChartPoint = goals[same[0]]
-                return chosen
-        far = np.abs((goals - stand) / self._speeds).max(axis=1)
-        nearest: ChartPoint = goals[np.argmin(np.where(taken, np.inf, far))]
-        return nearest
-
-    def _is_same(self, z: ChartPoint, goal: ChartPoint) -> bool:
-        """Return whether a chart point (nv,) is a goal (nv,), but for whole turns of joints that turn without end."""
-        return bool((np.abs(self.group.unwrapped(goal, z) - z) <= GOAL_TOLERANCE).all())
-
-    def _is_free(self, way: TimedPath, place: float, stand: ChartPoint) -> bool:
-        points = way.rest(stand, place, place + STREAM.looked_at)
-        clearance = self._paths.choose_clearance(STREAM.resting_looked_at, [stand, way.goal])
-        return self._paths.is_free(NOTHING, STREAM.going, clearance, points)
-
-    def _is_at_goal(self, z: ChartPoint) -> bool:
-        way = None if self._state.pursuit is None else self._state.pursuit.way
-        return way is not None and bool((np.abs(z - way.goal) <= GOAL_TOLERANCE).all())
-
-    def _send(self, cycle: _Cycle, commit: Commit, leads_to: Any) -> Piece:
+    def _send(self, cycle: Cycle, commit: Commit, leads_to: LeadsTo) -> Piece:
         state = self._state
         number = max(state.commits) + 1
+        at_goal = leads_to == "goal" and self._finder.is_at_goal(state, commit.ends)
         sent = Commit(
             number, commit.begins, commit.brakes, commit.stops, commit.start, commit.phases, commit.counts,
-            commit.ends, cycle.base.number, state.goal, leads_to == "goal" and self._is_at_goal(commit.ends),
+            commit.ends, cycle.base.number, state.goal, at_goal,
         )  # fmt: skip
         state.add(sent, cycle.executed)
         piece = Piece(
@@ -688,23 +476,3 @@ class CertifiedStream:
         obstacles = self._obstacles.names
         row, obstacle = divmod(verdict.pair - len(own), len(obstacles))
         return names[self._opened.world.pairs.moving[row]], obstacles[obstacle]
-
-
-def _search_goals(
-    goal: StreamGoal, group: PlanningGroup, near: ChartPoint, rng: np.random.Generator, paths: PathPlanner
-) -> ChartPoints:
-    return find_goals(goal, group, paths, near, rng)
-
-
-class _Cycle:
-    """The data of one update's answer: the executed commits and observations; and the reasons so far."""
-
-    def __init__(
-        self, now: float, begins: float, executed: list[Commit], broken: CommitVerdict | None, seen: SeenObstacles
-    ) -> None:
-        self.now, self.begins, self.executed, self.base = now, begins, executed, executed[-1]
-        self.broken, self.seen = broken, seen
-        self.reason: Reason = "too_close"
-        self.verdict: CommitVerdict | None = None
-        self.threatened = False
-        self.evaluations = 0
