@@ -1,17 +1,19 @@
-"""Contact at a configuration, against Coal's distance pair by pair; which pairs there are."""
+"""Contact at a configuration, against Coal pair by pair; near pairs against all of them; held objects."""
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.clearance import contacts_at
+import guidefield
+from guidefield.collision.clearance import clearance_at, contacts_at
 from guidefield.collision.world import World, _link_shapes
 from guidefield.errors import SceneInvalid
 from guidefield.memo import size_of
 from guidefield.messages import scene as messages
-from tests.collision.listed import geometry_of, listed, touching as touching_in
+from tests.collision.listed import geometry_of, listed, touching, touching as touching_in
 from tests.collision.scenery import box, panda_in, scattered, world_of
 from tests.robots import group, random_configuration, rest
 
@@ -105,3 +107,60 @@ def test_shapes_that_are_the_robots_own_count_for_no_memory_of_results():
     shapes = _link_shapes(group("ur5"))  # meshes
     assert size_of(shapes.each) > 10**6
     assert size_of(shapes) == 0
+
+
+FLOOR = messages.HalfSpace(name="floor", normal=(0.1, 0.0, 1.0), offset=-0.4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_among_hundreds_of_obstacles_answers_are_those_of_all_pairs(seed):
+    rng = np.random.default_rng(seed)
+    crumbs = [
+        box(f"c{k}", rng.uniform(0.01, 0.03, 3), p) for k, p in enumerate(rng.uniform(-1.2, 1.2, (400, 3)).tolist())
+    ]
+    world = world_of(group("panda"), [*crumbs, FLOOR], [("panda_link3", "c7"), ("panda_hand", "floor")])
+    for _ in range(4):
+        q = world.group.expand(world.group.random(rng))
+        expected = touching(world, q)
+        assert [k for k in world.near(q) if world.touches(k)] == expected
+        assert world.in_collision(q) == bool(expected)
+        distances = pair_distances(world, q)
+        assert clearance_at(world, q).obstacle_distance == pytest.approx(
+            distances[world.pairs.n_self :].min(), abs=2e-6
+        )
+
+
+CART = """<robot name="cart"><link name="w"/>
+<link name="a"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link><link name="m"/>
+<link name="b"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+<joint name="x" type="prismatic"><parent link="w"/><child link="a"/><axis xyz="1 0 0"/>
+<limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+<joint name="f" type="fixed"><parent link="a"/><child link="m"/><origin xyz="0 0 0.3"/></joint>
+<joint name="y" type="prismatic"><parent link="m"/><child link="b"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" velocity="1" effort="1"/></joint></robot>"""
+
+
+def judged(bore: float, offset: float) -> tuple[bool, bool, bool]:
+    """Whether a held ring is free to `clearance`, `certify` and a plan of the joint that carries it and the link."""
+    ring = trimesh.creation.annulus(bore, 0.6, 0.5, sections=12)
+    shape = {"type": "mesh", "name": "h", "vertices": ring.vertices.tolist(), "triangles": ring.faces.tolist()}
+    common = {
+        "robot": {"type": "urdf", "text": CART},
+        "scene": {"name": "empty", "obstacles": []},
+        "attached_objects": [{"obstacle": shape, "link": "b", "placement": {"position": [offset, 0.0, -0.3]}}],
+    }
+    still = {"x": 0.0, "y": 0.0}
+    free = guidefield.answer({"type": "clearance", **common, "configurations": [still], "verdict": True}).free
+    motion = {"start": still, "path": [[0.0], [0.001]], "position_names": ["x"]}
+    certified = guidefield.answer({"type": "certify", **common, **motion})
+    goal = {"type": "joints", "positions": {"x": 0.001}}
+    plan = guidefield.answer({**common, "start": still, "group": ["x"], "goal": goal})
+    return free[0], certified.status.name == "SUCCESS", plan.status.name == "SUCCESS"
+
+
+def test_a_link_in_the_wall_of_a_held_ring():
+    assert judged(0.2, 0.4) == (False, False, False)
+
+
+def test_a_link_in_the_bore_of_a_held_ring():
+    assert judged(0.2, 0.0) == (True, True, True)

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
 
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.scene import Sphere
 from guidefield.planner import finish as module, optimized_motion
-from guidefield.planner.finish import REPAIRS, STOPPING, certify_found_path, finish
+from guidefield.planner.finish import REPAIRS, STOPPING, certify_found_path, finish, remove_waypoints
 from guidefield.planner.motion.limit_load import measure_limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, optimize
@@ -266,3 +267,22 @@ def test_rates_beyond_limits_are_refused(field: str, share: float, status: Statu
     result = plan(dataclasses.replace(made, **{field: rates}), Planner.TREE)
     assert result.status is status
     assert says in result.message
+
+
+FREE = problem("panda", scene_of())
+
+
+def wandering(seed: int, steps: int) -> np.ndarray:
+    """A path of small steps about a straight one."""
+    rng = np.random.default_rng(seed)
+    along = np.linspace(0.0, 1.0, steps)[:, None] * rng.uniform(-0.5, 0.5, FREE.group.nv)
+    return FREE.z_start + along + rng.normal(scale=0.02, size=along.shape)
+
+
+@given(st.integers(0, 1000), st.integers(3, 12), st.data())
+def test_a_path_in_the_open_is_straight_between_its_crossings(seed: int, steps: int, data: st.DataObject) -> None:
+    path = wandering(seed, steps)
+    at = data.draw(st.lists(st.integers(0, steps - 1), max_size=3))
+    fewer = remove_waypoints(FREE, path, dict(enumerate(at)))
+    np.testing.assert_allclose(fewer, path[sorted({0, steps - 1, *at})], atol=1e-6, err_msg="kernels go in float32")
+    np.testing.assert_array_equal(fewer[[0, -1]], path[[0, -1]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +25,11 @@ from guidefield.planner.slices import SCHEDULE
 from guidefield.planner.task.effort import EffortLimit, tree_of
 from guidefield.planner.task.motion_limits import frame_limit
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
+from guidefield.planner.task.trace import StageEntered
 from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.path_constraints import Cone
 from guidefield.scene.guide_plane import build
-from tests.planner.problems import problem, scene_of, to_configuration
+from tests.planner.problems import Listener, problem, scene_of, to_configuration
 from tests.planner.test_schedule import flight, require_within
 from tests.robots import group, rest
 
@@ -301,9 +303,38 @@ def test_wherever_the_planner_among_obstacles_at_rest_finds_a_motion_there_is_on
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "tools"))
     from benchmarks import timed
 
-    drawn = timed.problem_of("panda", seed, 600.0)
+    loaded = timed.Loaded.of(timed.Robot(catalog="panda"), Path(), timed.Engine())
+    drawn = timed.problem_of(loaded, seed, 600.0)
     replies = [timed.measured(request)[0] for request in (drawn.resting, drawn.request)]
     assert [reply.status.name for reply in replies] == ["SUCCESS", "SUCCESS"]
     assert replies[1].certificate.collision_free
-    assert not timed.touches(drawn, replies[1])
+    assert not timed.touches(loaded, drawn, replies[1])
     assert replies[1].metrics.duration <= drawn.scene.end + replies[0].metrics.duration + 0.5
+
+
+@functools.cache
+def planned(jerk: float | None, iterations: int | None) -> tuple[Problem, Plan]:
+    """A Panda that has to wait for a door."""
+    limits = None if jerk is None else np.full(7, jerk)
+    made = asked(DOOR, min_clearance=0.01, jerk_limits=limits, observer=Listener())
+    made = dataclasses.replace(made, optimization_iterations=iterations)
+    return made, plan(made)
+
+
+@pytest.mark.parametrize("jerk", [None, 300.0])
+def test_it_arrives_sooner_than_the_schedule_and_stays_free_and_within_limits(jerk: float | None) -> None:
+    (_, scheduled), (made, shaped) = planned(jerk, 0), planned(jerk, None)
+    require_free(made, shaped)
+    assert shaped.trajectory.times[-1] < 0.9 * scheduled.trajectory.times[-1]
+    told = [event.message for event in made.observer.events if isinstance(event, StageEntered)]
+    assert any("among what moves" in message for message in told)
+
+
+def test_it_does_not_arrive_before_its_end_is_free_for_good() -> None:
+    """A bar passes over the goal; the robot comes after it, though nothing but that is in its way."""
+    x, y, z = made_tip(RIGHT).translation
+    way = flight([0.0, 3.0], (x, y - 0.9, z), (x, y + 0.9, z))
+    made = asked(messages.Sphere(name="ball", radius=0.08, trajectory=way), min_clearance=0.005)
+    found = plan(made)
+    require_free(made, found)
+    assert found.trajectory.times[-1] > 1.4

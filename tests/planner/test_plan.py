@@ -1,10 +1,12 @@
-"""Whole plans: every stage real, the result certified and timed, and an honest "no" with the way it got."""
+"""Whole plans: real stages, certified results, a connection where planes fail, an honest status for a failure."""
 
 from __future__ import annotations
 
 import dataclasses
+import time
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,20 +14,29 @@ import pytest
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
-from guidefield.messages import scene as messages
+from guidefield.handlers.plan import answer_plan
+from guidefield.messages import codec, scene as messages
+from guidefield.messages.replies import PlanReply
+from guidefield.planner import held_paths
+from guidefield.planner.connect import Connection
+from guidefield.planner.held_paths import connect_to_goal
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.optimized_motion import LOOKS
-from guidefield.planner.path_so_far import time_path_ignoring_jerk
+from guidefield.planner.path_so_far import PathSoFar, time_path_ignoring_jerk
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
+from guidefield.planner.task.stages import Ending, Stage, StageFailed
 from guidefield.prove.certificate import certify
 from guidefield.prove.curve import polyline
 from guidefield.robot.group.inverse_kinematics import PoseTarget
+from guidefield.scene.scene import build
+from guidefield.stores import scenes
+from tests.examples import example
 from tests.planner.problems import closed_shell, problem, scene_of, to_configuration
 from tests.planner.test_connect import wall_between
-from tests.robots import box_arm, grouped
+from tests.robots import box_arm, grouped, robot
 
 
 def judged_densely(made: Problem, result: Plan, step: float = 1e-3) -> bool:
@@ -241,3 +252,146 @@ def test_a_refused_plan_still_carries_a_verdict_about_its_start() -> None:
     result = make_refused_plan(made, Status.START_STATE_INVALID, "because", {"joint": "j"})
     assert result.verdict.free
     assert result.path.shape == (1, 7)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """A problem whose connections are found from the origin of the chart only."""
+    asked = []
+
+    def connect(problem, z_start, goals, rng, *, prove):
+        asked.append(z_start)
+        if np.any(z_start):
+            return Connection(Status.PLANNING_FAILED, "nothing leads on", z_start[None])
+        return Connection(Status.SUCCESS, "found", np.array([z_start, goals[0]]), prove)
+
+    monkeypatch.setattr(held_paths, "connect", connect)
+    return problem("panda", scene_of()), asked
+
+
+def test_a_connection_begins_where_derived_planes_led_then_at_the_start(made) -> None:
+    planned, asked = made
+    start, led, goal = np.zeros(7), np.full(7, 0.1), np.full(7, 0.2)
+    found = PathSoFar(np.array([start, led]), {0: 1})
+    reached = connect_to_goal(dataclasses.replace(planned, derived_planes=1), found, goal[None], Stage())
+    assert [z.tolist() for z in asked] == [led.tolist(), start.tolist()]
+    assert reached.failure is None
+    assert reached.path.tolist() == [start.tolist(), goal.tolist()]
+    assert reached.crossings == {}
+    assert found.path.tolist() == [start.tolist(), led.tolist()]
+    assert found.crossings == {0: 1}
+
+
+def test_planes_that_were_given_are_not_forgotten(made) -> None:
+    planned, asked = made
+    found = PathSoFar(np.array([np.zeros(7), np.full(7, 0.1)]), {0: 1})
+    reached = connect_to_goal(planned, found, np.full((1, 7), 0.2), Stage())
+    assert (reached.failure.message, reached.failure.details) == ("nothing leads on", {"stage": "connect"})
+    assert len(asked) == 1
+    assert reached.crossings == {0: 1}
+    assert reached.path.tolist() == found.path.tolist()
+
+
+def test_a_plane_that_nothing_leads_to_leaves_the_path_as_far_as_the_approach_came(made, monkeypatch) -> None:
+    """Also where the connection began anew at the start: the approach went on from where derived planes led."""
+    planned, _ = made
+    corners = [(0.7, -0.2, 0.3), (0.7, 0.25, 0.3), (0.7, 0.1, 0.7), (0.7, -0.1, 0.7)]
+    given = problem("panda", scene_of(planes=[messages.GuidePlane(name="GP", vertices=corners)]))
+    planned = dataclasses.replace(planned, guide_planes=given.guide_planes * 2, derived_planes=1)
+    start, led, came = np.full(7, 0.05), np.full(7, 0.1), np.full(7, 0.15)
+    found = PathSoFar(np.array([start, led]), {0: 1})
+    stuck = found.extend(np.array([led, came])).with_failure(Ending(Status.STUCK_IN_MINIMUM, "stuck", {"plane": 1}))
+    monkeypatch.setattr(held_paths, "find_tip_points", lambda *_: np.full((1, 7), 0.2))
+    stage = Stage()
+    reached = held_paths.connect_to_plane(planned, found, stuck, 1, stage)
+    assert reached.failure.status is Status.STUCK_IN_MINIMUM
+    assert reached.failure.message == "stuck; the tree got no further either: nothing leads on"
+    assert reached.failure.details == {"plane": 1}
+    assert stage.outcome == "nothing leads on"
+    assert reached.path.tolist() == [start.tolist(), led.tolist(), came.tolist()]
+    assert reached.crossings == {0: 1}
+
+
+def test_where_the_nearest_place_of_a_plane_is_blocked_the_tip_may_be_elsewhere_on_it(made, monkeypatch) -> None:
+    corners = [(0.7, -0.2, 0.3), (0.7, 0.25, 0.3), (0.7, 0.1, 0.7), (0.7, -0.1, 0.7)]
+    planned = problem("panda", scene_of(planes=[messages.GuidePlane(name="GP", vertices=corners)]))
+    (plane,), targets = planned.guide_planes, []
+
+    def tip_points(problem, target):
+        targets.append(target)
+        if len(targets) == 1:
+            raise StageFailed(Status.NO_IK_SOLUTION, "blocked")
+        return np.full((1, 7), 0.2)
+
+    monkeypatch.setattr(held_paths, "find_tip_points", tip_points)
+    stuck = PathSoFar.at_start(planned).with_failure(Ending(Status.STUCK_IN_MINIMUM, "stuck"))
+    held_paths.connect_to_plane(planned, PathSoFar(np.zeros((1, 7))), stuck, 0, Stage())
+    nearest, square = targets
+    assert not nearest.position_tolerance.any()
+    half = square.position_tolerance[0]
+    assert half > 0.02
+    assert square.position_tolerance.tolist() == [half, half, 0.0]
+    for x, y in ((-half, -half), (half, -half), (half, half), (-half, half)):
+        corner = square.placement.act(np.array([x, y, 0.0]))
+        assert plane.contains(corner)
+        assert abs(plane.signed_height(corner)) < 1e-12
+
+
+def ask(title: str, minimizer: str, planes: list | None = None, obstacles: tuple = ()) -> PlanReply:
+    request = msgspec.json.decode(example(title)) | {"minimizer": minimizer}
+    scene = msgspec.to_builtins(scenes.read_packaged(request["scene"]))
+    scene["obstacles"] += obstacles
+    request["scene"] = scene
+    if planes is not None:
+        request["guide_planes"] = planes
+    message = codec.decode_request(request)
+    return answer_plan(message, robot(message.robot), build(message.scene), run_id="r", received=time.monotonic())
+
+
+def square(x: float, half: float, y: float = 0.0, z: float = 0.0) -> dict:
+    corners = [[x, y + a * half, z + b * half] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return {"name": "GP", "vertices": corners}
+
+
+@pytest.mark.parametrize("minimizer", ["projected", "univariate"])
+class TestSeed:
+    def test_a_plane_out_of_reach(self, minimizer: str) -> None:
+        reply = ask("seed_b_tapered", minimizer, [square(2.4, 0.1)])
+        assert reply.status.name == "GUIDE_PLANE_UNREACHABLE"
+        assert "the arm reaches" in reply.status.message
+        assert reply.status.details["guide_plane"] == "GP"
+        assert len(reply.path) == 1
+
+    def test_a_plane_narrower_than_the_robot(self, minimizer: str) -> None:
+        reply = ask("seed_e_L_3", minimizer, [square(0.9, 0.02)])
+        assert reply.status.name == "GUIDE_PLANE_UNREACHABLE"
+        assert "inscribed radius" in reply.status.message
+
+    def test_a_passage_narrower_than_the_robot(self, minimizer: str) -> None:
+        """A plug leaves a slit of 30 mm at the bottom of the tube; the links are 50 mm thick."""
+        plug = {"type": "box", "name": "plug", "size": [0.02, 0.3, 0.27], "position": [0.85, 0.0, 0.015]}
+        reply = ask("seed_e_L_3", minimizer, obstacles=(plug,))
+        assert reply.status.name == "STUCK_IN_MINIMUM"
+        assert "plug" in reply.status.message
+        assert reply.status.details["plane"] == 0
+        assert set(reply.status.details["pair"]) == {"link1", "plug"}
+        x, y, z = reply.status.details["tip"]
+        assert 0.7 < x < 0.85
+        assert max(abs(y), abs(z)) < 0.15
+        assert reply.certificate.collision_free
+
+    def test_a_start_in_a_pocket(self, minimizer: str) -> None:
+        """The tube is closed before and behind the robot."""
+        lids = tuple(
+            {"type": "box", "name": f"lid{i}", "size": [0.02, 0.3, 0.3], "position": [x, 0.0, 0.0]}
+            for i, x in enumerate((0.62, -0.3))
+        )
+        reply = ask("seed_e_L_3", minimizer, obstacles=lids)
+        assert reply.status.name == "STUCK_IN_MINIMUM"
+        assert "lid0" in reply.status.message
+        assert reply.status.details["tip"][0] < 0.62
+
+
+def test_a_plane_behind_the_base_is_reached() -> None:
+    reply = ask("seed_b_tapered", "projected", [square(-0.6, 0.15)])
+    assert reply.status.name == "SUCCESS"

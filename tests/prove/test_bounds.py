@@ -14,7 +14,7 @@ from guidefield.kernels.prove.samples import new_search
 from guidefield.kernels.prove.tables import MovingRobot
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.prove.tables import bezier_curve, with_passing_speeds, world_tables
-from tests.collision.test_motion_bound import ARMS, corners, placed, world
+from tests.collision.test_bodies import ARMS, corners, placed, world
 from tests.planner.problems import scene_of
 from tests.planner.test_moving_kinds import moving
 from tests.prove.test_minima import curve_of, motion

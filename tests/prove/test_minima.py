@@ -28,7 +28,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from tests.collision.listed import are_signed
 from tests.collision.scenery import box, scattered, world_of
-from tests.collision.test_motion_bound import ARMS, world
+from tests.collision.test_bodies import ARMS, world
 from tests.geometry import solids
 from tests.planner.problems import library_scene, scene_of
 from tests.planner.test_moving_kinds import KINDS, bare_shapes, moving, placed as frame_at, transform

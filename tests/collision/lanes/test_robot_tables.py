@@ -1,7 +1,8 @@
-"""Lanes for joints of every kind: where Pinocchio has their frames, touching where Coal finds it, from any start."""
+"""A robot as tables for SIMD batches: joints of every kind, pieces of bodies, and pairs that never touch."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -9,10 +10,14 @@ import pinocchio as pin
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
-from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.lanes.lanes import BatchCollision, prune_pairs
+from guidefield.collision.lanes.robot_tables import lane_robot
 from guidefield.collision.world import World
-from guidefield.kernels.collide.layout import BAND
+from guidefield.kernels.collide.layout import BAND, LaneBodies
 from guidefield.kernels.kinematics.poses import POSE
+from guidefield.kernels.simd.packing import pack
+from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfFile, UrdfText
 from guidefield.messages.scene import Scene
 from guidefield.robot.group.group import PlanningGroup
@@ -20,10 +25,11 @@ from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, catalog_share
 from guidefield.scene.scene import build
+from tests.collision.lanes.test_cell_grids import distance
 from tests.collision.lanes.test_lanes import draw, narrowest, zoo
 from tests.kernels.collide.lane_callers import placements_of_configurations
 from tests.robot.random_chains import chains
-from tests.robots import box_arm, load, robot
+from tests.robots import box_arm, group, grouped, load, robot
 
 PLACED = pin.SE3(pin.exp3(np.array([0.3, -0.5, 0.9])), np.array([0.1, -0.2, 0.15]))
 CHAINS = (
@@ -124,3 +130,93 @@ def test_touching_is_what_coal_says(name: str) -> None:
     assert 0 < coal.sum() < len(zs)
     for z in zs[mine != coal]:
         assert abs(narrowest(world, z)) <= BAND
+
+
+def obstacle(kind: str, centre: np.ndarray, rng: np.random.Generator) -> messages.Box | messages.Cylinder:
+    """A thin one through a point."""
+    placed = {
+        "name": "thin",
+        "position": tuple(centre),
+        "quaternion_xyzw": tuple(pin.Quaternion(rng.normal(size=4)).normalized().coeffs()),
+    }
+    if kind == "cylinder":
+        return messages.Cylinder(radius=0.004, length=0.3, **placed)
+    if kind == "capsule":
+        return messages.Capsule(radius=0.003, length=0.2, **placed)
+    return messages.Box(size=(0.005, 0.01, 0.25) if kind == "rod" else (0.1, 0.15, 0.004), **placed)
+
+
+def without_inner_balls(lanes: BatchCollision) -> BatchCollision:
+    """The same robot, but not kept from itself, and nothing known of its inside."""
+    bodies = lanes.tables.bodies
+    tables = lanes.tables._replace(bodies=bodies._replace(inners=np.zeros_like(bodies.inners), n_meetings=0))
+    return dataclasses.replace(lanes, words=pack(tables))
+
+
+@pytest.mark.parametrize("kind", ["rod", "plate", "cylinder", "capsule"])
+def test_thin_obstacles_near_the_middles_of_pieces(kind: str) -> None:
+    planned, rng = group("ur5"), np.random.default_rng(5)
+    lanes = BatchCollision.build(World.build(planned, build(messages.Scene(name="empty", obstacles=[]))))
+    bodies, joints = lanes.tables.bodies, lanes.tables.joints
+    verdicts = []
+    for _ in range(60):
+        z = planned.chart(planned.random(rng))
+        poses = np.zeros(joints.size * POSE, np.float32)
+        placements_of_configurations(joints, np.repeat(z.astype(np.float32), 16), poses)
+        body = int(rng.integers(2, bodies.size))
+        piece = int(rng.integers(bodies.pieces[body], bodies.pieces[body + 1]))
+        pose = poses.reshape(-1, 3, 4, 16)[bodies.joints[body], :, :, 0]
+        middle = pose[:, :3] @ bodies.piece_bounds[4 * piece : 4 * piece + 3] + pose[:, 3]
+        centre = middle + rng.choice([0.0, 0.03, 0.06]) * rng.normal(size=3)
+        world = World.build(planned, build(messages.Scene(name="thin", obstacles=[obstacle(kind, centre, rng)])))
+        distance = clearance_at(world, planned.expand_from_chart(z)).obstacle_distance
+        if not 0.0 < distance <= BAND:  # where bodies touch, it is 0 however deep
+            verdicts.append(distance <= 0.0)
+            kept = without_inner_balls(BatchCollision.build(world))
+            assert bool(kept.touching(z[None])[0]) == (distance <= 0.0)
+    assert 10 < sum(verdicts) < len(verdicts) - 5
+
+
+TWO_BALLS = """<robot name="balls"><link name="base"/>
+<link name="near"><collision><origin xyz="0.1 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+<link name="far"><collision><origin xyz="{x} 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+<joint name="j1" type="continuous"><parent link="base"/><child link="near"/><axis xyz="0 0 1"/></joint>
+<joint name="j2" type="continuous"><parent link="base"/><child link="far"/><axis xyz="0 0 1"/></joint></robot>"""
+"""Two balls that turn about one axis, at distances 0.1 and x from it: they meet if x < 0.3."""
+
+
+def meeting(bodies: LaneBodies) -> set[tuple[int, int]]:
+    """Pairs of bodies that are asked whether they touch."""
+    pairs = bodies.pairs.reshape(-1, 3)
+    rows = [pairs[first:last, :2] for first, last in bodies.meetings.reshape(-1, 4)[:, 2:].tolist()]
+    return {(a, b) for a, b in np.concatenate([np.empty((0, 2), np.int64), *rows]).tolist()}
+
+
+def left_out(planned: PlanningGroup) -> tuple[World, set[tuple[int, int]], set[tuple[int, int]]]:
+    """The robot among nothing, its pairs, and those of them that are left out."""
+    world = World.build(planned, build(messages.Scene(name="nothing")))
+    robot = lane_robot(planned, world.pairs.own)
+    left = meeting(prune_pairs(robot, planned.nv).bodies)
+    every = meeting(robot.bodies)
+    assert left <= every
+    return world, every, every - left
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda", "boxes"])
+def test_what_is_left_out_keeps_apart(robot: str) -> None:
+    planned = grouped(box_arm("x slide oblique continuous mimic y", 6)) if robot == "boxes" else group(robot)
+    world, every, out = left_out(planned)
+    rng, nearest = np.random.default_rng(5), dict.fromkeys(every, np.inf)
+    for _ in range(100):
+        z = planned.chart(planned.random(rng))
+        for pair in every:
+            nearest[pair] = min(nearest[pair], distance(world, z, *pair))
+    assert all(nearest[pair] > 0.0 for pair in out)
+    assert min(nearest.values()) <= 0.0, "some pairs touch, and are kept"
+
+
+@pytest.mark.parametrize(("x", "touch"), [(0.295, True), (0.3009, True), (0.303, False), (0.5, False)])
+def test_what_comes_within_a_millimetre_is_kept(x: float, touch: bool) -> None:
+    _, every, out = left_out(grouped(UrdfText(text=TWO_BALLS.format(x=x))))
+    assert len(every) == 1
+    assert out == (set() if touch else every)
