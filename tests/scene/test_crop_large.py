@@ -11,7 +11,7 @@ import pytest
 from guidefield.kernels.distance.distance import CROPPED_SOLID, distance_at_points
 from guidefield.kernels.distance.ray_winding import ROOM
 from guidefield.messages import scene as messages
-from guidefield.scene import crop as room, cropped_surface
+from guidefield.scene import crop as room
 from guidefield.scene.crop import Ball, crop
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
@@ -69,8 +69,7 @@ def everything() -> messages.Scene:
 
 @pytest.fixture(autouse=True)
 def _small_is_large(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (room, cropped_surface):
-        monkeypatch.setattr(module, "is_large", lambda count: count >= 500)
+    monkeypatch.setattr(room, "is_large", lambda count: count >= 500)
 
 
 def places(ball: Ball, count: int) -> np.ndarray:

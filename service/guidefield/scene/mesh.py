@@ -1,7 +1,8 @@
-"""Judge the mesh of an obstacle (closed, convex, crossing itself), and divide it into solids.
+"""The surface of a mesh obstacle: judged (closed, convex, crossing itself), divided into solids; a cropped part of it.
 
 Facts of a large mesh, and its cleaned surface, are cached on disk by the hash of what was declared, and of this code:
-no old ones are read. Names and types of these arrays are read again in `_restore` and `_LargeMesh.surface`.
+no old ones are read. Names and types of these arrays are read again in `_restore` and `_LargeMesh.surface`. `crop.py`
+makes the parts.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ import numpy as np
 
 from guidefield.geometry.cache import Arrays, find_or_compute, is_large
 from guidefield.geometry.charged import field_tables
-from guidefield.geometry.closed import find_connected, numbered_edges, volumes
+from guidefield.geometry.closed import drop_unused, find_connected, numbered_edges, volumes
 from guidefield.geometry.convex import convex_hull
+from guidefield.geometry.distance_bodies import Triangulated
 from guidefield.geometry.mesh_surface import (
     MeshSurface,
     crossing_warnings,
@@ -31,6 +33,9 @@ from guidefield.messages.scene import Points, Triangles
 from guidefield.parallel import run_parallel
 from guidefield.scene.content import corners_in, count_of, points_in
 
+Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
+"""Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface; not before they are needed."""
+
 
 @dataclass(frozen=True, eq=False)
 class JudgedMesh:
@@ -41,8 +46,35 @@ class JudgedMesh:
     solid: bool  # this and the next two as `MeshSurface` has them
     hull: Any | None
     warnings: tuple[str, ...]
-    surface: Callable[[], tuple[np.ndarray, np.ndarray]]  # makes or reads vertices (v, 3) [m] and triangles (t, 3)
+    surface: Whole  # makes or reads vertices (v, 3) [m] and triangles (t, 3)
     content: bytes = b""  # hash of a large mesh
+
+
+@dataclass(frozen=True, eq=False)
+class CroppedSurface:
+    """A part of a surface."""
+
+    # the kept triangles of each of its solids that is near, or of the thin surface, with their neighbours; all of the
+    # same vertices
+    parts: tuple[Triangulated, ...]
+    anchors: np.ndarray  # rows of `ray_winding.ANCHOR` columns for each solid; zeros of one that is kept whole
+    box: np.ndarray  # lower and upper corner about all of the surface, shape (2, 3) [m]
+    whole: Whole  # make all of the surface, and the triangles of each of its solids
+    solids: Callable[[], list[np.ndarray]]
+    content: bytes  # the key of the part on disk; empty if it isn't kept there
+
+    @property
+    def count(self) -> int:
+        """Number of kept triangles."""
+        return sum(len(triangles) for _, triangles, _ in self.parts)
+
+    @cached_property
+    def surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices, each used, (v, 3) [m] and triangles (t, 3)."""
+        alone = drop_unused(self.parts[0][0], np.concatenate([triangles for _, triangles, _ in self.parts]))
+        for array in alone:
+            array.setflags(write=False)
+        return alone
 
 
 def judge_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMesh | None:
@@ -125,7 +157,7 @@ def _arrays_of(surface: MeshSurface | None) -> Arrays:
     return {"vertices": surface.vertices, "triangles": surface.triangles.astype(np.int32)}
 
 
-def _restore(facts: Arrays, surface: Callable[[], tuple[np.ndarray, np.ndarray]], content: bytes) -> JudgedMesh | None:
+def _restore(facts: Arrays, surface: Whole, content: bytes) -> JudgedMesh | None:
     count = int(facts["count"][0])
     if count == 0:
         return None

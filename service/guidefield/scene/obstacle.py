@@ -31,9 +31,8 @@ from guidefield.memory import BYTES_PER_FACE, OBSTACLES, BoundedMap
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.content import Content, content_of, points_in
-from guidefield.scene.cropped_surface import CroppedSurface
 from guidefield.scene.guide_plane import Sheet, axes_across, build_sheets
-from guidefield.scene.mesh import JudgedMesh, extent_of, judge_mesh, solids_of
+from guidefield.scene.mesh import CroppedSurface, JudgedMesh, extent_of, judge_mesh, solids_of
 from guidefield.scene.motion import ObstacleMotion, put_at
 from guidefield.scene.recipe import Charges, Facets, Recipe
 

@@ -2,7 +2,7 @@
 
 Neighbours go together, in voxels; the ball is cut into cells. In a cell, the nearest point is no farther than a corner
 in some voxel: voxels that are farther from the cell are dropped, and so are those that are farther than this corner
-from each place in the cell. `scene/cropped_surface.py` crops obstacles with it: distances in the ball stay the same.
+from each place in the cell. `scene/crop.py` crops obstacles with it: distances in the ball stay the same.
 `VOXELS`, `COARSE` and `FINE` trade time for what is dropped.
 """
 

@@ -41,7 +41,7 @@ from guidefield.kernels.jit.decorators import counted, kernel, uncounted
 from guidefield.kernels.kinematics.poses import moved_back_by, turned_by
 
 BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD, CROPPED_SOLID = range(8)
-"""Kinds of bodies; of a cropped solid only a part of the closed surface is there, see scene/cropped_surface.py.
+"""Kinds of bodies; of a cropped solid only a part of the closed surface is there, see scene/crop.py.
 
 A further kind needs a branch in `body_distance` and `_body_near`, and in `points_distance._away_from_body`. The order
 of the numbers counts: from HALF_SPACE on kinds aren't bounded primitives (`scene/distance_tables.py`).

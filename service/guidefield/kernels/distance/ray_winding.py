@@ -1,7 +1,7 @@
 """Winding number of a closed surface of triangles about a point: its crossings with a ray, counted with their sign.
 
 If only the part of the surface in a ball is known, a segment to an anchor takes the ray's place: a place in the ball
-whose winding number is known (`scene/cropped_surface.py`).
+whose winding number is known (`scene/crop.py`).
 
 Exact, also where pieces overlap or lie in one another: a ray that grazes an edge or a corner as closely as rounding
 isn't counted, and another direction is tried. For a surface whose triangles agree about the outside it is 1 within a

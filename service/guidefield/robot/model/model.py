@@ -39,6 +39,7 @@ from guidefield.robot.model.spaces import RobotConfiguration
 ROOT_JOINT = "root_joint"  # name of the joint by which a robot moves in the world, unless its root is fixed
 
 NO_GEOMETRY = "has no collision geometry, so nothing can be said about collisions"
+"""The fault of a robot that is good for kinematics alone."""
 
 LARGEST_VALUE = 1e4  # largest value of a joint [rad or m]: a motion further than that could not be judged in any time
 
@@ -130,9 +131,6 @@ def moving_joint(model: Any, name: str) -> int:
 def joints_to(model: Any, frame: str) -> list[str]:
     """Return the names of the joints between the root and a frame, from the root on."""
     return [model.names[index] for index in model.supports[moving_joint(model, frame)] if index]
-
-
-"""The fault of a robot that is good for kinematics alone."""
 
 
 class JointKind(enum.StrEnum):
