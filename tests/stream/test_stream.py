@@ -146,7 +146,7 @@ def hunters(count: int) -> list[Mover]:
         direction = rng.normal(size=3)
         where = np.array([0.0, 0.0, 0.5]) + 0.9 * direction / np.linalg.norm(direction)
         message = Box(name=f"box{k}", size=(0.1, 0.1, 0.1))
-        movers.append(Mover(f"box{k}", message, coal.Box(0.1, 0.1, 0.1), 0.6, where, np.zeros(3), steer=hunting))
+        movers.append(Mover(message, 0.6, where, np.zeros(3), steer=hunting))
     return movers
 
 
@@ -185,7 +185,7 @@ def test_a_robot_that_stands_gives_way_to_what_drifts_into_it() -> None:
             tip = np.array(data.oMf[stream.group.tip_id].translation)
             away = np.array([1.0, 0.0, 0.3])
             drift = -0.12 * away / np.linalg.norm(away)
-            mover = Mover("ball", ball().obstacle, coal.Sphere(0.1), 0.15, tip - 3.0 * drift, drift)
+            mover = Mover(ball().obstacle, 0.15, tip - 3.0 * drift, drift)
             lost = Faults(dropped=0.0 if taking else 1.0)
             rng = np.random.default_rng(0)
             outcomes.append(

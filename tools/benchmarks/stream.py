@@ -102,9 +102,7 @@ def public_run(folder: Path, arm: int, index: int) -> tuple[Outcome, Outcome]:
     for obstacles in (one["obstacles"], []):
         movers = [
             Mover(
-                f"box{k}",
                 Box(name=f"box{k}", size=tuple(data["obstacle_size"])),
-                coal.Box(*data["obstacle_size"]),
                 0.3,
                 np.array(box["position"]),
                 np.array(box["velocity"]),
@@ -180,12 +178,9 @@ def _panda_problem(robot: Any, scene: Any, rng: np.random.Generator, centre: np.
                 continue
             speed = 0.9 if hunters else rng.uniform(0.1, 0.5)
             direction = rng.normal(size=3)
-            name = f"box{len(movers)}"
             movers.append(
                 Mover(
-                    name,
-                    Box(name=name, size=tuple(size.tolist())),
-                    coal.Box(*size),
+                    Box(name=f"box{len(movers)}", size=tuple(size.tolist())),
                     speed,
                     where,
                     speed * direction / np.linalg.norm(direction),

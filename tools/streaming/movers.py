@@ -6,9 +6,19 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import coal
 import numpy as np
+
+from doubting import shapes
+from guidefield.messages.scene import PointCloud
+
+OCTAHEDRON = (
+    np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]),
+    np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]),
+)
+"""Vertices (6, 3) and triangles (8, 3), counter-clockwise from outside."""
 
 Steering = Callable[["Mover", float, float, np.ndarray], None]
 """Changes a mover's velocity: the mover, the time and the step [s], the centres of the robot's bodies (n, 3)."""
@@ -19,9 +29,7 @@ class Mover:
     """An obstacle that moves, never faster than it declares.
 
     Attributes:
-        name: Its name.
         message: Its shape, as a stream's `obstacle`.
-        shape: The same for Coal.
         largest: Its largest speed [m/s].
         position: Of its frame [m, world].
         velocity: [m/s].
@@ -30,9 +38,7 @@ class Mover:
         steer: Changes its velocity.
     """
 
-    name: str
-    message: object
-    shape: coal.CollisionGeometry
+    message: Any
     largest: float
     position: np.ndarray
     velocity: np.ndarray
@@ -49,6 +55,21 @@ class Mover:
             self.rotation = (
                 coal.AngleAxis(angle, self.spin / np.linalg.norm(self.spin)).toRotationMatrix() @ self.rotation
             )
+
+    @property
+    def name(self) -> str:
+        """The name of its obstacle."""
+        return str(self.message.name)
+
+    @cached_property
+    def shape(self) -> coal.CollisionGeometry:
+        """Its shape for Coal; of a cloud octahedra within the balls."""
+        if not isinstance(self.message, PointCloud):
+            return shapes.bodies(self.message)[0].shape
+        points = np.array(self.message.points)
+        vertices = (points[:, None] + self.message.radius * OCTAHEDRON[0]).reshape(-1, 3)
+        triangles = (6 * np.arange(len(points))[:, None, None] + OCTAHEDRON[1]).reshape(-1, 3)
+        return shapes.triangle_mesh(vertices, triangles)
 
     @cached_property
     def radius(self) -> float:

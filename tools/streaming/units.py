@@ -18,7 +18,7 @@ from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream
-from streaming.movers import Mover, hunting, reflected
+from streaming.movers import OCTAHEDRON, Mover, hunting, reflected
 from streaming.simulation import Faults, Outcome, simulate
 
 ROBOTS = ("ur5", "panda", "xarm7")
@@ -118,13 +118,13 @@ def _free(stream: CertifiedStream, rng: np.random.Generator) -> np.ndarray:
 def _mover(index: int, rng: np.random.Generator) -> Mover:
     """Something that hunts, or drifts and turns."""
     name, size = f"mover{index}", rng.uniform(0.04, 0.12)
-    kinds: list[tuple[Any, Any]] = [
-        (Box(name=name, size=(size, 2.0 * size, size)), coal.Box(size, 2.0 * size, size)),
-        (Sphere(name=name, radius=size), coal.Sphere(size)),
-        (Capsule(name=name, radius=0.5 * size, length=2.0 * size), coal.Capsule(0.5 * size, 2.0 * size)),
-        (Cylinder(name=name, radius=size, length=size), coal.Cylinder(size, size)),
+    kinds: list[Any] = [
+        Box(name=name, size=(size, 2.0 * size, size)),
+        Sphere(name=name, radius=size),
+        Capsule(name=name, radius=0.5 * size, length=2.0 * size),
+        Cylinder(name=name, radius=size, length=size),
     ]
-    message, shape = kinds[int(rng.integers(len(kinds)))]
+    message = kinds[int(rng.integers(len(kinds)))]
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
     where = np.array([0.0, 0.0, 0.5]) + rng.uniform(0.8, 1.2) * direction
@@ -133,9 +133,7 @@ def _mover(index: int, rng: np.random.Generator) -> Mover:
     hunts = rng.random() < 0.5
     turns = not isinstance(message, Sphere) and rng.random() < 0.5
     return Mover(
-        name,
         message,
-        shape,
         speed,
         where,
         -speed * direction,
@@ -151,31 +149,11 @@ def disguised(mover: Mover, rng: np.random.Generator) -> Mover:
         return mover
     size = float(rng.uniform(0.05, 0.12))
     if drawn > 0.15:
-        vertices, triangles = OCTAHEDRON[0] * rng.uniform(0.5, 1.0, 3) * size, OCTAHEDRON[1]
-        message: Any = Mesh(name=mover.name, vertices=vertices.tolist(), triangles=triangles.tolist())
-        return replace(mover, message=message, shape=_surface(vertices, triangles))
-    points, radius = rng.uniform(-size, size, (40, 3)), 0.02
-    message = PointCloud(name=mover.name, points=points.tolist(), radius=radius)
-    vertices = (points[:, None] + radius * OCTAHEDRON[0]).reshape(-1, 3)  # within the balls
-    triangles = (6 * np.arange(len(points))[:, None, None] + OCTAHEDRON[1]).reshape(-1, 3)
-    return replace(mover, message=message, shape=_surface(vertices, triangles))
-
-
-OCTAHEDRON = (
-    np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]),
-    np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]),
-)
-"""Vertices (6, 3) and triangles (8, 3), counter-clockwise from outside."""
-
-
-def _surface(vertices: np.ndarray, triangles: np.ndarray) -> coal.CollisionGeometry:
-    """Triangles for Coal."""
-    tree = coal.BVHModelOBBRSS()
-    tree.beginModel(len(triangles), len(vertices))
-    tree.addVertices(np.ascontiguousarray(vertices))
-    tree.addTriangles(np.ascontiguousarray(triangles, np.int64))
-    tree.endModel()
-    return tree
+        vertices = OCTAHEDRON[0] * rng.uniform(0.5, 1.0, 3) * size
+        mesh = Mesh(name=mover.name, vertices=vertices.tolist(), triangles=OCTAHEDRON[1].tolist())
+        return replace(mover, message=mesh)
+    points = rng.uniform(-size, size, (40, 3)).tolist()
+    return replace(mover, message=PointCloud(name=mover.name, points=points, radius=0.02))
 
 
 def _held(
