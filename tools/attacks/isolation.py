@@ -21,16 +21,15 @@ import json
 import math
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
+from tests.journeys.links import Link
 from tests.journeys.service import LONG as WALLED
 
 from guidefield import Client, GuidefieldError, QuotaExceeded, ServerBusy
@@ -39,7 +38,7 @@ from guidefield.cli.serving import service_in_child
 RATE = 200_000
 """What a slow client reads in a second [bytes]."""
 STEP = 0.05
-"""How often it reads [s]."""
+"""How often the service's work is looked at [s]."""
 AT_ONCE = 10
 """How many plans a greedy user has asked for at any time."""
 PAUSE = 0.05
@@ -119,15 +118,7 @@ def stopped(endpoint: str, count: int) -> Iterator[None]:
     """Clients that asked and are stopped, for as long as the block runs."""
     with contextlib.ExitStack() as opened:
         for number in range(count):
-            process = opened.enter_context(
-                subprocess.Popen(
-                    [sys.executable, "-c", LARGE, endpoint, f"stopped{number}", "2"], stdout=subprocess.PIPE
-                )
-            )
-            opened.callback(process.kill)
-            assert process.stdout is not None
-            process.stdout.readline()
-            process.send_signal(signal.SIGSTOP)
+            opened.enter_context(asking(endpoint, f"stopped{number}")).send_signal(signal.SIGSTOP)
         yield
 
 
@@ -136,40 +127,23 @@ def slow(endpoint: str, count: int) -> Iterator[None]:
     """Clients behind links of `RATE`, for as long as the block runs."""
     with contextlib.ExitStack() as opened:
         for number in range(count):
-            there = opened.enter_context(slowly(endpoint))
-            command = [sys.executable, "-c", LARGE, there, f"slow{number}", "2"]
-            process = opened.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE))
-            opened.callback(process.kill)
-            assert process.stdout is not None
-            process.stdout.readline()
+            link = Link(endpoint, RATE)
+            opened.callback(link.close)
+            opened.enter_context(asking(link.endpoint, f"slow{number}"))
         yield
 
 
 @contextlib.contextmanager
-def slowly(endpoint: str) -> Iterator[str]:
-    """An endpoint from which one client reads another one's answers at `RATE`."""
-    host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
-    with socket.create_server(("127.0.0.1", 0)) as door:
-        door_port = door.getsockname()[1]
-
-        def serve() -> None:
-            with contextlib.suppress(OSError):
-                near, _ = door.accept()
-                far = socket.create_connection((host, int(port)))
-                far.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RATE // 4)
-                threading.Thread(target=carry, args=(near, far, 1 << 16, 0.0), daemon=True).start()
-                carry(far, near, int(RATE * STEP), STEP)
-
-        threading.Thread(target=serve, daemon=True).start()
-        yield f"tcp/127.0.0.1:{door_port}"
-
-
-def carry(source: socket.socket, sink: socket.socket, size: int, pause: float) -> None:
-    """Carry bytes from one to the other, at most a size at a time, with a pause after each [s]."""
-    with contextlib.suppress(OSError):
-        while data := source.recv(size):
-            sink.sendall(data)
-            time.sleep(pause)
+def asking(endpoint: str, user: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A client that asked for large answers, for as long as the block runs."""
+    command = [sys.executable, "-c", LARGE, endpoint, user, "2"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        try:
+            assert process.stdout is not None
+            process.stdout.readline()
+            yield process
+        finally:
+            process.kill()
 
 
 def measured(endpoint: str, seconds: float, *, beside: bool = False) -> Tally:

@@ -35,63 +35,11 @@ from guidefield.pool.waiting import Task
 HANG = 60.0
 """A worker that takes longer hangs [s]; what is asked takes tenths of a second."""
 
-LINK = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-BOX = '<collision><origin xyz="0 0 0.1" rpy="0 0 0"/><geometry><box size="0.1 0.1 0.2"/></geometry></collision>'
-TUBE = '<collision><geometry><cylinder radius="0.05" length="0.2"/></geometry></collision>'
-BALL = '<collision><geometry><sphere radius="0.06"/></geometry></collision>'
-LIMIT = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
-JOINTS = (
-    ("a", "base", "upper", "revolute", LIMIT),
-    ("b", "upper", "fore", "continuous", '<axis xyz="0 1 0"/>'),
-    ("c", "fore", "hand", "prismatic", LIMIT),
-    ("d", "hand", "finger", "revolute", LIMIT + '<mimic joint="a" multiplier="2" offset="0.1"/>'),
-    ("e", "hand", "tool", "fixed", ""),
-    ("f", "base", "sled", "planar", '<axis xyz="0 1 0"/>'),
-)
-URDF = (
-    '<robot name="arm">'
-    + "".join(
-        f'<link name="{name}">{LINK}{body}</link>'
-        for name, body in (
-            ("base", BOX),
-            ("upper", BOX),
-            ("fore", TUBE),
-            ("hand", BALL),
-            ("finger", BALL),
-            ("tool", ""),
-            ("sled", BALL),
-        )
-    )
-    + "".join(
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="0 0 0.25"/>{rest}</joint>'
-        for name, parent, child, kind, rest in JOINTS
-    )
-    + "</robot>"
-)
-SRDF = (
-    '<robot name="arm"><virtual_joint name="v" type="planar" parent_frame="world" child_link="base"/>'
-    '<group name="g"><chain base_link="base" tip_link="hand"/></group>'
-    '<group name="h"><joint name="d"/><group name="g"/><link name="sled"/></group>'
-    '<group_state name="home" group="g"><joint name="a" value="0.3"/><joint name="v" value="0 1 2"/></group_state>'
-    '<end_effector name="t" parent_link="tool" group="h"/><passive_joint name="c"/>'
-    '<disable_collisions link1="base" link2="upper" reason="Adjacent"/><disable_default_collisions link="tool"/>'
-    "</robot>"
-)
-MESH = {"type": "mesh", "name": "m", "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]}
-SCENE = {
-    "name": "all",
-    "obstacles": [
-        {"type": "box", "name": "b", "size": [0.8, 0.3, 0.02], "position": [2, 0, 0.4]},
-        {"type": "sphere", "name": "s", "radius": 0.1, "position": [0, 2, 1]},
-        {"type": "cylinder", "name": "can", "radius": 0.03, "length": 0.14, "position": [1.5, 0, 0.47]},
-        {"type": "capsule", "name": "c", "radius": 0.03, "length": 0.2, "position": [0, 1.5, 0]},
-        {**MESH, "triangles": [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], "position": [-2, 0, 0]},
-        {"type": "polygon", "name": "wall", "vertices": [[3, 0, 0], [4, 0, 0], [4, 1, 0]]},
-        {"type": "half_space", "name": "floor", "normal": [0, 0, 1], "offset": -0.5},
-    ],
-    "guide_planes": [{"name": "GP1", "vertices": [[0.1, -1, 0.5], [0.1, 1, 0.5], [0.1, 1, 1.5], [0.1, -1, 1.5]]}],
-}
+HERE = Path(__file__).resolve().parent
+URDF, SRDF = ((HERE / name).read_text() for name in ("arm.urdf", "arm.srdf"))
+"""An arm of joints of every kind, and all elements of an SRDF."""
+SCENE = json.loads((HERE / "scene.json").read_text())
+"""Obstacles of every kind, away from the arm."""
 ARM = {"type": "urdf", "text": URDF, "root_joint": "fixed"}
 POSE = {"position": [0.1, 0.0, 0.7], "quaternion_xyzw": [0, 0, 0, 1]}
 QUICK = {"allowed_planning_time": 0.1, "seed": 1, "recording": "off", "robot": ARM, "scene": SCENE}

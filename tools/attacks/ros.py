@@ -11,22 +11,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import queue
 import random
-import subprocess
-import sys
-import tempfile
 import threading
 import time
 from collections import Counter
-from pathlib import Path
 
 import zenoh
 
 from attacks.ros_payloads import SERVICES, TYPES, Sent, drawn
-from guidefield.cli.serving import LOOPBACK, free_port
+from guidefield.cli.serving import service_in_child
 from guidefield.endpoint.ros.rmw_zenoh import Entity, Kind, Unreadable
+from guidefield.system import resident
 
 AT_ONCE = 24
 """Queries that wait for an answer."""
@@ -83,11 +79,6 @@ class Judge:
         return "FAULT: a bug" if "a bug in guidefield" in code.message else f"code {code.val}"
 
 
-def _resident(pid: int) -> int:
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE")
-
-
 def run(arguments: list[str]) -> int:
     """Fuzz, and say what came of it."""
     parser = argparse.ArgumentParser(prog="tools/attack ros", description=__doc__.partition("\n")[0])
@@ -95,22 +86,12 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=7200.0, help="at most so long")
     options = parser.parse_args(arguments)
-    with free_port() as port, tempfile.TemporaryDirectory(prefix="guidefield-fuzz-") as data:
-        endpoint = f"tcp/{LOOPBACK}:{port}"
-        command = [sys.executable, "-m", "guidefield", "serve", "--ros", "--workers", "2", "--data", data]
-        with subprocess.Popen([*command, "--listen", endpoint], stdout=subprocess.PIPE, text=True) as service:
-            assert service.stdout is not None
-            next(line for line in service.stdout if line.startswith("ready"))
-            try:
-                return _fuzz(endpoint, service.pid, options)
-            finally:
-                service.terminate()
+    with service_in_child(print, workers=2, options=("--ros",)) as service:
+        return _fuzz(service.endpoint, service.process.pid, options)
 
 
 def _fuzz(endpoint: str, pid: int, options: argparse.Namespace) -> int:
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [endpoint]}}))
     rng, begun = random.Random(options.seed), time.monotonic()  # noqa: S311 - no secret
     with zenoh.open(config) as session:
         judge, waiting = Judge(session), queue.Queue[Sent | None](AT_ONCE)
@@ -128,7 +109,7 @@ def _fuzz(endpoint: str, pid: int, options: argparse.Namespace) -> int:
         for thread in threads:
             thread.join()
         (told,) = session.get("guidefield/local/info?brief", timeout=ANSWERED_WITHIN)
-        crashes, memory = json.loads(told.ok.payload.to_bytes())["counters"]["crashes"], _resident(pid)
+        crashes, memory = json.loads(told.ok.payload.to_bytes())["counters"]["crashes"], resident(pid)
     print(f"\n{judge.counts.total()} payloads in {time.monotonic() - begun:.0f} s; {len(judge.faults)} faults")
     print(f"workers lost: {crashes}; memory of the service's process: {memory >> 20} MiB")
     for name, count in judge.counts.most_common():

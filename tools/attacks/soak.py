@@ -27,7 +27,6 @@ import random
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -40,10 +39,11 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import psutil
 import zenoh
 from tests.journeys.links import Link
 
-from attacks.isolation import LARGE
+from attacks.isolation import asking
 from guidefield import Client, GuidefieldError, NoService, ServerBusy, WorkerCrashed, answer
 from guidefield.cli.demonstration import REQUESTS
 from guidefield.cli.serving import TRACE_SIGNAL, ChildService, service_in_child
@@ -233,20 +233,11 @@ def processes(front: int) -> dict[int, int]:
 
 def every_process(front: int) -> dict[int, tuple[int, bool]]:
     """Resident memory of each process of the service [KiB], and if it is the one at low priority, which renders."""
-    children: set[int] = set()
-    for task in Path(f"/proc/{front}/task").iterdir():
-        with contextlib.suppress(OSError):  # a thread may end meanwhile
-            children |= {int(pid) for pid in (task / "children").read_text().split()}
     found = {}
-    for pid in (front, *children):
-        try:
-            renders = os.getpriority(os.PRIO_PROCESS, pid) == LOWEST_PRIORITY
-            status = Path(f"/proc/{pid}/status").read_text()
-            command = Path(f"/proc/{pid}/cmdline").read_bytes()
-        except OSError:
-            continue
-        if pid == front or b"spawn_main" in command:
-            found[pid] = int(status.partition("VmRSS:")[2].split()[0]), renders
+    for one in [psutil.Process(front), *psutil.Process(front).children()]:
+        with contextlib.suppress(psutil.Error):  # it may end meanwhile
+            if one.pid == front or any("spawn_main" in word for word in one.cmdline()):
+                found[one.pid] = one.memory_info().rss // 1024, one.nice() == LOWEST_PRIORITY
     return found
 
 
@@ -356,14 +347,10 @@ def stop_clients(endpoint: str, seconds: float, tally: Tally, over: threading.Ev
     begin = time.monotonic()
     while not over.is_set() and time.monotonic() - begin < 0.5 * seconds:
         user = USERS[tally.stopped % len(USERS)]
-        command = [sys.executable, "-c", LARGE, endpoint, user, "2"]
-        with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
-            assert process.stdout is not None
-            process.stdout.readline()
+        with asking(endpoint, user) as process:
             process.send_signal(signal.SIGSTOP)
             tally.stopped += 1
             over.wait(0.05 * seconds)
-            process.kill()
 
 
 def plan_over_a_bad_link(
@@ -495,13 +482,8 @@ def soak(
 ) -> tuple[Tally, dict[int, list[int]]]:
     """Ask a service that took some time to start [s] in that order, spread over the time."""
     tally, over = Tally(), threading.Event()
-    config = zenoh.Config()
-    for key, value in {
-        "mode": "client",
-        "connect/endpoints": [service.endpoint],
-        "scouting/multicast/enabled": False,
-    }.items():
-        config.insert_json5(key, json.dumps(value))
+    connect, scouting = {"endpoints": [service.endpoint]}, {"multicast": {"enabled": False}}
+    config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": connect, "scouting": scouting}))
     with zenoh.open(config) as session, ThreadPoolExecutor(options.clients + 5) as threads:
         rng = random.Random(options.seed)  # noqa: S311 - no secret
         others = [

@@ -44,6 +44,7 @@ from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
 from guidefield.stores.run_rows import NewRun
 from guidefield.stores.runs import Retention, RunDatabase
+from guidefield.system import resident
 
 TOOLS = Path(__file__).resolve().parents[1]
 SIZES: dict[str, int] = {
@@ -239,4 +240,4 @@ def _processor_time(service: Target, work: Callable[[], object]) -> float:
 
 def _memory(service: Target) -> float:
     """Resident memory of a service's own process [MB]."""
-    return int(Path(f"/proc/{service.pid}/status").read_text().partition("VmRSS:")[2].split()[0]) / 1e3
+    return resident(service.pid) / 1e6

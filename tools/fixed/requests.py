@@ -7,11 +7,24 @@ import math
 from pathlib import Path
 from typing import Any
 
-from fixed.robots import FLOATER, FOLLOWERS, LIFT, WHEELED
-
 Request = dict[str, Any]
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "requests"
+
+
+def _robot(name: str, root_joint: str = "fixed") -> Request:
+    text = (Path(__file__).resolve().parent / f"{name}.urdf").read_text()
+    return {"type": "urdf", "text": text, "root_joint": root_joint}
+
+
+LIFT = _robot("lift")
+"""Prismatic, continuous and revolute joints, and a finger that follows another."""
+WHEELED = _robot("wheeled", "planar")
+"""A foot that slides and turns on the ground, with one joint."""
+FLOATER = _robot("floater", "free")
+"""A body that flies, with a tail."""
+FOLLOWERS = _robot("followers")
+"""A revolute joint that follows another against its sense, and a continuous one that follows at half the pace."""
 PATIENT = {"allowed_planning_time": 3600.0, "recording": "off"}
 REFEREED = "refereed"
 """The type of a request that the referee is asked, and not `guidefield.answer`; else it is one to certify a motion."""

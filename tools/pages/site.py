@@ -14,7 +14,8 @@ import guidefield
 from guidefield.cli import documentation
 from guidefield.messages.schemas import describe_message, make_schemas
 
-ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 DOCS = ROOT / "service" / "docs"
 PICTURES = ROOT / "tools" / "pictures" / "made"
 
@@ -88,7 +89,7 @@ def build_site(target: Path, source: Path) -> None:
         (pages / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(ROOT / file, pages / file)
     shutil.copyfile(DOCS / "wire.schema.json", pages / "wire.schema.json")
-    (pages / "site.css").write_text(STYLE)
+    shutil.copyfile(HERE / "site.css", pages / "site.css")
     settings = source / "mkdocs.yml"
     settings.write_text(json.dumps(make_settings(pages, target), indent=1))  # JSON is YAML
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "-f", str(settings)]
@@ -224,86 +225,14 @@ def caption(stem: str) -> str:
 
 
 def make_settings(pages: Path, target: Path) -> dict[str, object]:
-    """Make the settings of MkDocs."""
-    toggles = [("default", "light", "dark", "weather-night"), ("slate", "dark", "light", "weather-sunny")]
+    """Make the settings of MkDocs: those of `mkdocs.yml`, folders, and the pages in a reader's order."""
     return {
-        "site_name": "guidefield",
-        "site_description": "Certified motion planning for any URDF robot",
+        "INHERIT": str(HERE / "mkdocs.yml"),
         "docs_dir": str(pages),
         "site_dir": str(target),
-        "use_directory_urls": False,
-        "theme": {
-            "name": "material",
-            "font": False,  # no page asks anybody's servers for fonts
-            "palette": [
-                {
-                    "media": f"(prefers-color-scheme: {mode})",
-                    "scheme": scheme,
-                    "primary": "indigo",
-                    "accent": "deep orange",
-                    "toggle": {"icon": f"material/{icon}", "name": f"Switch to {other} mode"},
-                }
-                for scheme, mode, other, icon in toggles
-            ],
-            "features": [
-                "navigation.sections",
-                "navigation.top",
-                "toc.follow",
-                "search.highlight",
-                "content.code.copy",
-            ],
-        },
-        "extra_css": ["site.css"],
-        "extra": {"generator": False},
         "nav": [
             {"Start": f"index{PAGE}"},
             *({chapter: [f"{name}{PAGE}" for name in names]} for chapter, names in CHAPTERS.items()),
         ],
-        "plugins": [
-            "search",
-            {
-                "mkdocstrings": {
-                    "handlers": {
-                        "python": {
-                            "paths": [str(ROOT / "service")],
-                            "options": {
-                                "docstring_style": "google",
-                                "docstring_options": {"returns_multiple_items": False},
-                                "heading_level": 3,
-                                "show_source": False,
-                                "show_root_heading": True,
-                                "show_root_full_path": False,
-                                "show_symbol_type_heading": True,
-                                "signature_crossrefs": True,
-                                "separate_signature": True,
-                                "show_bases": False,
-                                "filters": ["!^_"],
-                            },
-                        }
-                    }
-                }
-            },
-        ],
-        "markdown_extensions": [
-            "tables",
-            "attr_list",
-            "sane_lists",
-            {"toc": {"permalink": True, "toc_depth": 3}},
-            {"pymdownx.highlight": {"anchor_linenums": False}},
-            "pymdownx.superfences",
-        ],
-        "validation": {"links": {"not_found": "warn", "anchors": "warn", "unrecognized_links": "warn"}},
+        "plugins": {"mkdocstrings": {"handlers": {"python": {"paths": [str(ROOT / "service")]}}}},
     }
-
-
-STYLE = """
-.md-grid { max-width: 76rem; }
-.md-typeset table:not([class]) { font-size: 0.66rem; }
-.md-typeset table:not([class]) th, .md-typeset table:not([class]) td { min-width: 0; padding: 0.5em 0.7em; }
-.md-typeset table:not([class]) code { word-break: normal; overflow-wrap: normal; }
-#messages ~ * td:nth-child(3) code { overflow-wrap: anywhere; }
-.md-typeset img { border-radius: 0.3rem; }
-[data-md-color-scheme="slate"] .md-typeset img { filter: brightness(0.92); }
-.md-typeset pre:not(:hover, :focus-within) .md-code__nav { opacity: 0; }
-.doc-contents { padding-left: 1rem; }
-"""
