@@ -1,7 +1,5 @@
 """What holds for every test: which examples are drawn, in which order files come, and what a terminal is like."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Generator

@@ -1,7 +1,5 @@
 """How late a service answers large requests that allow little time: what `tools/attack deadlines` asks."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import subprocess

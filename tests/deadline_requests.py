@@ -1,7 +1,5 @@
 """Requests that are as large as may be, each in another way; long lists in them are arrays."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
@@ -21,14 +19,7 @@ def _plan(scene: Any = "table", **more: Any) -> Made:
 
 
 def _certify(**more: Any) -> Made:
-    return {
-        "type": "certify",
-        "robot": "panda",
-        "scene": "table",
-        "position_names": JOINTS,
-        "recording": "off",
-        **more,
-    }
+    return {"type": "certify", "robot": "panda", "scene": "table", "position_names": JOINTS, "recording": "off", **more}
 
 
 def _among(*obstacles: Made, **more: Any) -> Made:

@@ -1,7 +1,5 @@
 """The request files that ship as examples."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 REQUESTS = Path(__file__).resolve().parent.parent / "tools" / "examples" / "requests"

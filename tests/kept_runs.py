@@ -1,7 +1,5 @@
 """Runs that are kept by hand, for tests of what reads them."""
 
-from __future__ import annotations
-
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding

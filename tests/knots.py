@@ -1,7 +1,5 @@
 """Knots of Hermite curves, drawn at random."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Independent answers: stored high-precision values, and plain formulas that share no code with ours."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Robots that many tests use are prepared once for all processes that test: ``python -m tests.prepared_robots``."""
 
-from __future__ import annotations
-
 import sys
 
 from guidefield.handlers.preparation import prepare

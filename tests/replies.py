@@ -1,7 +1,5 @@
 """Replies made by hand, for tests of what carries them."""
 
-from __future__ import annotations
-
 from guidefield.errors import Status
 from guidefield.messages.replies import CertificateFigures, Counters, Outcome, PlanReply, Timing
 

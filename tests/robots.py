@@ -1,7 +1,5 @@
 """Robots for the tests: some of the catalog, loaded once, and small ones written here."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

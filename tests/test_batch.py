@@ -3,8 +3,6 @@
 Nothing is lost, nothing is asked twice, whatever a killed process left behind.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """The walks through the code stop where there is something, and changes go to files that there are."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

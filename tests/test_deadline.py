@@ -3,8 +3,6 @@
 Waiting for kernels isn't planning time: deadlines pass it over, and replies count it as loading.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A slice of `tools/attack deadlines`: a service answers in time however large what is asked, and however written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import msgspec

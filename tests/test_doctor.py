@@ -1,7 +1,5 @@
 """`guidefield doctor`: what it reads is what the system says otherwise, and each fault is told with what to do."""
 
-from __future__ import annotations
-
 import json
 import sqlite3
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The narrow front door: every name is there, and coming in costs nothing heavy."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """`tools/doubt`: some fixed units are not contradicted, and planted faults are found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The engine: any request in any form, one reply; what is ill-posed raises, what is a bug is named."""
 
-from __future__ import annotations
-
 import logging
 import pkgutil
 import time

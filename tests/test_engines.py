@@ -3,8 +3,6 @@
 Between queries a worker goes on with what a plan had no time for, until the next query.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Foreign exceptions as ours: a disk is blamed for nothing but its own faults."""
 
-from __future__ import annotations
-
 import errno
 import os
 

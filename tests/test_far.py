@@ -1,7 +1,5 @@
 """Far from the origin: a robot in a cell in the coordinates of a map is answered as at home."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import pkgutil
@@ -63,11 +61,7 @@ def cell(place: Vector, *, moving: bool = False) -> Scene:
     obstacles: list[Any] = [
         Box(name="post", size=(0.1, 0.1, 0.8), position=there(place, 0.5, 0.3, 0.4)),
         Sphere(name="ball", radius=0.1, position=there(place, -0.5, 0.4, 0.6)),
-        Mesh(
-            name="block",
-            vertices=corners,
-            triangles=block.triangles.tolist(),
-        ),
+        Mesh(name="block", vertices=corners, triangles=block.triangles.tolist()),
         Polygon(name="sheet", vertices=points([[-0.6, -0.6, 0.9], [-0.2, -0.6, 0.9], [-0.2, -0.4, 0.9]])),
         HalfSpace(name="floor", normal=(0.0, 0.0, 2.0), offset=2.0 * (place[2] - 0.1)),
         PointCloud(name="scan", points=points([[-0.4, -0.5, 0.3], [-0.45, -0.5, 0.4]]), radius=0.03),

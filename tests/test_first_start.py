@@ -3,8 +3,6 @@
 Machine code that comes with the package is taken where it fits, and never where it doesn't or is damaged.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -158,9 +156,7 @@ first_start.compile_kernels(print, wholly=False)
 """
 
 
-def test_who_makes_one_plan_waits_for_what_that_needs_and_the_rest_is_compiled_after_its_end(
-    tmp_path: Path,
-) -> None:
+def test_who_makes_one_plan_waits_for_what_that_needs_and_the_rest_is_compiled_after_its_end(tmp_path: Path) -> None:
     code, kept = package(tmp_path / "code", "2.0 * x"), tmp_path / "cache"
     ahead = code / "guidefield" / "kernels" / "jit" / "compile_ahead.py"
     ahead.write_text(ahead.read_text().replace("FIRST = (\n", 'FIRST = (\n    "callee",\n'))

@@ -1,7 +1,5 @@
 """`tools/fixed_requests`: the same answers every time, and a difference of one bit is told with its place."""
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess

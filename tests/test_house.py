@@ -1,7 +1,5 @@
 """The house itself: what is packaged, what its pages say, and the rules that no other tool keeps."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

@@ -3,8 +3,6 @@
 `tools/wheel` builds and installs it; here it is staged, and imported by a Python that sees nothing but what it needs.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import subprocess

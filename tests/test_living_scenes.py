@@ -1,7 +1,5 @@
 """Scenes that change, through the door: answers are those in the same scene alone, and versions stay what they were."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What is kept with an object goes with it: nothing of a request outlives its answer."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import pickle

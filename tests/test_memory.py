@@ -1,7 +1,5 @@
 """Memory: a bounded map keeps what was used last, the collector waits no longer than loading, a worker levels off."""
 
-from __future__ import annotations
-
 import gc
 import subprocess
 import sys

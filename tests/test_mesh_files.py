@@ -1,7 +1,5 @@
 """What is judged of mesh files is all that is in them: a slice of `tools/meshes`, and the robots of `tools/doubt`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The field on a robot: against point-by-point sums with Pinocchio's Jacobians, finite differences, and its laws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Whoever watches a run hears how far it is, and can end it; what it found by then comes back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

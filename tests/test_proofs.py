@@ -1,7 +1,5 @@
 """Proofs through the door: where they go, what they are about, and why there is none."""
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path

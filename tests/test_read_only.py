@@ -1,7 +1,5 @@
 """A value's arrays, and those in its tuples, can't be written; others stay what they are."""
 
-from __future__ import annotations
-
 from collections import namedtuple
 from dataclasses import dataclass
 from typing import Any

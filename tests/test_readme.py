@@ -1,7 +1,5 @@
 """README, the pages and the public docstrings do what they say: commands and Python are run, messages are sent."""
 
-from __future__ import annotations
-
 import doctest
 import inspect
 import json

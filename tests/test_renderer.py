@@ -1,7 +1,5 @@
 """The process that renders recordings: the newest first, again when it dies, given up where that doesn't help."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

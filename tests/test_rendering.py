@@ -1,7 +1,5 @@
 """Recordings rendered from logs: the same as those that are written at once, of robots and scenes as they were then."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

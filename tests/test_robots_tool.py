@@ -1,7 +1,5 @@
 """`tools/robots`: finds the robots of a folder, tells each result by its kind, and sees a false certificate."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The documentation's site: every page is in it, every link within it leads somewhere."""
 
-from __future__ import annotations
-
 import importlib
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A problem that is said otherwise has the same answer: at every size, far away, turned, in another order."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 
@@ -183,8 +181,7 @@ def test_inverse_kinematics_are_the_same_at_every_size(size: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "changes",
-    [{"by": (600.0, 800.0, 0.0)}, {"turn": 2.0}, {"by": (3.0, -2.0, 1.0)}, {"step": -1}],
+    "changes", [{"by": (600.0, 800.0, 0.0)}, {"turn": 2.0}, {"by": (3.0, -2.0, 1.0)}, {"step": -1}]
 )
 def test_a_change_that_changes_nothing_has_the_same_answer(changes: dict[str, object]) -> None:
     (duration, kept), (expected, distance) = plan(problem(**changes), 1.0), as_it_is()

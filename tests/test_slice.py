@@ -1,7 +1,5 @@
 """`tools/slice` and `tools/arm`: what they name is there, and packages are chosen by the machine that they are for."""
 
-from __future__ import annotations
-
 import ast
 import platform
 import re

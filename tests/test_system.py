@@ -1,7 +1,5 @@
 """What the system tells of processes, by the ways of Linux and of others; a machine can read every line of the log."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os

@@ -1,7 +1,5 @@
 """Every tool says how it is used and is in the table of CONTRIBUTING; those of several subjects list them."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

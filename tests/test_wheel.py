@@ -1,7 +1,5 @@
 """The wheel holds what the checkout has: every room, every robot and scene, and nothing that is found beside them."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

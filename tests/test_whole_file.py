@@ -1,7 +1,5 @@
 """A file is there whole or not at all, whatever the disk does."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

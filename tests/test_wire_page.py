@@ -1,7 +1,5 @@
 """The page about the wire has the tables that the code makes, and `info` has the same in JSON."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the pool's tests run in worker processes: importable there, as a worker imports it anew."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

@@ -1,7 +1,5 @@
 """`guidefield certify`: motions from every kind of file, from recordings and kept runs; what is wrong with a file."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The commands: what they print, what they write, how they end; some in a process of their own, the others here."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """`guidefield docs`: pages are rendered, and an unknown subject is told what may have been meant."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -35,8 +33,7 @@ def test_a_page_is_rendered(subject: str) -> None:
 
 def test_an_unknown_subject_is_told_what_may_have_been_meant() -> None:
     with pytest.raises(
-        UnknownObject,
-        match=r"no page about 'certificat'; did you mean certificate or certify\?.* there are quickstart",
+        UnknownObject, match=r"no page about 'certificat'; did you mean certificate or certify\?.* there are quickstart"
     ):
         documentation.read_page("certificat")
     with pytest.raises(UnknownObject, match="there are quickstart") as refused:

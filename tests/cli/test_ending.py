@@ -1,7 +1,5 @@
 """A process that is told to end ends, whichever thread takes the signal, in bounded time whatever its threads do."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Signals while a robot executes: the first one cancels, and no second one keeps it from doing so."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

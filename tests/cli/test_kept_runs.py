@@ -1,7 +1,5 @@
 """Kept runs: listed, compared, exported and planned again, as the command line shows them."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path
@@ -94,11 +92,7 @@ def test_recordings_that_are_owed_are_rendered_when_they_are_asked_for(tmp_path:
     assert read_recording(tmp_path / "r1.rrd").reply.run_id == "r1"
     assert {
         run["run_id"]: run["recording"] for run in json.loads(_said(0, "runs", "list", "--json", *given))["runs"]
-    } == {
-        "alice:a1": "owed",
-        "r2": "owed",
-        "r1": "rendered",
-    }
+    } == {"alice:a1": "owed", "r2": "owed", "r1": "rendered"}
     assert _said(0, "runs", "render", *given).endswith("2 rendered\n")
     assert _said(0, "runs", "render", *given).endswith("0 rendered\n")
     assert " owed" not in _said(0, "runs", "list", *given)

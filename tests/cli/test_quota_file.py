@@ -1,7 +1,5 @@
 """The file with what each user may have."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A recording's file, with nothing kept beside it: read as arrays, compared, exported and planned again."""
 
-from __future__ import annotations
-
 import json
 import platform
 import shutil

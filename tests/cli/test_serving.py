@@ -1,7 +1,5 @@
 """A service ends on a signal, whatever its main thread does when the signal comes."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """systemd is told how a start goes, in the datagrams that it reads."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The page on which a goal and obstacles are dragged: it plans at each change."""
 
-from __future__ import annotations
-
 import html
 import io
 import socket

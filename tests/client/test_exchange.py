@@ -1,7 +1,5 @@
 """Asking, being refused, and waiting for an answer."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import subprocess

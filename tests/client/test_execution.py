@@ -1,7 +1,5 @@
 """What a robot executes: pieces that follow what it executes and come in time, each to its stop otherwise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

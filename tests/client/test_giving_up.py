@@ -1,7 +1,5 @@
 """Who gives a plan up is not held up, and hears of nothing else, where the service doesn't answer any more."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from concurrent.futures import Future

@@ -1,7 +1,5 @@
 """Which of several instances is the freest."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from hypothesis import given, strategies as st

@@ -1,7 +1,5 @@
 """What is asked, without a network: what is refused before anything is sent, and what is read from an answer."""
 
-from __future__ import annotations
-
 import msgspec
 import pytest
 

@@ -1,7 +1,5 @@
 """A client's stream that isn't open says so, before anything is sent."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any, cast
 

@@ -1,7 +1,5 @@
 """A world with every body and pair in a list, as Pinocchio has them, to compare with: made without a broad phase."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

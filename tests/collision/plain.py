@@ -3,8 +3,6 @@
 The Panda has its meshes as they are in its package, not their hulls; obstacles are made without our builders.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib.metadata import distribution
 from pathlib import Path

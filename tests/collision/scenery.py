@@ -1,7 +1,5 @@
 """Robots among obstacles for the tests of this room."""
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

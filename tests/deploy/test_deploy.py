@@ -1,7 +1,5 @@
 """The files for systemd and for containers: their own tools find nothing wrong, and what they start is there."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

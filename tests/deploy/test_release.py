@@ -1,7 +1,5 @@
 """The files of a release agree with pyproject.toml, and with one another."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is left to a user of its quota."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, strategies as st
 

@@ -1,7 +1,5 @@
 """An answer is given once its run is kept; where it can't be, the reply says so, and is given all the same."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from pathlib import Path

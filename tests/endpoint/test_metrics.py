@@ -1,7 +1,5 @@
 """Metrics are what `info` tells, in a text that Prometheus' own parser reads; health answers from the first second."""
 
-from __future__ import annotations
-
 import json
 import re
 import socket

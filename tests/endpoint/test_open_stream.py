@@ -1,7 +1,5 @@
 """One stream of a service: it is opened or refused, ends after a silence, and says why to everybody who waits."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """A query is answered once and only once, whatever happens to it."""
 
-from __future__ import annotations
-
 import json
 import threading
 from collections.abc import Callable

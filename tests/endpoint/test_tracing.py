@@ -1,7 +1,5 @@
 """Every query has one span, which says how it ended."""
 
-from __future__ import annotations
-
 import pytest
 
 from guidefield.endpoint.monitoring import no_trace, opentelemetry_trace

@@ -1,7 +1,5 @@
 """Runs under way: a name is one run's, who asks again waits for the same answer, and nobody waits for ever."""
 
-from __future__ import annotations
-
 from concurrent.futures import Future
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Areas, volumes and closedness of triangulated surfaces, straight from their definitions."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

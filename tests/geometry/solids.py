@@ -1,7 +1,5 @@
 """Bodies for the tests, and plain answers about them, by formulas that share no code with ours."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from guidefield.geometry import surfaces

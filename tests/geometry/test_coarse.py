@@ -1,7 +1,5 @@
 """Solids of fine meshes with fewer triangles: what is found with them holds for the meshes, by dense sampling."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

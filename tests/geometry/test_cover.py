@@ -1,7 +1,5 @@
 """Covers contain bodies and keep their overhang, by plain distances and dense sampling."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

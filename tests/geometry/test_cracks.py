@@ -1,7 +1,5 @@
 """Cracks: whatever corners were moved apart is closed again, without moving a triangle; openings stay open."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

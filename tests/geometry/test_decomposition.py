@@ -1,7 +1,5 @@
 """Convex parts contain bodies, by subtracting them from every triangle, and stand off as far as said."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of arrays: what was written is read, mapped or not, and what was altered is found."""
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 

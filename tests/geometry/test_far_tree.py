@@ -1,7 +1,5 @@
 """Trees over everything charged against the sum over all of it, and their potential against their own gradient."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What lies within a closed surface is found and filled; what crosses it, or only looks so, isn't."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Motions of replies, looked at with nothing of ours but the robot's model: Hermite's formula, Pinocchio and Coal."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import coal

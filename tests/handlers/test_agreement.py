@@ -1,7 +1,5 @@
 """A certificate that its reply's own clearance contradicts is an internal failure with a file, never an answer."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The certify request: our own plans pass with the same figures; what is wrong with a motion is told with its place."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

@@ -1,7 +1,5 @@
 """A certify request as the referee reads it: both certifiers say the same of it."""
 
-from __future__ import annotations
-
 import functools
 import json
 import time

@@ -1,7 +1,5 @@
 """Answers in large scenes are among what the robot can meet, and the same as among all of it."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -156,10 +156,7 @@ def test_what_has_no_answer_is_refused_by_name(fields, words) -> None:
         ask(**{**THERE, **fields})
 
 
-LIMITED = {
-    "limits": {"panda_joint1": {"effort": 6.0}},
-    "cartesian_limits": [{"frame": "panda_hand", "speed": 0.3}],
-}
+LIMITED = {"limits": {"panda_joint1": {"effort": 6.0}}, "cartesian_limits": [{"frame": "panda_hand", "speed": 0.3}]}
 
 
 def test_a_motion_that_begins_and_ends_at_speed_keeps_limits_of_the_whole() -> None:

@@ -1,7 +1,5 @@
 """A body wholly inside another's closed mesh is in contact with it: every clearance that is told is 0."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

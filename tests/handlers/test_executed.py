@@ -1,7 +1,5 @@
 """What a robot executed, judged against its plan: deviations, what a recording shows, and joint states that are odd."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import msgspec

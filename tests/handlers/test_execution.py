@@ -1,7 +1,5 @@
 """Motions as controllers execute them: certified, planned, and refused by name."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The first use of a robot and of what it holds: prepared before a request's time begins."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rows that a client gives, as points of the chart: the inverse of a reply's columns, in any order."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Plans with steps that are passed: how near, without a stop, on their ways elsewhere, within limits, free."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

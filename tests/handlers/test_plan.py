@@ -1,7 +1,5 @@
 """The plan request as a client meets it: what is clamped, refused by name, answered with a status, and replied."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

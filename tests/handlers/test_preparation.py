@@ -1,7 +1,5 @@
 """What a robot's first plan waits for: found in pieces, kept on disk, told while it is found."""
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Starts and goals as they are given: whole turns, goals next to the start, values next to a limit, held objects."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What is said about a robot's shapes."""
 
-from __future__ import annotations
-
 from guidefield.handlers.robots import robot as described
 from guidefield.robot.link_bounds import convex_parts, coverage
 from tests.robots import robot

@@ -1,7 +1,5 @@
 """Robots without collision geometry answer kinematics alone; robots whose tip nothing drives are planned for anyway."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -17,10 +15,7 @@ BARE = (
     '<origin xyz="1 0 0"/><parent link="b"/><child link="tool"/></joint></robot>'
 )
 EMPTY = {"name": "empty", "obstacles": []}
-POSE = {
-    "position": [math.cos(0.5), math.sin(0.5), 0.0],
-    "quaternion_xyzw": [0.0, 0.0, math.sin(0.25), math.cos(0.25)],
-}
+POSE = {"position": [math.cos(0.5), math.sin(0.5), 0.0], "quaternion_xyzw": [0.0, 0.0, math.sin(0.25), math.cos(0.25)]}
 GOAL = {"type": "joints", "positions": {"j": 0.3}}
 
 

@@ -1,7 +1,5 @@
 """Plans with steps: the kitchen's pick and place, looked at again with a bare robot, and what is refused."""
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path

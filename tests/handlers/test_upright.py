@@ -1,7 +1,5 @@
 """Bodies that stand exactly upright beside others that do: the verdict is that of their gap, whatever the kinds."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Whatever is odd about robot, held objects, scene and request reaches whoever asks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A motion on the wire is the motion that was certified, however far it turns between its knots."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, strategies as st
 

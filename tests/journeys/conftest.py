@@ -1,7 +1,5 @@
 """A service for all journeys, and those who ask it; a module that wants other options starts its own."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

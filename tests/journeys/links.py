@@ -1,7 +1,5 @@
 """A link between clients and a service that can be cut, or is slow."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import threading

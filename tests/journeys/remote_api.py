@@ -5,8 +5,6 @@ whose messages are read and written here as its sources do: little-endian number
 length as LEB128.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import struct

@@ -1,7 +1,5 @@
 """A service as its users meet it: a process started from the command line, and a client that knows only the wire."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

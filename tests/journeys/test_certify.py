@@ -1,7 +1,5 @@
 """Judgements over a real session: a key of its own, kept as a run, watched, ended early, refused by name."""
 
-from __future__ import annotations
-
 import asyncio
 import concurrent.futures
 

@@ -1,7 +1,5 @@
 """A link that is cut for a moment: what was asked is answered all the same, by the run that was under way."""
 
-from __future__ import annotations
-
 import concurrent.futures
 import itertools
 import signal

@@ -1,7 +1,5 @@
 """Links that end while large answers are being sent to them, of clients that don't read any more."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
@@ -46,9 +44,7 @@ def test_links_that_end_while_they_are_sent_to_hold_up_no_other(tmp_path: Path) 
         running_service(tmp_path / "data", "--workers", "1", "--config", str(config)) as service,
         plain_client(service.endpoint) as client,
         subprocess.Popen(
-            [sys.executable, "-c", MANY, service.endpoint, str(COUNT), str(EACH)],
-            stdout=subprocess.PIPE,
-            text=True,
+            [sys.executable, "-c", MANY, service.endpoint, str(COUNT), str(EACH)], stdout=subprocess.PIPE, text=True
         ) as stopped,
     ):
         try:

@@ -1,7 +1,5 @@
 """A motion is planned by a service, executed by a stand-in of ros2_control with its own interpolation, and judged."""
 
-from __future__ import annotations
-
 import csv
 import functools
 import json

@@ -1,7 +1,5 @@
 """Several instances of the service on one network: a client is given a free one, and another one when that is gone."""
 
-from __future__ import annotations
-
 import concurrent.futures
 import contextlib
 from pathlib import Path

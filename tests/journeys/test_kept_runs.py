@@ -1,7 +1,5 @@
 """Kept runs as clients meet them: what was answered is there after any kill, page by page, and one's own alone."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import json

@@ -4,8 +4,6 @@ The client knows only the wire: Zenoh, JSON, and the request's fields. The judge
 the reply: Pinocchio and Coal on the URDF's own meshes, nothing of guidefield.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import subprocess

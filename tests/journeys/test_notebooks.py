@@ -1,7 +1,5 @@
 """The notebooks run from top to bottom, and replies show themselves in them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any

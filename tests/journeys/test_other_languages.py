@@ -5,8 +5,6 @@ names; it talks to a stand-in for the router's plugin. The one in Rust is not ru
 can count on has its crates.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -43,11 +41,7 @@ def test_typescript_plans(built: Path, service: Service) -> None:
 
     with remote_api(service.endpoint) as where:
         done = subprocess.run(
-            [*NODE, built, where],
-            check=False,
-            capture_output=True,
-            text=True,
-            timeout=ANSWERED_WITHIN,
+            [*NODE, built, where], check=False, capture_output=True, text=True, timeout=ANSWERED_WITHIN
         )
     assert done.returncode == 0, done.stdout + done.stderr
     goal = {"type": "joints", "positions": {"elbow_joint": 1.2}}
@@ -72,11 +66,7 @@ def test_typescript_says_that_no_service_is_there(built: Path, tmp_path: Path) -
         config.insert_json5("scouting/multicast/enabled", "false")
         with zenoh.open(config), remote_api(f"tcp/127.0.0.1:{port}") as where:
             done = subprocess.run(
-                [*NODE, built, where],
-                check=False,
-                capture_output=True,
-                text=True,
-                timeout=ANSWERED_WITHIN,
+                [*NODE, built, where], check=False, capture_output=True, text=True, timeout=ANSWERED_WITHIN
             )
     assert (done.returncode, done.stderr.strip().splitlines()[-1]) == (2, "no service is alive")
 

@@ -1,7 +1,5 @@
 """A reply doesn't wait for its recording: who asks gets it at once, and kills at any moment lose none."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

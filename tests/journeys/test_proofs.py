@@ -1,7 +1,5 @@
 """Proofs over Zenoh: asked for with a request, kept with its run, fetched, exported and checked in a fresh process."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -25,7 +23,7 @@ PLAN: dict[str, Any] = {
     "proof": True,
 }
 STEPS = {key: value for key, value in PLAN.items() if key not in ("goal", "guide_planes")} | {
-    "steps": [{"goal": PLAN["goal"]}, {"goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}}],
+    "steps": [{"goal": PLAN["goal"]}, {"goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}}]
 }
 
 

@@ -1,7 +1,5 @@
 """Robots over the wire: a client's own with its meshes."""
 
-from __future__ import annotations
-
 import base64
 import json
 from typing import Any

@@ -1,7 +1,5 @@
 """Runs while they run: their progress is heard, they can be ended, by a client that waits or by one that doesn't."""
 
-from __future__ import annotations
-
 import ast
 import asyncio
 import concurrent.futures

@@ -1,7 +1,5 @@
 """A service as `guidefield secure` sets it up: who gets in, and who may do what."""
 
-from __future__ import annotations
-
 import json
 import queue
 import stat

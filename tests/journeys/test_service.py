@@ -1,7 +1,5 @@
 """The service over a real session on loopback: every key, every kind of bad input, and what ends badly."""
 
-from __future__ import annotations
-
 import concurrent.futures
 import json
 import os

@@ -1,7 +1,5 @@
 """Robots of every size, as people have them: a hand of 8 cm, a crane over a building."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ The client's clock is the test's own: it goes on when an answer has come, howeve
 is the same on any machine, and contacts are looked for with plain Pinocchio and Coal.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

@@ -1,7 +1,5 @@
 """A small slice of what the long tools do: a soak with killed workers, and fuzzed requests."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -21,10 +19,6 @@ TOOLS = Path(__file__).resolve().parent.parent.parent / "tools"
 )
 def test_a_slice_of_a_long_tool(command: list[str]) -> None:
     done = subprocess.run(
-        [sys.executable, str(TOOLS / "attack"), *command],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=600,
+        [sys.executable, str(TOOLS / "attack"), *command], check=False, capture_output=True, text=True, timeout=600
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]

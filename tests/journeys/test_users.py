@@ -1,7 +1,5 @@
 """Users who don't know each other: each on keys of its own, with a fair share, and refused beyond its quota."""
 
-from __future__ import annotations
-
 import collections
 import json
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Work that nobody needs any more ends: it is cancelled, its time is up, or whoever asked is gone."""
 
-from __future__ import annotations
-
 import asyncio
 import concurrent.futures
 import json

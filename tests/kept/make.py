@@ -4,8 +4,6 @@ It is made once, by the code of the release itself, and never edited: tests read
 `data` in it is a service's data folder, `recordings` are files that are alone.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Runs that earlier versions kept: every later one reads them, shows them, and says who planned them."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

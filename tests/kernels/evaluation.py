@@ -1,7 +1,5 @@
 """The field at one point, as the tests ask for it."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

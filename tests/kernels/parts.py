@@ -1,7 +1,5 @@
 """Parts of kernels, compiled for Python too."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -4,8 +4,6 @@ Directions are parallel and orthogonal to a body's axes, a few units in the last
 length.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import coal

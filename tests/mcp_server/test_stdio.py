@@ -1,7 +1,5 @@
 """A client of the protocol talks to `guidefield mcp` over standard input and output, as a model's host does."""
 
-from __future__ import annotations
-
 import asyncio
 import sys
 from pathlib import Path

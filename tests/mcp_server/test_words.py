@@ -1,7 +1,5 @@
 """Replies in words: each outcome has its advice, and figures are those of the reply."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """Requests made in Python: NumPy's numbers are numbers, and what a Struct was given is checked as a payload is."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

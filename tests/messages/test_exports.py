@@ -1,7 +1,5 @@
 """Motions as files for controllers, read by others' readers: PyYAML, csv, json, NumPy, and a parser of URScript."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools

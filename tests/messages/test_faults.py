@@ -1,7 +1,5 @@
 """What is wrong with a request is told with its place and with what would be right there."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Where obstacles stand by their names, through changes and in versions that are changed apart from each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st

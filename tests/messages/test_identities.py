@@ -1,7 +1,5 @@
 """Whose a key is, and who can be a user."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, strategies as st
 

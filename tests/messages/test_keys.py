@@ -1,7 +1,5 @@
 """Queries become the requests of their keys; the list of keys says what the rules of the keys say."""
 
-from __future__ import annotations
-
 import contextlib
 import pickle
 from collections.abc import Mapping

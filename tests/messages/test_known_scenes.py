@@ -1,7 +1,5 @@
 """A large scene that was read before is known again while it is the same, and only then."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Where a fault is, from the root of what was sent, and what is said of numbers that aren't finite."""
 
-from __future__ import annotations
-
 import base64
 import json
 import math

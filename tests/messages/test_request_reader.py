@@ -1,7 +1,5 @@
 """Requests in every form are read alike, and their faults told alike."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Keys of streams: what a query asks for, and what doesn't fit its key."""
 
-from __future__ import annotations
-
 import pytest
 
 from guidefield.errors import MalformedRequest

@@ -1,7 +1,5 @@
 """Numbers that no physical quantity has are refused where they come in."""
 
-from __future__ import annotations
-
 import struct
 from array import array
 

@@ -4,8 +4,6 @@ Limits of positions are read from the URDF here, and the extrema of the cubics a
 plans or certifies has a part in it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -15,14 +13,7 @@ import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.messages.replies import PlanReply
-from guidefield.messages.requests import (
-    JointLimits,
-    JointsGoal,
-    PlaneConstraint,
-    PlanRequest,
-    PoseGoal,
-    RobotReference,
-)
+from guidefield.messages.requests import JointLimits, JointsGoal, PlaneConstraint, PlanRequest, PoseGoal, RobotReference
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics

@@ -1,7 +1,5 @@
 """Planning problems for the tests."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """A plan around a point cloud, judged by Pinocchio and Coal: no link comes to a ball of the cloud."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pinocchio as pin

@@ -1,7 +1,5 @@
 """Connections: straight where free, a tree where not; the soonest goal; shorter rounds; refusals; path constraints."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from itertools import pairwise
@@ -248,9 +246,7 @@ def one_joint(kind: str, *angles: float) -> tuple[PlanningGroup, list[messages.B
     planned = grouped(box_arm(kind, 1))
     boxes = [
         messages.Box(
-            name=f"stop{i}",
-            size=(0.03, 0.03, 0.03),
-            position=(0.28 * np.sin(angle), 0.0, 0.3 + 0.28 * np.cos(angle)),
+            name=f"stop{i}", size=(0.03, 0.03, 0.03), position=(0.28 * np.sin(angle), 0.0, 0.3 + 0.28 * np.cos(angle))
         )
         for i, angle in enumerate(angles)
     ]

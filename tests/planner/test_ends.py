@@ -1,7 +1,5 @@
 """The ends of a motion: configurations that reach a goal, by Coal and Pinocchio; what blocks the tip."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Refused motions are repaired; motions that begin or end in motion do so exactly, or are refused with the joint."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
@@ -19,13 +17,7 @@ from guidefield.planner.motion.limit_load import measure_limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.passages import REACHED
-from guidefield.planner.optimize.settings import (
-    BALANCED,
-    OptimizationSettings,
-    closer,
-    free,
-    in_few_pieces,
-)
+from guidefield.planner.optimize.settings import BALANCED, OptimizationSettings, closer, free, in_few_pieces
 from guidefield.planner.optimized_motion import LOOKS
 from guidefield.planner.path_so_far import PathSoFar, time_path_ignoring_jerk
 from guidefield.planner.plan import Plan, Planner, plan

@@ -1,7 +1,5 @@
 """Plans to configurations and poses among obstacles that move: free at dense times, or told what meets when."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The guided planner among obstacles that move: it waits, gives way, keeps to its limits, and says why it can't."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -126,8 +124,7 @@ def test_planes_that_are_barred_at_a_time_are_tried_once_and_not_wherever_things
 def closing(until: float) -> Problem:
     """A shutter comes down in front of the arm, and stays."""
     down = messages.ObstacleTrajectory(
-        times=[0.0, until],
-        placements=[Placement(position=(0.75, 0.0, 1.8)), Placement(position=(0.75, 0.0, 0.5))],
+        times=[0.0, until], placements=[Placement(position=(0.75, 0.0, 1.8)), Placement(position=(0.75, 0.0, 0.5))]
     )
     shutter = messages.Box(name="shutter", size=(0.04, 3.0, 1.3), trajectory=down)
     return problem("panda", scene_of(shutter, planes=[plane_at(0.84, half=0.15, z=0.4)]))

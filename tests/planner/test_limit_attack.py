@@ -1,7 +1,5 @@
 """A slice of `tools/attack limits`: no motion that is certified exceeds a limit, between its knots either."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A drive through many rooms is optimised as a whole, and certified."""
 
-from __future__ import annotations
-
 import pytest
 
 from guidefield import Box, JointsGoal, PlanRequest, Scene, UrdfText, answer

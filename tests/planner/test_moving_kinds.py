@@ -3,8 +3,6 @@
 The oracle places robot and obstacles by Pinocchio alone, and makes Coal's shapes of the messages itself.
 """
 
-from __future__ import annotations
-
 import time
 from itertools import pairwise
 from typing import Any

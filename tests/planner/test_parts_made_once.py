@@ -1,7 +1,5 @@
 """Tables of a robot and of a scene: a plan makes each part at most once, a second plan in the same scene makes none."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Whole plans: real stages, certified results, a connection where planes fail, an honest status for a failure."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """What a reply says of distances along a motion: exact between samples, and honest where there was no time."""
 
-from __future__ import annotations
-
 import inspect
 import time
 

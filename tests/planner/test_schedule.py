@@ -1,7 +1,5 @@
 """Slices of time against Coal at dense times, until when a place is free, and limits that motions in time keep."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

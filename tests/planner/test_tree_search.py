@@ -1,7 +1,5 @@
 """Trees on lanes: the sequence, whole turns; what they find is free at its samples."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Obstacles that a way found goes close by: a wall that it grazes, a post that it just misses."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A process for one conversation: what it is told and tells, and how it ends."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

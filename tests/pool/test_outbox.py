@@ -1,7 +1,5 @@
 """Answers on their way out: whoever doesn't read holds up nobody else, and what waits is bounded."""
 
-from __future__ import annotations
-
 import contextlib
 import queue
 import threading

@@ -1,7 +1,5 @@
 """Laws of the pool: every job gets one answer, whatever becomes of its worker."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """What a slot does for its worker: ends it early, hears what it tells, and stops it when it takes too much."""
 
-from __future__ import annotations
-
 import multiprocessing.process
 import os
 import selectors

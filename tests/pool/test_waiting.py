@@ -1,7 +1,5 @@
 """Laws of the queue: nothing is lost, nobody is passed over, nobody can fill it alone."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import Counter

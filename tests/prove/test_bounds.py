@@ -1,7 +1,5 @@
 """The bounds of a pair's motion in a segment, as the kernels have them: against Pinocchio at many times of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st

@@ -1,7 +1,5 @@
 """The smallest distances along a motion: against many samples by Coal, and attained where they are said to be."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

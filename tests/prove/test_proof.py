@@ -1,7 +1,5 @@
 """Proofs that a search writes down: complete, small, and without a change to what it finds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The certificate of motions in time against dense samples of robot and obstacles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

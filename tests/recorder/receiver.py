@@ -1,7 +1,5 @@
 """A viewer without a window: what streams into it is written to a file, and read back."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import subprocess

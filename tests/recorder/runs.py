@@ -1,7 +1,5 @@
 """Plans made up for the recorder's tests, and recordings read back."""
 
-from __future__ import annotations
-
 import functools
 import tempfile
 from dataclasses import dataclass

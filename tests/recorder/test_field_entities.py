@@ -1,7 +1,5 @@
 """The picture of the field: of the scene planned in, on the plane of the tip's way."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from guidefield.messages import scene as messages

@@ -1,7 +1,5 @@
 """What goes on shows itself in a running viewer: a plan's steps and its recording, a stream, a client's runs."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import re

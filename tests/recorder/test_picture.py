@@ -1,7 +1,5 @@
 """A recording as a person sees it: drawn by the real viewer, in software where there is no graphics hardware."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Obstacles that move, in a recording: where their motion has them, by plain arithmetic."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 
@@ -19,16 +17,14 @@ def test_a_moving_obstacle_is_drawn_once_and_carried_along() -> None:
         name="parcel",
         size=(0.2, 0.1, 0.1),
         trajectory=messages.ObstacleTrajectory(
-            times=[1.0, 3.0],
-            placements=[Placement(position=(0.5, 0.0, 0.3)), Placement(position=(0.5, 0.8, 0.3))],
+            times=[1.0, 3.0], placements=[Placement(position=(0.5, 0.0, 0.3)), Placement(position=(0.5, 0.8, 0.3))]
         ),
     )
     door = messages.Box(
         name="door",
         size=(0.4, 0.02, 0.6),
         trajectory=messages.ObstacleTrajectory(
-            times=[0.0, 2.0],
-            placements=[Placement(position=HINGE), Placement(position=HINGE, quaternion_xyzw=QUARTER)],
+            times=[0.0, 2.0], placements=[Placement(position=HINGE), Placement(position=HINGE, quaternion_xyzw=QUARTER)]
         ),
     )
     still = messages.Sphere(name="ball", radius=0.1, position=(0.0, 0.5, 0.5))

@@ -1,15 +1,10 @@
 """How the planner searched: trees edge by edge, where Pinocchio has the tip."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.planner.task.trace import (
-    GROWTH_STEPS,
-    LoggedTrees,
-)
+from guidefield.planner.task.trace import GROWTH_STEPS, LoggedTrees
 from guidefield.recorder import recorder
 from tests.recorder.runs import MadeUp, grown_trees, made_up
 

@@ -1,7 +1,5 @@
 """The recording of a sequence: the object is carried."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Large scenes, drawn and written once for all recordings in them: linked, joined on, and gone with the last one."""
 
-from __future__ import annotations
-
 import dataclasses
 import errno
 import os

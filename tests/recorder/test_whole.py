@@ -1,7 +1,5 @@
 """Recordings in a store, which share their robot's meshes, and what leaves it: one file with everything."""
 
-from __future__ import annotations
-
 import logging
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Motions as the referee reads them: planned ones, and some made by hand."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from typing import Any

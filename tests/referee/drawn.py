@@ -1,7 +1,5 @@
 """Random robots, obstacles and motions: joints of every kind, obstacles of every kind, at rest or moving."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any

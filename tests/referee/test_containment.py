@@ -1,7 +1,5 @@
 """Bodies are within shapes: how far they stand out is never said to be less than it is."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pytest

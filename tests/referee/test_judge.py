@@ -1,7 +1,5 @@
 """The referee's verdicts: against dense samples, against the certificate, and on cases made to be refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from typing import Any

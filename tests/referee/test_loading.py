@@ -1,7 +1,5 @@
 """The referee's file: what it says is what is judged, and what is wrong with one is told."""
 
-from __future__ import annotations
-
 import json
 import lzma
 import subprocess

@@ -1,7 +1,5 @@
 """The referee reads mesh files by itself: a part that the planner's reader loses is seen."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

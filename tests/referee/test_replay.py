@@ -1,7 +1,5 @@
 """Proofs that are replayed: certified motions of all kinds hold, planted faults and changed numbers don't."""
 
-from __future__ import annotations
-
 import dataclasses
 import zipfile
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Proofs of certified motions of a slice of the fixed requests: the referee replays every one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

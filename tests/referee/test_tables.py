@@ -1,7 +1,5 @@
 """The tables of robots and of a scene hold what is declared: every triangle is in a leaf and in all about it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

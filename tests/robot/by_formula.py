@@ -3,8 +3,6 @@
 Mimic joints follow their own words. A planar joint is two slides and a turn: Pinocchio's own ignores the axis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 from xml.etree import ElementTree

@@ -5,8 +5,6 @@ far as a world in lanes and a field: each either is refused by name or goes all 
 is for whoever runs it to see.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Random robots: 1 to 20 joints of every kind, branches, and joints that follow others."""
 
-from __future__ import annotations
-
 import random
 from dataclasses import dataclass
 

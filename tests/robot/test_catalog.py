@@ -1,7 +1,5 @@
 """The catalog: lines about robots, and robots of files, with meshes next door."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

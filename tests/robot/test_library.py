@@ -1,7 +1,5 @@
 """The library: every URDF has a name, those of one package are a family; robot_descriptions answers or says why not."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Spheres and convex parts of real links: what touches a mesh touches them, judged by Coal and by dense sampling."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pytest

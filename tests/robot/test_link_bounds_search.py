@@ -1,7 +1,5 @@
 """What is found for the shapes of a robot: on any number of processors, stopped anywhere, by two at a time."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Links that repel each other are apart at rest, and distances to links are Coal's."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pinocchio as pin

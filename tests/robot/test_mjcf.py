@@ -1,7 +1,5 @@
 """Robots in MJCF: placements, ranges, pairs and laws are those of MuJoCo; what can't be kept is told or refused."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Names that Pinocchio or guidefield give themselves, and odd ones: a robot is the same under any of them."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A client's robot, however odd its meshes, is served or refused: nothing of it ends the process."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Whatever a URDF and an SRDF say, a robot comes of it or a sentence: never another error."""
 
-from __future__ import annotations
-
 import copy
 import os
 import random

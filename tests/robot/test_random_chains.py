@@ -1,7 +1,5 @@
 """Random robots of every kind of joint load, agree with Pinocchio on the URDF as written, and are planned for."""
 
-from __future__ import annotations
-
 import os
 import random
 from typing import Any

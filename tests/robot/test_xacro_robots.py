@@ -1,7 +1,5 @@
 """Robots in xacro files: arguments, includes, packages, errors, and changes of what is included."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A robot with an angle whose turns count: a lift, an arm that turns on and on, and a slide that follows its angle."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import coal

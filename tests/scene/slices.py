@@ -1,7 +1,5 @@
 """Planes to cut fields by."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from guidefield.scene.field_slice import SlicePlane

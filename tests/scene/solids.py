@@ -1,7 +1,5 @@
 """Meshes written by hand, to build obstacles from."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from guidefield.messages.scene import Mesh

@@ -1,7 +1,5 @@
 """Point clouds: distances of the balls, bodies that contain them."""
 
-from __future__ import annotations
-
 import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -15,15 +13,7 @@ from guidefield.geometry import surfaces
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.messages import scene as messages
 from guidefield.robot.link_charges import surface_points
-from guidefield.scene.cloud import (
-    CORNERS,
-    MOST_PLACES,
-    Cloud,
-    CloudTables,
-    cloud_surface,
-    covering,
-    make_cloud_tables,
-)
+from guidefield.scene.cloud import CORNERS, MOST_PLACES, Cloud, CloudTables, cloud_surface, covering, make_cloud_tables
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.obstacle import build
 from guidefield.scene.scene import build as build_scene

@@ -1,7 +1,5 @@
 """Of many obstacles those are kept that may be nearest to some place in a ball; no place in it has lost its nearest."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """From a ball a large scene is as far as what is met of it: signed, of solids, hollows, sheets and clouds."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

@@ -1,7 +1,5 @@
 """Facets: the patches of a surface are all of it, and are judged as the whole is."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import coal

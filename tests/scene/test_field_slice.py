@@ -1,7 +1,5 @@
 """Pictures of the field: each pixel where it belongs, solids masked."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A table that is updated for a changed scene is, to the last bit, the one that is made of that scene alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What is found for a large mesh or cloud is kept on disk, and is the same to the last bit."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import hashlib

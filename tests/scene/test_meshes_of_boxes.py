@@ -1,7 +1,5 @@
 """Meshes that are made of boxes, as boxes for the kernels; and the faces of meshes as quadrilaterals for the field."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Obstacles that move: on screws, posed as they are declared, and never faster than is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st

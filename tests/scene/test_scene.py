@@ -1,7 +1,5 @@
 """The scene as a whole: its field is the sum of its obstacles' fields; scenes are kept by content, within bounds."""
 
-from __future__ import annotations
-
 import gc
 import weakref
 

@@ -1,7 +1,5 @@
 """Clouds as files: PCD in its three forms, with a packer of LZF, XYZ, PLY and npz."""
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Files that are broken or hostile: an error that names the file and the part, soon, and never a traceback."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

@@ -1,7 +1,5 @@
 """Scenes from files of every format: the world of one is that of all others, and of the primitives in it."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from pathlib import Path

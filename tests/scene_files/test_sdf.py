@@ -1,7 +1,5 @@
 """SDF: includes by every way, submeshes, old files; placements that MuJoCo, Pinocchio or a hand computed otherwise."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One world of five shapes, in every format that has placements and primitives."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files of a store that were cut short, at every length: each is told by itself, and everything else is there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Runs that guidefield 0.1 kept in folders are taken over whole, whenever the process that does it is killed."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sqlite3

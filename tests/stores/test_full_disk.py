@@ -1,7 +1,5 @@
 """A disk that is really full: what is missing is told, and what was kept stays whole."""
 
-from __future__ import annotations
-
 import contextlib
 import subprocess
 import time

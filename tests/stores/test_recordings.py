@@ -1,7 +1,5 @@
 """Recordings and the logs that they are rendered from: kept, settled and deleted, with what logs share."""
 
-from __future__ import annotations
-
 import os
 from functools import partial
 from pathlib import Path

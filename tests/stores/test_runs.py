@@ -1,7 +1,5 @@
 """Runs in a database: what was answered is there, others' is not shown, the oldest make room, and faults are told."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -137,11 +135,7 @@ def test_a_user_sees_its_own_runs_and_what_is_shared(database: RunDatabase) -> N
         keep(database, run_id, owner=owner)
     database.of("alice").share("r1", shared=True)
     listed = {user: [run.run_id for run in database.of(user).list(ALL).runs] for user in ("alice", "bob", PLAIN)}
-    assert listed == {
-        "alice": ["r2", "r1"],
-        "bob": ["r1", "alice:r1"],
-        PLAIN: ["r3", "bob:r1", "alice:r2", "alice:r1"],
-    }
+    assert listed == {"alice": ["r2", "r1"], "bob": ["r1", "alice:r1"], PLAIN: ["r3", "bob:r1", "alice:r2", "alice:r1"]}
     assert database.of("bob").list(ReadRuns(limit=1)).next is not None
     assert database.of("bob").list(ReadRuns(limit=1)).total == 2
     database.of("alice").share("r1", shared=False)

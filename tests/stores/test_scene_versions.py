@@ -1,7 +1,5 @@
 """Stored scenes that change: versions by number, files that are cut short or damaged, several processes."""
 
-from __future__ import annotations
-
 import json
 import threading
 from pathlib import Path

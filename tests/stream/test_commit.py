@@ -1,7 +1,5 @@
 """Pieces and braking within limits, and a stop in the end; what the judge proves holds at dense samples."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import coal

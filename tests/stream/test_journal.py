@@ -1,7 +1,5 @@
 """A stream's journal: each of its files gives the same pieces again, and the oldest are dropped."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from itertools import count

@@ -1,7 +1,5 @@
 """Paths of a stream: what they keep from what rests, the way out of there, and when they are taken over."""
 
-from __future__ import annotations
-
 import coal
 import msgspec
 import numpy as np

@@ -1,7 +1,5 @@
 """Clouds of a stream: their neighbours stand together, however they are given."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The recording of a stream for a viewer, and the demonstration that makes one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A stream in one process: it reaches goals, gives way, keeps what it promises, and says why where it has no piece."""
 
-from __future__ import annotations
-
 import sys
 from itertools import pairwise
 from pathlib import Path

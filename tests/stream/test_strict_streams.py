@@ -1,7 +1,5 @@
 """What is odd about a stream's requests is refused by name, or told: nothing is taken in silence."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import coal

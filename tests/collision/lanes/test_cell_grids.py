@@ -1,7 +1,5 @@
 """Grids of cells: what they call apart or touching is so wherever in the cell; no answer depends on earlier ones."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pinocchio as pin

@@ -1,7 +1,5 @@
 """Lanes against Coal: never free where it touches, and no further from it than the stated band; kinematics, motions."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 

@@ -1,7 +1,5 @@
 """A robot as tables for SIMD batches: joints of every kind, pieces of bodies, and pairs that never touch."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -1,7 +1,5 @@
 """A scene as tables for SIMD batches: primitives, meshes of several solids, and clouds."""
 
-from __future__ import annotations
-
 import functools
 
 import coal

@@ -1,7 +1,5 @@
 """Tables of large surfaces: boxes about large nodes hold all that is below these."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

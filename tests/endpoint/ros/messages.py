@@ -1,7 +1,5 @@
 """Messages that tests send, and where they are known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

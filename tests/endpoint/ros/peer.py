@@ -1,7 +1,5 @@
 """A ROS node's stand-in: it knows the keys, attachments and messages, and asks as rmw_zenoh does."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import queue

@@ -1,7 +1,5 @@
 """Joint states of ROS bags, written by rosbags, judged by the command line against a plan."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

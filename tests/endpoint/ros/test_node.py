@@ -1,7 +1,5 @@
 """A node on a real link, without an engine behind it."""
 
-from __future__ import annotations
-
 import json
 import logging
 

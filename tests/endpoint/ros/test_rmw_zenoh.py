@@ -3,8 +3,6 @@
 Keys, tokens and attachments are as the design document of rmw_zenoh writes them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

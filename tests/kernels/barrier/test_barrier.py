@@ -1,7 +1,5 @@
 """The barrier as a function of distance: what its docstring promises."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

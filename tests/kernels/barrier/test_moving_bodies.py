@@ -1,7 +1,5 @@
 """Bodies on screws and the barrier against them: by Pinocchio's placements, Coal, and finite differences in time."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pinocchio as pin

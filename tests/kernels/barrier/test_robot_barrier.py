@@ -1,7 +1,5 @@
 """The barrier of a robot and its derivatives, against Pinocchio's kinematics and plain formulas."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable

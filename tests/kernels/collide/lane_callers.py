@@ -1,7 +1,5 @@
 """Steps of lane kernels as kernels that Python can call: production calls them from kernels only."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import int64, types, void
 

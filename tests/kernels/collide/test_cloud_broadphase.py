@@ -1,7 +1,5 @@
 """Clouds in lanes: the tree and the grid against distances to every point, for clouds of all sizes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numba import njit

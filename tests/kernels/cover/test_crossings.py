@@ -1,7 +1,5 @@
 """Winding numbers by crossings against solid angles, on closed surfaces that are odd, and at points that are."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 from hypothesis import given, settings, strategies as st

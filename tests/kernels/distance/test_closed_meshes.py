@@ -1,7 +1,5 @@
 """Closed meshes of every odd kind: a cutoff, which has a ray tell what is inside, changes nothing below it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

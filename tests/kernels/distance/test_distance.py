@@ -1,7 +1,5 @@
 """Signed distances against Coal, and the laws that every distance keeps."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import coal

@@ -1,7 +1,5 @@
 """Distances of several points at once, against those of each alone, by bodies of every kind, inside, outside and on."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Boxes against the same boxes as triangles, and against the high-precision oracle."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st

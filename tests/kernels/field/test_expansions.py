@@ -1,7 +1,5 @@
 """Trees: within the error that the caller chose, by a bound that is never exceeded."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st

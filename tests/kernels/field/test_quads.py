@@ -1,7 +1,5 @@
 """Quadrilaterals and polygons of them: one arctangent for two triangles must be the two triangles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st

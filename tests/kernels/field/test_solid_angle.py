@@ -1,7 +1,5 @@
 """The forms for flat and for steep faces against the arctangent in more digits, and where each serves."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

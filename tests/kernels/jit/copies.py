@@ -1,7 +1,5 @@
 """What a copy of the package needs that compiles kernels."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Parts: such as are compiled into their callers, are optimised before that, don't
 Kernels: of Python's and of lanes, steps that only kernels call, and those of other files.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,15 +24,7 @@ from guidefield.kernels.jit.arrays import (
     numba_type,
 )
 from guidefield.kernels.jit.compilers import kernel
-from guidefield.kernels.jit.decorators import (
-    compiled,
-    counted,
-    inlined,
-    lane_part,
-    lane_step,
-    optimized,
-    uncounted,
-)
+from guidefield.kernels.jit.decorators import compiled, counted, inlined, lane_part, lane_step, optimized, uncounted
 from guidefield.kernels.simd.packing import Words, pointers, unpacked
 from guidefield.kernels.simd.rotations import cosine_and_sine
 from guidefield.kernels.simd.vector import LANES, below, lanes_of, load, root, splat, store, total

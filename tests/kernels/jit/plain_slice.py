@@ -3,8 +3,6 @@
 They are compiled as the variable ``GUIDEFIELD_PLAIN_NUMBA`` says.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Kernels call each other's machine code by name, parts have none, and remembered types are those that numba finds."""
 
-from __future__ import annotations
-
 import operator
 import os
 import shutil

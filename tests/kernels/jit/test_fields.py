@@ -1,7 +1,5 @@
 """Named tuples declared once: their types for numba against what numba finds of values."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numba

@@ -1,7 +1,5 @@
 """Threads that make equal types of numba's at the same moment get the same one."""
 
-from __future__ import annotations
-
 import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

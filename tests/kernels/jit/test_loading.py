@@ -1,7 +1,5 @@
 """Machine code is loaded at a first call: after that of all kernels that it calls by name, and only what is needed."""
 
-from __future__ import annotations
-
 import importlib
 import threading
 

@@ -1,7 +1,5 @@
 """Without changes to what is inside numba kernels return the same, and none of the changes is as much as imported."""
 
-from __future__ import annotations
-
 import ast
 import os
 import subprocess
@@ -13,13 +11,7 @@ import numpy as np
 import pytest
 
 from guidefield import first_start, kernels
-from guidefield.first_start import (
-    KNOWN_NUMBA,
-    PLAIN_VARIABLE,
-    kernel_compiler,
-    kernels_fingerprint,
-    plain_numba,
-)
+from guidefield.first_start import KNOWN_NUMBA, PLAIN_VARIABLE, kernel_compiler, kernels_fingerprint, plain_numba
 from tests.kernels.jit.plain_slice import results
 
 KERNELS = Path(kernels.__file__).parent

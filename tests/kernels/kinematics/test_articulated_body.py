@@ -1,7 +1,5 @@
 """Systems solved joint by joint against the dense metric and numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Forward kinematics and motion subspaces against Pinocchio, for every kind of joint."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Steps, limits and the tip against Pinocchio, for every kind of joint and for joints that follow."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

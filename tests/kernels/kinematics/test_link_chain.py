@@ -1,18 +1,11 @@
 """The chain's kernels against Pinocchio, finite differences and what closing has to keep."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from guidefield.kernels.kinematics.link_chain import (
-    chain_configuration,
-    close_chain,
-    end_force,
-    turn_from,
-)
+from guidefield.kernels.kinematics.link_chain import chain_configuration, close_chain, end_force, turn_from
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.link_chain import SerialChain, link_chain
 from tests.robots import group

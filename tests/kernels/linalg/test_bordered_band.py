@@ -1,7 +1,5 @@
 """The solution of a banded system with a border against a dense one."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, strategies as st
 

@@ -1,7 +1,5 @@
 """The penalty of leaving path constraints, by Pinocchio's numbers and rows, and by finite differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The penalty of loads: its value by Pinocchio, and its derivatives by differences of the value."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The objective of a motion, its derivatives and its model, against plain formulas and finite differences."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

@@ -1,7 +1,5 @@
 """Newton's method on a motion: what it lowers, where it ends, and that it never leaves limits."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

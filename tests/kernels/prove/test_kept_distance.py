@@ -1,7 +1,5 @@
 """Bodies that turn and shift for a while: what the kernel says that they keep, against Coal at many of the times."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

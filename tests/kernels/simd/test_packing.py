@@ -1,7 +1,5 @@
 """Words that stand for tuples: what kernels read back."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

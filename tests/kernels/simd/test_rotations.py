@@ -1,7 +1,5 @@
 """Angles and rotations in lanes, against NumPy's functions and Pinocchio's exponential and logarithm."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

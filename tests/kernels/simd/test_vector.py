@@ -1,19 +1,12 @@
 """Inverse square roots in lanes against NumPy's."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pytest
 from numba import njit
 
-from guidefield.kernels.simd.vector import (
-    inverse_root,
-    lanes_of,
-    load,
-    store,
-)
+from guidefield.kernels.simd.vector import inverse_root, lanes_of, load, store
 
 PRECISIONS = pytest.mark.parametrize("kind", [np.float32, np.float64])
 

@@ -1,7 +1,5 @@
 """Vectors of sixteen floats behind pointers: every operation against NumPy, on this processor and on plainer ones."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

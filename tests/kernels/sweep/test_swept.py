@@ -1,7 +1,5 @@
 """The fast judgement of motions against Coal: a yes is never wrong, and of capsules a no hardly ever."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The earliest schedule against one that tries all."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

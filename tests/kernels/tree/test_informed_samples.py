@@ -1,7 +1,5 @@
 """Samples near a way and in a box, sixteen at a time."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, settings, strategies as st
 from numba import int64, types, void
@@ -10,14 +8,7 @@ from guidefield.kernels.jit.arrays import FLOATS, INDICES, VECTOR_OUT, Floats, F
 from guidefield.kernels.jit.compilers import kernel
 from guidefield.kernels.simd.packing import Words, pack, pointers
 from guidefield.kernels.simd.vector import LANES
-from guidefield.kernels.tree.informed_samples import (
-    NEAR,
-    Sampling,
-    Way,
-    next_samples,
-    pass_samples,
-    sampling_of,
-)
+from guidefield.kernels.tree.informed_samples import NEAR, Sampling, Way, next_samples, pass_samples, sampling_of
 
 
 @kernel(void(INDICES, VECTOR_OUT, FLOATS, types.float64, int64, types.Array(types.float32, 2, "C")))

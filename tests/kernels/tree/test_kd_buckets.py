@@ -1,7 +1,5 @@
 """The nearest node among many is the one that brute force finds, however the nodes lie and whatever wraps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Path constraints in kernels: their numbers are Pinocchio's, and Newton's way back is that by Pinocchio's rows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

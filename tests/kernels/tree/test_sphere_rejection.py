@@ -1,7 +1,5 @@
 """What the sieve calls hit touches an obstacle, by Coal and by the lanes; and it finds many contacts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Derived guide planes: where they stand, that they are free, and that the seed's scenes are solved through them."""
 
-from __future__ import annotations
-
 import time
 
 import msgspec

@@ -1,7 +1,5 @@
 """Planes are crossed, every step is free, a "no" is honest; the thesis' own minimizer lowers U and keeps its guard."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rounds in one kernel equal those made step by step; descent on the constraint manifold descends, stays and ends."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A uniform B-spline in time: its ends, its subdivision, its knots, against the basis by de Boor's recursion."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st

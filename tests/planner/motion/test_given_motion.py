@@ -1,7 +1,5 @@
 """Curves through given rows: the spline against scipy's, shares of limits against dense samples, places along them."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Timing against toppra and closed forms, limits against dense samples, the curve along a path against scipy's."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

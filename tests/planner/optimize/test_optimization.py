@@ -1,7 +1,5 @@
 """Optimised motions: faster, clear of obstacles, certified, within limits, from rest to rest, the same every time."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -14,11 +12,7 @@ from guidefield.planner.motion.timing import stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import REACHED, Passage, PlanePlace
-from guidefield.planner.optimize.settings import (
-    BALANCED,
-    OPTIMIZATION,
-    constrained,
-)
+from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, constrained
 from guidefield.planner.path_so_far import limits_of, retime_motion, time_path_ignoring_jerk
 from guidefield.planner.task.motion_limits import frame_limit
 from guidefield.planner.task.problem import Objective, Problem

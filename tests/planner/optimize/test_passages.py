@@ -1,7 +1,5 @@
 """Passages and guide planes as places: what missing them costs, its derivatives, and that nothing is missed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,14 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.messages import scene as messages
 from guidefield.planner.motion.bspline import BSpline, End
-from guidefield.planner.optimize.passages import (
-    REACHED,
-    Passage,
-    PlanePlace,
-    add_passage,
-    move_onto_places,
-    nearest,
-)
+from guidefield.planner.optimize.passages import REACHED, Passage, PlanePlace, add_passage, move_onto_places, nearest
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup

@@ -1,7 +1,5 @@
 """Rounded corners between straight curves: within their radius, along the curves at both ends, unchanged elsewhere."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

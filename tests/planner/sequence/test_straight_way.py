@@ -1,7 +1,5 @@
 """Straight steps: what stops one that can't be followed; what is certified straight is so at dense samples."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

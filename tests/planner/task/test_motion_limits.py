@@ -11,13 +11,7 @@ from guidefield.errors import MalformedRequest, UnknownFrame
 from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.planner.motion.timing import Limits, PathCurve, parameterize, stretch_spline_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.task.motion_limits import (
-    ACCURACY,
-    CartesianLimit,
-    frame_limit,
-    link_limit,
-    polynomials_of,
-)
+from guidefield.planner.task.motion_limits import ACCURACY, CartesianLimit, frame_limit, link_limit, polynomials_of
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import tangent_accelerations, tangents
 from tests.robots import box_arm, group, grouped

@@ -1,7 +1,5 @@
 """Planning groups: what moves, where the robot stands, and the chart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

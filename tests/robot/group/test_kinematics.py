@@ -1,7 +1,5 @@
 """How the tip moves with the chart: against Pinocchio's Jacobian and against differences of its positions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

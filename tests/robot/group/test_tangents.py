@@ -1,7 +1,5 @@
 """Tangents along a motion, against the tangent map point by point and its differences."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, settings, strategies as st
 

@@ -1,7 +1,5 @@
 """Mesh files as triangles: every part of every kind of file, against what was written and against Assimp's reading."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

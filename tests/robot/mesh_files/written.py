@@ -1,7 +1,5 @@
 """Mesh files of every kind, written by hand: several parts as materials, primitives, geometries, nodes, instances."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

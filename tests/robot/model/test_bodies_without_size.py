@@ -1,7 +1,5 @@
 """Links of points, lines and faces: judged as what they are, within a micrometre."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

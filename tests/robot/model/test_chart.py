@@ -1,7 +1,5 @@
 """Charts of every joint kind: inverse, unwrapped, and their velocities against Pinocchio's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 from hypothesis import given, settings, strategies as st

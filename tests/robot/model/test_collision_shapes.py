@@ -1,7 +1,5 @@
 """Links of mesh files: all parts are judged, in the link's metres; a mesh that can't be read is named with its link."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

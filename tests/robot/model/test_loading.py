@@ -1,7 +1,5 @@
 """Loading robots: the arms of the catalog, defaults and where they come from, and what is refused."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

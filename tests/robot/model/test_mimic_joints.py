@@ -1,7 +1,5 @@
 """A mimic joint is at multiplier * x + offset of the unwrapped value x, and its limits bind its source joint."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

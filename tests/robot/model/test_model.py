@@ -1,7 +1,5 @@
 """The robot's model: a link before a joint of its name; ball joints, everything else as it was."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Link pairs: those that always touch are left out, contacts are those of all pairs, whatever was asked before."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pinocchio as pin

@@ -1,7 +1,5 @@
 """As what meshes are judged: hulls where they are tight, by exact stand-off."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import coal

@@ -1,7 +1,5 @@
 """mypy tells the spaces apart: what says `refused` is, and nothing else."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """What yourdfpy makes of a URDF beside Pinocchio: the same placements, or a warning that says what differs."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

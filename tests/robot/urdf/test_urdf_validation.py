@@ -14,13 +14,7 @@ from tests.robot.urdfs import ARM, AXIS, BOX, FAULTS, LIMIT, MIMIC, ORIGIN, faul
 NOWHERE = MeshResolver()
 INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 
-SILENT = (
-    "loop beside a tree",
-    "zero axis",
-    "capsule before 1.1",
-    "flat box",
-    "mimic of nothing",
-)
+SILENT = ("loop beside a tree", "zero axis", "capsule before 1.1", "flat box", "mimic of nothing")
 """Faults that Pinocchio accepts without a word."""
 
 
@@ -116,10 +110,7 @@ ODD = {
     "dynamics": ((LIMIT, LIMIT + '<dynamics damping="x"/>'), "finite number"),
     "empty dynamics": ((LIMIT, LIMIT + "<dynamics/>"), "'damping' or 'friction'"),
     "duplicate material": (("<link", '<material name="m"/><material name="m"/><link'), "has the name 'm', too"),
-    "part of a robot": (
-        ('<link name="base"/>', ""),
-        "parent link 'base' does not exist: it is taken",
-    ),
+    "part of a robot": (('<link name="base"/>', ""), "parent link 'base' does not exist: it is taken"),
     "no name": ((' name="arm"', ""), "line 1: <robot> has no name: it is called 'robot'"),
     "negative velocity": (
         ('velocity="2"', 'velocity="-2"'),
