@@ -26,13 +26,7 @@ from guidefield.planner import tree_search
 from guidefield.planner.motion.timing import length_of
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
-from guidefield.planner.tree_search import (
-    CONSTRAINT_ROOM,
-    CORRECTIONS,
-    RESOLUTION,
-    FoundPath,
-    explain_failed_search,
-)
+from guidefield.planner.tree_search import CONSTRAINT_ROOM, CORRECTIONS, RESOLUTION, FoundPath, explain_failed_search
 from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.inverse_kinematics import EXACT, SEARCH, PoseTarget

@@ -237,12 +237,7 @@ class BackgroundPlanner:
         self._thread.shutdown(wait=True, cancel_futures=True)
 
     def _plan(
-        self,
-        z0: ChartPoint,
-        z1: ChartPoint,
-        drifting: DriftingObstacles,
-        followed: ChartPoints | None,
-        seed: int,
+        self, z0: ChartPoint, z1: ChartPoint, drifting: DriftingObstacles, followed: ChartPoints | None, seed: int
     ) -> PlannedPath:
         paths = self._paths
         straight = np.array([z0, z1])

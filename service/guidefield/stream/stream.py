@@ -16,13 +16,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from guidefield.errors import (
-    GuidefieldError,
-    InvalidConfiguration,
-    InvalidGoal,
-    MalformedRequest,
-    at_path,
-)
+from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, at_path
 from guidefield.kernels.collide import drift
 from guidefield.kernels.jit.compilers import load
 from guidefield.kernels.prove import search
@@ -37,23 +31,10 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
-from guidefield.stream.commit import (
-    Commit,
-    CommitReason,
-    CommitVerdict,
-    Judge,
-    join_commits,
-)
+from guidefield.stream.commit import Commit, CommitReason, CommitVerdict, Judge, join_commits
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import read_opening
-from guidefield.stream.path_planner import (
-    BackgroundPlanner,
-    FixedDelay,
-    PathOrder,
-    PathPlanner,
-    TakeOver,
-    find_goals,
-)
+from guidefield.stream.path_planner import BackgroundPlanner, FixedDelay, PathOrder, PathPlanner, TakeOver, find_goals
 from guidefield.stream.pieces import Cycle, LeadsTo, PieceFinder
 from guidefield.stream.settings import STREAM
 from guidefield.stream.state import (

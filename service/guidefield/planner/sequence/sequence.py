@@ -118,12 +118,7 @@ def plan_sequence(
 
 class _SequencePlanning(Generic[S]):
     def __init__(
-        self,
-        course: Course[S],
-        start: S,
-        whole: PlanningGroup,
-        deadline: Deadline,
-        observer: Observer,
+        self, course: Course[S], start: S, whole: PlanningGroup, deadline: Deadline, observer: Observer
     ) -> None:
         self._course, self._at, self._whole = course, start, whole
         self._deadline, self._observer = deadline, observer

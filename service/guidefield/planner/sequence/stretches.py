@@ -59,11 +59,7 @@ class Embedding(ReadOnly):
         columns = np.concatenate(
             [np.arange(at[joint.name].idx_v, at[joint.name].idx_v + joint.nv) for joint in part.joints]
         )
-        turns = np.where(
-            part.periods > 0.0,
-            np.round((base[columns] - z_start) / np.maximum(part.periods, 1.0)),
-            0.0,
-        )
+        turns = np.where(part.periods > 0.0, np.round((base[columns] - z_start) / np.maximum(part.periods, 1.0)), 0.0)
         return cls(base, columns, turns * part.periods)
 
     def points(self, zs: ChartPoints) -> ChartPoints:
