@@ -43,8 +43,8 @@ from guidefield.messages import replies, scene as messages
 from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
-from guidefield.planner.judgement import GivenProblem, Judgement, Leaving, judge, judge_leaving
-from guidefield.planner.leaving import warn_of_left_contacts
+from guidefield.planner.judgement import GivenProblem, Judgement, judge
+from guidefield.planner.leaving import Leaving, judge_leaving, warn_of_left_contacts
 from guidefield.planner.motion.drawn_motion import deviations
 from guidefield.planner.motion.limit_load import LimitUse, measure_limit_shares
 from guidefield.planner.motion.submitted_motion import QuinticMotion

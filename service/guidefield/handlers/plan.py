@@ -57,7 +57,7 @@ from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject, GuidePlaneGoal, PlanRequest
 from guidefield.planner.guide.auto_planes import derive_planes
 from guidefield.planner.guide.guide import ATTEMPTS, PROJECTED
-from guidefield.planner.judgement import split_where_left
+from guidefield.planner.leaving import split_where_left
 from guidefield.planner.motion.drawn_motion import draw_plan
 from guidefield.planner.motion.submitted_motion import SubmittedMotion
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan

@@ -1,28 +1,34 @@
-"""Leaving a slight contact at the start: a short straight motion out of it, free of everything else.
+"""Leaving a slight contact at the start: a short straight motion out of it, and the judgement of given motions.
 
-Given motions are judged by the same `SLIGHT_DEPTH`, `LEFT_DISTANCE` and `DISTANCE_ERROR` (`judgement.py`). With fewer
-`WAY_OUT_SAMPLES` it is seen less well that touching bodies come no closer; lengths and directions are a search.
+Until bodies that touched at the start keep a distance again, `LEFT_DISTANCE` at least, they must not come closer, by
+more than `DISTANCE_ERROR`, at samples; all other pairs are certified until then, and from then on all are. So samples
+(`WAY_OUT_SAMPLES` of a plan's way out, `SPACING` and `INTERVAL` of given motions) enter the verdict on the way out of
+contact and nothing else: closer ones overlook less and take longer. Lengths and directions are a search.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 
-from guidefield.collision.clearance import Contact, clearance_at, contacts_at
+from guidefield.collision.clearance import Contact, clearance_at, contacts_at, enclosed
 from guidefield.collision.world import World
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import Status
+from guidefield.planner.motion.submitted_motion import CurveKind, SubmittedMotion
 from guidefield.planner.motion.trajectory import Trajectory, concatenate, unwrap_towards
-from guidefield.planner.motion_certificate import CertifiedMotion
+from guidefield.planner.motion_certificate import CertifiedMotion, certify_given
 from guidefield.planner.path_so_far import time_path
-from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.certificate import certify
 from guidefield.prove.closest import measure
+from guidefield.prove.curve import point_on
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 
@@ -35,6 +41,8 @@ WAY_OUT_LENGTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 DIRECTIONS = 48  # directions that are tried with each length. Unrecorded
 DISTANCE_ERROR = 1e-6  # a distance that becomes smaller by less has not become smaller [m]: the error of Coal's answers
 WAY_OUT_SAMPLES = 24  # places on the motion at which the touching pairs are measured. Unrecorded
+SPACING = 0.005  # between samples at which what touches is measured [rad, or m at size 1]
+INTERVAL = 0.01  # and between them at most, where obstacles move [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +95,9 @@ def join_way_out(left: LeftContact, rest: CertifiedMotion) -> CertifiedMotion:
     """
     warnings = (left.warning, *rest.warnings)
     if rest.trajectory is None:
-        return dataclasses.replace(rest, warnings=warnings)
+        return replace(rest, warnings=warnings)
     trajectory = concatenate([unwrap_towards(left.motion, rest.trajectory), rest.trajectory])
-    return dataclasses.replace(
+    return replace(
         rest,
         trajectory=trajectory,
         path=np.concatenate([trajectory.positions[:1], rest.path]),
@@ -126,17 +134,10 @@ class _WaysOut:
         farthest = np.maximum.accumulate(distances)
         if (distances[-1] < enough).any() or (distances < farthest - DISTANCE_ERROR).any():
             return None
-        if not self._is_free_beside(there, end):
+        tube = None if problem.execution is None else problem.execution.tube
+        if not _is_free_beside(there, end, tube, least, UNLIMITED):
             return None
         return motion if certify(self._others, motion.bezier(), times=motion.piece_times()).free else None
-
-    def _is_free_beside(self, there: World, end: ChartPoint) -> bool:
-        """Return whether nothing touches anywhere in the controller's tube about the end of a way."""
-        tube = None if self._problem.execution is None else self._problem.execution.tube
-        if tube is None:
-            return True
-        still = cast(ChartCurves, np.stack([end, end])[None])
-        return certify(there, still, self._problem.min_clearance, tube=tube[None]).free
 
 
 def touching_pairs(world: World, contacts: Sequence[Contact]) -> list[int]:
@@ -179,4 +180,116 @@ def _depth(contact: Contact) -> str:
 def continue_after(problem: Problem, left: LeftContact) -> Problem:
     """The problem from when and where the contact is left."""
     end = problem.group.from_chart(left.motion.positions[-1])
-    return dataclasses.replace(problem.since(left.motion.duration, end), leave_start_contact=False)
+    return replace(problem.since(left.motion.duration, end), leave_start_contact=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Leaving:
+    """The judgement of a motion that begins in contact."""
+
+    verdict: Verdict
+    contacts: tuple[Contact, ...]
+    piece: int  # index of the piece on which it has left them, or on which they come closer
+    share: float  # share of that piece that has passed by then
+    leaves: bool
+    # both parts of it with their conditions: until it has left them, without the pairs that touch, and from then on
+    parts: tuple[tuple[Conditions, SubmittedMotion], ...] = ()
+
+
+def judge_leaving(conditions: Conditions, motion: SubmittedMotion) -> Leaving | None:
+    """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `SLIGHT_DEPTH`."""
+    begin = motion.along(0, 0.0)[1] or 0.0
+    contacts = tuple(contacts_at(conditions.world_at(begin), conditions.group.expand_from_chart(motion.start)))
+    if not contacts or any(one.depth is not None and one.depth > SLIGHT_DEPTH for one in contacts):
+        return None
+    piece, share, closer = _judge_way_out(conditions, motion, contacts)
+    if closer is not None:
+        names, z = conditions.world.pair_names(closer), _place(motion, piece, share)
+        reason = Reason.STOPPED if conditions.deadline.expired() else Reason.CONTACT
+        verdict = Verdict(reason, 1, piece, share, (0, 0.0), names, z)
+        return Leaving(verdict, contacts, piece, share, leaves=False)
+    parts = split_where_left(conditions, motion, contacts, (piece, share))
+    return Leaving(_judge_parts(parts, piece, share), contacts, piece, share, leaves=True, parts=parts)
+
+
+def split_where_left(
+    conditions: Conditions, motion: SubmittedMotion, contacts: Sequence[Contact], left: tuple[int, float]
+) -> tuple[tuple[Conditions, SubmittedMotion], ...]:
+    """Split a motion at the place by which it leaves contacts; the parts are those of `Leaving`."""
+    allowed = (*conditions.allowed_collisions, *(one.pair for one in contacts))
+    others = World.build(conditions.group, conditions.scene, allowed)
+    end = len(motion.pieces) - 1, 1.0
+    out = replace(conditions, world=others, min_clearance=0.0), motion.between((0, 0.0), left)
+    return (out,) if left == end else (out, (conditions, motion.between(left, end)))
+
+
+def _place(motion: SubmittedMotion, piece: int, share: float) -> ChartPoint:
+    """A place on a motion (nv,); of steps on the straight way between both."""
+    return point_on((motion.straight if motion.kind is CurveKind.STEPS else motion.pieces)[piece], share)
+
+
+def _judge_way_out(
+    conditions: Conditions, motion: SubmittedMotion, contacts: tuple[Contact, ...]
+) -> tuple[int, float, int | None]:
+    world = conditions.world
+    pairs = touching_pairs(world, contacts)
+    distances, enough = measure_distances(world, pairs), max(LEFT_DISTANCE, conditions.min_clearance)
+    farthest = now = distances(motion.start, motion.along(0, 0.0)[1])
+    for piece, controls in enumerate(motion.pieces):
+        length = float(np.linalg.norm(np.diff(controls, axis=0) / conditions.group.sizes, axis=1).sum())
+        count = max(1, math.ceil(length / SPACING), _choose_moments(conditions, motion, piece))
+        for share in (k / count for k in range(1, count + 1)):
+            z, time = _place(motion, piece, share), motion.along(piece, share)[1]
+            now = distances(z, time)
+            if (now < farthest - DISTANCE_ERROR).any() or conditions.deadline.expired():
+                return piece, share, pairs[int(np.argmin(now - farthest))]
+            can_end = motion.kind is not CurveKind.STEPS or share == 1.0
+            if can_end and (now >= enough).all() and _is_free_beside_motion(conditions, motion, piece, share):
+                return piece, share, None
+            farthest = np.maximum(farthest, now)  # however slowly they come closer
+    return len(motion.pieces) - 1, 1.0, pairs[int(np.argmin(now))]
+
+
+def _is_free_beside(world: World, z: ChartPoint, tube: np.ndarray | None, clearance: float, deadline: Deadline) -> bool:
+    """Return whether nothing touches anywhere in a controller's tube (nv,) about a place (nv,)."""
+    if tube is None:
+        return True
+    still = cast(ChartCurves, np.stack([z, z])[None])
+    return certify(world, still, clearance, deadline=deadline, tube=tube[None]).free
+
+
+def _is_free_beside_motion(conditions: Conditions, motion: SubmittedMotion, piece: int, share: float) -> bool:
+    world = conditions.world_at(motion.along(piece, share)[1] or 0.0)
+    tube = None if motion.tube is None else motion.tube[piece]
+    z = point_on(motion.pieces[piece], share)
+    return _is_free_beside(world, z, tube, conditions.min_clearance, conditions.deadline)
+
+
+def _choose_moments(conditions: Conditions, motion: SubmittedMotion, piece: int) -> int:
+    """Number of moments of a piece at which distances to what moves are measured, whether the robot moves or not."""
+    begin, end = (motion.along(piece, share)[1] for share in (0.0, 1.0))
+    return 0 if not conditions.scene.moves or begin is None or end is None else math.ceil((end - begin) / INTERVAL)
+
+
+def _judge_parts(parts: Sequence[tuple[Conditions, SubmittedMotion]], piece: int, share: float) -> Verdict:
+    (others, out), *after = parts
+    leaving = certify_given(others, out, others.deadline)
+    if not leaving.free or not after:
+        return _place_on_whole(leaving, 0, piece, 0.0, share)
+    conditions, rest = after[0]
+    time, z = rest.along(0, 0.0)[1], rest.start
+    if (inside := enclosed(conditions.world_at(time or 0.0), conditions.group.expand_from_chart(z))) is not None:
+        return Verdict(Reason.CONTACT, leaving.evaluations, piece, share, (0, 0.0), inside, z)
+    left = certify_given(conditions, rest, conditions.deadline)
+    first = piece + 1 if share == 1.0 else piece
+    return replace(_place_on_whole(left, first, piece, share, 1.0), evaluations=leaving.evaluations + left.evaluations)
+
+
+def _place_on_whole(verdict: Verdict, first: int, cut: int, begin: float, end: float) -> Verdict:
+    if verdict.piece is None or verdict.parameter is None or verdict.free_until is None:
+        return verdict
+    places = [
+        (first + piece, begin + (end - begin) * at if first + piece == cut else at)
+        for piece, at in ((verdict.piece, verdict.parameter), verdict.free_until)
+    ]
+    return replace(verdict, piece=places[0][0], parameter=places[0][1], free_until=places[1])

@@ -21,8 +21,7 @@ from guidefield.planner.goal_among_movers import reach_among_movers
 from guidefield.planner.guide.guide import PROJECTED, cross_plane, tip_radius
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.held_paths import Through, connect_to_plane, connections
-from guidefield.planner.judgement import judge_leaving
-from guidefield.planner.leaving import continue_after, join_way_out, leave_contacts
+from guidefield.planner.leaving import continue_after, join_way_out, judge_leaving, leave_contacts
 from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.submitted_motion import SubmittedMotion
 from guidefield.planner.motion.trajectory import Trajectory
