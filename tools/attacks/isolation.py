@@ -139,7 +139,6 @@ def asking(endpoint: str, user: str) -> Iterator[subprocess.Popen[bytes]]:
     command = [sys.executable, "-c", LARGE, endpoint, user, "2"]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         try:
-            assert process.stdout is not None
             process.stdout.readline()
             yield process
         finally:

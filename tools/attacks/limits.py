@@ -20,7 +20,6 @@ from tests.robot.random_chains import chain
 
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError
-from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import RobotReference
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.model import RobotModel
@@ -59,7 +58,6 @@ def run(arguments: list[str]) -> int:
         for seed in range(options.seeds):
             for case in cases(reference, robot, seed, tuple(options.kinds)):
                 reply = engine.answer(case.request)
-                assert isinstance(reply, PlanReply)
                 seen["plans"] += 1
                 seen[reply.status.name] += 1
                 if reply.trajectory is None or not reply.certificate.collision_free:

@@ -99,11 +99,8 @@ def cut_and_heal(data: str) -> int:
     serve = [sys.executable, "-m", "guidefield", "serve", "--listen", ENDPOINT, "--workers", "1", "--data", data]
     ask = [sys.executable, "-c", CLIENT.format(endpoint=ENDPOINT), json.dumps(REQUEST)]
     with subprocess.Popen(inside(FAR, *serve), stdout=subprocess.PIPE, text=True) as service:
-        assert service.stdout is not None
         assert any(line.startswith("ready") for line in service.stdout), "the service did not start"
         with subprocess.Popen(inside(NEAR, *ask), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as client:
-            assert client.stdin is not None
-            assert client.stdout is not None
             heard: list[str] = []
             reader = threading.Thread(target=lambda: heard.extend(line.strip() for line in client.stdout))
             assert client.stdout.readline().strip() == "connected"

@@ -123,12 +123,10 @@ class Askers:
             **until,
         }
         for process in self._processes[:clients]:
-            assert process.stdin is not None
             process.stdin.write(json.dumps(order) + "\n")
             process.stdin.flush()
         times: list[float] = []
         for process in self._processes[:clients]:
-            assert process.stdout is not None
             told = json.loads(process.stdout.readline())
             times += told["times"]
             for error in told["first_error"]:
@@ -145,7 +143,6 @@ def plain_queryable() -> Iterator[Target]:
         command = [sys.executable, str(DOORS / "plain.py"), endpoint, *files]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             try:
-                assert process.stdout is not None
                 assert process.stdout.readline() == "ready\n", "it tells when it takes queries"
                 yield Target(endpoint, process.pid, kinematics="plain")
             finally:

@@ -88,8 +88,7 @@ class Problems:
         by_name = dict(zip(self.names, values, strict=True))
         # a few values of the problems lie some micrometres or microradians beyond the limits
         ordered = [by_name[joint.name] for joint in self.group.joints]
-        clipped: np.ndarray = np.clip(ordered, self.group.lower, self.group.upper)
-        return clipped
+        return np.clip(ordered, self.group.lower, self.group.upper)
 
     def peers_rows(self, planner: str = "vamp rrtc") -> dict[tuple[str, int], dict[str, Any]]:
         """A planner's rows in the folder by problem set and index; none without its file."""

@@ -185,7 +185,6 @@ def turn(rng: np.random.Generator) -> Any:
 def touches(loaded: Loaded, drawn: Drawn, reply: PlanReply) -> bool:
     """Whether a sample of a reply's motion touches an obstacle as it stands then."""
     curve = planned_curve(reply)
-    assert curve is not None, "it is a success"
     return judge_of(loaded, drawn.request, names_of(reply.position_names)).along_all(curve).obstacle.distance <= 0.0
 
 

@@ -194,8 +194,7 @@ def _snapped(away: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """A direction, along an axis where it nearly is: what Coal tells is so up to rounding alone."""
     along = axes.T @ away
     k = int(np.argmax(np.abs(along)))
-    snapped: np.ndarray = np.sign(along[k]) * axes[:, k] if abs(along[k]) > 1.0 - 1e-9 else away
-    return snapped
+    return np.sign(along[k]) * axes[:, k] if abs(along[k]) > 1.0 - 1e-9 else away
 
 
 def _motion(

@@ -222,7 +222,7 @@ def _more(
         free_turn = bool(rng.random() < 0.5)
         more["goal"] = PoseGoal(
             position=tuple(poses[1].translation.tolist()),
-            quaternion_xyzw=tuple(pin.Quaternion(poses[1].rotation).coeffs().tolist()),  # type: ignore[arg-type]
+            quaternion_xyzw=tuple(pin.Quaternion(poses[1].rotation).coeffs().tolist()),
             orientation_tolerance=(None, None, None) if free_turn else (1e-3, 1e-3, 1e-3),
         )
     if kind == "constraint":

@@ -100,8 +100,7 @@ def _beyond(inner: Corners, outer: Corners) -> np.ndarray:
     """How far boxes stand out of others [m]."""
     with np.errstate(invalid="ignore"):  # boxes of nothing, in others of nothing
         out: np.ndarray = np.nan_to_num(np.maximum(outer[0] - inner[0], inner[1] - outer[1]), nan=0.0, posinf=np.inf)
-    worst: np.ndarray = out.max(axis=-1)
-    return worst
+    return out.max(axis=-1)
 
 
 def _by_boxes(scene: Scene, obstacles: Mapping[str, Body]) -> Found:

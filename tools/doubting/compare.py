@@ -70,7 +70,6 @@ class Disagreement:
 
 def judge_of(loaded: Loaded, request: PlanRequest | CertifyRequest, planned: frozenset[str]) -> Judge:
     """The judge of what a request is about."""
-    assert not isinstance(request.scene, str), "scenes are sent"
     return loaded.judge(
         planned,
         placement=request.robot_placement,
@@ -104,16 +103,13 @@ def planned_curve(reply: PlanReply) -> Curve | None:
 
 def asked_curve(loaded: Loaded, request: CertifyRequest) -> Curve:
     """The curve that a certify request is about."""
-    assert request.position_names is not None, "columns are named"
     turning = continuous(loaded)
     names, order = ordered(loaded, request.position_names)
     if request.trajectory is None:
-        assert request.path is not None, "there is a motion"
         return Curve.of(names, [[row[k] for k in order] for row in request.path], continuous=turning)
     given = request.trajectory
     positions, velocities = [[row[k] for k in order] for row in given.positions], None
     if given.velocities is not None:
-        assert request.velocity_names is not None, "columns are named"
         rates = ordered(loaded, request.velocity_names)[1]
         velocities = [[row[k] for k in rates] for row in given.velocities]
     step = request.time_step or 0.0
@@ -423,7 +419,6 @@ def _near(judge: Judge, said: float, there: float, slack: float) -> bool:
 
 def _reached(request: PlanRequest, reply: PlanReply) -> list[Disagreement]:
     """That a motion doesn't begin at the start or end at a goal of joints, to 1e-6."""
-    assert reply.trajectory is not None, "it is a success"
     found, rows = [], reply.trajectory.positions
     ends = [("start", request.start, rows[0])]
     if isinstance(request.goal, JointsGoal):
@@ -450,7 +445,6 @@ def _at_goal(judge: Judge, request: PlanRequest, curve: Curve) -> list[Disagreem
         allowed = [*goal.position_tolerance, *goal.orientation_tolerance]
         beyond = [o - a for o, a in zip(off, allowed, strict=True) if a is not None]
     else:
-        assert isinstance(request.guide_planes, list), "they are given"
         corners = np.array(request.guide_planes[-1].vertices)
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[1])
         normal /= np.linalg.norm(normal)
@@ -466,7 +460,6 @@ def _at_goal(judge: Judge, request: PlanRequest, curve: Curve) -> list[Disagreem
 
 def _metrics(reply: PlanReply, curve: Curve) -> list[Disagreement]:
     """Length and duration that are off, by a share of 1e-3."""
-    assert reply.metrics is not None, "it is a success"
     fine = curve.chart_at(np.linspace(curve.times[0], curve.times[-1], 4000))
     length = float(np.linalg.norm(np.diff(fine, axis=0), axis=1).sum())
     told = {"joint_path_length": (reply.metrics.joint_path_length, length)}

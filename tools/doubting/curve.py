@@ -110,8 +110,7 @@ class Curve:
             return p + s * (q - p)
         v, w, h = self.rates[piece], self.rates[piece + 1], h[:, None]
         basis = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * (1.0 - s) ** 2, s**2 * (3.0 - 2.0 * s), s**2 * (s - 1.0)
-        found: np.ndarray = basis[0] * p + basis[1] * h * v + basis[2] * q + basis[3] * h * w
-        return found
+        return basis[0] * p + basis[1] * h * v + basis[2] * q + basis[3] * h * w
 
     def at(self, times: np.ndarray) -> Values:
         """Values of the joints at times (n,)."""

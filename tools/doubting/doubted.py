@@ -63,12 +63,9 @@ def doubted(loaded: Loaded, request: PlanRequest | CertifyRequest) -> Doubted:
     except GuidefieldError as error:
         return Doubted(None, (), type(error).__name__)
     if isinstance(reply, PlanReply):
-        assert isinstance(request, PlanRequest), "a plan was asked for"
         judge = judge_of(loaded, request, names_of(reply.position_names))
         found, sampled = about_plan(loaded, request, reply, judge)
         return Doubted(reply, tuple(found), None, judge, None, sampled)
-    assert isinstance(request, CertifyRequest), "a judgement was asked for"
-    assert isinstance(reply, CertifyReply), "it is one"
     judge, curve = judge_of(loaded, request, names_of(reply.position_names)), asked_curve(loaded, request)
     sampled = judge.along_all(curve, covered_from(reply.certificate.covers, curve))
     return Doubted(

@@ -75,5 +75,4 @@ def ground(rng: np.random.Generator, side: float) -> Mesh:
 
 def triangles_of(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Corners of the triangles, shape (t, 3, 3)."""
-    corners: np.ndarray = vertices[triangles]
-    return corners
+    return vertices[triangles]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -50,11 +51,15 @@ class Base:
     judge: Judge
     sampled: Sampled
 
+    @property
+    def obstacles(self) -> list[messages.Obstacle]:
+        """Those of the request."""
+        return self.request.scene.obstacles
+
 
 def base_of(loaded: Loaded, request: PlanRequest, reply: PlanReply, sampled: Sampled, judge: Judge) -> Base:
     """The motion of a plan's reply as a certify request."""
     one = reply.trajectory
-    assert one is not None, "it is certified"
     asked = CertifyRequest(
         robot=request.robot,
         scene=request.scene,
@@ -119,53 +124,61 @@ def _scalars(base: Base) -> list[tuple[int, int, str]]:
     return found
 
 
-def _knots(base: Base) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Times, positions and velocities of the motion's knots; None of one that has none."""
-    given = base.request.trajectory
-    if given is None or given.velocities is None or given.times is None:
-        return None
-    return np.array(given.times), np.array(given.positions, float), np.array(given.velocities, float)
+Knots = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Times, positions and velocities of a motion's knots."""
 
 
-def _with_knots(base: Base, times: np.ndarray, positions: np.ndarray, velocities: np.ndarray) -> CertifyRequest:
-    given = GivenTrajectory(positions.tolist(), times.tolist(), velocities.tolist())
-    return replaced(base.request, trajectory=given)
+def changes_knots(change: Callable[..., Knots | None]) -> Mutation:
+    """Make a mutation of a change of a motion's knots; a motion that has none isn't changed."""
+
+    @functools.wraps(change)
+    def mutation(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+        given = base.request.trajectory
+        if given is None or given.velocities is None or given.times is None:
+            return None
+        knots = np.array(given.times), np.array(given.positions, float), np.array(given.velocities, float)
+        changed = change(rng, base, knots)
+        if changed is None:
+            return None
+        times, positions, velocities = (one.tolist() for one in changed)
+        return replaced(base.request, trajectory=GivenTrajectory(positions, times, velocities))
+
+    return mutation
 
 
-def shifted(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+@changes_knots
+def shifted(rng: np.random.Generator, base: Base, knots: Knots) -> Knots | None:
     """A knot, or all of them, with a joint elsewhere."""
-    knots, scalars = _knots(base), _scalars(base)
-    if knots is None or not scalars:
-        return None
     times, positions, velocities = knots
+    scalars = _scalars(base)
+    if not scalars:
+        return None
     rows = slice(None) if rng.random() < 0.4 else int(rng.integers(len(times)))
     positions[rows, scalars[rng.integers(len(scalars))][0]] += small(rng, -7.0, -1.0)
-    return _with_knots(base, times, positions, velocities)
+    return times, positions, velocities
 
 
-def hurried(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+@changes_knots
+def hurried(rng: np.random.Generator, _base: Base, knots: Knots) -> Knots | None:
     """Velocities of knots changed."""
-    knots = _knots(base)
-    if knots is None:
-        return None
     times, positions, velocities = knots
     rows = slice(None) if rng.random() < 0.5 else int(rng.integers(len(times)))
     velocities[rows] *= 1.0 + small(rng, -6.0, 0.5)
-    return _with_knots(base, times, positions, velocities)
+    return times, positions, velocities
 
 
-def scaled(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+@changes_knots
+def scaled(rng: np.random.Generator, base: Base, knots: Knots) -> Knots | None:
     """Times stretched until a limit of a rate is just kept, or just not."""
-    knots = _knots(base)
+    times, positions, velocities = knots
     shares = standing(base.loaded, base.request, base.curve).shares
     rate = str(rng.choice(RATES))
-    if knots is None or not shares.get(rate, 0.0) > 0.0:
+    if not shares.get(rate, 0.0) > 0.0:
         return None
-    times, positions, velocities = knots
     factor = shares[rate] ** (1.0 / (1 + RATES.index(rate))) * (1.0 + small(rng, -9.0, -2.0))
     if not 1e-2 < factor < 1e2:
         return None
-    return _with_knots(base, times * factor, positions, velocities / factor)
+    return times * factor, positions, velocities / factor
 
 
 def limited(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
@@ -188,36 +201,33 @@ def limited(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     )
 
 
-def to_limit(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+@changes_knots
+def to_limit(rng: np.random.Generator, base: Base, knots: Knots) -> Knots | None:
     """All knots of a joint moved until it just reaches a limit of its position, or just exceeds it."""
-    knots, extremes = _knots(base), standing(base.loaded, base.request, base.curve).extremes
-    ranged = [(k, name) for k, _, name in _scalars(base) if _range(base, name) is not None]
-    if knots is None or not ranged or not extremes:
-        return None
     times, positions, velocities = knots
+    extremes = standing(base.loaded, base.request, base.curve).extremes
+    ranged = [(k, name) for k, _, name in _scalars(base) if _range(base, name) is not None]
+    if not ranged or not extremes:
+        return None
     column, name = ranged[rng.integers(len(ranged))]
     bounds, (low, high, *_) = _range(base, name), extremes[name]
-    assert bounds is not None, "it has limits"
     by = bounds[0] - low if rng.random() < 0.5 else bounds[1] - high
     positions[:, column] += by + small(rng, -13.0, -3.0)
-    return _with_knots(base, times, positions, velocities)
+    return times, positions, velocities
 
 
 def _range(base: Base, name: str) -> tuple[float, float] | None:
     joint = base.loaded.model.joint(name)
-    assert joint is not None, "it is one of the robot's"
     bounds = float(joint.lower[0]), float(joint.upper[0])
     return bounds if np.isfinite(bounds).all() else None
 
 
 def _resting(base: Base) -> list[int]:
-    assert not isinstance(base.request.scene, str), "scenes are sent"
-    return [k for k, one in enumerate(base.request.scene.obstacles) if one.trajectory is None]
+    return [k for k, one in enumerate(base.obstacles) if one.trajectory is None]
 
 
 def _with_obstacle(base: Base, index: int, one: messages.Obstacle) -> CertifyRequest:
-    assert not isinstance(base.request.scene, str), "scenes are sent"
-    obstacles = list(base.request.scene.obstacles)
+    obstacles = list(base.obstacles)
     obstacles[index:] = [one, *obstacles[index + 1 :]]
     return replaced(base.request, scene=replaced(base.request.scene, obstacles=obstacles))
 
@@ -226,8 +236,7 @@ def pushed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     """The obstacle that is nearest, moved until it is just as far as required, or just not."""
     nearest = base.sampled.obstacle
     resting = _resting(base)
-    assert not isinstance(base.request.scene, str), "scenes are sent"
-    mine = [k for k in resting if nearest.pair is not None and base.request.scene.obstacles[k].name == nearest.pair[1]]
+    mine = [k for k in resting if nearest.pair is not None and base.obstacles[k].name == nearest.pair[1]]
     if not mine:
         return None
     (distance,) = base.judge.along(base.curve, np.array([nearest.time]), np.array([nearest.index]))
@@ -235,19 +244,18 @@ def pushed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     by = away * (distance - base.request.min_clearance + small(rng, -6.0, -3.0))
     if not np.isfinite(by).all() or np.linalg.norm(by) > 2.0:
         return None
-    return _with_obstacle(base, mine[0], scenery.shifted(base.request.scene.obstacles[mine[0]], by))
+    return _with_obstacle(base, mine[0], scenery.shifted(base.obstacles[mine[0]], by))
 
 
 def jogged(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     """An obstacle moved a little, anywhere."""
     resting = _resting(base)
-    assert not isinstance(base.request.scene, str), "scenes are sent"
     if not resting:
         return None
     index = resting[rng.integers(len(resting))]
     by = rng.normal(size=3)
     by *= abs(small(rng, -6.0, -1.0)) / np.linalg.norm(by)
-    return _with_obstacle(base, index, scenery.shifted(base.request.scene.obstacles[index], by))
+    return _with_obstacle(base, index, scenery.shifted(base.obstacles[index], by))
 
 
 def added(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
@@ -258,7 +266,6 @@ def added(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     centres = base.judge.moving_centres()
     if not len(centres):
         return None
-    assert not isinstance(base.request.scene, str), "scenes are sent"
     at = centres[rng.integers(len(centres))] + 0.3 * rng.normal(size=3)
     one = scenery.obstacle(rng, str(rng.choice(scenery.KINDS)), "added", at, float(rng.uniform(0.02, 0.4)))
     setting: dict[str, Any] = {
@@ -272,28 +279,23 @@ def added(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     if pair < 0 or not 0.0 < margin < 3.0:
         return None
     one = scenery.shifted(one, away * (margin + small(rng, -6.0, -2.0)))
-    obstacles = [*base.request.scene.obstacles, one]
+    obstacles = [*base.obstacles, one]
     return replaced(base.request, scene=replaced(base.request.scene, obstacles=obstacles))
 
 
 def launched(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     """An obstacle that rests is made to move a little."""
-    can = [k for k in _resting(base) if not isinstance(_obstacle(base, k), messages.HalfSpace | messages.PointCloud)]
+    can = [k for k in _resting(base) if not isinstance(base.obstacles[k], messages.HalfSpace | messages.PointCloud)]
     if not can or base.request.trajectory is None or base.request.leave_start_contact:
         return None
     index = can[rng.integers(len(can))]
-    one, end = _obstacle(base, index), max(float(base.curve.times[-1]), 0.1)
+    one, end = base.obstacles[index], max(float(base.curve.times[-1]), 0.1)
     times = np.sort(rng.uniform(0.0, end, 3)) + 1e-3 * np.arange(3)
     place = getattr(one, "position", (0.0, 0.0, 0.0))
     steps = [np.array(place) + abs(small(rng, -4.0, -1.0)) * rng.normal(size=3) for _ in times]
     turn = getattr(one, "quaternion_xyzw", (0.0, 0.0, 0.0, 1.0))
     flight = messages.ObstacleTrajectory(times.tolist(), [Placement(tuple(p.tolist()), turn) for p in steps])
     return _with_obstacle(base, index, replaced(one, trajectory=flight))
-
-
-def _obstacle(base: Base, index: int) -> messages.Obstacle:
-    assert not isinstance(base.request.scene, str), "scenes are sent"
-    return base.request.scene.obstacles[index]
 
 
 def required(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
@@ -380,16 +382,15 @@ def _rows(base: Base, times: np.ndarray) -> list[list[float]]:
     """Rows of the motion at times, in the columns of its positions."""
     values = base.curve.at(times)
     columns = [values[part.name].reshape(len(times), -1) for part in base.curve.parts]
-    rows: list[list[float]] = np.hstack(columns).tolist()
-    return rows
+    return np.hstack(columns).tolist()
 
 
 def rewritten(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     """The same motion in other words: columns in another order, whole turns added, quaternions with the other sign."""
-    knots, names = _knots(base), base.request.position_names
-    if knots is None or names is None or base.request.velocity_names is None:
+    given, names = base.request.trajectory, base.request.position_names
+    if given is None or given.velocities is None or base.request.velocity_names is None:
         return None
-    times, positions, velocities = knots
+    times, positions, velocities = np.array(given.times), np.array(given.positions), np.array(given.velocities)
     turning = continuous(base.loaded)
     columns = {name: k for k, name in enumerate(names)}
     for part in base.curve.parts:
@@ -409,85 +410,69 @@ def rewritten(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     )
 
 
-def delayed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+@changes_knots
+def delayed(rng: np.random.Generator, _base: Base, knots: Knots) -> Knots | None:
     """The same motion, begun at another time: among obstacles that move it is another one."""
-    knots = _knots(base)
-    if knots is None:
-        return None
     times, positions, velocities = knots
-    return _with_knots(base, times + float(rng.uniform(-1.0, 2.0)), positions, velocities)
+    return times + float(rng.uniform(-1.0, 2.0)), positions, velocities
 
 
-def backwards(_rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+@changes_knots
+def backwards(_rng: np.random.Generator, base: Base, knots: Knots) -> Knots | None:
     """The motion from its end to its start."""
-    knots = _knots(base)
-    if knots is None or base.request.leave_start_contact:
-        return None
     times, positions, velocities = knots
-    return _with_knots(base, (times[-1] - times)[::-1], positions[::-1], -velocities[::-1])
-
-
-def wild(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
-    """Another motion altogether: joints somewhere at each knot, with some velocity."""
-    knots, scalars = _knots(base), _scalars(base)
-    if knots is None or not scalars:
+    if base.request.leave_start_contact:
         return None
-    count = int(rng.integers(1, 8))
-    times, positions = np.cumsum(rng.uniform(0.05, 1.0, count)), np.repeat(knots[1][:1], count, axis=0)
-    velocities = np.zeros((count, knots[2].shape[1]))
+    return (times[-1] - times)[::-1], positions[::-1], -velocities[::-1]
+
+
+@changes_knots
+def wild(rng: np.random.Generator, base: Base, knots: Knots) -> Knots | None:
+    """Another motion altogether: joints somewhere at each knot, with some velocity."""
+    times, positions, velocities = knots
+    scalars, count = _scalars(base), int(rng.integers(1, 8))
+    times, positions = np.cumsum(rng.uniform(0.05, 1.0, count)), np.repeat(positions[:1], count, axis=0)
+    velocities = np.zeros((count, velocities.shape[1]))
     for column, rate, _ in scalars:
         reach = abs(small(rng, -3.0, 0.3))
         positions[:, column] += reach * rng.normal(size=count)
         velocities[:, rate] = reach * rng.normal(size=count)
-    return _with_knots(base, times - times[0], positions, velocities)
+    return times - times[0], positions, velocities
 
 
 def renamed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     """An obstacle has another name."""
-    assert not isinstance(base.request.scene, str), "scenes are sent"
-    if not base.request.scene.obstacles:
+    if not base.obstacles:
         return None
-    index = int(rng.integers(len(base.request.scene.obstacles)))
-    return _with_obstacle(base, index, replaced(base.request.scene.obstacles[index], name="another"))
+    index = int(rng.integers(len(base.obstacles)))
+    return _with_obstacle(base, index, replaced(base.obstacles[index], name="another"))
 
 
-MUTATIONS: dict[str, Mutation] = {
-    "shifted": shifted,
-    "hurried": hurried,
-    "scaled": scaled,
-    "limited": limited,
-    "to_limit": to_limit,
-    "pushed": pushed,
-    "jogged": jogged,
-    "added": added,
-    "launched": launched,
-    "required": required,
-    "constrained": constrained,
-    "allowed": allowed,
-    "placed": placed,
-    "holding": holding,
-    "straight": straight,
-    "resampled": resampled,
-    "wild": wild,
-    "renamed": renamed,
-    "rewritten": rewritten,
-    "delayed": delayed,
-    "backwards": backwards,
+WEIGHTS: dict[Mutation, float] = {
+    shifted: 2.0,
+    hurried: 1.0,
+    scaled: 1.0,
+    limited: 1.0,
+    to_limit: 1.0,
+    pushed: 4.0,
+    jogged: 1.0,
+    added: 3.0,
+    launched: 0.6,
+    required: 3.0,
+    constrained: 1.0,
+    allowed: 0.7,
+    placed: 1.0,
+    holding: 1.0,
+    straight: 1.0,
+    resampled: 1.0,
+    wild: 1.5,
+    renamed: 0.3,
+    rewritten: 1.0,
+    delayed: 0.5,
+    backwards: 0.5,
 }
-_WEIGHTS = {
-    "shifted": 2.0,
-    "pushed": 4.0,
-    "required": 3.0,
-    "added": 3.0,
-    "wild": 1.5,
-    "renamed": 0.3,
-    "allowed": 0.7,
-    "launched": 0.6,
-    "delayed": 0.5,
-    "backwards": 0.5,
-}
-SHARES = np.array([_WEIGHTS.get(name, 1.0) for name in MUTATIONS])
-SHARES /= SHARES.sum()
-"""How often each is drawn."""
+"""How often each change is drawn, relative to the others."""
+MUTATIONS = {one.__name__: one for one in WEIGHTS}
+SHARES = np.array(list(WEIGHTS.values())) / sum(WEIGHTS.values())
 LIGHT = ("limited", "required", "allowed", "placed", "scaled", "hurried")
 """Changes that may come on top of another."""

@@ -181,8 +181,7 @@ def _some(rng: np.random.Generator, among: Sequence[Any]) -> Any:
 
 
 def _drawn(rng: np.random.Generator) -> Change:
-    change: Change = _some(rng, CHANGES_OF_RECORDS)
-    return change
+    return _some(rng, CHANGES_OF_RECORDS)
 
 
 def more_clearance(_: np.random.Generator, one: Proved, __: Sequence[Proved]) -> Arrays | None:

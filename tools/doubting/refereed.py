@@ -100,7 +100,6 @@ def _primitive(loaded: Loaded, request: CertifyRequest, pair: list[str]) -> bool
 
 
 def _obstacles(request: CertifyRequest) -> list[Obstacle]:
-    assert not isinstance(request.scene, str), "scenes are sent"
     return request.scene.obstacles
 
 

@@ -78,8 +78,8 @@ class Robot:
     @classmethod
     def of(cls, plain: dict[str, object]) -> Robot:
         """From `plain`."""
-        meshes = {name: base64.b64decode(data) for name, data in plain["meshes"].items()}  # type: ignore[attr-defined]
-        return cls(plain["catalog"], plain["text"], meshes, plain["root_joint"])  # type: ignore[arg-type]
+        meshes = {name: base64.b64decode(data) for name, data in plain["meshes"].items()}
+        return cls(plain["catalog"], plain["text"], meshes, plain["root_joint"])
 
 
 def drawn(rng: np.random.Generator) -> Robot:

@@ -132,10 +132,7 @@ def flying(
 ) -> messages.Obstacle:
     """An obstacle that flies by a place, turning, within about a time."""
     times = _times(rng, seconds)
-    placements = [
-        Placement(tuple((at + by * rng.normal(size=3)).tolist()), turned(rng))
-        for _ in times  # type: ignore[arg-type]
-    ]
+    placements = [Placement(tuple((at + by * rng.normal(size=3)).tolist()), turned(rng)) for _ in times]
     return msgspec.structs.replace(one, trajectory=messages.ObstacleTrajectory(times, placements))
 
 
@@ -156,8 +153,7 @@ def swaying(
 def _times(rng: np.random.Generator, seconds: float) -> list[float]:
     """When something is at its two to four places, within about a time [s]."""
     count = int(rng.integers(2, 5))
-    times: list[float] = (np.sort(rng.uniform(0.0, seconds, count)) + 0.05 * np.arange(count)).tolist()
-    return times
+    return (np.sort(rng.uniform(0.0, seconds, count)) + 0.05 * np.arange(count)).tolist()
 
 
 def closest(judge: Judge, values: Values, obstacles_only: bool = True) -> tuple[float, np.ndarray, int]:
@@ -240,7 +236,7 @@ def held(rng: np.random.Generator, link: str) -> AttachedObject:
     return AttachedObject(
         obstacle=shape,
         link=link,
-        placement=Placement(tuple(offset.tolist()), turned(rng)),  # type: ignore[arg-type]
+        placement=Placement(tuple(offset.tolist()), turned(rng)),
     )
 
 
@@ -252,5 +248,5 @@ def placement(rng: np.random.Generator) -> Placement:
     away = float(10.0 ** rng.uniform(0.0, 6.6)) if rng.random() < DISTANT / 0.3 else 1.0
     return Placement(
         tuple((away * rng.normal(size=3)).tolist()),
-        tuple(pin.Quaternion(axis).coeffs().tolist()),  # type: ignore[arg-type]
+        tuple(pin.Quaternion(axis).coeffs().tolist()),
     )

@@ -44,8 +44,7 @@ class Body:
 
 def bodies(message: messages.Obstacle) -> list[Body]:
     """The shapes of an obstacle; a cloud has one for each point."""
-    found: list[Body] = MAKERS[type(message)](message)
-    return found
+    return MAKERS[type(message)](message)
 
 
 def frame(message: messages.Obstacle) -> Any:
@@ -63,7 +62,6 @@ def se3(placement: Placement) -> Any:
 def frames_at(message: messages.Obstacle, times: np.ndarray) -> list[Any]:
     """Where an obstacle that moves has its frame at times (n,): on a screw from each placement to the next."""
     flight = message.trajectory
-    assert flight is not None, "it moves"
     knots, placements, found = np.array(flight.times), [se3(one) for one in flight.placements], []
     for t in times:
         k = int(np.searchsorted(knots, t, side="right")) - 1

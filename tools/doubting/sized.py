@@ -61,7 +61,6 @@ def scale_lengths(root: Any, size: float) -> None:
 
 def sized_request(request: requests.PlanRequest, size: float, loaded: Loaded) -> requests.PlanRequest:
     """A plan for the robot that became so many times as large, with all else so much larger, too."""
-    assert not isinstance(request.scene, str), "scenes are sent"
     goal: Any = request.goal
     if isinstance(goal, requests.PoseGoal):
         goal = _larger(goal, size, "position")
@@ -91,7 +90,6 @@ def sized_request(request: requests.PlanRequest, size: float, loaded: Loaded) ->
 
 def in_meshes(request: requests.PlanRequest) -> requests.PlanRequest:
     """A plan among meshes in place of boxes, cylinders and capsules that rest."""
-    assert not isinstance(request.scene, str), "scenes are sent"
     obstacles = [_meshed(one) for one in request.scene.obstacles]
     return msgspec.structs.replace(request, scene=messages.Scene(name="doubted", obstacles=obstacles))
 

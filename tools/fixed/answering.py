@@ -50,8 +50,7 @@ def answered(request: dict[str, Any]) -> dict[str, Any]:
         reply = guidefield.answer(request)
     except guidefield.GuidefieldError as error:
         return {"error": type(error).__name__, "message": str(error)}
-    found: dict[str, Any] = _unmeasured(msgspec.to_builtins(reply))
-    return found
+    return _unmeasured(msgspec.to_builtins(reply))
 
 
 def _refereed(request: dict[str, Any]) -> dict[str, Any]:

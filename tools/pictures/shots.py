@@ -96,7 +96,6 @@ def sheet(run: Planned) -> Faults:
 
 def _moments(request: PlanRequest, reply: PlanReply) -> list[tuple[str, float]]:
     """Start, where the tip crosses each guide plane, and the end: each with its time [s]."""
-    assert reply.trajectory is not None
     about = guidefield.answer(ReadRobot(request.robot))
     rows = [_positions(reply.position_names, row) for row in reply.trajectory.positions]
     asked = ForwardKinematics(
@@ -128,7 +127,6 @@ def _positions(names: Sequence[str], row: Sequence[float]) -> dict[str, float | 
 
 def clip(run: Planned, view: View, style: Style) -> Faults:
     """The motion as an animation, at the pace at which it is to be executed, or slower where it lasts under 2.5 s."""
-    assert run.reply.trajectory is not None
     duration = run.reply.trajectory.times[-1]
     yield from _frames(run, view, style, list(np.linspace(0.0, duration, FRAMES)), max(duration, 2.5))
 
@@ -170,9 +168,6 @@ def beside(runs: Sequence[Planned], view: View, style: Style, picture: Path) -> 
     """Plans that differ in their objective, each after a third of its time, under duration and smallest distance."""
     images, headings = [], []
     for run in runs:
-        assert run.reply.trajectory is not None
-        assert run.reply.metrics is not None
-        assert run.reply.clearance is not None
         others = [one.recording for one in runs if one is not run]
         run.draw({"motion": view}, BESIDE[0] / BESIDE[1], style, others)
         with headless_viewer((BESIDE[0], BESIDE[1] + 2 * BARS)) as viewer:

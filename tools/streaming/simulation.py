@@ -282,7 +282,7 @@ def _observed(mover: Mover, now: float, deviating: bool) -> Observation:
     return Observation(mover.name, now, Placement(tuple(mover.position.tolist()), mover.quaternion), velocity)
 
 
-def _exchange(stream, executed, seen, now, z, rng, faults, charged, outcome, limits) -> None:  # type: ignore[no-untyped-def]
+def _exchange(stream, executed, seen, now, z, rng, faults, charged, outcome, limits) -> None:
     """Send an update, unless it is lost, and take the piece, unless it is late."""
     if faults.silent[0] <= now - faults.epoch < faults.silent[1] or rng.random() < faults.lost:
         return
@@ -317,7 +317,7 @@ def _exchange(stream, executed, seen, now, z, rng, faults, charged, outcome, lim
     executed.take(answer)
 
 
-def _look(outcome, bodies, places, movers, resting, now, moving, step) -> None:  # type: ignore[no-untyped-def]
+def _look(outcome, bodies, places, movers, resting, now, moving, step) -> None:
     """Look for contacts."""
     found = outcome.at_speed if moving else outcome.at_rest
     if movers:
