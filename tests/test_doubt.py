@@ -126,9 +126,9 @@ def test_a_goal_that_something_comes_to_rest_in_is_rightly_refused(tmp_path: Pat
     [(certified, 0.9, "FALSE_CERTIFICATE"), (farther, 0.3, "FIGURE"), (refused, 0.3, "FALSE_REFUSAL")],
 )
 def test_planted_faults_are_found_and_shrunk(tmp_path: Path, change: Any, until: float, kind: str) -> None:
+    from doubting.case import shrunk
     from doubting.compare import Kind
     from doubting.doubted import doubted
-    from doubting.shrink import shrunk
 
     liar = loaded(tmp_path, Lying(change))
     came = doubted(liar, slide(until))

@@ -51,8 +51,7 @@ def test_spheres_that_are_too_small_are_seen(share: float, far: float, monkeypat
 
 
 def test_spheres_and_boxes_hold_what_they_are_about() -> None:
-    from doubting.bounds import check_bounds, random_scene
-    from doubting.tables import SINGLE, robot_alone
+    from doubting.tables import SINGLE, check_bounds, random_scene, robot_alone
 
     alone = check_bounds(robot_alone(robot("panda")))
     assert {f"panda_link{k}" for k in range(1, 8)} < set(alone)
@@ -73,7 +72,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_bounds_that_are_too_small_are_seen(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from doubting import bounds
+    from doubting import tables
     from doubting.tables import SINGLE
 
     def spoilt(made: Any) -> Any:
@@ -82,18 +81,17 @@ def test_bounds_that_are_too_small_are_seen(fault: str, monkeypatch: pytest.Monk
 
     world = World.build(group("panda"), build(scenes.read_packaged("bookshelf")))
     if "sphere" in fault:
-        monkeypatch.setattr(bounds, "bodies", lambda of: spoilt(bodies(of)))
+        monkeypatch.setattr(tables, "bodies", lambda of: spoilt(bodies(of)))
     else:
         monkeypatch.setattr(
-            bounds, "obstacle_boxes", lambda of: SimpleNamespace(tables=spoilt(obstacle_boxes(of).tables))
+            tables, "obstacle_boxes", lambda of: SimpleNamespace(tables=spoilt(obstacle_boxes(of).tables))
         )
-    assert max(bounds.check_bounds(world).values()) > SINGLE
+    assert max(tables.check_bounds(world).values()) > SINGLE
 
 
 @pytest.mark.parametrize("level", [0, 1, 2])
 def test_points_and_boxes_of_a_cloud_that_are_moved_are_seen(level: int) -> None:
-    from doubting.bounds import _in_cloud
-    from doubting.tables import SINGLE
+    from doubting.tables import SINGLE, _in_cloud
 
     points = np.random.default_rng(6).normal(size=(5000, 3))
     cloud = Cloud(points, 0.02).tables.tables

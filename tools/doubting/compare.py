@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from doubting.columns import COORDINATES, split_columns
-from doubting.curve import Curve
+from doubting.curve import COORDINATES, Curve, split_columns
 from doubting.judge import Judge, Nearest, Sampled
 from doubting.limits import RATES, Standing, standing
 from doubting.loaded import Loaded, as_values

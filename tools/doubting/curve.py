@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
-from doubting.columns import split_columns
+COORDINATES = ("", "x", "y", "z", "theta", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
+"""Ends of columns of joints of several coordinates, in their order."""
+
+
+def split_columns(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Split columns into joint and coordinate.
+
+    The name of a joint may have a dot itself: `joint_0.0`, or `base.x` beside no other column of `base`.
+    """
+    found = []
+    for name in names:
+        joint, _, coordinate = name.rpartition(".")
+        others = sum(other.startswith(f"{joint}.") and other[len(joint) + 1 :] in COORDINATES for other in names)
+        found.append((joint, coordinate) if joint and coordinate in COORDINATES[1:] and others > 1 else (name, ""))
+    return found
+
 
 Values = dict[str, np.ndarray]
 """By joint, a row for each of n times: (n,) angles or lengths, (n, 3) planar, (n, 4) ball, (n, 7) floating."""

@@ -18,7 +18,7 @@ import pinocchio as pin
 from doubting import hulls, shapes
 from doubting.curve import Curve, Values
 from doubting.formula import Formula
-from doubting.solid import encloses
+from doubting.meshes import encloses
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.values import Placement

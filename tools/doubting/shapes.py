@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
-from doubting.meshes import outward
-from doubting.solid import is_closed
+from doubting.meshes import is_closed, outward
 from guidefield.messages import scene as messages
 from guidefield.messages.scene import Points, Triangles
 from guidefield.messages.values import Float32Array, Placement, Uint32Array

@@ -13,13 +13,12 @@ import numpy as np
 
 from doubting import aligned, mutants, robots, sized
 from doubting.asked import asked
-from doubting.case import Case, Request
+from doubting.case import Case, Request, contradicted, shrunk
 from doubting.doubted import Doubted, doubted
 from doubting.judge import Sampled
 from doubting.loaded import Loaded
 from doubting.proofs import Proved, doubt_proof
 from doubting.refereed import Outcome, refereed, validated
-from doubting.shrink import contradicted, shrunk
 from doubting.tally import Unit, commit
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError
