@@ -168,8 +168,7 @@ def _with(made: Any, change: Callable[[str, np.ndarray], Any], name: str = "") -
 
 
 def _listed(made: Made) -> Made:
-    listed: Made = _with(made, lambda _, array: array.tolist())
-    return listed
+    return _with(made, lambda _, array: array.tolist())
 
 
 def _packed(made: Made) -> Made:

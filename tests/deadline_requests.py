@@ -34,8 +34,7 @@ def _away(count: int) -> list[list[float]]:
     """Places, all but ten of them out of reach."""
     places = np.random.default_rng(7).uniform([2.0, -9.0, -9.0], [9.0, 9.0, 9.0], (count, 3))
     places[:10] = [[0.75 * math.cos(0.6 * k), 0.75 * math.sin(0.6 * k), 0.05] for k in range(min(10, count))]
-    listed: list[list[float]] = places.tolist()
-    return listed
+    return places.tolist()
 
 
 def boxes(count: int) -> Made:
@@ -76,8 +75,7 @@ def points(count: int) -> Made:
 def _round(corners: int, middle: list[float], radius: float) -> np.ndarray:
     """A polygon that stands upright."""
     angles = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)
-    made: np.ndarray = middle + radius * np.column_stack([np.zeros(corners), np.cos(angles), np.sin(angles)])
-    return made
+    return middle + radius * np.column_stack([np.zeros(corners), np.cos(angles), np.sin(angles)])
 
 
 def polygons(count: int) -> Made:

@@ -134,7 +134,6 @@ def test_planted_faults_are_found_and_shrunk(tmp_path: Path, change: Any, until:
     came = doubted(liar, slide(until))
     assert Kind[kind] in {one.kind for one in came.found}
     small = shrunk(liar, slide(until), Kind[kind])
-    assert isinstance(small.scene, Scene)
     assert [one.name for one in small.scene.obstacles] == ["near"]
     assert Kind[kind] in {one.kind for one in doubted(liar, small).found}
 

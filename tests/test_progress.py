@@ -42,9 +42,7 @@ def engine() -> Engine:
 
 
 def _planned(engine: Engine, watcher: _Watcher | None) -> PlanReply:
-    reply = engine.answer(REQUEST, watcher=watcher)
-    assert isinstance(reply, PlanReply)
-    return reply
+    return engine.answer(REQUEST, watcher=watcher)
 
 
 def test_every_stage_is_told_and_nothing_changes_for_it(engine: Engine) -> None:

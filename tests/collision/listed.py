@@ -60,8 +60,7 @@ def part_separations(world: World, placements: np.ndarray, pairs: np.ndarray) ->
 
     def centres(of: np.ndarray) -> np.ndarray:
         carriers = placements[about.joints[of]]
-        placed: np.ndarray = about.part_centres[of] @ carriers[..., :3].swapaxes(1, 2) + carriers[:, None, :, 3]
-        return placed
+        return about.part_centres[of] @ carriers[..., :3].swapaxes(1, 2) + carriers[:, None, :, 3]
 
     between = centres(first[own])[:, :, None] - centres(second[own])[:, None]
     radii = about.part_radii

@@ -46,8 +46,7 @@ def _least_heights(corners: np.ndarray) -> np.ndarray:
     a, b, c = np.moveaxis(corners, 1, 0)
     across = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     longest = np.maximum.reduce([np.linalg.norm(edge, axis=1) for edge in (b - a, c - b, a - c)])
-    heights: np.ndarray = across / np.maximum(longest, 1e-300)
-    return heights
+    return across / np.maximum(longest, 1e-300)
 
 
 def test_the_rim_of_an_opening_is_no_crack_however_fine_it_is() -> None:

@@ -12,9 +12,7 @@ from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.errors import (
     InvalidConfiguration,
     InvalidGroup,
-    Preempted,
     Status,
-    TimedOut,
     UnknownFrame,
     UnknownObject,
 )
@@ -367,7 +365,6 @@ class TestAllowance:
         with pytest.raises(DeadlineExpired, match=r"^0 of") as late:
             self.answered(request_, Deadline(0.0))
         told = ended_work(late.value, 2.5)
-        assert isinstance(told, TimedOut)
         assert told.message.startswith("the 2.5 s that `allowed_time` allows were up after 0 of")
         assert told.details["done"] == 0
 
@@ -384,5 +381,4 @@ class TestAllowance:
         with pytest.raises(DeadlineExpired, match=f"^{2 * POINTS_PER_CHECK} of {len(points)}$") as ended:
             self.answered(request, Deadline(is_cancelled=lambda: next(some, True)))
         told = ended_work(ended.value, 1.0)
-        assert isinstance(told, Preempted)
         assert f"cancelled after {2 * POINTS_PER_CHECK} of" in told.message

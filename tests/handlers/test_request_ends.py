@@ -35,9 +35,7 @@ def to(value: float) -> dict[str, Any]:
 def ask(start: Any, goal: dict[str, Any] | None, of: dict[str, Any], **fields: Any) -> PlanReply:
     start = start if isinstance(start, dict) else {"j": start}
     request = {"robot": of, "scene": EMPTY, "start": start, "goal": goal, **fields}
-    reply = answer(request if "steps" in fields else {"guide_planes": [], **request})
-    assert isinstance(reply, PlanReply)
-    return reply
+    return answer(request if "steps" in fields else {"guide_planes": [], **request})
 
 
 def rows(reply: PlanReply) -> np.ndarray:

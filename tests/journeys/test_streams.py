@@ -173,7 +173,6 @@ def test_pieces_lead_to_goals_that_change_and_what_is_wrong_is_told(
     with client.stream(ASKED, clock=clock) as stream:
         assert client.streams() == [stream.stream_id]
         state = step(stream, clock, judge)
-        assert isinstance(state, StreamState)
         assert state.reason == "standing"
         assert stream.aim_for(GOAL) == 1
         answers = [step(stream, clock, judge) for _ in range(15)]
@@ -194,7 +193,6 @@ def test_pieces_lead_to_goals_that_change_and_what_is_wrong_is_told(
         assert any(isinstance(one, Piece) for one in moving)
         stream.stop()
         state = step(stream, clock, judge)
-        assert isinstance(state, StreamState)
         assert state.reason == "stopped"
         assert stream.at(state.stops).velocities == (0.0,) * 6
         _attack(service, stream, clock)
@@ -226,7 +224,6 @@ def test_a_client_asks_whether_what_it_executes_is_still_proven(client: Client) 
         told = stream.judged(clock.now)
         assert not told.proven
         assert told.pair[1] == "crate"
-        assert told.time is not None
         assert clock.now <= told.time <= told.stops
         with pytest.raises(MalformedRequest, match="time"):
             stream.judged(float("nan"))
@@ -242,8 +239,7 @@ def _shown(recording: bytes) -> list[float]:
         Path(file.name).write_bytes(recording)
         (chunk,) = (one for one in RrdReader(file.name).stream().to_chunks() if one.entity_path == "/path/stop")
     nanoseconds = chunk.to_record_batch().column("path_time").to_numpy(zero_copy_only=False).astype(np.int64)
-    times: list[float] = (1e-9 * nanoseconds).tolist()
-    return times
+    return (1e-9 * nanoseconds).tolist()
 
 
 def _has_a_recording(service: Service, client: Client, stream: ServiceStream, tmp_path: Path) -> None:

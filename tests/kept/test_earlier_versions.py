@@ -48,8 +48,7 @@ RECORDED = ("guided", "joints", "refused")
 
 @pytest.fixture(params=ARCHIVES)
 def version(request: pytest.FixtureRequest) -> str:
-    name: str = request.param
-    return name
+    return request.param
 
 
 @pytest.fixture

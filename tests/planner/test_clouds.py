@@ -7,7 +7,7 @@ import pinocchio as pin
 import guidefield
 from guidefield.geometry import surfaces
 from guidefield.robot.link_charges import surface_points
-from tests.robots import robot
+from tests.handlers.motions import Bare, distance
 
 RADIUS = 0.02
 SOLID = surfaces.box((0.3, 0.4, 0.5))
@@ -28,19 +28,11 @@ def test_a_robot_goes_around_a_cloud() -> None:
         }
     )
     assert reply.status.name == "SUCCESS", reply.status
-    panda = robot("panda")
-    data, geometry = panda.model.createData(), pin.GeometryData(panda.geometry)
-    columns = [panda.model.joints[panda.model.getJointId(name)].idx_q for name in reply.position_names]
-    ball, nearest = coal.Sphere(RADIUS), np.inf
-    for positions in reply.trajectory.positions[::4]:
-        q = np.array(panda.rest)
-        q[columns] = positions
-        pin.updateGeometryPlacements(panda.model, data, panda.geometry, geometry, q)
-        for shape, placement in zip(panda.geometry.geometryObjects, geometry.oMg, strict=True):
-            here = coal.Transform3s(placement.rotation, placement.translation)
-            for point in SCAN[::3]:
-                there = coal.Transform3s(np.eye(3), point)
-                request, result = coal.DistanceRequest(), coal.DistanceResult()
-                nearest = min(nearest, coal.distance(shape.geometry, here, ball, there, request, result))
+    bare, ball, nearest = Bare(reply.position_names), coal.Sphere(RADIUS), np.inf
+    places = [pin.SE3(np.eye(3), point) for point in SCAN[::3]]
+    for row in reply.trajectory.positions[::4]:
+        bare.stand(np.array(row))
+        for _, shape, here in bare.bodies():
+            nearest = min(nearest, *(distance(shape, here, ball, there) for there in places))
     assert nearest > 0.0
     assert nearest > reply.clearance.minimum - 1e-3

@@ -90,7 +90,6 @@ def post_and_door() -> tuple[messages.Obstacle, ...]:
 def efforts(*most: float) -> EffortLimit:
     """Limits of the first joints of a Panda [N m]."""
     tree = tree_of(PANDA)
-    assert not isinstance(tree, str)
     return EffortLimit(tree, np.r_[most, np.full(7 - len(most), np.inf)], tuple(PANDA.velocity_names))
 
 

@@ -72,7 +72,6 @@ def test_a_slight_contact_is_left_and_the_rest_certified() -> None:
 def among(made: Problem, times: list[float], *ways: tuple[float, float, float]) -> Problem:
     """The same with the board on its way from where it stands."""
     (board,) = made.scene.message.obstacles
-    assert isinstance(board, messages.Box)
     places = [tuple(np.add(board.position, way).tolist()) for way in ways]
     moving = msgspec.structs.replace(board, trajectory=flight(times, *places))
     return problem(made.group, scene_of(moving), made.goal, planes=(), leave_start_contact=True)

@@ -227,13 +227,11 @@ class Recording:
 
     def values(self, entity: str, component: str, timeline: str | None = None) -> list[Any]:
         """A component's rows as plain lists."""
-        rows: list[Any] = self.batch(entity, timeline).column(component).to_pylist()
-        return rows
+        return self.batch(entity, timeline).column(component).to_pylist()
 
     def one(self, entity: str, component: str) -> list[Any]:
         """The component of an entity that holds at all times."""
         (row,) = self.values(entity, component)
-        assert isinstance(row, list)
         return row
 
     def times(self, entity: str, timeline: str) -> np.ndarray:

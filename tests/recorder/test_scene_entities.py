@@ -53,5 +53,4 @@ def test_a_moving_obstacle_is_drawn_once_and_carried_along() -> None:
 def _corners(box: messages.Box) -> np.ndarray:
     """Of a box in its own frame, shape (8, 3)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    corners: np.ndarray = 0.5 * signs * box.size
-    return corners
+    return 0.5 * signs * box.size

@@ -30,8 +30,7 @@ from tests.robots import box_arm, group, grouped, robot
 def told() -> dict[str, Any]:
     planned = grouped(box_arm("y", 1), "l1")
     (case,) = case_file.make_cases(straight(world_of(planned, [box("b", (0.1, 0.1, 0.1), (1, 0, 0))]), [[0.0], [0.3]]))
-    made: dict[str, Any] = json.loads(json.dumps(case))
-    return made
+    return json.loads(json.dumps(case))
 
 
 def _follow(case: dict[str, Any], followed: str) -> None:

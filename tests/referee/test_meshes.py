@@ -36,8 +36,7 @@ def world_at(path: Path) -> World:
 
 def told_of(world: World) -> dict[str, Any]:
     (told,) = case_file.make_cases(straight(world, WAY))
-    made: dict[str, Any] = json.loads(json.dumps(told))
-    return made
+    return json.loads(json.dumps(told))
 
 
 @pytest.mark.parametrize(

@@ -202,8 +202,7 @@ def test_slabs_of_a_search_with_a_fault_arent_true(
 def _between_bodies(proof: Proof) -> np.ndarray:
     """Slabs across directions that are told; a half-space has one of its own."""
     shapes = proof.node_shapes[proof.slab_nodes[:, 1], 1]
-    found: np.ndarray = np.flatnonzero(proof.slab_axes.any(axis=1) & np.isfinite(proof.shape_numbers[shapes, 0]))
-    return found
+    return np.flatnonzero(proof.slab_axes.any(axis=1) & np.isfinite(proof.shape_numbers[shapes, 0]))
 
 
 def _reversed_axis(arrays: dict[str, np.ndarray], row: int) -> None:
@@ -309,7 +308,6 @@ def test_a_proof_that_unpacks_to_too_much_isnt_unpacked(tmp_path: Path, monkeypa
 
 def test_a_proof_of_another_motion_is_refused(cases: list[tuple[Case, Proof]]) -> None:
     for case, proof in cases[:6]:
-        assert case.times is not None
         later = case.times + 1e-3
         assert replay(dataclasses.replace(case, times=later), proof).answer is Answer.NOT_PROVED
 

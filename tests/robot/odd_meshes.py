@@ -40,8 +40,7 @@ def odd(seed: int) -> Soup:
         triangles = triangles + rng.normal(size=triangles.shape) * 10.0 ** rng.uniform(-16, -5)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     away = rng.normal(size=3) * 10.0 ** rng.uniform(-2, 2) if rng.random() < 0.2 else np.zeros(3)
-    moved: Soup = triangles @ (turn if rng.random() < 0.7 else np.eye(3)) + away
-    return moved
+    return triangles @ (turn if rng.random() < 0.7 else np.eye(3)) + away
 
 
 def _grid(count: int, surface: np.ndarray) -> Soup:

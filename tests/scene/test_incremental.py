@@ -122,8 +122,7 @@ def bits(value: Any) -> Any:
 
 def copied(scene: messages.Scene) -> messages.Scene:
     """The same scene as nobody has seen it."""
-    decoded: messages.Scene = codec.decode(codec.encode(scene), messages.Scene)
-    return decoded
+    return codec.decode(codec.encode(scene), messages.Scene)
 
 
 def test_many_scattered_changes_and_another_count_change_tables_row_by_row():

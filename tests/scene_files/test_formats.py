@@ -13,7 +13,6 @@ from guidefield import Scene
 from guidefield.errors import SceneInvalid
 from guidefield.messages import codec
 from guidefield.messages.requests import UrdfFile
-from guidefield.messages.scene import HalfSpace, Mesh, PointCloud
 from guidefield.messages.values import Float32Array
 from guidefield.robot.catalog import Catalog
 from tests.robot.mesh_files import written
@@ -44,11 +43,9 @@ def save(folder: Path, suffix: str, content: bytes, stem: str = "cell") -> Path:
 
 def vertices_of(mesh: object) -> np.ndarray:
     """Corners of a mesh in the world, shape (v, 3)."""
-    assert isinstance(mesh, Mesh)
     own = mesh.vertices
     points = np.frombuffer(own.float32, "<f4").reshape(-1, 3) if isinstance(own, Float32Array) else np.array(own)
-    placed: np.ndarray = points @ pin.Quaternion(*np.roll(mesh.quaternion_xyzw, 1)).matrix().T + mesh.position
-    return placed
+    return points @ pin.Quaternion(*np.roll(mesh.quaternion_xyzw, 1)).matrix().T + mesh.position
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +142,6 @@ def test_a_cloud_is_the_same_in_every_format(kind: str, tmp_path: Path) -> None:
     suffix, writer = clouds.WRITERS[kind]
     with pytest.warns(UserWarning, match=r"cell\.\w+: 1 points with coordinates that are NaN are left out"):
         (cloud,) = Scene.read(save(tmp_path, suffix, writer(points)), radius=0.02).obstacles
-    assert isinstance(cloud, PointCloud)
     assert (cloud.name, cloud.radius) == ("cell", 0.02)
     assert np.array_equal(cloud.points, np.delete(points, 7, axis=0))
     with pytest.raises(SceneInvalid, match=r"cell.*give their `radius`"):
@@ -183,7 +179,6 @@ def test_planes_are_solid_below_their_normal(tmp_path: Path) -> None:
     model = f'<sdf version="1.6"><model name="m"><link name="l">{collision}</collision></link></model></sdf>'
     for suffix, text in ((".scene", f"s\n{plane}.\n"), (".world", model)):
         (floor,) = Scene.read(save(tmp_path, suffix, text.encode())).obstacles
-        assert isinstance(floor, HalfSpace)
         assert np.allclose((*floor.normal, floor.offset), (*wanted[0], wanted[1]), atol=1e-12)
 
 

@@ -23,7 +23,6 @@ def to(x: float, version: int | None = None) -> SceneDiff:
 
 def place(scene: Scene) -> float:
     (ball,) = scene.obstacles
-    assert isinstance(ball, Sphere)
     return ball.position[0]
 
 

@@ -131,8 +131,7 @@ def _column(chunk: object, name: str) -> list[object]:
     """The rows of a component by the end of its name."""
     batch = chunk.to_record_batch()
     (column,) = (one for one in batch.schema.names if one.endswith(name))
-    rows: list[object] = batch.column(column).to_pylist()
-    return rows
+    return batch.column(column).to_pylist()
 
 
 def test_the_demonstration_serves_and_can_be_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield import Piece, Stream, StreamState
+from guidefield import Piece, Stream
 from guidefield.errors import InvalidGoal, MalformedRequest, SceneInvalid, StreamUnknown, UnknownObject
 from guidefield.stream.dodging import TimedPath
 
@@ -95,7 +95,6 @@ def test_what_touches_at_the_start_is_told_also_where_there_is_no_goal() -> None
     with opened(scene=scene, goal=None) as stream:
         assert "at the start 'forearm_link' touches 'ball'" in stream.warnings
         state = stream.update(time=0.0)
-    assert isinstance(state, StreamState)
     assert (state.reason, state.pair, state.time) == ("standing", None, None)
     with pytest.raises(InvalidGoal, match=r"the goal touches .* 4 mm; at the start 'upper_arm_link' touches 'ball'"):
         opened(scene=scene)
@@ -130,7 +129,6 @@ def test_what_is_held_is_kept_from_what_moves() -> None:
 def test_what_is_held_is_named_where_it_is_too_close() -> None:
     with opened(obstacles=[crate(0.0)], attached_objects=held(0.12)) as stream:
         state = stream.update(time=0.0, obstacles=[seen(placement={"position": BESIDE_THE_START})])
-    assert isinstance(state, StreamState)
     assert (state.reason, state.pair) == ("too_close", ("apple", "crate"))
 
 

@@ -13,8 +13,7 @@ RANGES = (0.08, 0.04, 0.012)
 
 def penalty(distance: float, reach: float) -> tuple[float, float, float]:
     """The barrier of a robot of usual size."""
-    found: tuple[float, float, float] = of_a_size(distance, reach, 1.0)
-    return found
+    return of_a_size(distance, reach, 1.0)
 
 
 @pytest.mark.parametrize("reach", RANGES)

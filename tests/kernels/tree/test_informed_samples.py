@@ -23,8 +23,7 @@ def drawn(words: Words, places: Floats, ends: Floats32, reach: float, used: int,
 def steps_of(count: int) -> np.ndarray:
     """Powers of the number whose multiples fill a box of so many sides evenly."""
     g = np.roots([1.0, *[0.0] * (count - 1), -1.0, -1.0])
-    steps: np.ndarray = g[np.abs(g.imag) < 1e-9].real.max() ** -np.arange(1.0, count + 1.0)
-    return steps
+    return g[np.abs(g.imag) < 1e-9].real.max() ** -np.arange(1.0, count + 1.0)
 
 
 def sequence(

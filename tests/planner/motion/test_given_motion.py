@@ -8,7 +8,7 @@ import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
 from guidefield.planner.motion.limit_load import measure_limit_shares
-from guidefield.planner.motion.submitted_motion import CurveKind, StraightMotion, SubmittedMotion, spline_rates
+from guidefield.planner.motion.submitted_motion import CurveKind, SubmittedMotion, spline_rates
 from guidefield.planner.motion.trajectory import Trajectory
 from tests.robots import group
 
@@ -73,7 +73,6 @@ def test_shares_of_limits_are_those_of_dense_samples(seed: int, kind: CurveKind)
         assert use.share == pytest.approx(sampled, rel=5e-3)
         assert use.share >= sampled * (1.0 - 1e-12)
         _, when = motion.along(use.piece, use.at)
-        assert when is not None
         there = shares[np.abs(dense - when) < 2e-4, use.coordinate]
         assert there.max() == pytest.approx(use.share, rel=2e-2)
     if kind is CurveKind.HERMITE:
@@ -102,7 +101,6 @@ def test_a_place_that_is_measured_is_found_along_the_rows(seed: int, kind: Curve
 def test_straight_pieces_are_straight(seed: int) -> None:
     motion = random_motion(seed, CurveKind.LINEAR)
     straight = motion.scheduled
-    assert isinstance(straight, StraightMotion)
     times = np.random.default_rng(seed).uniform(motion.times[0], motion.times[-1], size=50)
     expected = np.column_stack([np.interp(times, motion.times, column) for column in motion.positions.T])
     np.testing.assert_allclose(straight.evaluate(times)[0], expected, atol=1e-12)

@@ -93,7 +93,6 @@ def test_a_motion_is_brought_exactly_to_all_places_and_its_ends_stay(seed: int, 
     places = (at, at + 2.0)
     passages = [Passage(Waypoint(z + by, radius), z) for z, by in zip(spline.at(np.array(places)), aside, strict=True)]
     found = move_onto_places(spline, passages, places, np.ones(spline.points.shape[1]))
-    assert found is not None
     moved, reached = found
     for passage, where in zip(passages, reached, strict=True):
         assert passage.place.missed(moved.at(np.array([where]))).max() <= REACHED

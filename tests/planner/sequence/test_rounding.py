@@ -23,8 +23,7 @@ def beside(line: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Distances of places (k, nv) from a segment (2, nv)."""
     along = line[1] - line[0]
     shares = np.clip((places - line[0]) @ along / (along @ along), 0.0, 1.0)
-    away: np.ndarray = np.linalg.norm(places - line[0] - shares[:, None] * along, axis=1)
-    return away
+    return np.linalg.norm(places - line[0] - shares[:, None] * along, axis=1)
 
 
 @given(SEEDS, st.floats(0.005, 1.0))

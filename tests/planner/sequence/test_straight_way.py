@@ -23,9 +23,7 @@ TURN = {"type": "relative", "quaternion_xyzw": [0, 0, math.sin(0.25), math.cos(0
 
 def step(start: tuple[float, ...], goal: dict[str, Any]) -> PlanReply:
     asked = {"robot": "ur5", "scene": {"name": "e"}, "start": dict(zip(UR5, start, strict=True))}
-    reply = answer({**asked, "steps": [{"goal": goal, "linear": True}]})
-    assert isinstance(reply, PlanReply)
-    return reply
+    return answer({**asked, "steps": [{"goal": goal, "linear": True}]})
 
 
 @pytest.mark.parametrize("goal", [TURN, {**TURN, "frame": "world"}], ids=["tip", "world"])

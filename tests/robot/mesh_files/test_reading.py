@@ -158,8 +158,7 @@ def test_words_in_the_names_of_solids_are_no_vertices(tmp_path: Path) -> None:
 
 def _corners(path: Path) -> np.ndarray:
     ours = read_mesh(path)
-    corners: np.ndarray = ours.vertices[ours.triangles]
-    return corners
+    return ours.vertices[ours.triangles]
 
 
 def test_doubled_and_degenerate_triangles_cost_no_others(tmp_path: Path) -> None:

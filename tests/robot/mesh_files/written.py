@@ -26,14 +26,12 @@ class Part:
     @property
     def vertices(self) -> np.ndarray:
         """Corners in the part's own frame, shape (8, 3)."""
-        corners: np.ndarray = np.array(self.low) + np.indices((2, 2, 2)).reshape(3, 8).T * np.array(self.size)
-        return corners
+        return np.array(self.low) + np.indices((2, 2, 2)).reshape(3, 8).T * np.array(self.size)
 
     @property
     def placed(self) -> np.ndarray:
         """Corners in the file's frame, shape (8, 3)."""
-        corners: np.ndarray = self.vertices @ self.placement[:3, :3].T + self.placement[:3, 3]
-        return corners
+        return self.vertices @ self.placement[:3, :3].T + self.placement[:3, 3]
 
     @property
     def triangles(self) -> np.ndarray:

@@ -183,9 +183,7 @@ def test_a_pose_is_met_by_the_formula() -> None:
 
 
 def plan(urdf: UrdfText, **request) -> PlanReply:
-    reply = ENGINE.answer(PlanRequest(robot=urdf, sample_rate=200.0, recording="off", **request))
-    assert isinstance(reply, PlanReply)
-    return reply
+    return ENGINE.answer(PlanRequest(robot=urdf, sample_rate=200.0, recording="off", **request))
 
 
 def rows_of(reply: PlanReply) -> list[dict]:
