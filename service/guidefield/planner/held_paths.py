@@ -1,4 +1,4 @@
-"""Paths and connections to goals among moving obstacles that are left out, or held where they are at some times.
+"""Connect to goals and planes; find paths as if moving obstacles were gone, or stood where they are at chosen times.
 
 `goal_among_movers.py` schedules and certifies the paths, `plan.py` and it the connections: the order of holdings and
 the shares of time (`WAYS` of slices.py) change which is tried first, not what is free. A holding's draw seeds

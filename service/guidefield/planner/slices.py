@@ -1,4 +1,4 @@
-"""Obstacles that move, held where they are at some moments: for lanes by slices of time, and for paths among them.
+"""Moving obstacles as obstacles at rest: copies over each slice of time, or standing where they are at chosen times.
 
 `SCHEDULE` and `WAYS` are the settings of schedules and of paths among what moves (`schedule.py`, goal_among_movers.py,
 held_paths.py): more of them find more, and take longer; but finer rates and steps reach `most_steps` and `most_states`

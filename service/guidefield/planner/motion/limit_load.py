@@ -1,4 +1,4 @@
-"""The stretch of time by which a motion keeps its limits, and the share of each limit that a given motion uses.
+"""Scale a motion's time until it reaches a limit and exceeds none; measure the share of each limit that one uses.
 
 That plans keep limits of rates rests on `stretch_to_limits`, and on enough `MOST_ROUNDS`: with few of them rounding may
 leave an excess. `STEP` and `ROUNDING` enter the verdict on given and drawn motions, `TOLERANCE` what is refused at ends

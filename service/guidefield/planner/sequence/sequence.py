@@ -1,8 +1,9 @@
 """Plan a sequence: each step from where the one before ended, joined as one motion, and certified as it is executed.
 
-It fails as a whole. The goals of a step are chosen so that the later steps stay possible (ahead.py). A step whose goal
-is passed is planned to its end, too, and joined with the next one (rounding.py). Only what is certified as a whole,
-each stretch by its own conditions (stretches.py), is a success; names of stages and details are those of replies.
+It fails as a whole. The goals of a step are chosen so that the later steps stay possible (lookahead.py). A step whose
+goal is passed is planned to its end, too, and joined with the next one (rounding.py). Only what is certified as a
+whole, each stretch by its own conditions (stretches.py), is a success; names of stages and details are those of
+replies.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from guidefield.planner.motion.drawn_motion import DrawnMotion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import CERTIFY_GRACE_S, find_excess
 from guidefield.planner.plan import Plan
-from guidefield.planner.sequence.ahead import StepRefusal, keep_possible_goals
 from guidefield.planner.sequence.course import (
     AllowedContact,
     Course,
@@ -30,6 +30,7 @@ from guidefield.planner.sequence.course import (
     find_allowed_times,
     find_held_spans,
 )
+from guidefield.planner.sequence.lookahead import StepRefusal, keep_possible_goals
 from guidefield.planner.sequence.rounding import join_motions
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.sequence.stretches import (
