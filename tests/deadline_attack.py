@@ -28,16 +28,13 @@ from guidefield.pool.pool import Pool
 from guidefield.stores.runs import RunDatabase
 from tests.deadline_requests import MAKERS, Made
 
-TIMES = (0.1, 0.3, 1.0)
-"""Allowed [s]."""
+TIMES = (0.1, 0.3, 1.0)  # allowed [s]
 
-SLACK, SHARE = 0.05, 0.05
-"""How late an answer may be [s], and by which share of what it allows."""
+SLACK, SHARE = 0.05, 0.05  # how late an answer may be [s], and by which share of what it allows
 
 SMALL = {"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {"panda_joint1": 0.4}}}
 
-PATIENCE = 300.0
-"""Longer than anything takes here [s]."""
+PATIENCE = 300.0  # longer than anything takes here [s]
 
 Ask = Callable[[bytes], tuple[float, str]]
 """Asks the service; returns the time until the answer without what the machine took of it [s], and how it ended."""

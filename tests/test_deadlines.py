@@ -9,8 +9,7 @@ import pytest
 from tests.deadline_attack import FORMS, SMALL, Ask, late, service, too_late
 from tests.deadline_requests import triangles
 
-SHARE = 0.2
-"""Of the largest scenes: reading one takes from 5 to 100 ms, and building it more."""
+SHARE = 0.2  # of the largest scenes: reading one takes from 5 to 100 ms, and building it more
 
 SCENES = ["boxes", "triangles", "points"]
 
@@ -21,8 +20,7 @@ OTHERS = [
 ]
 """What else there may be much of: each of them was late once, or might be."""
 
-TRIES = 8
-"""On a busy machine a thread may get its turn late."""
+TRIES = 8  # on a busy machine a thread may get its turn late
 
 
 @pytest.fixture(scope="module")

@@ -170,8 +170,7 @@ def test_a_scene_that_cannot_be_built_is_not_stored(keeping: Engine) -> None:
         keeping.answer(requests.ReadScene("bad"))
 
 
-FINISHED: list[str | None] = []
-"""The recordings that were written, by their names in replies."""
+FINISHED: list[str | None] = []  # the recordings that were written, by their names in replies
 
 
 def _record(place: Any, run: Any, _log: object) -> None:

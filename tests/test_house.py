@@ -27,8 +27,7 @@ PACKAGE = HOUSE / "service" / "guidefield"
 PROJECT = tomllib.loads((HOUSE / "pyproject.toml").read_text())
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 PAGES = [*sorted(HOUSE.glob("*.md")), *sorted((HOUSE / "service" / "docs").glob("*.md"))]
-CITATION = re.compile(r"([\w./-]*\w\.md)\b(?:,\s+\"([^\"]+)\")?")
-"""A document, and its section where one is named."""
+CITATION = re.compile(r"([\w./-]*\w\.md)\b(?:,\s+\"([^\"]+)\")?")  # a document, and its section where one is named
 FOREIGN_NAMES = {
     "get_cache_path",
     "get_call_template",
@@ -55,17 +54,13 @@ OPTIONAL = {
     "xacro",
 }
 """Imported where the extra of that name is installed."""
-UNIMPORTED = {"example-robot-data", "pillow", "pycollada"}
-"""Data, and what trimesh needs for the files that we give it."""
-COMES_WITH_NUMBA = {"llvmlite"}
-"""numba demands the one version that fits."""
+UNIMPORTED = {"example-robot-data", "pillow", "pycollada"}  # data, and what trimesh needs for the files that we give it
+COMES_WITH_NUMBA = {"llvmlite"}  # numba demands the one version that fits
 SHAPE = re.compile(r"\((?:[\w.+*/ -]|\.\.\.)+,(?:[\w.+*/, -]|\.\.\.)*\)|\(\d\)|shape")
 """How docstrings say shapes: (n, 3), (nq,), (3), or in words."""
 SPACES = [name for name, kind in vars(spaces).items() if get_origin(kind) is np.ndarray]
-ARRAYS = re.compile(rf"ndarray|NDArray|Floats|Integers|\b({'|'.join(SPACES)})\b")
-"""How annotations say arrays."""
-AS_ANOTHER = re.compile(r"`\w+`")
-"""Another function, whose docstring says them."""
+ARRAYS = re.compile(rf"ndarray|NDArray|Floats|Integers|\b({'|'.join(SPACES)})\b")  # how annotations say arrays
+AS_ANOTHER = re.compile(r"`\w+`")  # another function, whose docstring says them
 VAGUE = re.compile(r"^_?(?:get|compute|do|handle_data)_.*")
 HOME_PATH = re.compile(r"(?<![\w.])/(?:root|home|Users)/\w+")
 

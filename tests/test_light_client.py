@@ -23,8 +23,7 @@ HOUSE = Path(__file__).resolve().parent.parent
 PACKAGE = HOUSE / "service" / "guidefield"
 PROJECT = tomllib.loads((HOUSE / "pyproject.toml").read_text())
 CLIENT = PROJECT["tool"]["guidefield"]["client"]
-MOST_BYTES = 500_000
-"""How large our own part of it may be [bytes]."""
+MOST_BYTES = 500_000  # how large our own part of it may be [bytes]
 ASK = """
 import json, sys, guidefield
 from guidefield import *

@@ -15,8 +15,7 @@ from guidefield.stores.scenes import SceneStore
 from tests.handlers.test_plan import READY
 
 COUNT = 400
-TIMES = {"timing", "run_id", "recording", "planner_version"}
-"""What differs between replies to the same question."""
+TIMES = {"timing", "run_id", "recording", "planner_version"}  # what differs between replies to the same question
 
 
 @pytest.fixture

@@ -24,11 +24,9 @@ HOUSE = Path(__file__).resolve().parent.parent
 DOCS = HOUSE / "service" / "docs"
 README = HOUSE / "README.md"
 PAGES = (README, HOUSE / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md")))
-MOST_WORDS = 700
-"""README is read in a minute; what is longer is a page."""
+MOST_WORDS = 700  # README is read in a minute; what is longer is a page
 ON_A_PAGE = "tcp/127.0.0.1:7447"
-UNHURRIED = 120.0
-"""How long a plan may take on a busy machine [s]."""
+UNHURRIED = 120.0  # how long a plan may take on a busy machine [s]
 NOT_RUN = {"batch", "demo", "execute", "mcp", "serve", "show"}
 """Commands that go on until somebody ends them, or that have journeys of their own: their words alone are checked."""
 BLOCK = re.compile(r"^```(?P<language>\w+)(?: (?P<words>[^\n]+))?\n(?P<text>.*?)^```", re.DOTALL | re.MULTILINE)

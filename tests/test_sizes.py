@@ -27,8 +27,7 @@ from guidefield.messages.values import Placement
 from tests.robots import robot
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0")
-LINK = 0.25
-"""Of an arm that reaches 1.2 m at size 1 [m]."""
+LINK = 0.25  # of an arm that reaches 1.2 m at size 1 [m]
 
 
 def arm(size: float) -> UrdfText:

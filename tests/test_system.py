@@ -15,8 +15,7 @@ import pytest
 from guidefield import system
 from guidefield.system import Journal, JsonLines
 
-GONE = 2**22 + 1
-"""No process has that id: it is above Linux's largest."""
+GONE = 2**22 + 1  # no process has that id: it is above Linux's largest
 ENDS_AFTER = (
     "import time; from guidefield.pool.process import end_after; end_after(0); print(flush=True); time.sleep(300)"
 )

@@ -16,8 +16,7 @@ from guidefield.messages.replies import make_error_reply
 from guidefield.pool.process import Call, Taken, Work
 from guidefield.stream_worker import Open, Publication, RefusedOpening, Update
 
-LONG = 300.0
-"""Longer than any test waits for a worker [s]."""
+LONG = 300.0  # longer than any test waits for a worker [s]
 
 
 def obedient() -> Work:

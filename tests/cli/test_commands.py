@@ -28,8 +28,7 @@ from tests.journeys.service import running_service
 from tests.replies import plan_reply
 
 ROBOTS = Path(__file__).resolve().parent.parent.parent / "robots"
-opened = build_opener(ProxyHandler({})).open
-"""Opens a page of this machine, whatever proxy there is for others."""
+opened = build_opener(ProxyHandler({})).open  # opens a page of this machine, whatever proxy there is for others
 POTENTIAL = {"type": "potential", "scene": "bookshelf", "points": [[0, 0, 2]]}
 
 

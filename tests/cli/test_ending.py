@@ -10,8 +10,7 @@ import pytest
 
 from guidefield.cli import serving
 
-PATIENCE = 300.0
-"""Longer than anything here takes on a busy machine [s]."""
+PATIENCE = 300.0  # longer than anything here takes on a busy machine [s]
 
 BEGINS = """
 import ctypes, os, signal, sys, threading, time
@@ -29,8 +28,7 @@ assert stop.wait(200.0)
 print("told", flush=True)
 """
 ENDS = BEGINS + "serving.end_on_signal(stop, 200.0)" + IS_TOLD_IN_ANOTHER_THREAD
-SOON = "serving.DUMP_TIME_S = 2.0\n"
-"""Where there can be no last words, they are not waited for as long as elsewhere."""
+SOON = "serving.DUMP_TIME_S = 2.0\n"  # where there can be no last words, they are not waited for as long as elsewhere
 STAYS = BEGINS + "serving.end_on_signal(stop, 0.2)" + IS_TOLD_IN_ANOTHER_THREAD + "time.sleep(300.0)"
 LINGERS = BEGINS + "serving.end_on_signal(stop, 300.0)" + IS_TOLD_IN_ANOTHER_THREAD + "time.sleep(300.0)"
 KEEPS_THE_LOCK = (

@@ -23,7 +23,7 @@ def centres(world, q):
     return world.bodies.centres_in_world(world.joint_placements)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.sampled_from((*SCENES, "strewn")), st.integers(0, 10**6))
 @example("wall_with_window", 3795)  # one in eleven, of a quarter usually
 def test_separations_of_parts_are_lower_bounds_and_many_are_closer(name, seed):
@@ -194,7 +194,7 @@ def travels(place, middle, z) -> np.ndarray:
     return np.array(longest)
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(st.sampled_from(sorted(ARMS)), st.integers(0, 10**6))
 def test_no_point_moves_further_than_the_bound(name, seed):
     place, rng = world(name), np.random.default_rng(seed)
@@ -217,7 +217,7 @@ def test_followers_don_t_jump_where_their_driver_passes_half_a_turn(turn):
             assert (moved <= bounds[place.pairs.n_self :] + 1e-9).all()
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.sampled_from(sorted(ARMS.keys() - {"kinova"})), st.integers(0, 10**6))
 def test_no_pair_comes_closer_by_more_than_the_bound(name, seed):
     place, rng = world(name), np.random.default_rng(seed)

@@ -19,14 +19,12 @@ from tests.collision.test_world import SCENES, pair_distances
 from tests.robots import box_arm, group, grouped, random_configuration, rest
 from tests.scene.solids import box_mesh, l_prism, mesh_message, room
 
-ACCURACY = 2e-6
-"""Coal's, for distances of convex bodies."""
+ACCURACY = 2e-6  # Coal's, for distances of convex bodies
 
-HULL = 5e-4
-"""How far the Panda's hulls stand off its meshes at most, with what sampling misses."""
+HULL = 5e-4  # how far the Panda's hulls stand off its meshes at most, with what sampling misses
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(st.sampled_from(SCENES), st.integers(0, 10**6))
 def test_smallest_distances_are_those_of_all_pairs(name, seed):
     world = panda_in(name)
@@ -53,7 +51,7 @@ def test_hulls_hide_no_mesh_that_is_closer(seed):
     assert at.obstacle_distance == pytest.approx(distances[world.pairs.n_self :].min(), abs=ACCURACY)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.integers(0, 10**6))
 def test_witness_points_are_as_far_apart_as_the_distance(seed):
     world = panda_in("bookshelf")

@@ -39,7 +39,7 @@ def pair_distances(world: World, q: np.ndarray) -> np.ndarray:
     )
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(st.sampled_from(SCENES), seeds)
 def test_contact_is_what_coal_says_pair_by_pair(name, seed):
     world = panda_in(name)

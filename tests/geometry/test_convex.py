@@ -19,7 +19,7 @@ def cloud(seed: int, count: int, thin: float, size: float) -> np.ndarray:
     )
 
 
-@settings(deadline=None, max_examples=24)
+@settings(max_examples=24)
 @given(clouds)
 def test_hull_contains_the_points_and_is_convex(drawn: tuple[int, int, float, float]) -> None:
     points = cloud(*drawn)
@@ -33,7 +33,7 @@ def test_hull_contains_the_points_and_is_convex(drawn: tuple[int, int, float, fl
     assert volumes.max() <= 1e-6 * volume(hull) + 64 * EPS * np.abs(points).max() ** 3
 
 
-@settings(deadline=None, max_examples=24)
+@settings(max_examples=24)
 @given(clouds, st.integers(1, 4), st.floats(-18.0, -6.0))
 def test_the_volume_is_that_of_the_hull_whatever_lies_at_one_place(
     drawn: tuple[int, int, float, float], times: int, noise: float

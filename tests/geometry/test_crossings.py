@@ -31,7 +31,7 @@ def crosses_by_edges(one, other):
     return False
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.integers(0, 10**6), rigid_motions(), st.integers(1, 12))
 def test_random_faces_cross_where_edges_go_through_wherever_they_stand(seed, motion, in_slab):
     with pytest.MonkeyPatch.context() as patch:  # slabs that are swept, and chunks of pairs, of a few faces

@@ -71,7 +71,7 @@ sizes = st.floats(0.002, 0.25)
 deltas = st.floats(0.008, 0.05)
 
 
-@settings(deadline=None, max_examples=9)
+@settings(max_examples=9)
 @given(sizes, sizes, sizes, deltas)
 def test_boxes(x: float, y: float, z: float, delta: float) -> None:
     size = np.array([x, y, z])
@@ -79,7 +79,7 @@ def test_boxes(x: float, y: float, z: float, delta: float) -> None:
     check_inner(inner_box(size), box_depth(size))
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.floats(0.002, 0.12), sizes, deltas)
 def test_cylinders(radius: float, length: float, delta: float) -> None:
     reach = np.array([radius, radius, 0.5 * length])
@@ -87,7 +87,7 @@ def test_cylinders(radius: float, length: float, delta: float) -> None:
     check_inner(inner_cylinder(radius, length), cylinder_depth(radius, length))
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.floats(0.002, 0.3), st.floats(0.0, 1.0), deltas)
 def test_capsules(radius: float, length: float, delta: float) -> None:
     reach = np.array([radius, radius, 0.5 * length + radius])

@@ -203,7 +203,7 @@ def sampled_contact(request: requests.CertifyRequest, samples: int = 300) -> boo
     return False
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(seed=st.integers(0, 2**32 - 1), timed=st.booleans(), margin=st.sampled_from([0.0, 0.03]))
 def test_what_is_certified_dense_samples_find_free_and_the_place_of_a_refusal_is_refused(
     seed: int, timed: bool, margin: float

@@ -25,8 +25,7 @@ from tests.handlers.test_plan import PATIENT, READY
 from tests.robots import group, random_configuration, robot
 from tests.scene.test_crop_large import grid, mesh
 
-COUNT = 90
-"""Squares a side: more than ten thousand triangles."""
+COUNT = 90  # squares a side: more than ten thousand triangles
 
 
 def ground() -> Scene:

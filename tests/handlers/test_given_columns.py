@@ -45,7 +45,7 @@ def started_at(planned: PlanningGroup, columns: Columns, rows: np.ndarray) -> Pl
     return select(planned.robot, [joint.name for joint in planned.joints], None, q, pin.SE3.Identity())
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=SEEDS, kinds=st.sampled_from(KINDS))
 def test_columns_of_a_reply_in_any_order_are_the_same_motion(seed: int, kinds: str) -> None:
     planned = grouped(box_arm(kinds, 0))
@@ -62,7 +62,7 @@ def test_columns_of_a_reply_in_any_order_are_the_same_motion(seed: int, kinds: s
     np.testing.assert_array_equal(found[:, plain], z[:, plain])
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS)
 def test_angles_within_one_turn_go_the_shorter_way(seed: int) -> None:
     planned = grouped(box_arm("continuous x", 0))
@@ -75,7 +75,7 @@ def test_angles_within_one_turn_go_the_shorter_way(seed: int) -> None:
     assert len(warnings) == int(np.abs(np.diff(wrapped[:, 0])).max() > np.pi)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS, kinds=st.sampled_from(KINDS))
 def test_velocities_are_tangents(seed: int, kinds: str) -> None:
     planned = grouped(box_arm(kinds, 0))

@@ -34,8 +34,7 @@ from tests.handlers.test_plan import PATIENT, READY
 from tests.robots import box_arm, load, robot
 
 FINGERS = ["panda_leftfinger", "panda_rightfinger"]
-GRASP, CLOSE, LIFT, BACK, DOWN, OPEN = 1, 2, 3, 4, 6, 7
-"""Steps of the kitchen's request."""
+GRASP, CLOSE, LIFT, BACK, DOWN, OPEN = 1, 2, 3, 4, 6, 7  # steps of the kitchen's request
 
 
 def ask(

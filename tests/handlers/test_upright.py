@@ -10,8 +10,7 @@ import guidefield
 RADIUS, LENGTH = 0.033, 0.12
 ANGLES = (-0.33533127740972213, 0.4780694861445931, -0.1358232305833449, -0.0069149781515260855)
 """Of four joints about parallel axes: they add up to nought but for rounding."""
-TURN = 0.1064804688527452
-"""Of the joint about the vertical axis, which turns on by `STEP` [rad]."""
+TURN = 0.1064804688527452  # of the joint about the vertical axis, which turns on by `STEP` [rad]
 STEP = 0.02
 
 GEOMETRIES = {

@@ -6,8 +6,7 @@ import threading
 import time
 from collections.abc import Iterable
 
-STEP_S = 0.05
-"""Time between two portions over a slow link [s]."""
+STEP_S = 0.05  # time between two portions over a slow link [s]
 
 
 class Link:

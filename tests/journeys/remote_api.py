@@ -19,15 +19,11 @@ from websockets.sync.server import Server, ServerConnection, serve
 
 from guidefield.cli.serving import LOOPBACK
 
-SUBSCRIBE, UNSUBSCRIBE, GET, TOKENS, PING = 2, 3, 18, 20, 25
-"""Messages of the client."""
-PINGED, OK, SAMPLE, REPLY, LAST = 0, 1, 5, 7, 8
-"""Messages to it."""
-ASKED = 0x80
-"""Set in the first byte of a message that wants a response, and of the response."""
+SUBSCRIBE, UNSUBSCRIBE, GET, TOKENS, PING = 2, 3, 18, 20, 25  # messages of the client
+PINGED, OK, SAMPLE, REPLY, LAST = 0, 1, 5, 7, 8  # messages to it
+ASKED = 0x80  # set in the first byte of a message that wants a response, and of the response
 ENCODINGS = {0: "zenoh/bytes", 1: "zenoh/string", 3: "application/octet-stream", 5: "application/json"}
-ORDINARY = 0b0_0001_101
-"""Priority and the rest of a sample, as they are unless somebody says otherwise."""
+ORDINARY = 0b0_0001_101  # priority and the rest of a sample, as they are unless somebody says otherwise
 
 
 class Reading:

@@ -16,15 +16,11 @@ import zenoh
 
 from guidefield.cli.serving import FORCED_EXIT_CODE, LOOPBACK, free_port
 
-CONNECTED_WITHIN = 60.0
-"""How long a client tries to reach a service that is there [s]."""
-ENDED_WITHIN = 60.0
-"""Longer than any end takes, one by force too [s]."""
-ANSWERED_WITHIN = 300.0
-"""Longer than any answer takes on a busy machine that is waited for [s]."""
+CONNECTED_WITHIN = 60.0  # how long a client tries to reach a service that is there [s]
+ENDED_WITHIN = 60.0  # longer than any end takes, one by force too [s]
+ANSWERED_WITHIN = 300.0  # longer than any answer takes on a busy machine that is waited for [s]
 LOWEST_PRIORITY = 19
-SO_WITHIN = 120.0
-"""Longer than anything but an answer takes there [s]."""
+SO_WITHIN = 120.0  # longer than anything but an answer takes there [s]
 
 BENT = {"panda_joint2": 0.6, "panda_joint4": -1.2, "panda_joint6": 1.8}
 LONG: dict[str, Any] = {

@@ -15,8 +15,7 @@ from guidefield.client.questions import Question
 from tests.journeys.links import Link
 from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, Service, await_that, plain_client
 
-STANDS_STILL = 3.0
-"""How long a service is stopped: far less than a link lasts without a word [s]."""
+STANDS_STILL = 3.0  # how long a service is stopped: far less than a link lasts without a word [s]
 
 
 @pytest.fixture

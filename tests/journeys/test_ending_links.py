@@ -12,8 +12,7 @@ from tests.journeys.service import plain_client, running_service
 
 COUNT, EACH = 8, 3
 """More links than Zenoh has threads that send where it isn't told, and more answers for each than a link holds."""
-ENDED_AFTER = LEASE + 3.0
-"""By then a link has ended whose client was stopped [s]."""
+ENDED_AFTER = LEASE + 3.0  # by then a link has ended whose client was stopped [s]
 PATIENT = {
     "transport": {"link": {"tx": {"queue": {"congestion_control": {"block": {"wait_before_close": 600_000_000}}}}}}
 }

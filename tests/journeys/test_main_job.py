@@ -21,8 +21,7 @@ import pytest
 from tests.journeys.service import PlainClient
 from tests.recorder.runs import Recording
 
-STEP = 2e-3
-"""Between two configurations that are judged, no joint moves further [rad]."""
+STEP = 2e-3  # between two configurations that are judged, no joint moves further [rad]
 
 SHARE = Path(str(distribution("example-robot-data").locate_file("cmeel.prefix/share")))
 PANDA = SHARE / "example-robot-data" / "robots" / "panda_description"

@@ -38,8 +38,7 @@ SHORT: dict[str, Any] = {
     "recording": "off",
 }
 RECORDED: dict[str, Any] = {**SHORT, "recording": "summary"}
-BRIEF = 1.0
-"""How long somebody tries who won't get in [s]."""
+BRIEF = 1.0  # how long somebody tries who won't get in [s]
 ROLES = {"--operator": ["cell"], "--user": ["alice", "bob"], "--onlooker": ["visitor"]}
 
 

@@ -35,8 +35,7 @@ from tests.journeys.service import (
 HOME = {"panda_joint2": -0.785398, "panda_joint4": -2.356194, "panda_joint6": 1.570796}
 BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}
 POTENTIAL = {"type": "potential", "scene": BALL, "points": [[0, 0, 1]]}
-AT_WORK = 0.5
-"""A worker that used so much of a processor since it was given a long plan has begun with it [s]."""
+AT_WORK = 0.5  # a worker that used so much of a processor since it was given a long plan has begun with it [s]
 
 
 # ---- every key, by a client that knows only the wire
@@ -195,7 +194,7 @@ def test_bad_input_is_named_and_the_service_lives(case: str, wire: PlainClient) 
 
 @pytest.mark.usefixtures("unharmed")
 @given(data=st.data())
-@settings(deadline=None, max_examples=18, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=18, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_mutated_request_has_one_answer_and_is_no_bug_of_ours(data: st.DataObject, wire: PlainClient) -> None:
     key, valid = data.draw(st.sampled_from([("plan", _plan(goal={"type": "nothing"})), ("kinematics", _kinematics())]))
     payload = bytearray(valid)

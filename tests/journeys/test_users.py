@@ -34,8 +34,7 @@ RECORDED: dict[str, Any] = {**SHORT, "recording": "summary"}
 QUOTAS = {"users": {"hasty": {"per_second": 2}, "patient": {"waiting": 1}, "spent": {"processor_per_minute": 0.01}}}
 
 
-FLOOD = 50
-"""How many queries are asked at once: few enough that all of them have come before the next one is asked."""
+FLOOD = 50  # how many queries are asked at once: few enough that all of them have come before the next one is asked
 
 
 @pytest.fixture(scope="module")

@@ -19,11 +19,9 @@ from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, away_fr
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import load, store
 
-SHARE = 1e-13
-"""What a point may be off a body, or short of the farthest one, of the body's size."""
+SHARE = 1e-13  # what a point may be off a body, or short of the farthest one, of the body's size
 
-SINGLE = 1e-6
-"""The same in kernels that know corners in single precision."""
+SINGLE = 1e-6  # the same in kernels that know corners in single precision
 
 KINDS = ("cylinder", "cylinder", "cylinder", "ball", "capsule", "box")
 
@@ -127,7 +125,7 @@ def _reach(parts, direction, work):
     return reach_along(parts, 0, work, direction[0], direction[1], direction[2])
 
 
-@settings(deadline=None, max_examples=90)
+@settings(max_examples=90)
 @given(data=st.data(), body=bodies())
 def test_gjk_finds_the_support_point(data: Any, body: Body) -> None:
     direction = data.draw(directions(body, st.sampled_from((1.0, 1.0, 1e-250, 1e-9, 1e9, 1e150))))
@@ -137,7 +135,7 @@ def test_gjk_finds_the_support_point(data: Any, body: Body) -> None:
     body.check(direction, found, False, SINGLE if body.kind == "box" else SHARE)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(data=st.data(), body=bodies())
 def test_a_part_reaches_as_far_as_the_body(data: Any, body: Body) -> None:
     direction = data.draw(directions(body, st.just(1.0)))
@@ -157,7 +155,7 @@ def _away(kind, row, points, out):
         store(out, 16 * k, one)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(data=st.data(), body=bodies())
 def test_in_lanes_a_primitive_reaches_no_farther_along_an_axis_than_is_said(data: Any, body: Body) -> None:
     kind = {"box": BOX, "cylinder": CYLINDER}.get(body.kind, CAPSULE)

@@ -56,7 +56,7 @@ def require_same(message: dict[str, Any], given_rows: ExecutionFigures) -> None:
         assert [point.get(name) for point in points] == (wanted or [None] * len(points))
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.sampled_from(["linear", "cubic", "quintic"]), st.integers(0, 10**6), st.sampled_from([0.0, 3.0, 2e6]))
 def test_ros_reads_the_very_rows(interpolation: str, seed: int, begin: float) -> None:
     given_rows = rows(interpolation, seed=seed, begin=begin)

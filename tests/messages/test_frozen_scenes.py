@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from guidefield.messages import scene_changes
 from guidefield.messages.scene import Scene, Sphere
@@ -31,7 +31,6 @@ def diff(rng: np.random.Generator, scene: Scene) -> SceneDiff:
     )
 
 
-@settings(deadline=None)
 @given(st.integers(0, 10**6))
 def test_names_are_found_in_all_versions_whatever_became_of_others(seed: int) -> None:
     rng = np.random.default_rng(seed)

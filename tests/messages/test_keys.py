@@ -116,7 +116,7 @@ def test_what_does_not_fit_is_said(query: keys.Query, says: str) -> None:
 @given(
     st.lists(st.text(max_size=8), max_size=4), st.dictionaries(st.text(max_size=8), st.text(max_size=8)), st.binary()
 )
-@settings(deadline=None, max_examples=90)
+@settings(max_examples=90)
 def test_any_query_is_a_request_or_says_why_not(key: list[str], parameters: dict[str, str], payload: bytes) -> None:
     for encoding in Encoding:
         query = keys.Query(tuple(key), parameters, payload, encoding)

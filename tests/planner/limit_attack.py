@@ -23,14 +23,10 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import build
 
 LIMITED = ("revolute", "prismatic")
-EXACT = 1e-9
-"""A position may be beyond its limit by this, for rounding [rad or m]."""
-RATES = 1e-9
-"""A velocity or an acceleration may be above its limit by this share, for rounding."""
-SECONDS = 30.0
-"""How long a plan may take [s]."""
-DRAWS = 60
-"""Ends that are drawn until one is free."""
+EXACT = 1e-9  # a position may be beyond its limit by this, for rounding [rad or m]
+RATES = 1e-9  # a velocity or an acceleration may be above its limit by this share, for rounding
+SECONDS = 30.0  # how long a plan may take [s]
+DRAWS = 60  # ends that are drawn until one is free
 SHARES = {
     "ends": 0.7,
     "mixed": 0.3,
@@ -44,12 +40,9 @@ SHARES = {
     "speeding up": 0.0,
 }
 """Kinds of plans, and which share of their joints begin and end at a limit."""
-MOVING_JERK = 120.0
-"""Limit of jerk of motions that begin and end in motion [rad/s³ or m/s³]."""
-PLANE_TOLERANCE = 0.1
-"""How far the tip may be from a plane that it has to stay near [m]."""
-MIDDLE = 0.8
-"""The other joints are within this share of their range, about its middle."""
+MOVING_JERK = 120.0  # limit of jerk of motions that begin and end in motion [rad/s³ or m/s³]
+PLANE_TOLERANCE = 0.1  # how far the tip may be from a plane that it has to stay near [m]
+MIDDLE = 0.8  # the other joints are within this share of their range, about its middle
 
 
 @dataclass(frozen=True)

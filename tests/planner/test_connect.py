@@ -223,7 +223,7 @@ def test_a_connection_that_is_asked_for_more_is_shorter_and_certified() -> None:
     assert densely_free(asked, more.path)
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(st.integers(0, 10_000), st.floats(1.0, 1.8), st.booleans())
 def test_a_point_on_a_path_that_is_short_enough_is_in_the_box(seed: int, more: float, wraps: bool) -> None:
     planned = grouped(box_arm("continuous x oblique-continuous slide", 4)) if wraps else group("panda")

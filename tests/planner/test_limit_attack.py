@@ -56,7 +56,7 @@ def test_guided_motions_keep_their_limits(title: str) -> None:
     judged(Case("guided", request, group), model.source.urdf_text)
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(st.integers(0, 2**32 - 1))
 def test_extremes_are_those_of_dense_samples(seed: int) -> None:
     motion = Trajectory(*random_knots(seed))

@@ -30,8 +30,7 @@ from tests.planner.guide.test_guide import plane_at
 from tests.planner.problems import closed_shell, problem, scene_of
 from tests.robots import box_arm, group, grouped, rest
 
-SECONDS = 3.0
-"""Budget of one request: a motion that only got part of the way is judged as well."""
+SECONDS = 3.0  # budget of one request: a motion that only got part of the way is judged as well
 
 KINDS = (
     "box", "sphere", "capsule", "cylinder", "convex mesh", "dented mesh", "triangle", "corner", "half space", "cloud",

@@ -31,8 +31,7 @@ from guidefield.stores import scenes
 from tests.planner.problems import problem, scene_of
 from tests.robots import group, grouped, load, rest, robot
 
-APART = 2e-3
-"""How far a carriage passes by a thin post [m]."""
+APART = 2e-3  # how far a carriage passes by a thin post [m]
 
 
 def carriage(length: float) -> UrdfText:

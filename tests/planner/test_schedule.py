@@ -107,8 +107,7 @@ def require_within(made: Problem, motion: Trajectory) -> None:
 
 
 SEEDS = st.integers(0, 2**32 - 1)
-SLIGHT = 1e-11
-"""Rounding [rad]: a hundredth of what the certificate lets pass."""
+SLIGHT = 1e-11  # rounding [rad]: a hundredth of what the certificate lets pass
 
 
 def clamped_walk(seed: int, share: float = 0.15) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -125,7 +124,7 @@ def smooth_curve(waypoints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return knots, scipy.interpolate.CubicSpline(knots, waypoints, bc_type="natural")(knots, 1)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS)
 def test_a_smooth_curve_brought_within_keeps_its_ends_and_is_smooth(seed):
     waypoints, lower, upper = clamped_walk(seed)
@@ -138,7 +137,7 @@ def test_a_smooth_curve_brought_within_keeps_its_ends_and_is_smooth(seed):
     np.testing.assert_allclose(smooth(knots, 1), rates, atol=1e-9)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS)
 def test_bounded_slopes_keep_a_curve_within(seed):
     rng = np.random.default_rng(seed)

@@ -16,8 +16,7 @@ from guidefield.pool.pool import CHECK_INTERVAL_S, DEFAULT_LIMITS, Pool
 from guidefield.pool.waiting import Answer, Limits, Task, TimedAnswer
 from tests import worker_setups
 
-PATIENCE = 120.0
-"""Longer than anything here takes on a busy machine [s]."""
+PATIENCE = 120.0  # longer than anything here takes on a busy machine [s]
 
 
 def _started(workers: int, limits: Limits = DEFAULT_LIMITS) -> Pool:

@@ -21,8 +21,7 @@ from tests import worker_setups
 from tests.journeys.service import await_death
 from tests.pool.test_pool import PATIENCE, await_begun, closing_ends
 
-MEMORY = 300 * 2**20
-"""A worker of the tests may have so much [bytes]; it has less than 100 MiB when it begins."""
+MEMORY = 300 * 2**20  # a worker of the tests may have so much [bytes]; it has less than 100 MiB when it begins
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,7 @@ def bounds_by_kernels(
     return np.array(rows), share
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.sampled_from(sorted(ARMS)), st.integers(0, 10**6), st.sampled_from([0.02, 0.19, 1.0, 2.4]))
 def test_points_of_a_pair_are_where_a_share_of_its_twists_brings_them(name: str, seed: int, span: float) -> None:
     """But for what the kernels say that they are beside, at many times of a segment, and no farther than they say."""

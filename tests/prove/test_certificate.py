@@ -24,11 +24,9 @@ from tests.collision.test_world import pair_distances
 from tests.robots import box_arm, group, grouped, rest
 from tests.scene.solids import l_prism, mesh_message
 
-FINGER = 0.001
-"""Where the Panda's fingers stand in its rest configuration [m]."""
+FINGER = 0.001  # where the Panda's fingers stand in its rest configuration [m]
 
-STEP = 5e-3
-"""Spacing of samples that judge a motion [rad or m]."""
+STEP = 5e-3  # spacing of samples that judge a motion [rad or m]
 
 
 @functools.cache
@@ -56,7 +54,7 @@ def motions(world, seed: int) -> np.ndarray:
     return np.clip(start + np.cumsum(steps, axis=0) - steps[0], planned.lower, planned.upper)
 
 
-@settings(deadline=None, max_examples=12)  # `tools/doubt` looks at hundreds
+@settings(max_examples=12)  # `tools/doubt` looks at hundreds
 @given(st.integers(0, 3), st.integers(0, 10**6))
 def test_a_certified_motion_is_free_wherever_one_looks(place, seed):
     world, judge = strewn(place) if place < 3 else (panda_in("bookshelf"), plain("bookshelf"))
@@ -71,7 +69,7 @@ def test_a_certified_motion_is_free_wherever_one_looks(place, seed):
         assert verdict.reason in (Reason.FREE, Reason.UNDECIDED) or world.in_collision(verdict.chart_point)
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(st.integers(0, 2), st.integers(0, 10**6))
 def test_a_refusal_shows_where(place, seed):
     world, _ = strewn(place)
@@ -91,7 +89,7 @@ def test_a_refusal_shows_where(place, seed):
         assert not any(world.in_collision(q) for q in before)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.integers(0, 2), st.integers(0, 10**6), st.integers(2, 40))
 def test_a_refusal_of_many_short_pieces_certifies_what_is_before(place, seed, count):
     world, _ = strewn(place)
@@ -127,7 +125,7 @@ def _until(control: np.ndarray, t: float) -> np.ndarray:
     return np.array(rows)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.integers(0, 2), st.integers(0, 10**6))
 def test_a_needle_in_the_way_is_refused(place, seed):
     world, _ = strewn(place)
@@ -171,7 +169,7 @@ def test_a_needle_through_a_mesh_is_refused_though_its_hull_is_asked_first(seed)
     assert verdict.pair[1] == "needle"
 
 
-@settings(deadline=None, max_examples=6)
+@settings(max_examples=6)
 @given(st.integers(0, 2), st.integers(0, 10**6), st.floats(0.3, 3.0))
 def test_the_clearance_asked_for_is_kept(place, seed, share):
     world, _ = strewn(place)

@@ -54,7 +54,7 @@ def _placement(arm, z):
     return data.oMf[arm.tip_id]
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(
     st.sampled_from(["panda", "slide y slide x", "y x mimic mimic", "continuous y", "continuous screw half-gear"]),
     st.integers(0, 10**6),

@@ -35,8 +35,7 @@ from tests.scene.solids import mesh_message
 
 COAL_ACCURACY = 1e-6
 
-ACCURACY = 1e-5
-"""How far a distance by kernels may be from Coal's [m]."""
+ACCURACY = 1e-5  # how far a distance by kernels may be from Coal's [m]
 
 SPAN = (0.25, 2.1)
 FINER = 10
@@ -135,7 +134,7 @@ def clear_motion(place: World, reach: float) -> Trajectory:
     raise AssertionError("no motion is clear")
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(st.sampled_from(sorted(ARMS)), st.integers(0, 10**6))
 def test_no_sample_is_closer_for_joints_of_every_kind(name: str, seed: int) -> None:
     place = world(name)

@@ -10,8 +10,7 @@ from guidefield.prove.verdict import LIMIT_TOLERANCE, Reason
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, grouped
 
-ARM = grouped(box_arm("y", 2))
-"""Two joints from -2 to 2."""
+ARM = grouped(box_arm("y", 2))  # two joints from -2 to 2
 
 OVER = np.array([[0.0, 1.9], [0.1, 2.1], [0.2, 2.1], [0.3, 1.9]])
 """A cubic whose ends are within, and whose second joint reaches 2.05 halfway."""
@@ -40,7 +39,7 @@ def extremes_by_roots(controls: np.ndarray) -> np.ndarray:
     return bezier(controls[:, None], inside)[:, 0]
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(1, 5))
 def test_agrees_with_the_roots_of_the_derivative(seed, degree):
     rng = np.random.default_rng(seed)

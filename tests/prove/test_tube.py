@@ -29,7 +29,7 @@ def beside(rng: np.random.Generator, points: np.ndarray, half: np.ndarray, count
     )
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(st.integers(0, 2), st.integers(0, 10**6), st.sampled_from([0.003, 0.02, 0.06]))
 def test_a_certified_tube_is_free_wherever_one_looks(place, seed, width):
     world, judge = strewn(place)
@@ -69,7 +69,7 @@ def test_what_comes_closer_the_wider_the_tube_is_refused():
     assert free == [certify(world, control[None]).free, False]
 
 
-@settings(deadline=None, max_examples=6)
+@settings(max_examples=6)
 @given(st.integers(0, 2), st.integers(0, 10**6), st.integers(3, 60))
 def test_certified_steps_are_free_in_the_boxes_between_commands(place, seed, count):
     world, judge = strewn(place)
@@ -109,7 +109,7 @@ def test_an_execution_has_the_ticks_of_its_holds():
         requests.ExecutionOptions("zero_order_hold")
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(st.integers(0, 10**6), st.booleans())
 def test_a_tube_is_free_of_what_moves_at_each_time(seed, steps):
     rng = np.random.default_rng(seed)

@@ -34,7 +34,7 @@ def hidden(eye: np.ndarray, points: np.ndarray, obstacles: tuple) -> dict[str, n
     return found
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_what_hides_nothing_is_not_named(seed):
     rng = np.random.default_rng(seed)

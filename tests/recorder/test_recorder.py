@@ -18,8 +18,7 @@ from guidefield.recorder.documents import unpack
 from guidefield.recorder.motion import SHOWN_STEP
 from tests.recorder.runs import PLACEMENT, MadeUp, Recording, made_up
 
-SINGLE = 1e-6
-"""Recordings keep lengths and quaternions in single precision: what rounding may cost near 1 m."""
+SINGLE = 1e-6  # recordings keep lengths and quaternions in single precision: what rounding may cost near 1 m
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -50,7 +50,7 @@ def closed_face_normals(drawn: Surface) -> np.ndarray:
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1), crease=st.floats(0.1, 1.5))
 def test_creases_part_the_corners_at_a_vertex(seed, crease):
     """Two triangles share a corner's normal exactly if smooth edges lead from one to the other around it."""

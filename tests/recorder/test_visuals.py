@@ -13,8 +13,7 @@ from guidefield.recorder.surface import Surface
 from guidefield.robot.link_bounds import coverage
 from tests.robots import robot
 
-MOST_DRAWN = 6
-"""Number of looks of a robot that are compared."""
+MOST_DRAWN = 6  # number of looks of a robot that are compared
 
 
 def without(text: str, parts: list[str]) -> str:

@@ -9,8 +9,7 @@ from scipy.optimize import nnls
 from guidefield.referee.proof import Declared, Shapes, _by_planes, radius_about, standing_out
 from guidefield.referee.shapes import hull
 
-WHOLE = np.array([[-1, -1]]), np.array([[-1, 0]])
-"""Children and shapes of a single node."""
+WHOLE = np.array([[-1, -1]]), np.array([[-1, 0]])  # children and shapes of a single node
 
 
 def declared_points(points: np.ndarray) -> Declared:
@@ -24,7 +23,7 @@ def hulls(*some: np.ndarray) -> Shapes:
     return Shapes(begins, np.zeros(count), np.zeros(count), np.zeros((count, 3)), np.concatenate(some))
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(st.integers(0, 10**6))
 def test_points_stand_out_of_a_hull_by_no_more_than_is_said(seed: int) -> None:
     rng = np.random.default_rng(seed)

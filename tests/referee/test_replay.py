@@ -233,7 +233,7 @@ def _gap(arrays: dict[str, np.ndarray], row: int) -> None:
     arrays["segments"][arrays["slab_segments"][row], 1] -= 1e-9
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(
     st.integers(0, 10**6),
     st.integers(0, 10**6),

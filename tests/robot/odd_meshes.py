@@ -22,8 +22,7 @@ from guidefield.robot.catalog import Catalog
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import build
 
-Soup = np.ndarray
-"""Triangles that share no vertices, shape (t, 3, 3) [m]."""
+Soup = np.ndarray  # triangles that share no vertices, shape (t, 3, 3) [m]
 
 
 def odd(seed: int) -> Soup:

@@ -15,8 +15,7 @@ WOUND = ("continuous", "continuous", "revolute", "prismatic", "mimic", "mimic", 
 MULTIPLIERS = (0.5, 1.5, -0.5, 2.0, -1.0)
 """What followers turn by for one of the joint they follow, beside any number: halves, and whole ones, which return."""
 
-PITCH = 0.05
-"""How much less followers slide than others turn [m/rad]."""
+PITCH = 0.05  # how much less followers slide than others turn [m/rad]
 
 _AXES = ("1 0 0", "0 1 0", "0 0 1", "1 2 -0.5", "-0.3 0.1 0.9")
 _TURNS = ("0 0 0", "1.5708 0 0", "0 0.7 -0.2", "0.1 -1.2 3.1")

@@ -25,15 +25,12 @@ from tests.robots import load
 
 EXAMPLES = int(os.environ.get("GUIDEFIELD_RANDOM_CHAINS", "0"))
 """How many robots are drawn, if not a few; `tools/random_chains` sets it."""
-EXACT = 1e-12
-"""Rounding of a chain of twenty joints [m], and of a rotation's entries."""
+EXACT = 1e-12  # rounding of a chain of twenty joints [m], and of a rotation's entries
 RADIUS = 0.05
 SEEDS = {1: 1, 4: 2, 8: 3, 12: 4, 16: 5, 17: 6, 20: 7}
 """How many joints robots have that are always planned for, and what they are drawn with."""
-APART = 0.05
-"""How far apart configurations are that are looked at [rad or m]."""
-DENSE = 300.0
-"""Samples of a motion that are looked at [1/s]."""
+APART = 0.05  # how far apart configurations are that are looked at [rad or m]
+DENSE = 300.0  # samples of a motion that are looked at [1/s]
 ENGINE = Engine()
 THOROUGH = settings(
     deadline=None,

@@ -10,8 +10,7 @@ from guidefield.messages.requests import UrdfText
 from guidefield.messages.scene import Sphere
 from tests.robot.by_formula import ByFormula
 
-PITCH, OFFSET = 0.2, 0.3
-"""How far the slide moves for one radian of the arm [m], and where it is at none [m]."""
+PITCH, OFFSET = 0.2, 0.3  # how far the slide moves for one radian of the arm [m], and where it is at none [m]
 
 _LINK = '<link name="{}"><collision><origin xyz="{}"/><geometry><sphere radius="{}"/></geometry></collision></link>'
 _JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="{}"/>{}</joint>'

@@ -12,8 +12,7 @@ from guidefield.scene.guide_plane import PLANARITY, FlatPolygon, FlatPolygons, G
 
 LAWS = settings(deadline=None, max_examples=18)
 seeds = st.integers(0, 2**32 - 1)
-EXACT = 1e-9
-"""Rounding of a few products of numbers near 1."""
+EXACT = 1e-9  # rounding of a few products of numbers near 1
 
 
 def plane(vertices: np.ndarray) -> GuidePlane:
@@ -202,7 +201,7 @@ def shoelace(corners: np.ndarray) -> float:
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.integers(0, 10**6))
 def test_plane_of_a_moved_star_is_the_moved_plane(seed):
     rng = np.random.default_rng(seed)
@@ -268,7 +267,7 @@ def outlines(rng: np.random.Generator, kind: int) -> np.ndarray:
     return corners
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(0, 3))
 def test_the_first_edges_that_meet_are_found(seed, kind):
     corners = outlines(np.random.default_rng(seed), kind)

@@ -15,7 +15,7 @@ def soup(vertices, triangles):
     return vertices[triangles].reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(0, 10**6), st.integers(4, 60))
 def test_a_hull_is_convex_and_solid(seed, count):
     points = np.random.default_rng(seed).normal(size=(count, 3)) * [1.0, 0.5, 2.0]
@@ -70,7 +70,7 @@ def test_an_open_mesh_is_a_thin_wall():
     assert "open (4 edges" in surface.warnings[0]
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(1, 2**20 - 2))
 def test_triangles_that_face_inwards_are_turned(mask):
     vertices, triangles = l_prism()
@@ -97,7 +97,7 @@ def test_a_surface_with_one_side_is_a_thin_wall(mesh):
     assert surface.warnings
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(st.integers(0, 10**6))
 def test_pieces_are_those_of_a_graph_search(seed):
     rng = np.random.default_rng(seed)

@@ -15,10 +15,8 @@ from tests.scene.solids import l_prism, mesh_message
 
 LAWS = settings(deadline=None, max_examples=18)
 seeds = st.integers(0, 2**32 - 1)
-GJK = 2e-6
-"""Coal's accuracy for distances of convex bodies."""
-SPECK = 1e-3
-"""Radius of the ball that stands for a point [m]."""
+GJK = 2e-6  # Coal's accuracy for distances of convex bodies
+SPECK = 1e-3  # radius of the ball that stands for a point [m]
 
 
 def pose(rng: np.random.Generator) -> dict[str, tuple[float, ...]]:
@@ -83,7 +81,7 @@ def random_primitive(rng: np.random.Generator):
     ][rng.integers(5)]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(seeds)
 def test_signed_distance_of_primitives_is_the_formulas(seed):
     rng = np.random.default_rng(seed)
@@ -164,7 +162,7 @@ def polygon_distance(corners: np.ndarray, point: np.ndarray) -> float:
     return abs(z) if inside else np.hypot(z, min(gaps))
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(seeds)
 @example(176191)  # half a millimetre off
 def test_polygon_that_is_not_convex_is_judged_as_its_area(seed):

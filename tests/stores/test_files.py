@@ -8,7 +8,7 @@ from guidefield.stores.files import checked_name, default_data_folder, read_if_a
 
 
 @given(st.text(max_size=200))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_a_name_that_is_accepted_stays_in_its_folder(name: str) -> None:
     folder = Path("/data/scenes")
     try:

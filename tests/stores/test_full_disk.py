@@ -24,8 +24,7 @@ from tests.kept_runs import begin, keep, new_run
 from tests.replies import plan_reply
 from tests.robots import box_arm
 
-ROOM = 768
-"""Of the disk [KiB]: for a few requests and replies, and no more than a recording or two."""
+ROOM = 768  # of the disk [KiB]: for a few requests and replies, and no more than a recording or two
 
 
 @pytest.fixture

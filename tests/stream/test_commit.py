@@ -36,7 +36,7 @@ def piece(start: np.ndarray, velocity: float, goal: float = np.inf, within: floa
     return plan_commit(start, np.array([velocity]), np.array([goal]), BOUNDS, 0.0, 0.03, within)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(share, share, share)
 def test_a_piece_and_its_braking_keep_every_limit_and_end_in_a_stop(v: float, a: float, u: float) -> None:
     start = state(0.0, v, a)
@@ -54,7 +54,7 @@ def test_a_piece_and_its_braking_keep_every_limit_and_end_in_a_stop(v: float, a:
     np.testing.assert_allclose(np.diff(states[:, 1]), steps * middles, atol=1e-7)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(share, share, st.floats(-0.4, 0.4))
 def test_no_goal_is_passed_that_need_not_be(v: float, u: float, away: float) -> None:
     start = state(0.0, v, 0.0)
@@ -67,7 +67,7 @@ def test_no_goal_is_passed_that_need_not_be(v: float, u: float, away: float) -> 
         assert abs(ends - goal) <= 1e-8
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(share)
 def test_braking_lasts_as_long_as_it_has_to(v: float) -> None:
     start = state(0.0, v, 0.0)
@@ -81,7 +81,7 @@ def test_braking_lasts_as_long_as_it_has_to(v: float) -> None:
     assert abs(commit.ends[0] - 0.5 * start[0, 1] * quickest) <= 1e-7  # it is symmetric in time
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(st.lists(share, min_size=3, max_size=3), st.lists(st.floats(0.2, 1.0), min_size=3, max_size=3))
 def test_from_rest_all_coordinates_go_straight_on_together(shares: list[float], hardness: list[float]) -> None:
     """Else a robot near the floor would begin with a motion of its own; every limit is kept all the same."""
@@ -101,7 +101,7 @@ def test_from_rest_all_coordinates_go_straight_on_together(shares: list[float], 
         state = commit.state(begins + 0.02)[:, :3]
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(share, st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4), st.sampled_from([0.0, 5.0, 9e8]))
 def test_what_is_told_keeps_the_jerk_however_late_the_next_piece_is(v: float, later: list[float], clock: float) -> None:
     """Also from the last moments of a braking, where a square root loses half its digits, and by a clock long on."""

@@ -20,8 +20,7 @@ from guidefield.stream.settings import STREAM, ClearanceRule
 from guidefield.stream.stream import CertifiedStream
 from tests.robots import robot
 
-LARGER = 0.05
-"""Links are told to be larger than they are by so much at most [m]."""
+LARGER = 0.05  # links are told to be larger than they are by so much at most [m]
 
 UP = {"shoulder_lift_joint": -1.5, "elbow_joint": 0.5}
 

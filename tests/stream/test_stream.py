@@ -89,7 +89,7 @@ def fastest(stream: CertifiedStream, piece: Piece, frame: str) -> float:
     return float((np.linalg.norm(np.diff(places, axis=0), axis=1)[apart] / np.diff(times)[apart]).max(initial=0.0))
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(st.floats(0.15, 0.8), st.floats(-1.5, 1.5), st.floats(-0.5, 1.5), st.floats(0.2, 0.6))
 def test_pieces_and_their_stops_keep_speeds_in_space(speed: float, pan: float, elbow: float, y: float) -> None:
     """By dense differences, past a ball that drifts along."""

@@ -109,8 +109,7 @@ UNDER_THE_GOAL = {"position": [0.286, 0.536, 0.49]}
 """There an apple that the tool holds at the goal would be in the crate, and nothing else of the robot."""
 
 
-BESIDE_THE_START = [0.463, 0.109, 0.90]
-"""There the crate is in the apple that the tool holds at the start."""
+BESIDE_THE_START = [0.463, 0.109, 0.90]  # there the crate is in the apple that the tool holds at the start
 
 
 def test_what_is_held_is_kept_from_what_moves() -> None:

@@ -42,8 +42,7 @@ CHAINS = (
 BALLS = ("chain_fixed_6x300_r25", "chain_moving_3x260_r20", "chain_planar_3x260_r25")
 
 
-MESHES = "panda on wheels"
-"""Its links are meshes."""
+MESHES = "panda on wheels"  # its links are meshes
 
 
 def of(name: str) -> RobotModel:
@@ -106,7 +105,7 @@ def test_placements_are_pinocchios(name: str) -> None:
     assert_placed_alike(world.group, lanes, further)
 
 
-@settings(deadline=None, max_examples=5)
+@settings(max_examples=5)
 @given(chains(most=8), st.integers(0, 2**16))
 def test_random_robots_are_where_pinocchio_has_them_and_touch_where_coal_says(urdf: UrdfText, seed: int) -> None:
     model = load(urdf)

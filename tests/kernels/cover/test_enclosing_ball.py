@@ -32,7 +32,7 @@ clouds = st.tuples(st.integers(0, 10**6), st.integers(1, 9), st.sampled_from([1.
 )
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(clouds)
 def test_it_contains_the_points_and_is_the_smallest(points: np.ndarray) -> None:
     ball = enclosing(points)
@@ -40,7 +40,7 @@ def test_it_contains_the_points_and_is_the_smallest(points: np.ndarray) -> None:
     assert ball[3] == pytest.approx(radius_by_trying(points), rel=1e-7, abs=1e-9)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(0, 10**6), st.integers(1, 12))
 def test_a_ball_around_balls_contains_them_and_is_small(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

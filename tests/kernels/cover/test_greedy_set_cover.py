@@ -32,7 +32,7 @@ problems = st.tuples(st.integers(0, 10**6), st.integers(1, 9), st.integers(1, 14
 )
 
 
-@settings(deadline=None, max_examples=24)
+@settings(max_examples=24)
 @given(problems)
 def test_all_that_can_be_contained_is_by_few_sets(rows: np.ndarray) -> None:
     """The greedy choice has at most the harmonic number of the largest set times as many as needed (Chvatal 1979)."""

@@ -26,8 +26,7 @@ CONVEX = {
     "half-space": messages.HalfSpace(name="floor", normal=(0.2, -0.1, 2.0), offset=-0.3),
     "convex mesh": mesh_message(BALL.vertices * [1.0, 0.6, 0.3], BALL.triangles, name="mesh", **TILTED),
 }
-EXACT = 1e-9
-"""Coal's own solver is good to about this [m]."""
+EXACT = 1e-9  # Coal's own solver is good to about this [m]
 
 
 def scene_of(*obstacles: Any) -> Scene:

@@ -14,7 +14,7 @@ BALL = surfaces.sphere(0.5, subdivisions=4)
 BUMPY = BALL.corners * (1.0 + 0.2 * np.sin(7.0 * BALL.corners[..., :1]) * np.cos(5.0 * BALL.corners[..., 1:2]))
 
 
-@settings(deadline=None, max_examples=9)
+@settings(max_examples=9)
 @given(st.integers(0, 1000), st.sampled_from([1e-1, 1e-2, 1e-3, 1e-5]))
 def test_the_error_is_within_what_was_asked_for(seed: int, error: float) -> None:
     points = np.random.default_rng(seed).uniform(-2.0, 2.0, (24, 3))

@@ -14,7 +14,7 @@ CAPSULES = [[0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.1, 2.0]]
 PLANES = [[0.0, 0.0, 1.0, -1.0, 0.7]]
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(st.lists(vectors(3.0), min_size=1, max_size=5))
 def test_all_kinds_of_charge_add_up(points: list[np.ndarray]) -> None:
     tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES)
@@ -41,7 +41,7 @@ def test_all_kinds_of_charge_add_up(points: list[np.ndarray]) -> None:
 BOXES = [[0.3, -0.2, 0.5, 1, 0, 0, 0, 0.6, 0.8, 0, -0.8, 0.6, 0.3, 0.7, 0.2, 1.3]]
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(vectors(2.5))
 def test_single_precision_agrees(point: np.ndarray) -> None:
     tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES, boxes=BOXES)

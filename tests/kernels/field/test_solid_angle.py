@@ -15,8 +15,7 @@ from tests.kernels.evaluation import field, vectors
 from tests.oracles import EPS
 
 LAWS = settings(deadline=None, max_examples=30)
-LANES = 16
-"""As many as any precision has."""
+LANES = 16  # as many as any precision has
 
 angles = st.lists(st.floats(0.02, 3.0), min_size=LANES, max_size=LANES).map(np.array)
 flat_angles = st.lists(st.floats(0.02, np.pi / 16 - 1e-6), min_size=LANES, max_size=LANES).map(np.array)

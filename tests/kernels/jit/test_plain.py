@@ -17,11 +17,9 @@ from tests.kernels.jit.plain_slice import results
 KERNELS = Path(kernels.__file__).parent
 HOUSE = Path(__file__).parents[3]
 
-CHANGES = {"guidefield.kernels.jit.patched_compiler"}
-"""The files that change numba."""
+CHANGES = {"guidefield.kernels.jit.patched_compiler"}  # the files that change numba
 
-MAKERS = {"compiled", "exact_kernel", "lane_kernel", "lane_step", "kernel", "inner_kernel"}
-"""Decorators of kernels."""
+MAKERS = {"compiled", "exact_kernel", "lane_kernel", "lane_step", "kernel", "inner_kernel"}  # decorators of kernels
 
 OFFERED = {
     "numba", "numba.extending", "llvmlite.ir",

@@ -31,7 +31,7 @@ def lengths(places: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.diff(places, axis=0), axis=1)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 10**6), m=st.integers(2, 5), size=st.floats(0.0, 0.08))
 @example(seed=82, m=3, size=0.078125)  # nearer to the first joint than the links can be folded
 def test_a_closed_chain_ends_where_it_has_to_and_keeps_its_links(seed: int, m: int, size: float) -> None:

@@ -25,8 +25,7 @@ from guidefield.kernels.prove.kept_distance import (
 )
 from guidefield.kernels.simd.packing import pointers
 
-ACCURACY = 1e-5
-"""How far a distance by kernels, with corners in single precision, may be from Coal's [m]."""
+ACCURACY = 1e-5  # how far a distance by kernels, with corners in single precision, may be from Coal's [m]
 
 INSTANTS = 41
 
@@ -155,7 +154,7 @@ FIRST = st.sampled_from(["box", "cylinder", "capsule", "mesh"])
 SECOND = st.sampled_from(["box", "cylinder", "capsule", "mesh", "half-space"])
 
 
-@settings(deadline=None, max_examples=90)
+@settings(max_examples=90)
 @given(st.integers(0, 10**6), FIRST, SECOND)
 def test_what_is_kept_is_kept_at_all_times(seed: int, first: str, second: str) -> None:
     shapes, poses, rng = given_bodies(seed, (first, second))
@@ -192,7 +191,7 @@ def placed_half_space(shape: coal.Halfspace, pose: pin.SE3) -> Parts:
     return table.tables()
 
 
-@settings(deadline=None, max_examples=45)
+@settings(max_examples=45)
 @given(st.integers(0, 10**6), FIRST, st.sampled_from(["box", "cylinder", "capsule", "mesh"]))
 def test_bodies_that_shift_together_keep_exactly_their_distance(seed: int, first: str, second: str) -> None:
     """However fast they are: then the distance decides, and where it isn't kept two leaves are named that are near."""
@@ -210,7 +209,7 @@ def test_bodies_that_shift_together_keep_exactly_their_distance(seed: int, first
     assert keeps(*arguments, apart - 2.0 * ACCURACY, 0.0, work) == np.inf  # what was left last is tried first
 
 
-@settings(deadline=None, max_examples=45)
+@settings(max_examples=45)
 @given(st.integers(0, 10**6), st.sampled_from(["box", "mesh"]), st.sampled_from(["capsule", "mesh"]))
 def test_what_is_told_later_is_told_in_a_shorter_time(seed: int, first: str, second: str) -> None:
     """Nodes that would be told soon aren't divided: that doesn't go on for ever, nor is what is too near ever told."""

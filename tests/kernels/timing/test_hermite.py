@@ -14,7 +14,7 @@ def peaks(kernel, times, positions, velocities):
     return speeds, accelerations
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_no_sample_exceeds_them_and_one_reaches_them(seed):
     times, positions, velocities = random_knots(seed)
@@ -36,7 +36,7 @@ def roots_between(curve, coordinate, start, end):
     return [start + (end - start) * a / (a - b)] if a * b < 0.0 else []
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_shares_are_those_of_the_peaks_and_of_the_jerk_between_the_ends(seed):
     times, positions, velocities = random_knots(seed)
@@ -50,7 +50,7 @@ def test_shares_are_those_of_the_peaks_and_of_the_jerk_between_the_ends(seed):
     np.testing.assert_allclose(shares, wanted, rtol=1e-9)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_states_are_those_of_the_curve_in_any_order_of_times(seed):
     times, positions, velocities = random_knots(seed)

@@ -14,8 +14,7 @@ def profile(first, second, steps, caps, limits, offsets=None, kernel=fastest_spe
     return controllable, x
 
 
-FEASIBLE = 1e-7
-"""How far HiGHS lets a solution stray beyond its constraints."""
+FEASIBLE = 1e-7  # how far HiGHS lets a solution stray beyond its constraints
 
 
 def random_path(seed, points=12, nv=3):
@@ -46,7 +45,7 @@ def largest(objective, rows, bounds, x_range):
     return -found.fun
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), aside=st.sampled_from([0.0, 0.9]))
 def test_agrees_with_a_linear_program_at_every_point(seed, aside):
     first, second, steps, caps, limits = random_path(seed)

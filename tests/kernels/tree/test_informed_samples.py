@@ -51,7 +51,7 @@ def sequence(
 TURN = 2.0 * np.pi
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1), reach=st.floats(0.05, 20.0))
 def test_a_sample_is_within_reach_of_its_point_of_the_way_and_within_the_limits(seed: int, reach: float) -> None:
     """As NumPy has it in double precision: limits, a narrow part of a turn, and two whole turns, one's ends far out."""

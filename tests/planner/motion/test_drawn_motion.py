@@ -50,7 +50,7 @@ def solved(t0: float, t1: float, first: np.ndarray, last: np.ndarray) -> np.ndar
     return np.linalg.solve(np.array(rows), np.r_[first, last])
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.integers(0, 10**6), st.sampled_from([None, 3.0, 50.0]), st.integers(1, 3))
 def test_a_quintic_is_the_polynomial_of_positions_velocities_and_accelerations(seed, rate, parts):
     drawn = draw_plan(planned(seed), execution("quintic", rate), parts)
@@ -66,7 +66,7 @@ def test_a_quintic_is_the_polynomial_of_positions_velocities_and_accelerations(s
             np.testing.assert_allclose(found[:, j], wanted, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.integers(0, 10**6), st.sampled_from([None, 7.0, 125.0]))
 def test_a_cubic_of_rows_on_the_plan_is_the_plan(seed, rate):
     plan = planned(seed)
@@ -79,7 +79,7 @@ def test_a_cubic_of_rows_on_the_plan_is_the_plan(seed, rate):
     assert rate is None or np.diff(drawn.times).max() <= 1.0 / rate * (1.0 + 1e-9)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(0, 10**6), st.sampled_from(list(Interpolation)), st.sampled_from([9.0, 125.0]))
 def test_the_deviation_is_the_largest_of_dense_samples(seed, kind, rate):
     plan = planned(seed)
@@ -98,7 +98,7 @@ def test_the_deviation_is_the_largest_of_dense_samples(seed, kind, rate):
     np.testing.assert_allclose(found.values, apart.max(axis=0), atol=3e-2 if rate < 10 else 1e-3)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.integers(0, 10**6))
 def test_shares_of_a_quintics_limits_are_those_of_dense_samples(seed):
     arm, rng = group("panda"), np.random.default_rng(seed)
@@ -149,7 +149,7 @@ def test_steps_have_a_tube_from_each_command_to_the_next():
     np.testing.assert_allclose(high, corners.max(axis=0) + 0.01, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(2, 6), st.booleans())
 def test_largest_magnitudes_are_those_of_dense_samples(seed, order, wide):
     rng = np.random.default_rng(seed)

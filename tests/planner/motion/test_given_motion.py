@@ -35,7 +35,7 @@ def random_motion(seed: int, kind: CurveKind = CurveKind.HERMITE, knots: int = 1
     return SubmittedMotion(kind, positions, rows, times, rates)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS, knots=st.integers(2, 30))
 def test_the_spline_is_scipys(seed: int, knots: int) -> None:
     rng = np.random.default_rng(seed)
@@ -55,7 +55,7 @@ def test_a_spline_through_a_smooth_motion_is_off_by_the_fourth_power_of_the_step
     assert 10.0 < off(0.1) / off(0.05) < 25.0
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS, kind=st.sampled_from([CurveKind.HERMITE, CurveKind.SPLINE]))
 def test_shares_of_limits_are_those_of_dense_samples(seed: int, kind: CurveKind) -> None:
     motion = random_motion(seed, kind)
@@ -83,7 +83,7 @@ def test_shares_of_limits_are_those_of_dense_samples(seed: int, kind: CurveKind)
         assert uses.jerk.share == pytest.approx(jerks, rel=0.05)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS, kind=st.sampled_from(CurveKind), share=st.floats(0.0, 1.0))
 def test_a_place_that_is_measured_is_found_along_the_rows(seed: int, kind: CurveKind, share: float) -> None:
     motion = random_motion(seed, kind)
@@ -96,7 +96,7 @@ def test_a_place_that_is_measured_is_found_along_the_rows(seed: int, kind: Curve
     assert np.interp(row, motion.rows, motion.times) == pytest.approx(when)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS)
 def test_straight_pieces_are_straight(seed: int) -> None:
     motion = random_motion(seed, CurveKind.LINEAR)

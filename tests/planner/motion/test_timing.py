@@ -80,7 +80,7 @@ def distances_to_polyline(points: np.ndarray, path: np.ndarray) -> np.ndarray:
     return nearest
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS, steps=st.integers(1, 5))
 def test_it_is_scipys_spline_of_its_control_points(seed: int, steps: int) -> None:
     curve = curve_along(walk(seed, 5))
@@ -91,7 +91,7 @@ def test_it_is_scipys_spline_of_its_control_points(seed: int, steps: int) -> Non
         np.testing.assert_allclose(derivatives, other(at, order), atol=1e-12)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(waypoints=ANY_WAYPOINTS)
 def test_it_keeps_the_ends_and_the_range_of_its_path(waypoints: np.ndarray) -> None:
     path = remove_repetitions(waypoints)
@@ -106,7 +106,7 @@ def test_it_keeps_the_ends_and_the_range_of_its_path(waypoints: np.ndarray) -> N
     np.testing.assert_allclose(second[[0, -1]], 0.0, atol=1e-12)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS)
 def test_twice_as_many_control_points_are_at_half_the_distance_from_the_path(seed: int) -> None:
     path = walk(seed, 6)
@@ -118,7 +118,7 @@ def test_twice_as_many_control_points_are_at_half_the_distance_from_the_path(see
     assert farthest[4] < 0.15 * farthest[0]
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(waypoints=ANY_WAYPOINTS, spacing=st.floats(0.05, 3.0))
 def test_places_along_a_path_are_on_it_and_close(waypoints: np.ndarray, spacing: float) -> None:
     path = remove_repetitions(waypoints)
@@ -141,8 +141,7 @@ def test_a_path_that_goes_nowhere_is_a_point_and_there_and_back_is_none() -> Non
 
 SEEDS = st.integers(0, 2**32 - 1)
 # What rounding may add when a motion is evaluated between its knots.
-ROUNDING = 1e-9
-"""A motion takes this times the optimal time: it begins and ends without acceleration."""
+ROUNDING = 1e-9  # a motion takes this times the optimal time: it begins and ends without acceleration
 UNLIMITED = np.full(7, np.inf)
 
 
@@ -190,7 +189,7 @@ def test_the_speed_is_as_toppras(paths, seed):
     assert 0.998 < optimal.duration / toppras_duration(waypoints, 16) < 1.025
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=SEEDS)
 def test_the_motion_takes_little_longer_than_the_optimal_speed(seed):
     for waypoints, most in ((walk(seed), 1.12), (even(seed), 1.04)):
@@ -209,7 +208,7 @@ def test_a_straight_motion_takes_the_analytic_time(distance, pieces):
     assert expected * (1 - ROUNDING) <= duration <= 1.01 * expected * few / (few - 2)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=SEEDS)
 def test_twice_as_many_pieces_are_closer_to_the_curve(seed):
     curve = curve_along(walk(seed))
@@ -224,7 +223,7 @@ def test_twice_as_many_pieces_are_closer_to_the_curve(seed):
     assert away[1] < max(0.2 * away[0], 1e-3)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(waypoints=ANY_WAYPOINTS, jerk=st.one_of(st.none(), st.floats(1.0, 1e4)), finer=st.sampled_from([1, 2, 8]))
 @example(waypoints=np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 1.0]]), jerk=None, finer=1)
 @example(waypoints=np.array([[0.0], [1.0], [1.0 - 1e-7], [3.0]]), jerk=None, finer=1)
@@ -243,7 +242,7 @@ def test_any_path_is_timed_within_its_limits_from_rest_to_rest(waypoints, jerk, 
     assert_within_limits(trajectory, jerk)
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=18)
 @given(seed=SEEDS)
 def test_some_joint_is_at_a_limit_nearly_all_the_time(seed):
     trajectory = soonest(even(seed))
@@ -252,7 +251,7 @@ def test_some_joint_is_at_a_limit_nearly_all_the_time(seed):
     assert np.mean(load > 0.9) > 0.8
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=SEEDS)
 def test_the_way_back_takes_as_long(seed):
     # up to the grid: on it, the greatest acceleration now need not be the best for later where a joint turns back

@@ -22,7 +22,7 @@ from tests.knots import random_knots
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=SEEDS)
 def test_bezier_points_are_the_same_curve(seed):
     trajectory = Trajectory(*random_knots(seed))

@@ -76,7 +76,7 @@ def test_an_unknown_tip_lists_the_frames() -> None:
 
 
 @given(seed=st.integers(0, 10_000), turns=st.integers(-3, 3))
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_whole_turns_of_continuous_joints_change_nothing_but_the_chart(seed: int, turns: int) -> None:
     planned = group("kinova")
     z = planned.chart(random_configuration(planned, seed))

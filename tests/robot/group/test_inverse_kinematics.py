@@ -87,7 +87,7 @@ def test_a_start_leads_to_the_first_solution(name):
     assert np.abs(planned.difference(planned.from_chart(z), planned.from_chart(reached))).max() < 0.1
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32), st.lists(st.sampled_from([0.0, 0.01, 0.3, np.inf]), min_size=6, max_size=6))
 def test_tolerances_are_a_box_in_the_goals_frame(seed, tolerances):
     planned = group("panda")
@@ -127,7 +127,7 @@ def test_moving_base_and_goal_alike_changes_nothing():
     assert np.allclose(there.solutions, here.solutions, rtol=0.0, atol=1e-4)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3), st.sampled_from([0.0, 0.2, np.inf]))
 def test_what_is_called_out_of_reach_is_at_least_so_far(position, tolerance):
     planned = group("panda")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import coal
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.mesh_files.sent_meshes import MAX_MESHES, name_by_content
@@ -118,7 +118,6 @@ def test_files_are_bounded_in_number():
         name_by_content({f"{index}.stl": b"" for index in range(MAX_MESHES + 1)})
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.sampled_from(["..", ".", "a", "b c", "%2e%2e", "x.mtl", "C:", "\\"]), max_size=6),
     st.sampled_from(["/", "\\", "//"]),

@@ -10,7 +10,7 @@ from tests.robots import box_arm, load, robot
 
 
 @given(angle=st.floats(-50, 50))
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_continuous_angles_survive_up_to_whole_turns(angle: float) -> None:
     model = robot("kinova")
     q = configuration_from_wire(model, {"j2s6s200_joint_1": angle})

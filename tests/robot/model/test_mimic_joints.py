@@ -29,10 +29,8 @@ from tests.robot.winding import OFFSET, nearest, place, winding
 from tests.robots import grouped, load
 
 ENGINE = Engine()
-EXACT = 1e-12
-"""Rounding of a chain of a few joints [m], and of a rotation's entries."""
-BEYOND = 3.5, -4.0, 9.0, 3.0
-"""Angles, some of them beyond half a turn [rad]."""
+EXACT = 1e-12  # rounding of a chain of a few joints [m], and of a rotation's entries
+BEYOND = 3.5, -4.0, 9.0, 3.0  # angles, some of them beyond half a turn [rad]
 
 
 BESIDE = UrdfText(
@@ -99,7 +97,7 @@ def at_any(planned: PlanningGroup, rng: np.random.Generator) -> np.ndarray:
     return z
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(chains(most=8, kinds=WOUND), st.integers(0, 2**16))
 def test_models_and_kernels_have_followers_where_the_formula_has_them(urdf: UrdfText, seed: int) -> None:
     robot = load(urdf)
@@ -124,7 +122,7 @@ def test_models_and_kernels_have_followers_where_the_formula_has_them(urdf: Urdf
         np.testing.assert_allclose(whole.oMi[joint.index].homogeneous, expected[joint.name], atol=1e3 * EXACT)
 
 
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 @given(chains(most=8, kinds=(*KINDS, "mimic", "continuous")), st.integers(0, 2**16))
 def test_the_chain_to_the_tip_ends_no_further_than_it_reaches(urdf: UrdfText, seed: int) -> None:
     planned = grouped(urdf) if load(urdf).joints else None
@@ -322,7 +320,7 @@ def test_a_follower_of_a_fixed_joint_is_refused():
 RANGE = st.tuples(st.floats(-3, 0), st.floats(0, 3))
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(RANGE, RANGE, st.floats(-2, 2).filter(lambda m: m == 0.0 or abs(m) > 1e-3), st.floats(-1, 1), st.integers(0, 99))
 def test_no_random_configuration_puts_a_follower_beyond_its_limits(first, second, multiplier, offset, seed):
     robot = load(arm(("revolute", *first, ""), ("revolute", *second, mimic(1, multiplier, offset))))

@@ -48,7 +48,7 @@ def test_what_is_placed_otherwise_is_told() -> None:
     assert told[-1].endswith(" more things otherwise")
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(chains(8))
 def test_random_chains_are_read_alike(sent: UrdfText) -> None:
     told = [warning for warning in Catalog().load(sent).warnings if "yourdfpy" in warning]

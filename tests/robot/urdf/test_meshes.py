@@ -320,7 +320,7 @@ PARTS = st.lists(
 )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.sampled_from(["package://", "file://", "model://", "", "/"]), PARTS)
 def test_whatever_is_found_lies_inside(tmp_path_factory, scheme, parts):
     root = tmp_path_factory.getbasetemp() / "confined"

@@ -88,7 +88,7 @@ def trees(draw):
     return f'<robot name="tree">{"".join(parts)}</robot>'
 
 
-@settings(deadline=None, max_examples=24)
+@settings(max_examples=24)
 @given(trees())
 def test_sound_trees_pass_and_agree_with_pinocchio(text):
     facts = check_urdf(text, NOWHERE)
@@ -123,7 +123,7 @@ TOKENS = [
 ]
 
 
-@settings(deadline=None, max_examples=120)
+@settings(max_examples=120)
 @given(st.integers(0, len(ARM)), st.integers(0, 12), st.sampled_from(TOKENS))
 def test_whatever_passes_pinocchio_reads_whole(start, length, token):
     text = ARM[:start] + token + ARM[start + length :]
@@ -136,7 +136,7 @@ def test_whatever_passes_pinocchio_reads_whole(start, length, token):
     assert (model.lowerPositionLimit <= model.upperPositionLimit).all()
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.text())
 def test_any_text_is_refused_in_good_order(text):
     with pytest.raises(RobotInvalid):
