@@ -20,7 +20,7 @@ from typer.main import get_command
 
 from guidefield.cli import app
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model import spaces
+from guidefield.robot.model import joints
 
 HOUSE = Path(__file__).resolve().parent.parent
 PACKAGE = HOUSE / "service" / "guidefield"
@@ -58,7 +58,7 @@ UNIMPORTED = {"example-robot-data", "pillow", "pycollada"}  # data, and what tri
 COMES_WITH_NUMBA = {"llvmlite"}  # numba demands the one version that fits
 SHAPE = re.compile(r"\((?:[\w.+*/ -]|\.\.\.)+,(?:[\w.+*/, -]|\.\.\.)*\)|\(\d\)|shape")
 """How docstrings say shapes: (n, 3), (nq,), (3), or in words."""
-SPACES = [name for name, kind in vars(spaces).items() if get_origin(kind) is np.ndarray]
+SPACES = [name for name, kind in vars(joints).items() if get_origin(kind) is np.ndarray]
 ARRAYS = re.compile(rf"ndarray|NDArray|Floats|Integers|\b({'|'.join(SPACES)})\b")  # how annotations say arrays
 AS_ANOTHER = re.compile(r"`\w+`")  # another function, whose docstring says them
 VAGUE = re.compile(r"^_?(?:get|compute|do|handle_data)_.*")

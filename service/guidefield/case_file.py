@@ -42,7 +42,8 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.mesh_files.reading import companions, plain_file, read_mesh
 from guidefield.robot.model.collision_shapes import hull
 from guidefield.robot.model.configuration import configuration_to_wire
-from guidefield.robot.model.model import JointKind, RobotModel, RobotSource
+from guidefield.robot.model.joints import JointKind
+from guidefield.robot.model.model import RobotModel, RobotSource
 from guidefield.robot.urdf import xml
 from guidefield.scene import obstacle
 from guidefield.scene.anchor import Anchor

@@ -20,7 +20,7 @@ from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_p
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.link_charges import robot_charges
-from guidefield.robot.model.spaces import Configuration, Configurations
+from guidefield.robot.model.joints import Configuration, Configurations
 from guidefield.scene.field_slice import Origin, coarse_tables, field_of_movers, single_tables
 from guidefield.scene.scene import Scene
 

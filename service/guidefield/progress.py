@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from guidefield.collision.world import World
     from guidefield.planner.task.trace import Event
     from guidefield.robot.group.group import PlanningGroup
-    from guidefield.robot.model.spaces import Configuration
+    from guidefield.robot.model.joints import Configuration
     from guidefield.scene.scene import Scene
 
 MIN_PERIOD_S = 0.2

@@ -9,8 +9,8 @@ from guidefield.errors import InvalidConfiguration, MalformedRequest
 from guidefield.handlers.configurations import configurations_from, rates_from, whole_group
 from guidefield.messages.kinematics_parts import ConfigurationTable
 from guidefield.messages.values import Placement
-from guidefield.robot.model.chart import POSITION_SUFFIXES
 from guidefield.robot.model.configuration import configuration_from_wire
+from guidefield.robot.model.joints import POSITION_SUFFIXES
 from tests.robots import box_arm, load, robot
 
 MIXED = box_arm("y floating planar y", 4)

@@ -16,8 +16,8 @@ from guidefield.handlers.configurations import (
 )
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.model import chart
 from guidefield.robot.model.configuration import configuration_from_wire
+from guidefield.robot.model.joints import POSITION_SUFFIXES, ROTATION, VELOCITY_SUFFIXES
 from tests.robots import box_arm, grouped, load
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -29,14 +29,14 @@ def smooth(planned: PlanningGroup, seed: int, rows: int = 9) -> np.ndarray:
     rng = np.random.default_rng(seed)
     z = planned.chart(planned.random(rng)) + np.cumsum(rng.uniform(-0.5, 0.9, size=(rows, planned.nv)), axis=0)
     for joint in planned.joints:  # a rotation vector stays shorter than a turn
-        if joint.kind in chart.ROTATION:
+        if joint.kind in ROTATION:
             at = slice(joint.idx_v + joint.nv - 3, joint.idx_v + joint.nv)
             z[:, at] *= 3.0 / max(3.0, np.linalg.norm(z[:, at], axis=1).max())
     return z
 
 
 def columns_of(planned: PlanningGroup, names: list[str]) -> Columns:
-    return Columns.named("position_names", names, planned.robot, chart.POSITION_SUFFIXES)
+    return Columns.named("position_names", names, planned.robot, POSITION_SUFFIXES)
 
 
 def started_at(planned: PlanningGroup, columns: Columns, rows: np.ndarray) -> PlanningGroup:
@@ -81,7 +81,7 @@ def test_velocities_are_tangents(seed: int, kinds: str) -> None:
     planned = grouped(box_arm(kinds, 0))
     z, rates = smooth(planned, seed), np.random.default_rng(seed).normal(size=(9, planned.nv))
     rows = np.array([planned.tangent_map(point) @ rate for point, rate in zip(z, rates, strict=True)])
-    columns = Columns.named("velocity_names", planned.velocity_names, planned.robot, chart.VELOCITY_SUFFIXES)
+    columns = Columns.named("velocity_names", planned.velocity_names, planned.robot, VELOCITY_SUFFIXES)
     np.testing.assert_allclose(chart_rates(columns, rows, planned, z, "velocities"), rates, atol=1e-7)
 
 
@@ -94,7 +94,7 @@ def test_a_follower_may_have_a_column_that_says_what_its_law_says() -> None:
     with pytest.raises(InvalidConfiguration, match=r"path\[2\].*'j2' follows 'j1'.*0.01 off"):
         chart_points(columns, rows, planned, "path")
     assert velocity_names_of(columns, planned.robot) == ["j2", "j1"]
-    rates = Columns.named("velocity_names", ["j2", "j1"], planned.robot, chart.VELOCITY_SUFFIXES)
+    rates = Columns.named("velocity_names", ["j2", "j1"], planned.robot, VELOCITY_SUFFIXES)
     assert chart_rates(rates, np.array([[-0.5, 1.0]]), planned, rows[:1, 1:], "velocities").tolist() == [[1.0]]
     with pytest.raises(InvalidConfiguration, match="follows 'j1'"):
         chart_rates(rates, np.array([[0.5, 1.0]]), planned, rows[:1, 1:], "velocities")
@@ -120,7 +120,7 @@ def test_a_follower_of_a_joint_without_a_column_stands_still() -> None:
 )
 def test_names_that_are_no_columns_are_refused(names: list[str], why: str) -> None:
     with pytest.raises(InvalidConfiguration, match=why):
-        Columns.named("position_names", names, load(box_arm("x planar", 0)), chart.POSITION_SUFFIXES)
+        Columns.named("position_names", names, load(box_arm("x planar", 0)), POSITION_SUFFIXES)
 
 
 def test_rows_that_are_no_configurations_are_refused() -> None:
@@ -133,5 +133,5 @@ def test_rows_that_are_no_configurations_are_refused() -> None:
         chart_points(columns, np.array([row, [*row[:7], 1e5]]), planned, "path")
     with pytest.raises(MalformedRequest, match="no column of joint 'j2'"):
         require_same_joints(
-            columns, Columns.named("velocity_names", planned.velocity_names[:6], planned.robot, chart.VELOCITY_SUFFIXES)
+            columns, Columns.named("velocity_names", planned.velocity_names[:6], planned.robot, VELOCITY_SUFFIXES)
         )

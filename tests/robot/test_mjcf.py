@@ -10,7 +10,8 @@ import pytest
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile, UrdfText
 from guidefield.robot.catalog import Catalog, mujoco_configuration
-from guidefield.robot.model.model import JointKind, RobotModel
+from guidefield.robot.model.joints import JointKind
+from guidefield.robot.model.model import RobotModel
 
 mujoco = pytest.importorskip("mujoco", reason="the extra `mujoco` isn't installed")
 

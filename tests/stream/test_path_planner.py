@@ -11,7 +11,7 @@ from guidefield.kernels.collide.layout import KEPT, ROUNDED_BOX
 from guidefield.messages.scene import HalfSpace, Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
 from guidefield.messages.values import JointsGoal, Placement
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.joints import ChartPoint
 from guidefield.scene.scene import build
 from guidefield.stream.dodging import TimedPath
 from guidefield.stream.obstacles import DriftingObstacles

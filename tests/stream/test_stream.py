@@ -25,7 +25,7 @@ from guidefield.messages.conditions import CartesianLimit
 from guidefield.messages.scene import Box, Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import JointSetGoal, JointsGoal, Placement
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.joints import ChartPoint
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream
 from tests.robots import robot

@@ -25,7 +25,7 @@ from guidefield.messages.requests import (
     PlanRequest,
     PoseGoal,
 )
-from guidefield.robot.model.model import Joint, JointKind
+from guidefield.robot.model.joints import Joint, JointKind
 
 KINDS = {
     "joints": 0.42,

@@ -26,7 +26,7 @@ from guidefield.messages.requests import (
     PoseGoal,
 )
 from guidefield.messages.values import Placement
-from guidefield.robot.model.model import JointKind
+from guidefield.robot.model.joints import JointKind
 
 CLOSER = 2e-6
 """A pair that is closer than required by more than this is no free pair [m]."""

@@ -10,7 +10,7 @@ from tests.planner.limit_attack import extremes, ranges
 from doubting.curve import ROTATION, Curve
 from doubting.loaded import Loaded
 from guidefield.messages.requests import CertifyRequest, PlanRequest
-from guidefield.robot.model.model import LimitSource
+from guidefield.robot.model.joints import LimitSource
 
 Request = PlanRequest | CertifyRequest
 RATES = ("velocity", "acceleration", "jerk")

@@ -18,7 +18,8 @@ from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
 from guidefield.messages.values import Placement
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.configuration import configuration_to_wire
-from guidefield.robot.model.model import Joint, RobotModel
+from guidefield.robot.model.joints import Joint
+from guidefield.robot.model.model import RobotModel
 
 Wire = dict[str, Any]
 """Values of joints as the wire has them."""

@@ -14,8 +14,8 @@ from doubting.robots import Robot
 from guidefield.geometry import surfaces
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.values import Placement
+from guidefield.robot.model.joints import JointKind
 from guidefield.robot.model.loading import DEFAULT_TRANSLATION_SPEED
-from guidefield.robot.model.model import JointKind
 
 USUAL = 0.6
 """Of so many robots the size is their own."""

@@ -21,7 +21,8 @@ from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest, RobotReference
 from guidefield.messages.values import Placement
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.model.model import Joint, RobotModel
+from guidefield.robot.model.joints import Joint
+from guidefield.robot.model.model import RobotModel
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,7 @@ from numpy.lib.stride_tricks import as_strided
 from guidefield.kernels.collide.near_pairs import BodyBalls
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.model.chart import ROTATION, TRANSLATION
-from guidefield.robot.model.model import JointKind
+from guidefield.robot.model.joints import ROTATION, TRANSLATION, JointKind
 from guidefield.scene.crop import Ball
 
 PARTS = 8

@@ -26,7 +26,7 @@ from guidefield.collision.world import World
 from guidefield.memo import MISSING, Answers
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.model.spaces import ModelConfiguration
+from guidefield.robot.model.joints import ModelConfiguration
 
 
 def enclosed(world: World, q: ModelConfiguration) -> PairNames | None:

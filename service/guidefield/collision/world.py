@@ -27,7 +27,7 @@ from guidefield.errors import SceneInvalid
 from guidefield.kernels.collide.near_pairs import find_near_pairs
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import lent_data
-from guidefield.robot.model.spaces import ModelConfiguration
+from guidefield.robot.model.joints import ModelConfiguration
 from guidefield.scene.scene import Scene
 
 TOUCHING = 1e-6  # pairs whose balls and boxes are farther apart than this aren't tested further [m]

@@ -32,7 +32,7 @@ from guidefield.prove.curve import Curve
 from guidefield.prove.search import ContradictionError
 from guidefield.prove.tables import ROUNDED
 from guidefield.prove.verdict import with_coal_error
-from guidefield.robot.model.spaces import ChartRate
+from guidefield.robot.model.joints import ChartRate
 
 ACCURACY = 2.0 * ROUNDED
 """Largest error of a distance that was found, beside Coal's [m]: rounding of kernels.

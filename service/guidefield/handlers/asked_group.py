@@ -28,8 +28,8 @@ from guidefield.robot.model.configuration import (
     find_given_faults,
     limit_faults,
 )
-from guidefield.robot.model.model import Mimic, RobotModel
-from guidefield.robot.model.spaces import ChartRate, RobotConfiguration
+from guidefield.robot.model.joints import ChartRate, Mimic, RobotConfiguration
+from guidefield.robot.model.model import RobotModel
 
 
 def start_of(positions: Positions, robot: RobotModel) -> tuple[RobotConfiguration, list[str]]:

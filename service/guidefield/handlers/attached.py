@@ -27,8 +27,8 @@ from guidefield.messages.requests import Attach, AttachedObject
 from guidefield.messages.scene import HalfSpace, PointCloud
 from guidefield.messages.values import IDENTITY, ORIGIN, InertiaTensor, Placement, Vector3
 from guidefield.planner.sequence.course import AWAY, Touch
+from guidefield.robot.model.joints import RobotConfiguration
 from guidefield.robot.model.model import GeometryChoice, RobotModel, frame_index
-from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf.elements import NO_LENGTH
 from guidefield.scene import obstacle, scene as scenes
 from guidefield.scene.cloud import MOST_IN_BODIES

@@ -49,10 +49,16 @@ from guidefield.planner.motion.trajectory import piece_accelerations
 from guidefield.planner.task.problem import ControllerModel, Interpolation
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.model import chart
 from guidefield.robot.model.configuration import configuration_from_wire
-from guidefield.robot.model.model import JointKind, RobotModel
-from guidefield.robot.model.spaces import ChartPoints, ChartRates, RobotConfiguration
+from guidefield.robot.model.joints import (
+    POSITION_SUFFIXES,
+    VELOCITY_SUFFIXES,
+    ChartPoints,
+    ChartRates,
+    JointKind,
+    RobotConfiguration,
+)
+from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
 
 MIN_TIME_STEP = 1e-9  # smallest step between two times [s]: rates are differences divided by it
@@ -154,7 +160,7 @@ def _columns(request: CertifyRequest, robot: RobotModel) -> Columns:
     names = request.position_names
     if names is None:
         names = select(robot, request.group, request.tip, robot.rest, se3((0, 0, 0), (0, 0, 0, 1))).position_names
-    return Columns.named("position_names", names, robot, chart.POSITION_SUFFIXES)
+    return Columns.named("position_names", names, robot, POSITION_SUFFIXES)
 
 
 def _group(request: CertifyRequest, columns: Columns, robot: RobotModel) -> str | list[str] | None:
@@ -271,7 +277,7 @@ def _rates(
     if given is None:
         return None
     names = request.velocity_names or velocity_names_of(columns, group.robot)
-    named = Columns.named("velocity_names", names, group.robot, chart.VELOCITY_SUFFIXES)
+    named = Columns.named("velocity_names", names, group.robot, VELOCITY_SUFFIXES)
     require_same_joints(columns, named)
     rows = rows_in(given)
     named.require_width(field, rows)

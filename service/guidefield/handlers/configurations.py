@@ -23,10 +23,23 @@ from guidefield.messages.requests import Positions
 from guidefield.messages.values import QUATERNION_TOLERANCE, Placement
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.model import chart
 from guidefield.robot.model.configuration import configuration_from_wire
-from guidefield.robot.model.model import LARGEST_VALUE, Joint, JointKind, RobotModel
-from guidefield.robot.model.spaces import ChartPoints, ChartRates, ModelConfigurations, RobotConfigurations
+from guidefield.robot.model.joints import (
+    ANGLE,
+    LARGEST_VALUE,
+    POSITION_SUFFIXES,
+    ROTATION,
+    VELOCITY_SUFFIXES,
+    ChartPoints,
+    ChartRates,
+    Joint,
+    JointKind,
+    ModelConfigurations,
+    RobotConfigurations,
+    to_chart,
+    unwrap_near,
+)
+from guidefield.robot.model.model import RobotModel
 
 # how far a mimic joint's column may be from its law [rad or m, and per s]: the law is certified, not the column, so a
 # given motion may be off by this, uncertified
@@ -125,12 +138,12 @@ def chart_points(columns: Columns, rows: np.ndarray, group: PlanningGroup, field
             continue
         given = rows[:, list(at)]
         mine = slice(joint.idx_v, joint.idx_v + joint.nv)
-        if joint.kind in chart.ROTATION:
+        if joint.kind in ROTATION:
             require_quaternions(joint, given, field)
             points[:, mine] = _unwrap_rotations(joint, given, group.q_origin[joint.idx_q : joint.idx_q + joint.nq])
             continue
-        if joint.kind in chart.ANGLE:
-            angle = chart.ANGLE[joint.kind]
+        if joint.kind in ANGLE:
+            angle = ANGLE[joint.kind]
             given[:, angle], jump = _unwrap_angles(given[:, angle])
             if jump is not None:
                 warnings.append(
@@ -183,9 +196,9 @@ def require_quaternions(joint: Joint, given: np.ndarray, field: str) -> None:
 
 
 def _unwrap_rotations(joint: Joint, given: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    found = [chart.to_chart(joint, given[0], reference)]
+    found = [to_chart(joint, given[0], reference)]
     for values in given[1:]:
-        found.append(chart.unwrapped(joint, chart.to_chart(joint, values, reference), found[-1]))
+        found.append(unwrap_near(joint, to_chart(joint, values, reference), found[-1]))
     return np.array(found)
 
 
@@ -209,7 +222,7 @@ def _require_mimic_columns(
             asked = joint.mimic.multiplier * moves[:, driver.idx_v] + (0.0 if rates else joint.mimic.offset)
         else:
             stands = group.q_reference[joint.idx_q : joint.idx_q + joint.nq]
-            asked = np.full(len(rows), 0.0 if rates else chart.to_chart(joint, stands, stands)[0])
+            asked = np.full(len(rows), 0.0 if rates else to_chart(joint, stands, stands)[0])
         apart = rows[:, column] - asked
         if joint.kind is JointKind.CONTINUOUS and not rates:
             apart -= 2.0 * np.pi * np.round(apart / (2.0 * np.pi))
@@ -227,7 +240,7 @@ def velocity_names_of(columns: Columns, robot: RobotModel) -> list[str]:
     """Names of the velocity columns of the joints that have position columns, in the order of these."""
     first = sorted(columns.of, key=lambda name: min(columns.of[name]))
     joints = {joint.name: joint for joint in robot.joints}
-    return [name + end for name in first for end in chart.VELOCITY_SUFFIXES.get(joints[name].kind, ("",))]
+    return [name + end for name in first for end in VELOCITY_SUFFIXES.get(joints[name].kind, ("",))]
 
 
 def require_same_joints(positions: Columns, velocities: Columns) -> None:
@@ -253,7 +266,7 @@ def configurations_from(robot: RobotModel, given: ConfigurationBatch) -> RobotCo
     """
     if isinstance(given, ConfigurationTable):
         rows = rows_in(given.rows) if given.rows else _unpacked(given)
-        columns = Columns.named("configurations.names", given.names, robot, chart.POSITION_SUFFIXES)
+        columns = Columns.named("configurations.names", given.names, robot, POSITION_SUFFIXES)
         return _of_rows(robot, columns.of, rows, "configurations.rows")
     if (values := _scalar_rows(given)) is not None:
         with at_path("$.configurations[0]"):
@@ -319,7 +332,7 @@ def rates_from(group: PlanningGroup, given: JointRates, field: str) -> np.ndarra
     """
     robot = group.robot
     if isinstance(given, ConfigurationTable):
-        columns = Columns.named(f"{field}.names", given.names, robot, chart.VELOCITY_SUFFIXES)
+        columns = Columns.named(f"{field}.names", given.names, robot, VELOCITY_SUFFIXES)
         rows = rows_in(given.rows) if given.rows else _unpacked(given)
         rates = np.zeros((len(rows), group.nv))
         for name, at in columns.of.items():
@@ -391,10 +404,10 @@ def _of_rows(
 
 def _values(joint: Joint, given: np.ndarray, field: str) -> np.ndarray:
     """A joint's part of configurations, shape (n, nq), of its columns."""
-    if joint.kind in chart.ANGLE:
-        at = chart.ANGLE[joint.kind]
+    if joint.kind in ANGLE:
+        at = ANGLE[joint.kind]
         return np.column_stack([given[:, :at], np.cos(given[:, at]), np.sin(given[:, at])])
-    if joint.kind in chart.ROTATION:
+    if joint.kind in ROTATION:
         require_quaternions(joint, given, field)
         given[:, -4:] /= np.linalg.norm(given[:, -4:], axis=1, keepdims=True)
     return given

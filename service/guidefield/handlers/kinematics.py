@@ -53,8 +53,8 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import CLAMP_TOLERANCE, configuration_from_wire, configuration_to_wire
+from guidefield.robot.model.joints import ModelConfiguration, RobotConfiguration, RobotConfigurations
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import ModelConfiguration, RobotConfiguration, RobotConfigurations
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 

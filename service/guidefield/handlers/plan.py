@@ -70,8 +70,8 @@ from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import LimitFault, configuration_from_wire, limit_faults
-from guidefield.robot.model.model import JointKind, RobotModel
-from guidefield.robot.model.spaces import Configuration
+from guidefield.robot.model.joints import Configuration, JointKind
+from guidefield.robot.model.model import RobotModel
 from guidefield.scene import guide_plane
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene, build

@@ -27,7 +27,7 @@ from guidefield.planner.task.problem import Conditions
 from guidefield.planner.task.trace import Event, PackedArray
 from guidefield.prove.curve import Curve
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import ChartPoints, ChartRates
+from guidefield.robot.model.joints import ChartPoints, ChartRates
 from guidefield.scene.scene import Scene
 
 _R_contra = TypeVar("_R_contra", bound=MotionReply, contravariant=True)

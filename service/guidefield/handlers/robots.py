@@ -27,8 +27,9 @@ from guidefield.robot.catalog import Catalog
 from guidefield.robot.library import SentRobot
 from guidefield.robot.link_bounds import ShapeCoverage, recall_coverage, recall_parts
 from guidefield.robot.model.configuration import configuration_to_wire
+from guidefield.robot.model.joints import Joint
 from guidefield.robot.model.mimic_joints import bind_rates
-from guidefield.robot.model.model import Joint, RobotModel
+from guidefield.robot.model.model import RobotModel
 
 PREPARE_WITHIN = 60.0
 """Longest time to prepare a robot that a client stores; its first plan does the rest [s].

@@ -69,8 +69,8 @@ from guidefield.planner.task.problem import Conditions
 from guidefield.planner.task.trace import PackedArray, Silent
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.model.joints import RobotConfiguration
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 

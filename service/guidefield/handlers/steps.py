@@ -40,8 +40,8 @@ from guidefield.planner.task.problem import Conditions, Counters, Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import configuration_to_wire
-from guidefield.robot.model.model import JointKind, RobotModel
-from guidefield.robot.model.spaces import RobotConfiguration
+from guidefield.robot.model.joints import JointKind, RobotConfiguration
+from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
 
 STEP_FIELDS = ("goal", "tip", "guide_planes", "attach", "detach", "cartesian_limits")

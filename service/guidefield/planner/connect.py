@@ -31,9 +31,8 @@ from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.inverse_kinematics import EXACT, SEARCH, PoseTarget
 from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
-from guidefield.robot.model.chart import ANGLE
+from guidefield.robot.model.joints import ANGLE, ChartPoint, ChartPoints, ChartRate
 from guidefield.robot.model.model import MARGIN
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
 
 ATTEMPTS = 6  # how often the certificate may refuse what was found. Unrecorded
 FINER = 2.0  # factor of the resolution after each refusal. Unrecorded

@@ -34,7 +34,7 @@ from guidefield.planner.leaving import SLIGHT_DEPTH
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed
 from guidefield.robot.group.inverse_kinematics import EXACT, SEARCH, Cause, IkResult, PoseTarget, solve
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
+from guidefield.robot.model.joints import ChartPoint, ChartPoints, ModelConfiguration
 
 SURE_DEPTH = 1e-3  # a smaller depth is no proof, because Coal finds depths by steps [m, at size 1]
 

@@ -55,7 +55,7 @@ from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.tree_search import RESOLUTION
 from guidefield.prove.verdict import LIMIT_TOLERANCE, Reason
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRate, ChartRates
 
 REPAIRS = 4
 """How often a motion round corners is drawn closer to the path, to half its distance each time, where it is refused."""

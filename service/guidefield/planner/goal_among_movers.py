@@ -46,7 +46,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending, Stages, make_ending_at_rest
 from guidefield.planner.task.trace import Note
 from guidefield.prove.verdict import Verdict
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import ChartPoint, ChartPoints
 
 MotionJudge = Callable[[Trajectory], Verdict]  # judges a motion from time 0 on
 

@@ -25,7 +25,7 @@ from guidefield.planner.task.stages import Ending, Stage, StageFailed, Stages
 from guidefield.planner.task.trace import Note
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.inverse_kinematics import EXACT, PoseTarget
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import ChartPoint, ChartPoints
 from guidefield.scene.guide_plane import GuidePlane, axes_across
 
 FIRST_TRY_SHARE = 0.5

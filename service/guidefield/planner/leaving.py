@@ -30,7 +30,7 @@ from guidefield.prove.closest import measure
 from guidefield.prove.curve import point_on
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint
+from guidefield.robot.model.joints import ChartCurves, ChartPoint
 
 SLIGHT_DEPTH = 0.01  # a contact deeper than this is not slight [m]: docs/certificate.md and docs/goals.md promise it
 LEFT_DISTANCE = 1e-3  # distance that what touched keeps in the end, at least [m]. Unrecorded

@@ -36,7 +36,7 @@ from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import LimitFault
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
+from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
 CERTIFY_GRACE_S = 0.03
 """Time to judge a motion after the deadline, or when the run is cancelled [s]: a proven motion is worth it."""

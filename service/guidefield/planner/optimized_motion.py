@@ -29,7 +29,7 @@ from guidefield.planner.schedule import wait_until_begin
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoints
+from guidefield.robot.model.joints import ChartPoints
 
 HURRIED = "time was up while the motion was optimised: with a longer `allowed_planning_time` it gets better"
 """Warning about a motion that is certified, but slower, or nearer to obstacles, than it had to be."""

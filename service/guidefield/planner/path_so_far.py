@@ -32,7 +32,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending
 from guidefield.prove.curve import polyline
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints, ChartRate, ChartRates
 
 # largest spacing of control points of the curve along a path [rad or m]. On 100 public problems of four robots, nothing
 # optimised: with 0.18 motions take 1 to 4 % longer; with 0.5 they take 1 to 4 % less, and one in six more is refused at

@@ -43,7 +43,7 @@ from guidefield.planner.task.stages import Ending, Stage, StageFailed, Stages, m
 from guidefield.planner.task.trace import StageLeft
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import ChartPoint, ChartPoints
 from guidefield.scene.guide_plane import GuidePlane, axes_across, build
 
 

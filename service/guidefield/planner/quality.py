@@ -39,7 +39,7 @@ from guidefield.prove.search import SearchQuery, SearchResult
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, Configurations, ModelConfigurations
+from guidefield.robot.model.joints import ChartCurves, ChartPoint, Configurations, ModelConfigurations
 from guidefield.scene.scene import Scene
 
 LENGTH_STEPS = 100  # least number of chords by which the length of a path is measured. Unrecorded

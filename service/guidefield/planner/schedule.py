@@ -24,7 +24,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.prove.curve import excesses
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRate, ChartRates
 
 KNOTS = 8  # knots in a step: with more the rate is followed more closely, by more pieces to certify
 ROUNDING = 1e-12  # a curve that is beyond a limit by no more than this keeps it [rad or m]

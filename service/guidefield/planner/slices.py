@@ -26,8 +26,8 @@ from guidefield.messages import scene as messages
 from guidefield.planner.task.problem import Problem
 from guidefield.prove.certificate import certify_moving
 from guidefield.prove.verdict import Verdict
+from guidefield.robot.model.joints import ChartPoint
 from guidefield.robot.model.model import MARGIN
-from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.cloud import covering
 from guidefield.scene.content import count_of

@@ -31,8 +31,7 @@ from guidefield.kernels.tree.rrt_connect import SIEVE
 from guidefield.memo import memoized
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.model.chart import ROAM, ROTATION, TRANSLATION, WIND
-from guidefield.robot.model.spaces import ChartPoints
+from guidefield.robot.model.joints import ROAM, ROTATION, TRANSLATION, WIND, ChartPoints
 
 # samples of a motion per length in the chart [1/rad or 1/m]: VAMP's resolution, with which its times are compared.
 # A prototype's search at it left 14 of 420 paths of a Panda in contact between samples, which a certificate finds

@@ -46,7 +46,7 @@ from guidefield.prove.tables import arithmetic_error
 from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, LIMIT_TOLERANCE, Reason, Verdict, with_coal_error
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.robot.model.configuration import LimitFault
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints
 
 
 def certify_constraints(

@@ -26,7 +26,7 @@ from guidefield.kernels.prove.tables import NEARLY, BezierCurve, MovingRobot
 from guidefield.prove.curve import Curve
 from guidefield.prove.tables import index_of_pair, world_tables
 from guidefield.read_only import read_only
-from guidefield.robot.model.spaces import ModelConfiguration, ModelConfigurations
+from guidefield.robot.model.joints import ModelConfiguration, ModelConfigurations
 
 
 def world_at(world: World, time: float) -> World:

@@ -13,7 +13,7 @@ import numpy as np
 
 from guidefield.kernels.prove.placement import find_halves, find_ranges
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints
 
 EXACT = 1e-13  # curves are halved until the largest excess is known to this [rad or m]
 MOST_HALVINGS = 60  # parts of 2^-60 of a curve are as good as points

@@ -26,7 +26,7 @@ from guidefield.prove.curve import Curve
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.joints import ChartPoint
 from guidefield.scene.content import points_in
 from guidefield.scene.movers import motion_of, movers
 from guidefield.scene.scene import Scene, build, unplaced

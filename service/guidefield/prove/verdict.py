@@ -18,7 +18,7 @@ import numpy as np
 from guidefield.collision.pairs import PairNames
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.configuration import LimitFault
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.joints import ChartPoint
 
 _D = TypeVar("_D", float, np.ndarray)
 

@@ -43,8 +43,8 @@ from guidefield.recorder.chunks import (
 from guidefield.recorder.motion import Poses, ShownMotion, link_placements
 from guidefield.recorder.surface import Surface
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
+from guidefield.robot.model.joints import Configurations
 from guidefield.robot.model.model import frame_index
-from guidefield.robot.model.spaces import Configurations
 from guidefield.scene.field_slice import Origin, field_in_time, field_slice, planes_along
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, build

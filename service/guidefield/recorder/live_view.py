@@ -26,8 +26,8 @@ from guidefield.recorder.motion import poses
 from guidefield.recorder.stored import RecordingPlace, SharedScene
 from guidefield.recorder.view import Eye, choose_eye, layout
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.joints import Configuration
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.scene import Scene
 from guidefield.viewer import is_listening
 

@@ -25,16 +25,17 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.configuration import LENGTHS, values_from_wire
-from guidefield.robot.model.model import JointKind, frame_index
-from guidefield.robot.model.spaces import (
+from guidefield.robot.model.joints import (
     ChartPoints,
     ChartRates,
     Configuration,
     Configurations,
+    JointKind,
     ModelConfigurations,
     Tangents,
     WireColumns,
 )
+from guidefield.robot.model.model import frame_index
 
 SHOWN_SPEED = 1.0  # speed of the quickest joint along a path that has no times [rad/s or m/s]
 SHOWN_STEP = 0.05  # largest change of a joint between two frames of such a path [rad or m]

@@ -58,7 +58,7 @@ from guidefield.recorder.motion import (
 from guidefield.recorder.stored import RecordingPlace, shared_scene
 from guidefield.recorder.view import Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates, Configuration, Configurations
+from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRates, Configuration, Configurations
 
 MOST_FRAMES = 60  # maximum number of steps at which the robot is shown, evenly chosen
 STEP_COLORS = {

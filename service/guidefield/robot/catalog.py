@@ -43,12 +43,12 @@ from guidefield.robot.mjcf_compilation import (
     is_mjcf,
 )
 from guidefield.robot.mjcf_conversion import convert, root_is_fixed
+from guidefield.robot.model.joints import RobotConfiguration
 from guidefield.robot.model.loading import default_tip, load
 from guidefield.robot.model.mimic_joints import find_unwrapped
 from guidefield.robot.model.model import RobotModel, RobotSource, with_ball_joints
 from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
 from guidefield.robot.model.pairs import random_configuration
-from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.model.yourdfpy_crosscheck import crosscheck
 from guidefield.robot.urdf import srdf
 from guidefield.robot.urdf.elements import JOINT_DOF

@@ -47,7 +47,7 @@ from guidefield.prove.search import EVERY_KIND, RESOLUTION_FLOOR, TOLERANCE
 from guidefield.prove.tables import ARITHMETIC, body_pairs, robot_bodies, rounding_of
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import lent_data
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.joints import ChartPoint
 from guidefield.stream.settings import STREAM
 from guidefield.stream.shapes import read_only_views, solid_parts
 

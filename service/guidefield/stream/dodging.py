@@ -17,7 +17,7 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.kernels.collide.parts import BALL_ROW
 from guidefield.kernels.stream.dodge import KeptClearances, Tube, find_schedule
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import ChartPoint, ChartPoints
 from guidefield.stream.obstacles import DriftingObstacles
 from guidefield.stream.settings import STREAM
 from guidefield.stream.shapes import read_only_views

@@ -22,8 +22,8 @@ from guidefield.planner.task.motion_limits import CartesianLimit
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import limit_faults
+from guidefield.robot.model.joints import ChartPoint, ModelConfiguration
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import ChartPoint, ModelConfiguration
 from guidefield.scene.scene import Scene
 from guidefield.stream.commit import JointBounds
 from guidefield.stream.obstacles import Assumption

@@ -38,7 +38,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.group.kinematics import lent_data
 from guidefield.robot.model.configuration import CLAMP_TOLERANCE, configuration_from_wire, limit_faults
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import ChartPoint, ChartPoints
 from guidefield.stream.commit import JointBounds
 from guidefield.stream.dodging import ScheduledPath, TimedPath, build_tube, choose_sides, draw_sides, schedule_path
 from guidefield.stream.obstacles import DriftingObstacles

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from guidefield.messages.streams import Reason, StreamOpen
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.joints import ChartPoint
 from guidefield.stream.commit import (
     Commit,
     CommitReason,

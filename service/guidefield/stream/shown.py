@@ -22,7 +22,7 @@ from guidefield.messages.values import Vector3
 from guidefield.recorder.live_view import Channel, Part
 from guidefield.recorder.stream_recorder import MovingBody, StreamMotion, stream_chunks, stream_recording, stream_scene
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.joints import ChartPoint
 from guidefield.scene import obstacle as obstacles
 from guidefield.stream.commit import Commit
 from guidefield.stream.journal import Begun, Entry, Opens, Updated, read

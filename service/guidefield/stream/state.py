@@ -14,7 +14,7 @@ import numpy as np
 
 from guidefield.errors import GuidefieldError, StreamUnknown
 from guidefield.messages.streams import Observation, Piece, StreamGoal, StreamObstacle, StreamState, StreamUpdate
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.joints import ChartPoint
 from guidefield.stream.commit import Commit
 from guidefield.stream.dodging import TimedPath
 from guidefield.stream.path_planner import PathOrder

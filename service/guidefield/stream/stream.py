@@ -27,8 +27,8 @@ from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import ORIGIN
 from guidefield.robot.model.configuration import configuration_from_wire
+from guidefield.robot.model.joints import ChartPoint, ChartPoints
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
 from guidefield.stream.commit import Commit, CommitReason, CommitVerdict, Judge, join_commits

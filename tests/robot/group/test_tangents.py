@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings, strategies as st
 
 from guidefield.robot.group.kinematics import tangent_accelerations, tangents
-from tests.robot.model.test_chart import planned
+from tests.robot.model.test_joints import planned
 
 SIZES = st.sampled_from([0.0, 1e-9, 1e-3, 0.1, 0.14, 0.15, 1.0, 2.5])
 

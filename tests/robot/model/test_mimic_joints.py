@@ -19,8 +19,9 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import chain_to_tip
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire, limit_faults
+from guidefield.robot.model.joints import LARGEST_VALUE, JointKind
 from guidefield.robot.model.mimic_joints import follow
-from guidefield.robot.model.model import LARGEST_VALUE, JointKind, joint_table
+from guidefield.robot.model.model import joint_table
 from guidefield.scene.scene import build
 from guidefield.stream.opening import read_opening
 from tests.robot.by_formula import ByFormula, given_by

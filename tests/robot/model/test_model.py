@@ -6,7 +6,8 @@ import pytest
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.model.model import JointKind, frame_index, with_ball_joints
+from guidefield.robot.model.joints import JointKind
+from guidefield.robot.model.model import frame_index, with_ball_joints
 from tests.robots import box_arm, load, robot
 
 

@@ -36,7 +36,7 @@ from guidefield.kernels.tree.shortcut import shorten
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.model.spaces import ChartPoints
+from guidefield.robot.model.joints import ChartPoints
 
 MOST_JUDGED_CELLS = 2000  # cells of a grid that are tested to remove a pair of links: a millisecond or two
 NO_DRIFT = DriftingBoxes(0, *(np.empty(0, np.float32) for _ in range(5)))

@@ -35,7 +35,8 @@ from guidefield.messages.conditions import AttachedObject
 from guidefield.messages.scene import HalfSpace, Scene
 from guidefield.messages.values import Placement
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
-from guidefield.robot.model.model import Joint, RobotModel
+from guidefield.robot.model.joints import Joint
+from guidefield.robot.model.model import RobotModel
 
 WORLD = "world"  # a name of the root's frame, in which obstacles are, unless the robot has a link of that name
 

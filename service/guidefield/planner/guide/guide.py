@@ -40,8 +40,8 @@ from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import chain_to_tip, mover_of
 from guidefield.robot.group.link_chain import SerialChain, link_chain
 from guidefield.robot.link_charges import robot_charges
+from guidefield.robot.model.joints import Configuration, Configurations
 from guidefield.robot.model.model import MARGIN
-from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.obstacle import Obstacle

@@ -35,7 +35,7 @@ from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import find_planned_values, joints_of, mover_of
 from guidefield.robot.link_charges import robot_charges
-from guidefield.robot.model.spaces import ChartPoint, Configuration
+from guidefield.robot.model.joints import ChartPoint, Configuration
 from guidefield.scene.distance_tables import distance_tables
 
 RESOLUTION = 32.0  # samples of a motion per length in the chart [1/rad or 1/m], as a tree's motions have

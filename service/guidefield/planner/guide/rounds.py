@@ -59,7 +59,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.kinematics import find_planned_values, mover_of
-from guidefield.robot.model.spaces import Configuration
+from guidefield.robot.model.joints import Configuration
 from guidefield.scene.guide_plane import SLACK, GuidePlane
 
 SMALLEST_STEP = 0.1 / 50  # below this an advance is given up, delta_min [m], at size 1. Unrecorded

@@ -13,7 +13,7 @@ import numpy as np
 
 from guidefield.kernels.timing.hermite import spline_points, spline_slopes
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRate, ChartRates
 
 ENDS = 3  # control points that an end takes: its position, velocity and acceleration
 

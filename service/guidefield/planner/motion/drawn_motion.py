@@ -26,7 +26,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import ROUNDING, ControllerModel, Interpolation
 from guidefield.prove.curve import find_pieces, largest_magnitudes, restrict_curves
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoints, ChartRates
+from guidefield.robot.model.joints import ChartPoints, ChartRates
 
 SPANS_AT_ONCE = 20_000  # spans between knots measured together: some 10 MB of control points
 

@@ -20,7 +20,7 @@ from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.task.motion_limits import KEPT_SHARE, MotionLimit
 from guidefield.prove.curve import largest_magnitudes
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import ChartPoints, ChartRate, ChartRates
 
 TOLERANCE = 1e-9  # by this share a motion may exceed a limit, for rounding
 MOST_ROUNDS = 16  # rounds of stretching at most: more than one is needed for rounding, and for limits of the whole

@@ -22,7 +22,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.motion_limits import polynomials_of
 from guidefield.prove.curve import Curve, find_pieces, point_on, polyline
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
+from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints, ChartRates
 from guidefield.scene.scene import Scene
 
 SHORTEST = 1e-3  # least time of a straight piece of a path without times, where only the order of places counts

@@ -31,7 +31,7 @@ from guidefield.planner.motion.limit_load import stretch_to_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.motion_limits import CurveLimits, MotionLimit
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRate, ChartRates
 
 # weight of the curve's length against its own parameter, for the steps of the grid. With 0 motions along a line of
 # uneven places take up to 15 % longer; with 300 those that turn back up to 10 %

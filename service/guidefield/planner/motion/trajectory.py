@@ -19,7 +19,7 @@ import numpy as np
 from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.kernels.timing.hermite import states_at
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import ChartCurves, ChartPoint, ChartPoints, ChartRate, ChartRates
 
 
 @dataclass(frozen=True, eq=False)

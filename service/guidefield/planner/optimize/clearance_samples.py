@@ -34,7 +34,7 @@ from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, group_joints
 from guidefield.robot.group.path_constraints import ConstrainedFrames, keep_frames
 from guidefield.robot.link_charges import link_bodies, surface_samples
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 
 POINTS_WEIGHT = 100.0  # sum of the weights of all points. Unrecorded

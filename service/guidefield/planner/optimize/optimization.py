@@ -46,7 +46,7 @@ from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.model.spaces import ChartPoints, ChartRate
+from guidefield.robot.model.joints import ChartPoints, ChartRate
 from guidefield.scene.distance_tables import distance_tables, moving_tables
 
 MOST_STEPS = 20  # most looks that bring something at each weight: easy motions take four, a Fetch's twenty

@@ -33,7 +33,7 @@ from guidefield.planner.motion.bspline import ENDS, BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
+from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRates
 from guidefield.scene.guide_plane import GuidePlane
 
 SPACING = 0.25  # of samples about where a motion came nearest, in pieces

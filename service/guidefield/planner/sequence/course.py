@@ -18,7 +18,7 @@ from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.prove.closest import measure
-from guidefield.robot.model.spaces import RobotConfiguration
+from guidefield.robot.model.joints import RobotConfiguration
 
 Touch = tuple[str, str]
 """Names of a held object and of an obstacle that it may touch where it is picked up and put down."""

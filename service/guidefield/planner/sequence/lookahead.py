@@ -27,7 +27,7 @@ from guidefield.planner.sequence.stretches import whole_configuration
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed
 from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import ChartPoint, ChartPoints
 
 ENOUGH = 2  # this many configurations with a future are enough for a step, those nearest to its start
 BRANCHES = 3  # configurations of a later step that are tried

@@ -54,7 +54,7 @@ from guidefield.planner.task.stages import Stages
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.path_constraints import ConstrainedFrames, EvenTurn, PathConstraint, line, point
-from guidefield.robot.model.spaces import ChartPoints
+from guidefield.robot.model.joints import ChartPoints
 
 PIECE_SHARE = 0.5  # length of a piece before the last subdivision, as a share of the smallest radius
 LEAST_PIECES = 16  # for each step

@@ -51,7 +51,7 @@ from guidefield.planner.task.trace import Event, Note, Observer, PathRelaxed, St
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
+from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRates
 
 KNOT_TOLERANCE = 1e-6  # times that are this close to a knot become the knot's [s]
 

@@ -35,9 +35,8 @@ from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
-from guidefield.robot.model.chart import TRANSLATION
-from guidefield.robot.model.model import Joint, frame_index
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+from guidefield.robot.model.joints import TRANSLATION, ChartCurves, ChartPoint, ChartPoints, Joint
+from guidefield.robot.model.model import frame_index
 
 POINT = 1e-9  # on a way no longer than this the tip turns on the spot [m]
 

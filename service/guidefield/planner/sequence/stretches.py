@@ -33,8 +33,7 @@ from guidefield.planner.task.problem import Conditions, ControllerModel, Problem
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.mimic_joints import follow
-from guidefield.robot.model.spaces import (
+from guidefield.robot.model.joints import (
     ChartPoint,
     ChartPoints,
     ChartRate,
@@ -42,6 +41,7 @@ from guidefield.robot.model.spaces import (
     Configuration,
     RobotConfiguration,
 )
+from guidefield.robot.model.mimic_joints import follow
 
 
 @dataclass(frozen=True, eq=False)

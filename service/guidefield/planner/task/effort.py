@@ -25,8 +25,7 @@ from guidefield.planner.task.motion_limits import KEPT_SHARE, CurveLimits, Reach
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, group_joints
-from guidefield.robot.model.model import JointKind
-from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.joints import ChartPoints, ChartRate, ChartRates, JointKind
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s², world]
 BOUND_ACCURACY = 1e-2  # a bound of a torque is above the found value by at most this share of the limit

@@ -36,8 +36,7 @@ from guidefield.kernels.timing.carried_rates import (
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import alike_group_joints, chain_of, group_joints
-from guidefield.robot.model.model import JointKind
-from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
+from guidefield.robot.model.joints import ChartCurves, ChartPoints, ChartRates, JointKind
 
 ACCURACY = 1e-3  # share by which a bound may be above the largest value found: replies state it
 CLOSE_ACCURACY = 1e-6  # the same where a limit is between the two

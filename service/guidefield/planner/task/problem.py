@@ -26,7 +26,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.inverse_kinematics import PoseTarget
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, PathConstraint
-from guidefield.robot.model.spaces import ChartPoint, ChartRate, Configuration
+from guidefield.robot.model.joints import ChartPoint, ChartRate, Configuration
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 

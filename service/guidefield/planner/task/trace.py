@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoints, Configuration
+from guidefield.robot.model.joints import ChartPoints, Configuration
 
 
 @dataclass(frozen=True)

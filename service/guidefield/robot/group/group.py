@@ -1,6 +1,6 @@
 """The planning group: a robot reduced to the joints that a request plans for, placed in the world.
 
-It converts between the spaces of `spaces.py`, and has the group's limits and metric (`LENGTH_OF_A_RADIAN`: another
+It converts between the spaces of `joints.py`, and has the group's limits and metric (`LENGTH_OF_A_RADIAN`: another
 value makes other motions, and docs state it). Nearly everything takes a group; results that don't depend on where it
 starts are shared through `memoized_for_alike`. Columns of the wire are named and ordered here.
 """
@@ -20,22 +20,38 @@ import pinocchio as pin
 from guidefield.memo import memoized_by
 from guidefield.messages.requests import Positions
 from guidefield.read_only import read_only
-from guidefield.robot.model import chart
-from guidefield.robot.model.chart import ROAM, TRANSLATION, WIND
-from guidefield.robot.model.mimic_joints import bind_rates
-from guidefield.robot.model.model import Joint, JointKind, LimitSource, RobotModel
-from guidefield.robot.model.spaces import (
+from guidefield.robot.model.joints import (
+    ANGLE,
+    ROAM,
+    ROTATION,
+    TRANSLATION,
+    WIND,
     ChartPoint,
     ChartPoints,
     ChartRate,
     Configuration,
+    Joint,
+    JointKind,
+    LimitSource,
     ModelChartPoint,
     ModelConfiguration,
     ModelConfigurations,
     RobotConfiguration,
     Tangent,
     WireRow,
+    from_chart,
+    position_names,
+    random_rotation,
+    tangent_map,
+    to_chart,
+    turn_otherwise,
+    turn_quaternion,
+    unit_quaternion,
+    unwrap_near,
+    velocity_names,
 )
+from guidefield.robot.model.mimic_joints import bind_rates
+from guidefield.robot.model.model import RobotModel
 
 Rest = ParamSpec("Rest")
 Found = TypeVar("Found")
@@ -90,7 +106,7 @@ class PlanningGroup:
 
     Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
     planned one move with it. In the *chart* ``z`` (nv,), local coordinates joint by joint (`chart.py`), straight lines
-    and splines are drawn. Its methods convert between these spaces, see `spaces.py`.
+    and splines are drawn. Its methods convert between these spaces, see `joints.py`.
     """
 
     robot: RobotModel  # the whole robot
@@ -128,12 +144,12 @@ class PlanningGroup:
     @property
     def position_names(self) -> list[str]:
         """Names of the position columns of a reply, as `wire_positions` orders them."""
-        return [name for joint in self.joints for name in chart.position_names(joint)]
+        return [name for joint in self.joints for name in position_names(joint)]
 
     @property
     def velocity_names(self) -> list[str]:
         """Names of the tangent's columns."""
-        return [name for joint in self.joints for name in chart.velocity_names(joint)]
+        return [name for joint in self.joints for name in velocity_names(joint)]
 
     @property
     def size(self) -> float:
@@ -217,7 +233,7 @@ class PlanningGroup:
         if self.space is self.model:
             return cast(ModelConfiguration, self.from_chart(z))
         expanded = self.expand_chart(z)
-        return np.concatenate([chart.from_chart(joint, expanded[at], origin) for joint, at, origin in self._all_joints])
+        return np.concatenate([from_chart(joint, expanded[at], origin) for joint, at, origin in self._all_joints])
 
     def expand_each(self, zs: ChartPoints) -> ModelConfigurations:
         """Return `expand_from_chart` of chart points (k, nv), shape (k, model.nq)."""
@@ -246,14 +262,14 @@ class PlanningGroup:
         """Return chart coordinates (nv,) of q (nq,): angles in (-pi, pi], rotation vectors at most pi long."""
         if self.nq == self.nv:
             return cast(ChartPoint, q.copy())
-        parts = [chart.to_chart(j, q[_at_q(j)], self.q_origin[_at_q(j)]) for j in self.joints]
+        parts = [to_chart(j, q[_at_q(j)], self.q_origin[_at_q(j)]) for j in self.joints]
         return np.concatenate(parts)
 
     def from_chart(self, z: ChartPoint) -> Configuration:
         """Return the configuration, shape (nq,), of chart coordinates, shape (nv,)."""
         if self.nq == self.nv:
             return np.array(z, float)
-        return np.concatenate([chart.from_chart(j, z[_at_v(j)], self.q_origin[_at_q(j)]) for j in self.joints])
+        return np.concatenate([from_chart(j, z[_at_v(j)], self.q_origin[_at_q(j)]) for j in self.joints])
 
     def clamped(self, q: Configuration) -> Configuration:
         """Return a copy of a configuration, shape (nq,), with every value brought within its limits."""
@@ -279,7 +295,7 @@ class PlanningGroup:
         """Return chart coordinates of the same configuration as z nearest to `near`, both (nv,): whole turns added."""
         if self.nq == self.nv:
             return z.copy()
-        return np.concatenate([chart.unwrapped(j, z[_at_v(j)], near[_at_v(j)]) for j in self.joints])
+        return np.concatenate([unwrap_near(j, z[_at_v(j)], near[_at_v(j)]) for j in self.joints])
 
     def turned_otherwise(self, z: ChartPoint) -> ChartPoints:
         """Return the configuration of z (nv,) with each floating joint turned the other way round, shape (k, nv).
@@ -290,7 +306,7 @@ class PlanningGroup:
         for joint in self.joints:
             if joint.kind is JointKind.FLOATING:
                 ways.append(z.copy())
-                ways[-1][_at_v(joint)] = chart.turned_otherwise(joint, z[_at_v(joint)])
+                ways[-1][_at_v(joint)] = turn_otherwise(joint, z[_at_v(joint)])
         return cast(ChartPoints, np.array(ways).reshape(-1, self.nv))
 
     def tangent_map(self, z: ChartPoint) -> np.ndarray:
@@ -298,7 +314,7 @@ class PlanningGroup:
         matrix = np.zeros((self.nv, self.nv))
         for joint in self.joints:
             at = _at_v(joint)
-            matrix[at, at] = chart.tangent_map(joint, z[at], self.q_origin[_at_q(joint)])
+            matrix[at, at] = tangent_map(joint, z[at], self.q_origin[_at_q(joint)])
         return matrix
 
     def wire_positions(self, z: ChartPoint) -> WireRow:
@@ -312,13 +328,13 @@ class PlanningGroup:
                 row += values[first:past]
             else:
                 row += values[first : past - 3]
-                row += chart.turned(begin, *values[past - 3 : past])
+                row += turn_quaternion(begin, *values[past - 3 : past])
         return row
 
     @cached_property
     def _wired(self) -> tuple[tuple[int, int, tuple[float, float, float, float] | None], ...]:
         """Where each joint's chart coordinates stand, and where its rotation vectors start, if it has such."""
-        starts = (chart.unit(self.q_origin[_at_q(j)][-4:]) if j.kind in chart.ROTATION else None for j in self.joints)
+        starts = (unit_quaternion(self.q_origin[_at_q(j)][-4:]) if j.kind in ROTATION else None for j in self.joints)
         return tuple((j.idx_v, j.idx_v + j.nv, start) for j, start in zip(self.joints, starts, strict=True))
 
     def wire_rows(self, zs: ChartPoints) -> list[WireRow]:
@@ -350,8 +366,8 @@ class PlanningGroup:
         """Return the largest change of a joint's rotation vector between chart points (n, nv), shape (n - 1,) [rad]."""
         found = np.zeros(max(0, len(zs) - 1))
         for joint in self.joints:
-            if joint.kind in chart.ROTATION:
-                vectors = zs[:, _at_v(joint)][:, chart.ROTATION[joint.kind]]
+            if joint.kind in ROTATION:
+                vectors = zs[:, _at_v(joint)][:, ROTATION[joint.kind]]
                 found = np.maximum(found, np.linalg.norm(np.diff(vectors, axis=0), axis=1))
         return found
 
@@ -364,13 +380,13 @@ class PlanningGroup:
         origin = self.chart(self.q_origin)
         middle, reach = np.where(self.winds, origin, 0.0), np.where(self.winds, WIND, np.pi)
         for joint in self.joints:
-            lengths = np.arange(self.nv)[_at_v(joint)][chart.TRANSLATION.get(joint.kind, slice(0, 0))]
+            lengths = np.arange(self.nv)[_at_v(joint)][TRANSLATION.get(joint.kind, slice(0, 0))]
             middle[lengths], reach[lengths] = origin[lengths], ROAM * _travel(joint, self.size)
         endless = ~np.isfinite(self.lower)
         z = rng.uniform(np.where(endless, middle - reach, self.lower), np.where(endless, middle + reach, self.upper))
         for joint in self.joints:
-            if joint.kind in chart.ROTATION:
-                z[_at_v(joint)][chart.ROTATION[joint.kind]] = chart.random_rotation(rng)
+            if joint.kind in ROTATION:
+                z[_at_v(joint)][ROTATION[joint.kind]] = random_rotation(rng)
         return self.from_chart(z)
 
     def starting_at(self, start: Positions) -> PlanningGroup:
@@ -378,9 +394,9 @@ class PlanningGroup:
         turns = np.zeros(self.nv)
         for joint in self.joints:
             value = start.get(joint.name)
-            if joint.kind not in chart.ANGLE or value is None:
+            if joint.kind not in ANGLE or value is None:
                 continue
-            at = chart.ANGLE[joint.kind]
+            at = ANGLE[joint.kind]
             angle = value[at] if isinstance(value, list) else value
             away = angle - float(np.arctan2(np.sin(angle), np.cos(angle)))
             turns[joint.idx_v + at] = away if abs(away) > np.pi else 0.0
@@ -435,8 +451,8 @@ def _scales(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     sizes = np.where(units_of(group.joints, 1.0) == 1.0, 1.0, units / LENGTH_OF_A_RADIAN)
     periods = np.zeros(group.nv)
     for joint in group.joints:
-        if joint.kind in chart.ANGLE:
-            periods[joint.idx_v + chart.ANGLE[joint.kind]] = 2.0 * np.pi
+        if joint.kind in ANGLE:
+            periods[joint.idx_v + ANGLE[joint.kind]] = 2.0 * np.pi
     turns = np.concatenate([np.full(joint.nv, joint.kind is JointKind.REVOLUTE) for joint in group.joints])
     winds: np.ndarray = turns & ~np.isfinite(group.upper - group.lower)
     read_only(units, sizes, periods, winds)

@@ -26,8 +26,7 @@ from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import ChainToTip, chain_to_tip, without_limits
-from guidefield.robot.model.chart import WIND
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.joints import WIND, ChartPoint, ChartPoints
 
 EXACT = 1e-6  # a tolerance of zero, or any smaller than this, means this [m, rad]
 

@@ -43,10 +43,18 @@ from guidefield.kernels.kinematics.tip_chain import BALL, SLIDE, TURN, TipChain
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
-from guidefield.robot.model import chart
-from guidefield.robot.model.chart import ROTATION, TRANSLATION
-from guidefield.robot.model.model import Joint, JointKind, joint_indices, joint_table
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates, ModelConfiguration, Tangents
+from guidefield.robot.model.joints import (
+    ROTATION,
+    TRANSLATION,
+    ChartPoint,
+    ChartPoints,
+    ChartRates,
+    Joint,
+    JointKind,
+    ModelConfiguration,
+    Tangents,
+)
+from guidefield.robot.model.model import joint_indices, joint_table
 
 SERIES_BELOW = 0.25
 """Of smaller angles f, g and their derivatives are taken from their series; terms left out are below 1e-15 [rad]."""
@@ -96,9 +104,7 @@ def tangent_accelerations(
 
 def _rotation_columns(group: PlanningGroup) -> np.ndarray:
     """Return the indices of the chart coordinates that are rotation vectors, shape (k, 3)."""
-    columns = [
-        np.arange(j.idx_v, j.idx_v + j.nv)[chart.ROTATION[j.kind]] for j in group.joints if j.kind in chart.ROTATION
-    ]
+    columns = [np.arange(j.idx_v, j.idx_v + j.nv)[ROTATION[j.kind]] for j in group.joints if j.kind in ROTATION]
     return np.array(columns, int).reshape(-1, 3)
 
 

@@ -16,8 +16,8 @@ from guidefield.kernels.kinematics.link_chain import BALL, FREE, UNIVERSAL, Link
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.link_charges import robot_charges
-from guidefield.robot.model.model import JointKind, joint_table
-from guidefield.robot.model.spaces import Configuration
+from guidefield.robot.model.joints import Configuration, JointKind
+from guidefield.robot.model.model import joint_table
 
 SAME_PLACE = 1e-9  # two revolute joints whose origins are nearer than this are one universal joint [m]
 SQUARE = 1e-6  # axes of a universal joint are square to each other, and the second one to its link, up to this cosine

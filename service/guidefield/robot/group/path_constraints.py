@@ -22,8 +22,8 @@ from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import chain_to, lent_data
+from guidefield.robot.model.joints import ChartPoint
 from guidefield.robot.model.model import frame_index
-from guidefield.robot.model.spaces import ChartPoint
 
 
 @dataclass(frozen=True, eq=False)

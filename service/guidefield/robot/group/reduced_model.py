@@ -16,9 +16,9 @@ from guidefield.errors import InvalidGroup, at_path
 from guidefield.memo import MISSING, Answers
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import Alike, PlanningGroup, reference_of, with_bound_rates
+from guidefield.robot.model.joints import Joint, RobotConfiguration
 from guidefield.robot.model.mimic_joints import expansion
-from guidefield.robot.model.model import Joint, RobotModel, joint_indices, joints_to, lock_joints
-from guidefield.robot.model.spaces import RobotConfiguration
+from guidefield.robot.model.model import RobotModel, joint_indices, joints_to, lock_joints
 
 
 def select(

@@ -13,10 +13,16 @@ import numpy as np
 from guidefield.errors import GuidefieldError, InvalidConfiguration, at_path
 from guidefield.messages.requests import JointValue, Positions
 from guidefield.messages.values import QUATERNION_TOLERANCE
-from guidefield.robot.model import chart
+from guidefield.robot.model.joints import (
+    LARGEST_VALUE,
+    IndexedConfiguration,
+    Joint,
+    JointKind,
+    RobotConfiguration,
+    to_chart,
+)
 from guidefield.robot.model.mimic_joints import follow
-from guidefield.robot.model.model import LARGEST_VALUE, Joint, JointKind, RobotModel
-from guidefield.robot.model.spaces import IndexedConfiguration, RobotConfiguration
+from guidefield.robot.model.model import RobotModel
 
 CLAMP_TOLERANCE = 1e-5 + 1e-11
 """A value beyond its limit by at most this [rad or m] is clamped, with a warning: 1e-5, and room for rounding.
@@ -93,7 +99,7 @@ def configuration_from_wire(
 def scalar(joint: Joint, q: IndexedConfiguration) -> float:
     """Return the value of a joint with one degree of freedom [rad or m] in a configuration, shape (nq,)."""
     values = q[joint.idx_q : joint.idx_q + joint.nq]
-    return float(chart.to_chart(joint, values, values)[0])
+    return float(to_chart(joint, values, values)[0])
 
 
 def configuration_to_wire(joints: Sequence[Joint], q: IndexedConfiguration) -> Positions:

@@ -15,8 +15,9 @@ import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.library import RobotCard
-from guidefield.robot.model import chart, pairs, rest
+from guidefield.robot.model import pairs, rest
 from guidefield.robot.model.collision_shapes import Meshes, choose_shapes, read_meshes
+from guidefield.robot.model.joints import Joint, JointKind, LimitSource, Mimic, position_names, velocity_names
 from guidefield.robot.model.mimic_joints import (
     bind_ranges,
     describe_bound_rates,
@@ -27,10 +28,6 @@ from guidefield.robot.model.mimic_joints import (
 from guidefield.robot.model.model import (
     NO_GEOMETRY,
     ROOT_JOINT,
-    Joint,
-    JointKind,
-    LimitSource,
-    Mimic,
     RobotModel,
     RobotSource,
     find_size,
@@ -212,7 +209,7 @@ def _check_root_joint(name: str, facts: UrdfFacts, root_joint: str) -> None:
 
 def _check_columns(name: str, joints: Sequence[Joint]) -> None:
     """Refuse joints whose names make the same column of positions or velocities: replies couldn't tell them apart."""
-    for columns_of in (chart.position_names, chart.velocity_names):
+    for columns_of in (position_names, velocity_names):
         owners: dict[str, str] = {}
         for joint in joints:
             for column in columns_of(joint):

@@ -19,18 +19,17 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.robot.model import chart
-from guidefield.robot.model.model import (
+from guidefield.robot.model.joints import (
     LARGEST_VALUE,
     Joint,
     JointKind,
     LimitSource,
     Mimic,
-    axis_of,
-    joint_indices,
-    with_joints,
+    RobotConfiguration,
+    from_chart,
+    to_chart,
 )
-from guidefield.robot.model.spaces import RobotConfiguration
+from guidefield.robot.model.model import axis_of, joint_indices, with_joints
 from guidefield.robot.urdf.elements import UrdfFacts
 
 LIMITED = (JointKind.REVOLUTE, JointKind.PRISMATIC)
@@ -85,8 +84,8 @@ def follow(joints: Sequence[Joint], q: RobotConfiguration) -> None:
             q[joint.idx_q] = mimic.multiplier * q[driver.idx_q] + mimic.offset
             continue
         values = [q[one.idx_q : one.idx_q + one.nq] for one in (driver, joint)]
-        z = mimic.multiplier * chart.to_chart(driver, values[0], values[0]) + mimic.offset
-        q[joint.idx_q : joint.idx_q + joint.nq] = chart.from_chart(joint, z, values[1])
+        z = mimic.multiplier * to_chart(driver, values[0], values[0]) + mimic.offset
+        q[joint.idx_q : joint.idx_q + joint.nq] = from_chart(joint, z, values[1])
 
 
 def expansion(joints: Sequence[Joint], model: Any, space: Any) -> tuple[np.ndarray, np.ndarray]:

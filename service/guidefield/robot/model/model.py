@@ -12,7 +12,6 @@ they are in docs/robots.md, "Size".
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,14 +33,12 @@ from guidefield.kernels.kinematics.forward_kinematics import (
     SPHERICAL,
     JointTable,
 )
-from guidefield.robot.model.spaces import RobotConfiguration
+from guidefield.robot.model.joints import Joint, RobotConfiguration
 
 ROOT_JOINT = "root_joint"  # name of the joint by which a robot moves in the world, unless its root is fixed
 
 NO_GEOMETRY = "has no collision geometry, so nothing can be said about collisions"
 """The fault of a robot that is good for kinematics alone."""
-
-LARGEST_VALUE = 1e4  # largest value of a joint [rad or m]: a motion further than that could not be judged in any time
 
 USUAL_REACH = 1.15  # reach of a robot of size 1 [m]
 
@@ -131,73 +128,6 @@ def moving_joint(model: Any, name: str) -> int:
 def joints_to(model: Any, frame: str) -> list[str]:
     """Return the names of the joints between the root and a frame, from the root on."""
     return [model.names[index] for index in model.supports[moving_joint(model, frame)] if index]
-
-
-class JointKind(enum.StrEnum):
-    """What a joint can do; URDF's words, and `spherical` for a ball joint."""
-
-    REVOLUTE = "revolute"
-    CONTINUOUS = "continuous"
-    PRISMATIC = "prismatic"
-    PLANAR = "planar"
-    SPHERICAL = "spherical"
-    FLOATING = "floating"
-
-
-class LimitSource(enum.StrEnum):
-    """Where a limit comes from; the values are words of replies."""
-
-    REQUEST = "request"
-    CARD = "card"
-    URDF = "urdf"
-    DEFAULT = "default"
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """The law of a mimic joint: value = multiplier * unwrapped value of the driver + offset."""
-
-    driver: str  # the source joint, which follows none itself
-    multiplier: float
-    offset: float
-
-
-@dataclass(frozen=True, eq=False)
-class Joint:
-    """One movable joint."""
-
-    name: str
-    kind: JointKind
-    index: int  # pinocchio's joint index
-    idx_q: int  # where its values stand in a configuration, and how many they are
-    nq: int
-    idx_v: int  # the same in the tangent space
-    nv: int
-    # limits, shape (nv,) [rad or m]; infinite where there are none. A revolute joint without limits is one that turns
-    # on and on, but isn't the same after a whole turn, for others follow it
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity: np.ndarray  # largest magnitude, shape (nv,) [rad/s or m/s]
-    acceleration: np.ndarray  # likewise [rad/s^2 or m/s^2]
-    velocity_source: LimitSource
-    acceleration_source: LimitSource
-    mimic: Mimic | None = None  # the joint that it follows, if it does; then it can't be planned for
-    # whether the SRDF says that nothing drives it; it is planned for only where a request names it
-    passive: bool = False
-    velocity_owner: str | None = None  # the mimic joint whose limit those are, where it binds this joint
-    acceleration_owner: str | None = None
-
-    @property
-    def is_driven(self) -> bool:
-        """Whether it is planned for where a request doesn't name it."""
-        return self.mimic is None and not self.passive
-
-    @cached_property
-    def limits(self) -> tuple[float, float] | None:
-        """Lower and upper limit [rad or m] of a joint whose configuration is its one value; None of another."""
-        if self.kind not in (JointKind.REVOLUTE, JointKind.PRISMATIC):
-            return None
-        return float(self.lower[0]), float(self.upper[0])
 
 
 @dataclass(frozen=True)

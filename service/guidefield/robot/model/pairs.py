@@ -19,11 +19,10 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry.convex import replace_balls
-from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.collision_shapes import hull
+from guidefield.robot.model.joints import WIND, Joint, JointKind, RobotConfiguration
 from guidefield.robot.model.mimic_joints import follow
-from guidefield.robot.model.model import Joint, JointKind, PairLeftOut
-from guidefield.robot.model.spaces import RobotConfiguration
+from guidefield.robot.model.model import PairLeftOut
 
 
 def collision_pairs(geometry: Any) -> np.ndarray:

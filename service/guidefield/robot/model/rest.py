@@ -18,10 +18,10 @@ from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import Positions
 from guidefield.robot.library import RobotCard
 from guidefield.robot.model.configuration import CLAMP_TOLERANCE, LENGTHS, clamp, values_from_wire
+from guidefield.robot.model.joints import Joint, JointKind, RobotConfiguration
 from guidefield.robot.model.mimic_joints import follow
-from guidefield.robot.model.model import MARGIN, ROOT_JOINT, Joint, JointKind
+from guidefield.robot.model.model import MARGIN, ROOT_JOINT
 from guidefield.robot.model.pairs import SelfContacts
-from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
 
 SHARES = np.linspace(0.05, 1.0, 20)  # how much of the way to random values is tried, nearest first

@@ -16,9 +16,9 @@ import pinocchio as pin
 from lxml import etree
 
 from guidefield.robot.model.configuration import scalar
+from guidefield.robot.model.joints import Joint, JointKind, RobotConfiguration
 from guidefield.robot.model.mimic_joints import follow
-from guidefield.robot.model.model import Joint, JointKind, RobotModel
-from guidefield.robot.model.spaces import RobotConfiguration
+from guidefield.robot.model.model import RobotModel
 
 PLACEMENT_TOLERANCE = 1e-6  # placements of links that differ by more than this [m, or 1] are not the same
 MOST_TOLD = 5  # differences that get a sentence each; the others are counted
