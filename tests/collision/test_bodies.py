@@ -11,7 +11,7 @@ from guidefield.collision.clearance import separations
 from guidefield.geometry.convex import bvh
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
-from tests.collision.listed import are_signed, listed, part_separations
+from tests.collision.plain import are_signed, listed, part_separations
 from tests.collision.scenery import box, panda_in, scattered, world_of
 from tests.collision.test_world import SCENES, pair_distances
 from tests.robots import box_arm, group, grouped, random_configuration, robot

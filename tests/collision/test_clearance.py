@@ -12,8 +12,7 @@ from guidefield.geometry.convex import bvh
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages import scene as messages
 from guidefield.robot.group.group import Alike
-from tests.collision.listed import are_signed
-from tests.collision.plain import panda_among
+from tests.collision.plain import are_signed, panda_among
 from tests.collision.scenery import box, panda_in, world_of
 from tests.collision.test_world import SCENES, pair_distances
 from tests.robots import box_arm, group, grouped, random_configuration, rest

@@ -20,7 +20,7 @@ from guidefield.messages.scene import Mesh
 from guidefield.planner.guide.guide import find_touched_obstacle
 from guidefield.referee import shapes as referee
 from guidefield.robot.group.group import Alike
-from tests.collision.listed import touching
+from tests.collision.plain import touching
 from tests.collision.scenery import box, panda_in, scattered, world_of
 from tests.planner.problems import scene_of
 from tests.robots import box_arm, group, grouped, random_configuration, rest

@@ -13,7 +13,7 @@ from guidefield.collision.world import World, _link_shapes
 from guidefield.errors import SceneInvalid
 from guidefield.memo import size_of
 from guidefield.messages import scene as messages
-from tests.collision.listed import geometry_of, listed, touching, touching as touching_in
+from tests.collision.plain import geometry_of, listed, touching
 from tests.collision.scenery import box, panda_in, scattered, world_of
 from tests.robots import group, random_configuration, rest
 
@@ -71,7 +71,7 @@ def test_many_bodies_and_a_slanted_half_space_change_nothing(seed):
     for _ in range(40):
         q = world.group.random(rng)
         answers.append(world.in_collision(q))
-        assert answers[-1] == bool(touching_in(world, q))
+        assert answers[-1] == bool(touching(world, q))
     assert len(set(answers)) == 2
 
 

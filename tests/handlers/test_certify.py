@@ -28,7 +28,7 @@ from guidefield.planner.motion.limit_load import LimitUses
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.scene.scene import build
 from guidefield.stores import scenes
-from tests.collision.listed import are_mixed
+from tests.collision.plain import are_mixed
 from tests.examples import example
 from tests.handlers.test_plan import PATIENT, READY, ask as plan, joints
 from tests.planner.problems import closed_shell

@@ -26,8 +26,7 @@ from guidefield.planner.task.stages import Stages, make_refusal
 from guidefield.prove.certificate import certify
 from guidefield.prove.verdict import Reason
 from guidefield.scene.guide_plane import build
-from tests.planner.problems import problem, scene_of
-from tests.planner.walls import over_the_wall, smallest_clearance
+from tests.planner.problems import over_the_wall, problem, scene_of, smallest_clearance
 
 
 def through_the_wall(made: Problem, path: np.ndarray) -> Trajectory:

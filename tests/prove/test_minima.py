@@ -24,7 +24,7 @@ from guidefield.prove.curve import Curve
 from guidefield.prove.search import TOLERANCE, ContradictionError, SearchResult, Smallest
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
-from tests.collision.listed import are_signed
+from tests.collision.plain import are_signed
 from tests.collision.scenery import box, scattered, world_of
 from tests.collision.test_bodies import ARMS, world
 from tests.geometry import solids

@@ -19,8 +19,7 @@ from guidefield.planner.task.problem import Objective, Problem
 from guidefield.prove.certificate import certify, certify_constraints
 from guidefield.robot.group.path_constraints import Cone, PathConstraint, plane
 from guidefield.scene.guide_plane import GuidePlane, build
-from tests.planner.problems import problem, scene_of
-from tests.planner.walls import beside_the_way, over_the_wall, smallest_clearance
+from tests.planner.problems import beside_the_way, over_the_wall, problem, scene_of, smallest_clearance
 from tests.robots import box_arm, group, grouped
 from tests.scene.solids import l_prism, mesh_message
 
