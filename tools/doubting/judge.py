@@ -18,11 +18,10 @@ import pinocchio as pin
 from doubting import hulls, shapes
 from doubting.curve import Curve, Values
 from doubting.formula import Formula
-from doubting.meshes import encloses
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.values import Placement
-from guidefield.referee.shapes import distance
+from guidefield.referee.shapes import distance, winding
 
 FAR = 0.1
 """Pairs whose balls are farther apart are not measured exactly, unless all are [m]."""
@@ -501,7 +500,7 @@ class Judge:
                 if isinstance(body, coal.Convex):
                     point = np.array(body.points()).mean(axis=0)
                 inside = self._scratch.oMg[outer].actInv(self._scratch.oMg[inner].act(point))
-                if np.linalg.norm(inside) > self._radii[outer] or not encloses(*solid, inside):
+                if np.linalg.norm(inside) > self._radii[outer] or abs(winding(inside, solid[0][solid[1]])) < 0.5:
                     continue
                 if self._distance(pair) > 0.0:
                     return self.pair_names(pair)

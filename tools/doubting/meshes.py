@@ -1,4 +1,4 @@
-"""Meshes at random; whether a mesh is closed, and whether it holds a point."""
+"""Meshes at random, and whether a mesh is closed."""
 
 from __future__ import annotations
 
@@ -94,12 +94,3 @@ def is_closed(vertices: np.ndarray, triangles: np.ndarray, crack: float = CRACK)
     differ = starts != ends
     forth, back = np.sort((starts * len(places) + ends)[differ]), np.sort((ends * len(places) + starts)[differ])
     return bool(np.array_equal(forth, back))
-
-
-def encloses(vertices: np.ndarray, triangles: np.ndarray, point: np.ndarray) -> bool:
-    """Whether a closed mesh winds around a point: its solid angles there (van Oosterom and Strackee 1983) add up."""
-    a, b, c = (vertices[triangles[:, k]] - point for k in range(3))
-    la, lb, lc = (np.linalg.norm(one, axis=1) for one in (a, b, c))
-    numerator = (a * np.cross(b, c)).sum(axis=1)
-    denominator = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
-    return bool(abs(np.arctan2(numerator, denominator).sum() / (2.0 * np.pi)) > 0.5)

@@ -1,4 +1,4 @@
-"""Coal's shapes of obstacles as messages describe them, each in its own frame: made here, without our builders."""
+"""Coal's shapes of obstacles as messages describe them, each in its own frame, made by the referee's builders."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import coal
+import msgspec
 import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from doubting.meshes import is_closed, outward
 from guidefield.messages import scene as messages
-from guidefield.messages.scene import Points, Triangles
-from guidefield.messages.values import Float32Array, Placement, Uint32Array
+from guidefield.messages.values import Placement
+from guidefield.referee.shapes import placement_of, shape_of, surface
 
 Surface = tuple[np.ndarray, np.ndarray]
 """Vertices (v, 3) and triangles (t, 3) of a mesh."""
@@ -43,7 +44,9 @@ class Body:
 
 def bodies(message: messages.Obstacle) -> list[Body]:
     """The shapes of an obstacle; a cloud has one for each point."""
-    return MAKERS[type(message)](message)
+    if type(message) in MAKERS:
+        return MAKERS[type(message)](message)
+    return [Body(shape_of(msgspec.to_builtins(message)).exact, pin.SE3.Identity())]
 
 
 def frame(message: messages.Obstacle) -> Any:
@@ -54,8 +57,7 @@ def frame(message: messages.Obstacle) -> Any:
 
 
 def se3(placement: Placement) -> Any:
-    x, y, z, w = placement.quaternion_xyzw
-    return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(placement.position))
+    return placement_of(msgspec.to_builtins(placement))
 
 
 def frames_at(message: messages.Obstacle, times: np.ndarray) -> list[Any]:
@@ -76,16 +78,6 @@ def frames_at(message: messages.Obstacle, times: np.ndarray) -> list[Any]:
 def ball(radius: float) -> Any:
     """A ball, as a capsule without length: Coal finds its own in contact with triangles without area, anywhere."""
     return coal.Capsule(radius, 0.0)
-
-
-def triangle_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
-    mesh = coal.BVHModelOBBRSS()
-    mesh.beginModel(len(triangles), len(vertices))
-    mesh.addVertices(np.asarray(vertices, float))
-    mesh.addTriangles(np.asarray(triangles, np.int32))
-    mesh.endModel()
-    mesh.computeLocalAABB()
-    return mesh
 
 
 def solid_of(shape: Any) -> Surface | None:
@@ -116,29 +108,13 @@ def hull_of(mesh: Any) -> Any | None:
         return None
 
 
-def points_of(points: Points) -> np.ndarray:
-    if isinstance(points, Float32Array):
-        return np.frombuffer(points.float32, "<f4").reshape(-1, 3).astype(float)
-    return np.array(points, float)
-
-
-def triangles_of(triangles: Triangles) -> np.ndarray:
-    if isinstance(triangles, Uint32Array):
-        return np.frombuffer(triangles.uint32, "<u4").reshape(-1, 3).astype(int)
-    return np.array(triangles)
-
-
-def _solid(shape: Any) -> list[Body]:
-    return [Body(shape, pin.SE3.Identity())]
-
-
 def _mesh(message: messages.Mesh) -> list[Body]:
     key = id(message.vertices), id(message.triangles)  # a mesh that is only moved has the same lists
     if key not in _MESHES:
         if len(_MESHES) >= MOST_KEPT:
             _MESHES.clear()
-        vertices, triangles = points_of(message.vertices), triangles_of(message.triangles)
-        mesh = triangle_mesh(vertices, triangles)
+        vertices, triangles = np.array(message.vertices), np.array(message.triangles)
+        mesh = surface(vertices, triangles)
         hull, solid = hull_of(mesh), (vertices, triangles) if is_closed(vertices, triangles) else None
         body = Body(mesh, pin.SE3.Identity(), MESH_SLACK, hull, solid)
         exactly = hull is not None and is_closed(vertices, triangles, 0.0)
@@ -164,24 +140,14 @@ _MESHES: dict[tuple[int, int], tuple[messages.Mesh, Body]] = {}
 def _polygon(message: messages.Polygon) -> list[Body]:
     corners = np.array(message.vertices, float)
     fan = np.array([[0, k, k + 1] for k in range(1, len(corners) - 1)])
-    return [Body(triangle_mesh(corners, fan), pin.SE3.Identity())]
-
-
-def _half_space(message: messages.HalfSpace) -> list[Body]:
-    length = float(np.linalg.norm(message.normal))
-    return _solid(coal.Halfspace(np.array(message.normal) / length, message.offset / length))
+    return [Body(surface(corners, fan), pin.SE3.Identity())]
 
 
 def _cloud(message: messages.PointCloud) -> list[Body]:
-    return [Body(ball(message.radius), pin.SE3(np.eye(3), point)) for point in points_of(message.points)]
+    return [Body(ball(message.radius), pin.SE3(np.eye(3), point)) for point in np.array(message.points)]
 
 
 MAKERS: dict[type, Callable[[Any], list[Body]]] = {
-    messages.Box: lambda m: _solid(coal.Box(*m.size)),
-    messages.Sphere: lambda m: _solid(ball(m.radius)),
-    messages.Cylinder: lambda m: _solid(coal.Cylinder(m.radius, m.length)),
-    messages.Capsule: lambda m: _solid(coal.Capsule(m.radius, m.length)),
-    messages.HalfSpace: _half_space,
     messages.Mesh: _mesh,
     messages.Polygon: _polygon,
     messages.PointCloud: _cloud,

@@ -13,6 +13,7 @@ import numpy as np
 
 from doubting import shapes
 from guidefield.messages.scene import PointCloud
+from guidefield.referee.shapes import surface
 
 OCTAHEDRON = (
     np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]),
@@ -69,7 +70,7 @@ class Mover:
         points = np.array(self.message.points)
         vertices = (points[:, None] + self.message.radius * OCTAHEDRON[0]).reshape(-1, 3)
         triangles = (6 * np.arange(len(points))[:, None, None] + OCTAHEDRON[1]).reshape(-1, 3)
-        return shapes.triangle_mesh(vertices, triangles)
+        return surface(vertices, triangles)
 
     @cached_property
     def radius(self) -> float:
