@@ -16,7 +16,7 @@ from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired, seconds_wa
 from guidefield.errors import Status
 from guidefield.first_start import plain_numba
 from guidefield.kernels.jit.arrays import SCALAR, VECTOR
-from guidefield.kernels.jit.compilers import kernel
+from guidefield.kernels.jit.decorators import make_kernel as kernel
 
 
 @pytest.fixture

@@ -279,7 +279,7 @@ class Engine:
         with pause_collector():
             for room in rooms:
                 importlib.import_module(f"guidefield.{room}")
-            importlib.import_module("guidefield.kernels.jit.compilers").load_imported()
+            importlib.import_module("guidefield.kernels.jit.decorators").load_imported()
         self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))
         preparation = importlib.import_module("guidefield.handlers.preparation")
         for robot in robots:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from guidefield.kernels.field.energy import ChargedRobot, energy, potentials
-from guidefield.kernels.field.field_tables import FieldTables
+from guidefield.kernels.field.field import FieldTables
 from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of

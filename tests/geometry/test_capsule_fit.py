@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.kernels.cover.enclosing_circle import enclosing_circle
+from guidefield.kernels.cover.enclosing_ball import enclosing_circle
 from guidefield.robot.link_charges import Capsule, fit_capsule
 from tests.kernels.evaluation import vectors
 from tests.oracles import distance_to_segment

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry.far_tree import with_far_trees
-from guidefield.kernels.field.field import field_at_points
-from guidefield.kernels.field.field_tables import exact
+from guidefield.kernels.field.field import exact, field_at_points
 from guidefield.messages import scene as messages
 from guidefield.potential import Precision, RobotField
 from guidefield.scene.scene import Scene, build

@@ -27,8 +27,7 @@ from guidefield.handlers.kinematics import (
     inverse_kinematics,
     potential,
 )
-from guidefield.kernels.field.field import field_at_points
-from guidefield.kernels.field.field_tables import exact
+from guidefield.kernels.field.field import exact, field_at_points
 from guidefield.messages import requests
 from guidefield.messages.requests import TargetPose, UrdfText
 from guidefield.messages.scene import Scene as SceneMessage, Sphere

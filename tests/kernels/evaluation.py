@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from guidefield.geometry.charged import field_tables
-from guidefield.kernels.field.field import add_potential, field_at_points, padded
-from guidefield.kernels.field.field_tables import FieldTables
+from guidefield.kernels.field.field import FieldTables, add_potential, field_at_points, padded
 
 
 class Field(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from guidefield.kernels.distance.distance import CROPPED_SOLID, distance_at_points
-from guidefield.kernels.distance.ray_winding import ROOM
+from guidefield.kernels.distance.winding import ROOM
 from guidefield.messages import scene as messages
 from guidefield.scene import crop as room
 from guidefield.scene.crop import Ball, crop

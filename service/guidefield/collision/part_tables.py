@@ -37,7 +37,7 @@ from guidefield.kernels.collide.parts import (
     write_cluster_vertices,
 )
 from guidefield.kernels.collide.primitive import CAPSULE, CYLINDER, HALF_SPACE
-from guidefield.kernels.jit.compilers import load_imported
+from guidefield.kernels.jit.decorators import load_imported
 from guidefield.kernels.simd.packing import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import size_of

@@ -18,7 +18,7 @@ import pinocchio as pin
 from guidefield.geometry.closed import boxes_about, find_connected
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.mesh_surface import mesh_surface
-from guidefield.kernels.cover.winding import RUN, UNSURE, find_run_boxes, winding_by_angles, winding_by_crossings
+from guidefield.kernels.distance.winding import RUN, UNSURE, find_run_boxes, winding_by_angles, winding_by_crossings
 from guidefield.memo import memoized
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.model.collision_shapes import hull, triangulation

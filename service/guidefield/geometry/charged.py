@@ -1,6 +1,6 @@
 """Charged surfaces as tables for the field's kernels, with trees over faces whose multipole nodes stand for all below.
 
-Columns and their order are those of kernels/field (field_tables.py, faces.py, box.py), which read them by number. The
+Columns and their order are those of kernels/field (field.py, faces.py, box.py), which read them by number. The
 field near a surface is always that of each face. An opening is accuracy; block sizes and `LEAST_FACES` are time, and
 change the field within that accuracy.
 """
@@ -42,7 +42,7 @@ from guidefield.kernels.field.faces import (
     TAU,
     THIRD,
 )
-from guidefield.kernels.field.field_tables import (
+from guidefield.kernels.field.field import (
     AREA,
     CAPSULE_COLUMNS,
     CAPSULE_RADIUS,

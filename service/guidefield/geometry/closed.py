@@ -18,9 +18,8 @@ import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers, extents
 from guidefield.kernels.cover.merge_points import lowest_connected, merge_points, swept_pairs, write_planes
-from guidefield.kernels.cover.small_surfaces import count_ways, number_edges
-from guidefield.kernels.cover.winding import signed_volume
-from guidefield.kernels.distance.triangle_rows import triangle_boxes
+from guidefield.kernels.distance.triangle_rows import count_ways, number_edges, triangle_boxes
+from guidefield.kernels.distance.winding import signed_volume
 
 
 def numbered_edges(triangles: Integers) -> tuple[Integers, int]:

@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from guidefield.kernels.cover.small_surfaces import changed_order, curve_places
-from guidefield.kernels.distance.bvh import middles_within
+from guidefield.kernels.distance.bvh import changed_order, curve_places, middles_within
 
-FINEST = 21  # bits of one coordinate of a place on the curve, also in `small_surfaces` (kernels): three fit into 63
+FINEST = 21  # bits of one coordinate of a place on the curve, also in `triangle_rows` (kernels): three fit into 63
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -23,12 +23,18 @@ from guidefield.geometry.closed import numbered_edges
 from guidefield.geometry.curve_order import along_curve
 from guidefield.geometry.mesh_surface import SolidBox
 from guidefield.geometry.surfaces import box_about, perpendicular_axes
-from guidefield.kernels.cover.small_surfaces import flat_frames, small_surfaces
 from guidefield.kernels.distance.bvh import boxes_of_pairs
 from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, SHEET, DistanceTables
-from guidefield.kernels.distance.ray_winding import ANCHOR
 from guidefield.kernels.distance.triangle_distance import LEAF, SurfaceTables
-from guidefield.kernels.distance.triangle_rows import corners_and_edges, summed_normals, triangle_boxes, wide_triangles
+from guidefield.kernels.distance.triangle_rows import (
+    corners_and_edges,
+    flat_frames,
+    small_surfaces,
+    summed_normals,
+    triangle_boxes,
+    wide_triangles,
+)
+from guidefield.kernels.distance.winding import ANCHOR
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -202,7 +208,7 @@ class DistanceBody:
     placement: Floats  # rotation and translation of that frame, shape (3, 4) [m]
     surface: SurfaceTables | None = None  # the triangles of a solid or sheet, in its own frame
     cloud: int = 0  # address of the words of its `LaneCloud` (kernels/distance/point_tree.py), if it is a cloud
-    # of a cropped solid how its sides are found, in its own frame, see `ray_winding.ANCHOR`; shape (9,)
+    # of a cropped solid how its sides are found, in its own frame, see `winding.ANCHOR`; shape (9,)
     anchor: Floats | None = None
 
     def place(self, rotation: Floats, translation: Floats) -> DistanceBody:

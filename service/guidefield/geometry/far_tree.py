@@ -29,7 +29,7 @@ from guidefield.kernels.field.faces import (
     PAST_ROW,
     PAST_TRIANGLE,
 )
-from guidefield.kernels.field.field_tables import (
+from guidefield.kernels.field.field import (
     AREA,
     CAPSULE_CHARGE,
     CAPSULE_RADIUS,

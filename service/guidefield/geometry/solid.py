@@ -31,8 +31,8 @@ from guidefield.geometry.closed import (
 from guidefield.geometry.distance_bodies import NO_TRIANGLES, are_wide, surfaces_in, write_surfaces
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 from guidefield.kernels.cover.inscribed import depths_at, distances_at, largest_distance
-from guidefield.kernels.distance.ray_winding import ray_winding
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
+from guidefield.kernels.distance.winding import ray_winding
 from guidefield.memory import BYTES_PER_SOLID_FACE, SOLIDS, BoundedMap, content_key
 
 

@@ -30,8 +30,7 @@ from guidefield.handlers.configurations import (
     whole_group,
 )
 from guidefield.handlers.dynamics import dynamics, jacobian
-from guidefield.kernels.field.field import field_at_points
-from guidefield.kernels.field.field_tables import exact
+from guidefield.kernels.field.field import exact, field_at_points
 from guidefield.kernels.kinematics.forward_kinematics import FrameTable, place_frames
 from guidefield.memo import memoized
 from guidefield.memory import pause_collector

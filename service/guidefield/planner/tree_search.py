@@ -19,7 +19,7 @@ import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.deadline import Deadline
-from guidefield.kernels.collide.primitives_layout import LINE
+from guidefield.kernels.collide.layout import LINE
 from guidefield.kernels.simd.packing import Words, pack
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.kernels.tree import nodes as lane_nodes, rrt_connect as kernel

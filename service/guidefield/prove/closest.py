@@ -21,7 +21,7 @@ from guidefield.collision.clearance import (
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.collide.gjk import ACCURACY, SLACK
-from guidefield.kernels.prove.closest import CANDIDATES, closest_pairs, first_contacts
+from guidefield.kernels.prove.samples import CANDIDATES, closest_pairs, first_contacts
 from guidefield.kernels.prove.tables import NEARLY, BezierCurve, MovingRobot
 from guidefield.prove.curve import Curve
 from guidefield.prove.tables import index_of_pair, world_tables

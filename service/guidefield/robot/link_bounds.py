@@ -33,7 +33,7 @@ from guidefield.geometry.primitive_covers import (
 )
 from guidefield.geometry.solid import fill_hollows, fill_solid_of_mesh, near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.surfaces import Floats, Surface
-from guidefield.kernels.jit.compilers import load_imported
+from guidefield.kernels.jit.decorators import load_imported
 from guidefield.memo import MISSING, Answers, memoized
 from guidefield.parallel import run_queue, usable_processors
 from guidefield.robot.model.collision_shapes import WIDEST_GAP, triangulation

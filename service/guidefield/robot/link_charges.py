@@ -21,7 +21,7 @@ from guidefield.geometry.cache import Arrays, find_or_compute
 from guidefield.geometry.closed import edge_counts
 from guidefield.geometry.distance_bodies import DistanceBody, body_rows, body_tables, primitive, triangulated_body
 from guidefield.geometry.surfaces import Floats, Integers, furthest, perpendicular_axes, spread_directions
-from guidefield.kernels.cover.enclosing_circle import SLACK, enclosing_circle
+from guidefield.kernels.cover.enclosing_ball import SLACK, enclosing_circle
 from guidefield.kernels.cover.pieces import farthest_first
 from guidefield.kernels.distance.distance import SHEET, SOLID, DistanceTables
 from guidefield.memo import memoized

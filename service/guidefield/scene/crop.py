@@ -10,7 +10,7 @@ So an obstacle that is at least farther away than another is at most is never th
 the distances are those at all times: it is left out if it never gets near, and others only for where it always is.
 
 Signed distances from a cropped surface stay exact by the neighbours of the kept triangles and, for a solid, an anchor:
-a place from which the sides are known (kernels/distance/ray_winding.py). Kept parts are cached on disk by the surface's
+a place from which the sides are known (kernels/distance/winding.py). Kept parts are cached on disk by the surface's
 hash.
 """
 
@@ -29,8 +29,7 @@ from guidefield.geometry.distance_bodies import NO_TRIANGLES, are_wide
 from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.collide.primitive import gaps_from_ball
 from guidefield.kernels.cover.crop_to_ball import crop_to_ball, distance_to_triangles
-from guidefield.kernels.cover.winding import winding_by_angles
-from guidefield.kernels.distance.ray_winding import ANCHOR, BALL, PLACE, REACH, ROOM, TURNS
+from guidefield.kernels.distance.winding import ANCHOR, BALL, PLACE, REACH, ROOM, TURNS, winding_by_angles
 from guidefield.memo import memoized_by
 from guidefield.memory import content_key
 from guidefield.scene.cloud import Cloud, cloud_specks
@@ -336,7 +335,7 @@ def nearest_parts(vertices: np.ndarray, corners: np.ndarray, centre: np.ndarray,
 
 
 def anchor_of(vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
-    """Return a place from which the sides of a solid are known within a ball, see `ray_winding.surely_outside_seen`.
+    """Return a place from which the sides of a solid are known within a ball, see `winding.surely_outside_seen`.
 
     It is the ball's centre (3,), or the place around it about which most is free of the surface of vertices (v, 3) and
     triangles (t, 3) [m]. Shape (ANCHOR,); with no room where nothing is known.

@@ -1,7 +1,8 @@
 """Tables of a scene's obstacles at rest for the distance kernels, and of those that move for the barrier kernels.
 
-Optimization and swept capsules read them. Columns are those of `geometry/distance_bodies.py` and kernels/barrier. When
-only boxes, cylinders and capsules come or go, tables are updated to the very ones that would be built anew.
+Optimization and swept capsules read them. Columns are those of `geometry/distance_bodies.py` and
+kernels/optimize/barrier.py. When only boxes, cylinders and capsules come or go, tables are updated to the very ones
+that would be built anew.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from guidefield.geometry.distance_bodies import (
     triangulated_body,
     write_surfaces,
 )
-from guidefield.kernels.barrier.moving_bodies import MovingBodies
 from guidefield.kernels.collide.primitive import HALF_SPACE as HALF_SPACE_PLACED, primitive_bodies
 from guidefield.kernels.distance.distance import CROPPED_SOLID, HALF_SPACE, SHEET, SOLID, DistanceTables
+from guidefield.kernels.optimize.barrier import MovingBodies
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.scene.incremental import Rows, incremental
@@ -134,7 +135,7 @@ def _split(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _primitive_rows(placed: np.ndarray) -> BodyRows:
-    """Make the bodies of boxes, cylinders and capsules from rows of `primitives_layout.PLACED`, shape (n, 12)."""
+    """Make the bodies of boxes, cylinders and capsules from rows of `primitive.PLACED`, shape (n, 12)."""
     count = len(placed)
     rows = BodyRows(
         kinds=np.empty(count, np.int64),

@@ -15,8 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry.far_tree import with_far_trees
-from guidefield.kernels.field.field import Field, field_at_points
-from guidefield.kernels.field.field_tables import FieldTables, single_precision
+from guidefield.kernels.field.field import Field, FieldTables, field_at_points, single_precision
 from guidefield.memo import memoized
 from guidefield.scene.scene import Scene
 

@@ -18,8 +18,7 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import SceneInvalid
 from guidefield.geometry.charged import convex_quads
 from guidefield.geometry.surfaces import triangulate_polygon
-from guidefield.kernels.distance.convex_polygon import inradius
-from guidefield.kernels.distance.triangle_rows import touching_edges_of_each
+from guidefield.kernels.distance.polygons import inradius, touching_edges_of_each
 from guidefield.messages import scene as messages
 from guidefield.scene.recipe import Charges
 

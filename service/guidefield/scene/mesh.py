@@ -57,7 +57,7 @@ class CroppedSurface:
     # the kept triangles of each of its solids that is near, or of the thin surface, with their neighbours; all of the
     # same vertices
     parts: tuple[Triangulated, ...]
-    anchors: np.ndarray  # rows of `ray_winding.ANCHOR` columns for each solid; zeros of one that is kept whole
+    anchors: np.ndarray  # rows of `winding.ANCHOR` columns for each solid; zeros of one that is kept whole
     box: np.ndarray  # lower and upper corner about all of the surface, shape (2, 3) [m]
     whole: Whole  # make all of the surface, and the triangles of each of its solids
     solids: Callable[[], list[np.ndarray]]

@@ -1,7 +1,7 @@
 """One obstacle: its message turned into a Coal shape, a triangulation, and its share of the field's charges.
 
 Its parts are made on demand by a `Recipe`, and must all mean one shape; a primitive's row for kernels is made at once
-(`primitives_layout.PLACED`, read by kernels/collide and `distance_tables.py`). A further kind of obstacle needs an
+(`primitive.PLACED`, read by kernels/collide and `distance_tables.py`). A further kind of obstacle needs an
 entry in `BUILDERS` (a primitive in `PRIMITIVES`), and in `motion.POSED`; messages/scene_changes.py, content.py,
 anchor.py, prove/tables.py, case_file.py and the referee tell kinds apart, too.
 """
@@ -25,8 +25,7 @@ from guidefield.geometry.charged import pair_faces
 from guidefield.geometry.distance_bodies import NO_TRIANGLES, Triangulated
 from guidefield.geometry.mesh_surface import SolidBox, find_boxes
 from guidefield.geometry.surfaces import se3, transform_points, unit
-from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE
-from guidefield.kernels.collide.primitives_layout import PLACED
+from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE, PLACED
 from guidefield.memory import BYTES_PER_FACE, OBSTACLES, BoundedMap
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
@@ -148,7 +147,7 @@ class Obstacle:
 
     message: messages.Obstacle
     recipe: Recipe
-    placed: bytes = b""  # a primitive's, or box mesh's, row for kernels, `primitives_layout.PLACED`; else empty
+    placed: bytes = b""  # a primitive's, or box mesh's, row for kernels, `primitive.PLACED`; else empty
     warnings: tuple[str, ...] = ()  # harmless oddities of it
     motion: ObstacleMotion | None = None  # its motion; None at rest
     cloud: Cloud | None = None  # its points and their radius, if it is a cloud

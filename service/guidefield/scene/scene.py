@@ -19,8 +19,8 @@ import numpy as np
 
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.charged import expand_at_angle, field_tables
-from guidefield.kernels.collide.primitives_layout import PLACED
-from guidefield.kernels.field.field_tables import FieldTables
+from guidefield.kernels.collide.primitive import PLACED
+from guidefield.kernels.field.field import FieldTables
 from guidefield.memo import SharedAnswer, memoized_by
 from guidefield.memory import BUILT_SCENES, BYTES_PER_FACE, BoundedMap, Limit, pause_collector
 from guidefield.messages import scene as messages

@@ -38,8 +38,7 @@ from guidefield.kernels.prove.tables import (
     MovingRobot,
     ObstacleBodies,
 )
-from guidefield.kernels.stream.judge import bound_travel, broken_limit, find_states
-from guidefield.kernels.stream.way import MOST_PHASES, piece_and_braking
+from guidefield.kernels.stream.phases import MOST_PHASES, bound_travel, broken_limit, find_states, piece_and_braking
 from guidefield.kernels.timing.carried_rates import MotionPolynomials
 from guidefield.messages.streams import PieceTrajectory
 from guidefield.planner.task.motion_limits import CartesianLimit
@@ -69,7 +68,8 @@ class Commit(ReadOnly):
     brakes: float  # begin of its braking [s]
     stops: float  # time from which the robot stands [s]
     start: np.ndarray  # value, velocity and acceleration at its beginning, shape (nv, 3)
-    phases: np.ndarray  # of each coordinate, shape (nv, k, 5), times from `begins`, as kernels/stream/way.py has them
+    # of each coordinate, shape (nv, k, 5), times from `begins`, as in kernels/stream/phases.py
+    phases: np.ndarray
     counts: np.ndarray  # number of phases of each coordinate, shape (nv,)
     ends: ChartPoint  # configuration in which the robot stands in the end, shape (nv,)
     follows: int = 0  # number of the commit that it follows

@@ -169,7 +169,7 @@ class PathPlanner:
         if not len(drifting.boxes):
             return self.lanes
         boxes = np.empty((len(drifting.boxes), DRIFTING_BOX), np.float32)
-        # the same rule as `then` in `meets_drifting` of kernels/collide/drift.py
+        # the same rule as `then` in `meets_drifting` of kernels/collide/broadphase.py
         later = float(min(np.max(np.abs(z1 - z0) / self._speeds), STREAM.planned))
         boxes[:, :ROUNDED_BOX], boxes[:, VELOCITY:KEPT] = drifting.boxes, drifting.drifts
         boxes[:, KEPT] = kept.from_each(drifting.rates, self.size) + drifting.margins + self.bound_error([z0, z1])

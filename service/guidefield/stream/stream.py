@@ -17,10 +17,10 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, at_path
-from guidefield.kernels.collide import drift
-from guidefield.kernels.jit.compilers import load
+from guidefield.kernels.collide import broadphase
+from guidefield.kernels.jit.decorators import load
 from guidefield.kernels.prove import search
-from guidefield.kernels.stream import dodge, judge, way
+from guidefield.kernels.stream import dodge, phases
 from guidefield.kernels.timing import carried_rates
 from guidefield.kernels.tree import rrt_connect, shortcut
 from guidefield.messages import codec
@@ -56,7 +56,7 @@ SLACK = 1e-6
 """Deviation of joints that is allowed beyond the tolerance, for rounded numbers [rad or m]: no proof covers it."""
 
 # loaded when a stream opens: else its first update would wait for them, 30 to 60 ms
-KERNELS = search, dodge, drift, judge, rrt_connect, shortcut, way
+KERNELS = search, dodge, broadphase, phases, rrt_connect, shortcut
 
 
 @dataclass(frozen=True)

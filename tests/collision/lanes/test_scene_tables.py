@@ -15,7 +15,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.geometry import surfaces
 from guidefield.kernels.collide.layout import BAND
-from guidefield.kernels.cover.winding import winding_by_angles
+from guidefield.kernels.distance.winding import winding_by_angles
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.robot.link_charges import surface_points

@@ -5,7 +5,7 @@ from numba import int64, types, void
 
 from guidefield.kernels.collide.layout import world_of
 from guidefield.kernels.jit.arrays import FLOATS, FLOATS_OUT, INDICES, INDICES_OUT, Floats32
-from guidefield.kernels.jit.compilers import kernel
+from guidefield.kernels.jit.decorators import make_kernel as kernel
 from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints, lane_placements
 from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector_model import LANES

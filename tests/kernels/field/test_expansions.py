@@ -6,8 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import expand_within, field_tables
-from guidefield.kernels.field.field import field_at_points
-from guidefield.kernels.field.field_tables import single_precision
+from guidefield.kernels.field.field import field_at_points, single_precision
 from tests.kernels.evaluation import potential_at_points
 
 BALL = surfaces.sphere(0.5, subdivisions=4)

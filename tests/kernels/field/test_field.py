@@ -4,8 +4,7 @@ from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import field_tables
-from guidefield.kernels.field.field import field_at_points
-from guidefield.kernels.field.field_tables import single_precision
+from guidefield.kernels.field.field import field_at_points, single_precision
 from tests.kernels.evaluation import field, potential_at_points, vectors
 
 TRIANGLES = surfaces.box((0.4, 1.0, 0.6)).corners

@@ -23,8 +23,16 @@ from guidefield.kernels.jit.arrays import (
     Row,
     numba_type,
 )
-from guidefield.kernels.jit.compilers import kernel
-from guidefield.kernels.jit.decorators import compiled, counted, inlined, lane_part, lane_step, optimized, uncounted
+from guidefield.kernels.jit.decorators import (
+    compiled,
+    counted,
+    inlined,
+    lane_part,
+    lane_step,
+    make_kernel as kernel,
+    optimized,
+    uncounted,
+)
 from guidefield.kernels.simd.packing import Words, pointers, unpacked
 from guidefield.kernels.simd.rotations import cosine_and_sine
 from guidefield.kernels.simd.vector import LANES, below, lanes_of, load, root, splat, store, total

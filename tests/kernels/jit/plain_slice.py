@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from guidefield.kernels.field.field_tables import frozen
+from guidefield.kernels.field.field import frozen
 from guidefield.kernels.jit.cache import keep_kernels_of
 from guidefield.kernels.simd.packing import pack
 

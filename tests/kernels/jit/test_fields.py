@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from guidefield.kernels.field.field_tables import frozen
+from guidefield.kernels.field.field import frozen
 from guidefield.kernels.jit.arrays import (
     Bits,
     Indices,

@@ -8,20 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guidefield.kernels.barrier.obstacle_barrier import nothing_remembered
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
-from guidefield.kernels.optimize.constraint_penalty import KeptSamples
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier
-from guidefield.kernels.optimize.load_penalty import LoadModel
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
+from guidefield.kernels.optimize.obstacle_barrier import nothing_remembered
+from guidefield.kernels.optimize.penalties import KeptSamples, LoadModel
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.interior_point import no_loads
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.scene.distance_tables import moving_tables
-from tests.kernels.barrier.test_robot_barrier import GROUPS, made, sampled
+from tests.kernels.optimize.test_robot_barrier import GROUPS, made, sampled
 from tests.planner.problems import problem, scene_of
 from tests.planner.test_moving_kinds import KINDS, moving
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from guidefield.kernels.optimize.clearance_model import ClearanceModel
-from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent, room_for_descent
+from guidefield.kernels.optimize.penalties import KeptSamples, constraint_penalty
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.interior_point import no_loads
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, plane
-from tests.kernels.barrier.test_robot_barrier import made
 from tests.kernels.optimize.test_motion_objective import GIVEN, ends_of, look, motion, of, unconstrained
+from tests.kernels.optimize.test_robot_barrier import made
 
 RULES = DescentRules(
     steps=1000,

@@ -13,7 +13,7 @@ from guidefield.collision.part_tables import PartsTable
 from guidefield.kernels.collide.gjk import AXIS, WORK
 from guidefield.kernels.collide.parts import PARTS, Parts
 from guidefield.kernels.jit.arrays import VECTOR, VECTOR_OUT, Floats
-from guidefield.kernels.jit.compilers import kernel
+from guidefield.kernels.jit.decorators import make_kernel as kernel
 from guidefield.kernels.prove.kept_distance import (
     FIRST_TURNS,
     FIRST_TWIST,

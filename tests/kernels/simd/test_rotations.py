@@ -6,8 +6,7 @@ import pytest
 from numba import void
 
 from guidefield.kernels.jit.arrays import FLOATS, FLOATS_OUT, MATRIX_OUT, VECTOR
-from guidefield.kernels.jit.compilers import kernel
-from guidefield.kernels.jit.decorators import compiled
+from guidefield.kernels.jit.decorators import compiled, make_kernel as kernel
 from guidefield.kernels.simd.rotations import (
     cosine_and_sine,
     quaternion_of_matrix,

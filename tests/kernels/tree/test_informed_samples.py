@@ -5,7 +5,7 @@ from hypothesis import given, settings, strategies as st
 from numba import int64, types, void
 
 from guidefield.kernels.jit.arrays import FLOATS, INDICES, VECTOR_OUT, Floats, Floats32
-from guidefield.kernels.jit.compilers import kernel
+from guidefield.kernels.jit.decorators import make_kernel as kernel
 from guidefield.kernels.simd.packing import Words, pack, pointers
 from guidefield.kernels.simd.vector import LANES
 from guidefield.kernels.tree.informed_samples import NEAR, Sampling, Way, next_samples, pass_samples, sampling_of

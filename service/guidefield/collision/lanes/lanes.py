@@ -18,18 +18,21 @@ from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turn_
 from guidefield.collision.lanes.scene_tables import BufferLayout, LaneScene, lane_scene, scratch_layout
 from guidefield.collision.world import World
 from guidefield.kernels.collide.batch_collision import path_free_until, touching_configurations
-from guidefield.kernels.collide.drift import write_gaps
+from guidefield.kernels.collide.broadphase import write_gaps
 from guidefield.kernels.collide.layout import (
+    DRIFT_WORDS,
     GRID_NUMBERS,
     GRID_PLACES,
     MEETING,
+    MEMORY_WORDS,
     PAIR,
+    SCENE_WORDS,
     DriftingBoxes,
     LaneAlone,
     LaneWorld,
     Scratch,
+    lay_out,
 )
-from guidefield.kernels.collide.primitives_layout import DRIFT_WORDS, MEMORY_WORDS, SCENE_WORDS, lay_out
 from guidefield.kernels.collide.self_narrowphase import STACK, never_touching
 from guidefield.kernels.simd.packing import Words, pack
 from guidefield.kernels.tree.shortcut import shorten

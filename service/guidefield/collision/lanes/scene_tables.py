@@ -1,7 +1,7 @@
 """Obstacles as tables for SIMD batches, updated when a scene differs little from a known one.
 
 Primitives are written by a kernel; a mesh stands as convex solids or boxes about clusters of triangles, each the root
-of a tree of parts; a cloud as balls. Columns are those of kernels/collide (layout.py, primitives_layout.py, parts.py).
+of a tree of parts; a cloud as balls. Columns are those of kernels/collide (layout.py, primitive.py, parts.py).
 The shapes that represent an obstacle must contain it; parts are the exact shapes that decide. The memory of a scene's
 primitives and of a world's scratch is laid out here, too: lengths, and offsets in the order in which `lay_out` and
 `primitive_tables` read them.
@@ -42,13 +42,14 @@ from guidefield.kernels.collide.layout import (
     GRID_SIDES,
     HIT,
     HITS,
+    LINE,
+    SCENE_WORDS,
     LaneObstacles,
     LaneWorld,
     Scratch,
 )
 from guidefield.kernels.collide.parts import BALL_ROW, FIRST_BLOCK, LINK, PART, SHAPE, Parts
-from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
-from guidefield.kernels.collide.primitives_layout import LINE, SCENE_WORDS, primitive_tables
+from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND, primitive_tables
 from guidefield.kernels.jit.arrays import array_types
 from guidefield.kernels.kinematics.poses import POSE
 from guidefield.kernels.simd.packing import AROUND, BLOCK, Words, pack
@@ -240,7 +241,7 @@ def lane_scene(scene: Scene) -> LaneScene:
 
 
 def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
-    """Build the tables of primitives, rows as `primitives_layout.PLACED` packs them; each is an obstacle."""
+    """Build the tables of primitives, rows as `primitive.PLACED` packs them; each is an obstacle."""
     layout = obstacle_tables_layout(len(placed), len(owners))
     memory, words = np.zeros(layout.size, np.int64), np.empty(SCENE_WORDS, np.int64)
     begins = primitive_tables(placed.ravel(), layout.offsets, memory, words)

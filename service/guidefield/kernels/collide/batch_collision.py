@@ -18,11 +18,11 @@ from numba import boolean, int64, types, void
 from guidefield.kernels.collide.broadphase import (
     boxes_near,
     carrier_centre,
+    meets_drifting,
     near_obstacle,
     near_obstacle_of,
     place_carriers,
 )
-from guidefield.kernels.collide.drift import meets_drifting
 from guidefield.kernels.collide.layout import (
     BALL,
     BAND,
@@ -42,10 +42,9 @@ from guidefield.kernels.collide.layout import (
     world_of,
     write_found,
 )
-from guidefield.kernels.collide.obstacle_narrowphase import left_of_obstacle, meets_cloud, meets_obstacle
+from guidefield.kernels.collide.obstacle_narrowphase import forget_axes, left_of_obstacle, meets_cloud, meets_obstacle
 from guidefield.kernels.collide.parts import ball_centre, ball_radius, balls_meet
 from guidefield.kernels.collide.self_narrowphase import left_of_cells, pair_meets
-from guidefield.kernels.collide.separating_axes import forget_axes
 from guidefield.kernels.jit.arrays import FLOAT_POINTER, Floats32, Indices, Integers, SingleRows, TruthsOut
 from guidefield.kernels.jit.decorators import lane_kernel, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements

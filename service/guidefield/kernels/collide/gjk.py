@@ -4,8 +4,12 @@ GJK after Gilbert, Johnson and Keerthi (1988). With v the point of the simplex i
 origin and w the support point of A - B against v, the distance is at least v.w / |v| and at most |v|: the search ends
 when these differ by less than `ACCURACY`, or where one of them says enough. Of two trees the nearer children are
 compared first. Batches of collision tests and proofs call it: distances may be too large by `ACCURACY`, smallest ones
-by `SLACK` as well. Scratch is one array of `WORK` numbers: the simplex, two poses, the axis, the nearest leaves, then
-the stack.
+by `SLACK` as well.
+
+Scratch is one array of `WORK` numbers: the simplex, two poses, the axis, the nearest leaves, then the stack. A simplex
+is up to four points of `POINT` numbers each. A reduction keeps the points that span the nearest point, moves them to
+the front, writes the nearest point behind the fourth (`NEAREST`), and returns how many were kept; four means that the
+origin is inside. Voronoi regions are as in Ericson, Real-Time Collision Detection, 2005.
 """
 
 from __future__ import annotations
@@ -13,9 +17,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import boolean, types
+from numba import boolean, int64, types
 
-from guidefield.kernels.collide.gjk_simplex import has_point, nearest_point, reduced_with
 from guidefield.kernels.collide.parts import (
     BLOCKS,
     DISC,
@@ -31,22 +34,29 @@ from guidefield.kernels.collide.parts import (
     SHAPE,
     TRIANGLE,
     Parts,
+    X,
+    Y,
+    Z,
     ball_radius,
     child_of,
     is_flat_sided,
     is_leaf,
     kind_of,
     part_of,
-    placed_ball,
+    place_ball,
+    place_part,
+    place_part_of,
     rounding,
 )
 from guidefield.kernels.collide.primitive import CYLINDER, HALF_SPACE
 from guidefield.kernels.jit.arrays import DOUBLE_POINTER, Floats, Floats32, Integers
 from guidefield.kernels.jit.decorators import lane_part, lane_step
-from guidefield.kernels.kinematics.poses import write_product
 from guidefield.kernels.linalg.small_systems import unit_in_plane
 from guidefield.kernels.simd.packing import BLOCK, point_at, points_at
 from guidefield.kernels.simd.vector import ALL_LANES, below, first_lane, lane, largest_lane, select, splat
+
+POINT = 3  # numbers of a point
+NEAREST = 4 * POINT  # place of the nearest point in the array
 
 POSE_A, POSE_B = 16, 28  # places of the two poses of the parts that are compared
 
@@ -55,7 +65,162 @@ AXIS, KEPT = 40, 44
 
 LEAF_A, LEAF_B = 48, 49  # places of the leaves of two bodies that were nearest to each other last, each plus 1, or 0
 STACK, WORK = 64, 512  # place of the stack, and the number of all numbers: room for the levels of two trees, unchecked
-X, Y, Z = 3, 7, 11  # places of its origin in a pose
+
+ACCURACY = 2e-7  # by how much a distance may be too large [m]: certificates and `prove/closest.py` allow for it
+
+ROUNDS, FEW_ROUNDS = 64, 5
+"""Rounds after which GJK ends with what it has (among rounded parts it comes closer by a factor each time), and rounds
+for two nodes that aren't both leaves, where a bound is enough: these are a matter of speed, while fewer `ROUNDS` would
+leave distances that are too large by more than `ACCURACY`."""
+
+SLACK = 5e-6
+"""Leaves nearer than the nearest known ones by no more than this aren't searched: flat sides have many alike [m].
+Certificates and `prove/closest.py` allow for it."""
+
+PLACED = (POINTED_PARTS, int64, DOUBLE_POINTER)  # tables, a node or part in them, the placement of its body
+
+NODE_A, NODE_B, LEAST, ENTRY = range(4)
+"""Numbers of an entry of the stack: a node of each body, and how far apart what they hold is at least [m]; then how
+many there are."""
+
+
+@lane_part
+def _nearest_point(w: Floats) -> tuple[float, float, float]:
+    return w[NEAREST], w[NEAREST + 1], w[NEAREST + 2]
+
+
+@lane_part
+def _has_point(w: Floats, count: int, x: float, y: float, z: float) -> bool:
+    found = False
+    for at in range(0, count * POINT, POINT):
+        found |= w[at] == x and w[at + 1] == y and w[at + 2] == z
+    return found
+
+
+@lane_part
+def _dot(w: Floats, i: int, j: int) -> float:
+    return float(w[i] * w[j] + w[i + 1] * w[j + 1] + w[i + 2] * w[j + 2])
+
+
+@lane_part
+def _copy(w: Floats, source: int, target: int) -> None:
+    for k in range(POINT):
+        w[target + k] = w[source + k]
+
+
+@lane_part
+def _mix(w: Floats, a: int, b: int, c: int, s: float, t: float) -> None:
+    """Write a + s (b - a) + t (c - a) as the nearest point."""
+    for k in range(POINT):
+        base = w[a + k]
+        w[NEAREST + k] = base + s * (w[b + k] - base) + t * (w[c + k] - base)
+
+
+@lane_part
+def _on_segment(w: Floats, a: int, b: int) -> int:
+    """Nearest point of a segment; which of (a, b) span it, as bits."""
+    ab = _dot(w, a, b) - _dot(w, a, a)
+    bb = _dot(w, b, b) - _dot(w, a, b)
+    length = bb - ab
+    if -ab <= 0.0 or length <= 0.0:
+        _copy(w, a, NEAREST)
+        return 1
+    if bb <= 0.0:
+        _copy(w, b, NEAREST)
+        return 2
+    _mix(w, a, b, a, -ab / length, 0.0)
+    return 3
+
+
+@lane_step(int64(DOUBLE_POINTER, int64, int64, int64))
+def _on_triangle(w: Floats, a: int, b: int, c: int) -> int:  # noqa: PLR0911  one for each region of the plane
+    """Nearest point of a triangle; which of (a, b, c) span it, as bits."""
+    aa, bb, cc = _dot(w, a, a), _dot(w, b, b), _dot(w, c, c)
+    ab, ac, bc = _dot(w, a, b), _dot(w, a, c), _dot(w, b, c)
+    d1, d2 = aa - ab, aa - ac
+    d3, d4 = ab - bb, ab - bc
+    d5, d6 = ac - bc, ac - cc
+    if d1 <= 0.0 and d2 <= 0.0:
+        _copy(w, a, NEAREST)
+        return 1
+    if d3 >= 0.0 and d4 <= d3:
+        _copy(w, b, NEAREST)
+        return 2
+    if d6 >= 0.0 and d5 <= d6:
+        _copy(w, c, NEAREST)
+        return 4
+    vc, vb, va = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        _mix(w, a, b, c, d1 / max(d1 - d3, 1e-300), 0.0)
+        return 3
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        _mix(w, a, b, c, 0.0, d2 / max(d2 - d6, 1e-300))
+        return 5
+    if va <= 0.0 and d4 >= d3 and d5 >= d6:
+        t = (d4 - d3) / max((d4 - d3) + (d5 - d6), 1e-300)
+        _mix(w, a, b, c, 1.0 - t, t)
+        return 6
+    total = max(va + vb + vc, 1e-300)
+    _mix(w, a, b, c, vb / total, vc / total)
+    return 7
+
+
+@lane_step(boolean(DOUBLE_POINTER, int64, int64, int64, int64))
+def _outside(w: Floats, a: int, b: int, c: int, d: int) -> bool:
+    """Tell if the plane through (a, b, c) has the origin and d on different sides, or either on it."""
+    ax, ay, az = w[a], w[a + 1], w[a + 2]
+    ux, uy, uz = w[b] - ax, w[b + 1] - ay, w[b + 2] - az
+    vx, vy, vz = w[c] - ax, w[c + 1] - ay, w[c + 2] - az
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    origin = -(nx * ax + ny * ay + nz * az)
+    other = nx * (w[d] - ax) + ny * (w[d + 1] - ay) + nz * (w[d + 2] - az)
+    return bool(origin * other <= 0.0)
+
+
+@lane_part
+def _on_tetrahedron(w: Floats) -> int:
+    """Nearest point of a tetrahedron; which of its four points span it, as bits."""
+    best, kept = 1e300, 15
+    bx, by, bz = 0.0, 0.0, 0.0
+    for face in range(4):
+        # the face without point 3 - face
+        a = 0 if face < 3 else POINT
+        b = POINT if face < 2 else 2 * POINT
+        c = 2 * POINT if face == 0 else 3 * POINT
+        d = (3 - face) * POINT
+        if not _outside(w, a, b, c, d):
+            continue
+        bits = _on_triangle(w, a, b, c)
+        square = _dot(w, NEAREST, NEAREST)
+        if square < best:
+            best = square
+            bx, by, bz = _nearest_point(w)
+            kept = (bits & 1) << (a // POINT)
+            kept |= ((bits >> 1) & 1) << (b // POINT)
+            kept |= ((bits >> 2) & 1) << (c // POINT)
+    w[NEAREST], w[NEAREST + 1], w[NEAREST + 2] = bx, by, bz
+    return kept
+
+
+@lane_step(int64(DOUBLE_POINTER, int64))
+def _reduce(w: Floats, count: int) -> int:
+    """Reduce a simplex of `count` points; how many are left."""
+    bits = 1
+    if count == 1:
+        _copy(w, 0, NEAREST)
+    elif count == 2:
+        bits = _on_segment(w, 0, POINT)
+    elif count == 3:
+        bits = _on_triangle(w, 0, POINT, 2 * POINT)
+    else:
+        bits = _on_tetrahedron(w)
+    kept = 0
+    for i in range(count):
+        if (bits >> i) & 1:
+            if kept != i:
+                _copy(w, POINT * i, POINT * kept)
+            kept += 1
+    return kept
 
 
 @lane_part
@@ -90,56 +255,6 @@ def origins_apart(work: Floats) -> float:
     y = work[POSE_A + Y] - work[POSE_B + Y]
     z = work[POSE_A + Z] - work[POSE_B + Z]
     return float(x * x + y * y + z * z)
-
-
-@lane_part
-def place_ball(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> None:
-    """Write the rotation of a body placed at (12,), and the centre of a node's ball, to a pose in scratch (WORK,)."""
-    for r in range(3):
-        for c in range(3):
-            work[pose + 4 * r + c] = body[4 * r + c]
-    work[pose + X], work[pose + Y], work[pose + Z] = placed_ball(body, parts.balls, node)
-
-
-@lane_part
-def place_part(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -> None:
-    """Write the placement of a part; shapes as for `place_ball`."""
-    if is_flat_sided(parts, part):
-        for k in range(12):
-            work[pose + k] = body[k]
-        return
-    write_product(body, parts.numbers, part * PART, work, pose)
-
-
-@lane_part
-def place_part_of(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> float:
-    """Place the part of a node instead of its ball, if it has one; return the radius of what rounds it [m].
-
-    Shapes are those of `place_ball`.
-    """
-    part = part_of(parts, node)
-    if part < 0:
-        return float(ball_radius(parts.balls, node))
-    place_part(parts, part, body, work, pose)
-    return rounding(parts, part)
-
-
-ACCURACY = 2e-7  # by how much a distance may be too large [m]: certificates and `prove/closest.py` allow for it
-
-ROUNDS, FEW_ROUNDS = 64, 5
-"""Rounds after which GJK ends with what it has (among rounded parts it comes closer by a factor each time), and rounds
-for two nodes that aren't both leaves, where a bound is enough: these are a matter of speed, while fewer `ROUNDS` would
-leave distances that are too large by more than `ACCURACY`."""
-
-SLACK = 5e-6
-"""Leaves nearer than the nearest known ones by no more than this aren't searched: flat sides have many alike [m].
-Certificates and `prove/closest.py` allow for it."""
-
-PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)  # tables, a node or part in them, the placement of its body
-
-NODE_A, NODE_B, LEAST, ENTRY = range(4)
-"""Numbers of an entry of the stack: a node of each body, and how far apart what they hold is at least [m]; then how
-many there are."""
 
 
 @lane_part
@@ -223,19 +338,7 @@ def over_plane(a: Parts, part_a: int, b: Parts, part_b: int, work: Floats) -> fl
     return float(nx * px + ny * py + nz * pz - b.numbers[at + PLANE_OFFSET])
 
 
-@lane_step(
-    types.float64(
-        POINTED_PARTS,
-        types.int64,
-        POINTED_PARTS,
-        types.int64,
-        types.float64,
-        types.float64,
-        types.float64,
-        types.int64,
-        DOUBLE_POINTER,
-    )
-)
+@lane_step(types.float64(*(POINTED_PARTS, int64) * 2, *(types.float64,) * 3, int64, DOUBLE_POINTER))
 def parts_distance(
     a: Parts, part_a: int, b: Parts, part_b: int, rounding: float, least: float, most: float, rounds: int, work: Floats
 ) -> float:
@@ -266,10 +369,12 @@ def parts_distance(
             return lower - rounding
         if done > 0 and length - lower <= ACCURACY:
             break
-        if has_point(work, count, wx, wy, wz):
+        if _has_point(work, count, wx, wy, wz):
             break
-        count = reduced_with(work, count, wx, wy, wz)
-        vx, vy, vz = nearest_point(work)
+        at = POINT * count
+        work[at], work[at + 1], work[at + 2] = wx, wy, wz
+        count = int(_reduce(work, count + 1))
+        vx, vy, vz = _nearest_point(work)
         square = vx * vx + vy * vy + vz * vz
         if count == 4 or square < 1e-16:
             if lower <= ACCURACY:
@@ -287,7 +392,7 @@ def parts_distance(
     return (lower if least > -np.inf else math.sqrt(square)) - rounding
 
 
-@lane_step(types.float64(POINTED_PARTS, types.int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
+@lane_step(types.float64(POINTED_PARTS, int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
 def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz: float) -> float:
     """Return how far a part of a body at the origin reaches along a unit direction in its frame [m]; work (WORK,)."""
     at = PART * part

@@ -1,18 +1,22 @@
-"""Tables of a robot's bodies and of obstacles for kernels of SIMD batches, and their scratch memory.
+"""Tables of a robot's bodies and of obstacles for kernels of SIMD batches, their scratch memory, and their words.
 
-`collision/lanes` fills them: `robot_tables` and `cell_grids` the robot, `scene_tables` and `primitives_layout` the
-obstacles and the scratch. A world reaches a kernel as words in the order of `LaneWorld` and of the tuples in it, which
-`lay_out` writes: a field that is added, moved or removed has to be so there, too.
+`collision/lanes` fills them: `robot_tables` and `cell_grids` the robot, `scene_tables` the obstacles (by
+`primitive.primitive_tables`) and the scratch. A world reaches a kernel as words in the order of `LaneWorld` and of the
+tuples in it, which `lay_out` writes, at the offsets of `scene_tables`: a field that is added, moved or removed has to
+be so there, too.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.jit.arrays import (
     Bits,
     Cells,
+    IndexRows,
     Indices,
     IndicesOut,
     Integers,
@@ -22,7 +26,7 @@ from guidefield.kernels.jit.arrays import (
     SinglesOut,
     numba_type,
 )
-from guidefield.kernels.jit.decorators import lane_part
+from guidefield.kernels.jit.decorators import inner_kernel, kernel, lane_part
 from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
 from guidefield.kernels.simd.packing import pointed, unpacked
 
@@ -267,3 +271,71 @@ def write_found(found: Integers, count: int, body: int, other: int, mask: int) -
     at = FOUND * count
     found[at + BODY], found[at + OBSTACLE], found[at + MASK] = body, other, mask
     return count + 1
+
+
+LINE = 64  # bytes of a line of the cache: sixteen floats that lie across two of them take twice as long to get
+SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)  # number of words of obstacles and their shapes
+
+_IGNORED = LaneObstacles._fields.index("ignored")
+
+MEMORY_WORDS = len(Scratch._fields) + 1  # number of words behind those: of the scratch and the block
+DRIFT_WORDS = len(DriftingBoxes._fields)  # and behind those, not written here
+
+_HITS = 1 + Scratch._fields.index("hits")
+
+
+@inner_kernel
+def _write_left_out(left_out: IndexRows, owners: Indices, ignored: IndicesOut) -> None:
+    """Mark what may touch: for each body all obstacles that stand for one of the scene."""
+    n, most = len(owners), -1
+    for o in range(n):
+        most = max(most, owners[o])
+    last, before = np.full(most + 1, -1), np.empty(n, np.int64)
+    for o in range(n):
+        before[o] = last[owners[o]]
+        last[owners[o]] = o
+    for p in range(len(left_out)):
+        o = last[left_out[p, 1]] if left_out[p, 1] <= most else -1
+        while o >= 0:
+            ignored[left_out[p, 0] * n + o] = 1
+            o = before[o]
+
+
+@kernel
+def lay_out(
+    robot: Indices,
+    scene: Indices,
+    offsets: Indices,
+    owners: Indices,
+    bodies: int,
+    moving: Indices,
+    left_out: IndexRows,
+    memory: IndicesOut,
+    words: IndicesOut,
+) -> int:
+    """Write a world's words, and what its memory holds at first; return where that begins [bytes].
+
+    `scene` (SCENE_WORDS,) has the words of obstacles and their shapes, `offsets` (1 + MEMORY_WORDS,) is where in the
+    memory there is what may touch, the scratch and the block [bytes], `owners` (n,) names the obstacle of the scene
+    that each represents, `moving` (m,) are the bodies tested against obstacles, ascending, but for the pairs `left_out`
+    (k, 2). The memory is all zero; what is in it begins where a line of the cache does.
+    """
+    first, n, begins = len(robot), len(owners), -memory.ctypes.data % LINE
+    start = memory.ctypes.data + begins
+    words[:first] = robot
+    words[first : first + SCENE_WORDS] = scene
+    words[first + _IGNORED] = start + offsets[0]
+    for k in range(MEMORY_WORDS):
+        words[first + SCENE_WORDS + k] = start + offsets[1 + k]
+    at = (begins + offsets[_HITS]) // 8
+    memory[at : at + HIT * HITS] = -1
+    at = (begins + offsets[0]) // 8
+    k = 0
+    for body in range(bodies):  # of a mesh of very many triangles little is written: most stays as it is
+        if k < len(moving) and moving[k] == body:
+            k += 1
+        else:
+            memory[at + body * n : at + (body + 1) * n] = 1
+    if len(left_out):
+        _write_left_out(left_out, owners, memory[at:])
+    return begins

@@ -1,7 +1,7 @@
-"""Convex parts of bodies and trees of balls about them: the tables that GJK, batches and proofs read.
+"""Convex parts of bodies and trees of balls about them: the tables that GJK, batches and proofs read, and placing.
 
-`collision/part_tables.py`, `lanes/surface_tables.py`, `primitives_layout.py`, `stream/shapes.py` write them: columns
-and kinds have to be the same there. A node's ball and part contain all that is below it.
+`collision/part_tables.py`, `lanes/surface_tables.py`, `primitive.py`, `stream/shapes.py` write them: columns and kinds
+have to be the same there. A node's ball and part contain all that is below it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from guidefield.kernels.jit.arrays import (
     numba_type,
 )
 from guidefield.kernels.jit.decorators import kernel, lane_part
-from guidefield.kernels.kinematics.poses import apply_pose, apply_poses
+from guidefield.kernels.kinematics.poses import apply_pose, apply_poses, write_product
 from guidefield.kernels.simd.packing import BLOCK, pointed
 from guidefield.kernels.simd.vector import Vector, below, splat
 from guidefield.kernels.simd.vector_model import LANES
@@ -159,3 +159,38 @@ def write_cluster_vertices(corners: Blocks, members: IndexRows, vertices_out: Si
             at = BLOCK * (blocks * cluster + place // LANES) + place % LANES
             for k in range(3):
                 vertices_out[at + LANES * k] = np.float32(corners[triangle, corner, k])
+
+
+X, Y, Z = 3, 7, 11  # places of its origin in a pose
+
+
+@lane_part
+def place_ball(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> None:
+    """Write the rotation of a body placed at (12,), and the centre of a node's ball, to a pose in scratch (WORK,)."""
+    for r in range(3):
+        for c in range(3):
+            work[pose + 4 * r + c] = body[4 * r + c]
+    work[pose + X], work[pose + Y], work[pose + Z] = placed_ball(body, parts.balls, node)
+
+
+@lane_part
+def place_part(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -> None:
+    """Write the placement of a part; shapes as for `place_ball`."""
+    if is_flat_sided(parts, part):
+        for k in range(12):
+            work[pose + k] = body[k]
+        return
+    write_product(body, parts.numbers, part * PART, work, pose)
+
+
+@lane_part
+def place_part_of(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> float:
+    """Place the part of a node instead of its ball, if it has one; return the radius of what rounds it [m].
+
+    Shapes are those of `place_ball`.
+    """
+    part = part_of(parts, node)
+    if part < 0:
+        return float(ball_radius(parts.balls, node))
+    place_part(parts, part, body, work, pose)
+    return rounding(parts, part)

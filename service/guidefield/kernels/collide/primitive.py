@@ -1,17 +1,56 @@
-"""Primitives: their numbers, masks of sixteen points near one, axes away from it, and bounds of many at once.
+"""Primitives: their numbers, masks of sixteen points near one, axes away from it, bounds of many, tables of a scene's.
 
-Two forms: rows of `PRIMITIVE` numbers in float32 for SIMD batches, and `primitives_layout.PLACED` as scenes declare
-them, here in float64: kind, quaternion from 1, centre from 5, half extents from 8, radius at 11.
+Two forms: rows of `PRIMITIVE` numbers in float32 for SIMD batches, and `PLACED` as scenes declare them, in float64.
+`primitive_tables` writes what `collision/lanes/scene_tables.py` has made room for, in the columns of `layout` and
+`parts`. A further kind needs a branch in each function that asks for kinds, here and in `gjk.py`.
 """
 
 from __future__ import annotations
 
 import math
+import struct
+from typing import NamedTuple
 
+import numpy as np
+
+from guidefield.kernels.collide.layout import LINE, SCENE_WORDS, LaneObstacles
+from guidefield.kernels.collide.parts import (
+    BALL_ROW,
+    BLOCKS,
+    DISC,
+    FIRST_BLOCK,
+    HALF_LENGTH as PART_LENGTH,
+    KIND,
+    LEFT,
+    LINK,
+    OWN,
+    PART,
+    PLANE_OFFSET,
+    POLYTOPE,
+    RADIUS,
+    RIGHT,
+    ROUND as PART_ROUND,
+    SHAPE,
+    Parts,
+)
 from guidefield.kernels.distance.distance import BOX as BOX_BODY, CAPSULE as CAPSULE_BODY, CYLINDER as CYLINDER_BODY
-from guidefield.kernels.jit.arrays import BlocksOut, Floats, Floats32, IndicesOut, Row, RowOut, Rows, RowsOut, Vector3
-from guidefield.kernels.jit.decorators import exact_kernel, lane_part
+from guidefield.kernels.jit.arrays import (
+    BlocksOut,
+    Floats,
+    Floats32,
+    Indices,
+    IndicesOut,
+    Row,
+    RowOut,
+    Rows,
+    RowsOut,
+    Vector3,
+    numba_type,
+)
+from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel, lane_part
+from guidefield.kernels.simd.packing import AROUND, BLOCK, pointers, unpacked
 from guidefield.kernels.simd.vector import Vector, below, largest_of, magnitude, root, smallest_of, splat
+from guidefield.kernels.simd.vector_model import LANES
 
 BOX, CYLINDER, CAPSULE, HALF_SPACE = range(4)
 """Kinds of primitives; a ball is a capsule of no length. Other kinds of parts and obstacles have the numbers behind
@@ -26,6 +65,16 @@ radius; of a half-space the third axis is the normal, and the centre is a point 
 """
 
 HALF_LENGTH = HALVES + 2  # place of the half length of a cylinder or a capsule
+
+CORNERS = 8  # of a box
+
+PLACED = struct.Struct("12d")
+"""A primitive as it is declared: its kind, a unit quaternion (x, y, z, w), then centre, half extents and radius as in
+`PRIMITIVE`; of a half-space the normal is in the place of half extents."""
+
+_PLACED = PLACED.size // 8
+
+NORMAL = AXES + 6  # place of the third axis of a primitive; of a half-space it is the normal
 
 
 @lane_part
@@ -246,3 +295,130 @@ def gaps_from_ball(placed: Rows, ball: Row, rounding: float, least: RowOut, most
             about, within = math.sqrt(c * c + radius * radius), min(c, radius)
         least[i] = apart - about - ball[3] - wider
         most[i] = max(apart - within + ball[3], 0.0) + wider
+
+
+class _Scene(NamedTuple):
+    """Obstacles and their shapes."""
+
+    obstacles: LaneObstacles
+    parts: Parts
+
+
+_scene_of = unpacked(numba_type(_Scene))
+
+
+@inlined
+def _box_about(kind: int, row: Floats, boxes: Floats32, place: int) -> None:
+    """Write the box along the world's axes, coordinate by coordinate sixteen places apart."""
+    for k in range(3):
+        if kind == HALF_SPACE:
+            low = row[CENTRE + k] if row[NORMAL + k] == -1.0 else -math.inf
+            high = row[CENTRE + k] if row[NORMAL + k] == 1.0 else math.inf
+        else:
+            reach = row[HALVES] * abs(row[k]) + row[HALVES + 1] * abs(row[3 + k])
+            reach += row[HALVES + 2] * abs(row[NORMAL + k])
+            if kind == CAPSULE:
+                reach += row[ROUND]
+            elif kind == CYLINDER:
+                reach += row[ROUND] * math.sqrt(row[k] * row[k] + row[3 + k] * row[3 + k])
+            low, high = row[CENTRE + k] - reach, row[CENTRE + k] + reach
+        boxes[place + LANES * k], boxes[place + LANES * (3 + k)] = low, high
+
+
+@inlined
+def _radius(kind: int, row: Floats) -> float:
+    """Radius of the ball about a primitive's centre that contains it [m]."""
+    if kind == HALF_SPACE:
+        return math.inf
+    if kind == CAPSULE:
+        return float(row[HALF_LENGTH] + row[ROUND])
+    if kind == CYLINDER:
+        return math.sqrt(row[ROUND] * row[ROUND] + row[HALF_LENGTH] * row[HALF_LENGTH])
+    return math.sqrt(row[HALVES] ** 2 + row[HALVES + 1] ** 2 + row[HALVES + 2] ** 2)
+
+
+@inlined
+def _corners(row: Floats, vertices: Floats32, place: int) -> None:
+    """Write a box's corners; the first one once more in every place that is left."""
+    for lane in range(LANES):
+        corner = lane if lane < CORNERS else 0
+        for k in range(3):
+            at = row[CENTRE + k]
+            for axis in range(3):
+                side = 1.0 if corner >> (2 - axis) & 1 else -1.0
+                at += side * row[HALVES + axis] * row[3 * axis + k]
+            vertices[place + LANES * k + lane] = at
+
+
+@inlined
+def _round(kind: int, row: Floats, numbers: Floats, place: int) -> None:
+    """Write the numbers of a cylinder, a capsule or a half-space as a part."""
+    if kind == HALF_SPACE:
+        for k in range(3):
+            numbers[place + k] = row[NORMAL + k]
+            numbers[place + PLANE_OFFSET] += row[NORMAL + k] * row[CENTRE + k]
+        return
+    for k in range(3):
+        for axis in range(3):
+            numbers[place + 4 * k + axis] = row[3 * axis + k]
+        numbers[place + 4 * k + 3] = row[CENTRE + k]
+    numbers[place + PART_LENGTH] = row[HALF_LENGTH]
+    numbers[place + (DISC if kind == CYLINDER else PART_ROUND)] = row[ROUND]
+
+
+@inlined
+def _write_axes(x: float, y: float, z: float, w: float, row: Floats) -> None:
+    """Write the rows of the rotation from the world, of a body that is turned by a unit quaternion."""
+    row[0], row[1], row[2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)
+    row[3], row[4], row[5] = 2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w)
+    row[6], row[7], row[8] = 2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)
+
+
+@inlined
+def _write_row(kind: int, placed: Floats, at: int, row: Floats) -> None:
+    _write_axes(placed[at + 1], placed[at + 2], placed[at + 3], placed[at + 4], row)
+    for k in range(7):
+        row[CENTRE + k] = placed[at + 5 + k]
+    if kind == HALF_SPACE:
+        for k in range(3):
+            row[k] = row[3 + k] = row[HALVES + k] = 0.0
+            row[NORMAL + k] = placed[at + 8 + k]
+
+
+@kernel
+def primitive_tables(placed: Row, offsets: Indices, memory: IndicesOut, words: IndicesOut) -> int:
+    """Write tables of primitives, each an obstacle of one node and one part, and a block of vertices of a box.
+
+    `placed` has them as `PLACED`; `offsets` (SCENE_WORDS,) has the number of obstacles with boxes, then where in the
+    memory each other field of `LaneObstacles` and `Parts` is [bytes], vertices as if all were boxes. The memory, all
+    zero, gets the tables from where a line of the cache begins, which is returned [bytes], without what may touch.
+    """
+    begins = -memory.ctypes.data % LINE
+    for k in range(1, SCENE_WORDS):
+        words[k] = memory.ctypes.data + begins + offsets[k]
+    words[0] = offsets[0]
+    obstacles, parts = _scene_of(pointers(words))
+    boxes, blocks, row = obstacles.boxes, 0, np.empty(PRIMITIVE)
+    for block in range((obstacles.size + LANES - 1) // LANES):
+        for k in range(AROUND):
+            boxes[AROUND * block + k] = math.inf if k < AROUND // 2 else -math.inf
+    for i in range(len(placed) // _PLACED):
+        kind = int(placed[_PLACED * i])
+        _write_row(kind, placed, _PLACED * i, row)
+        obstacles.kinds[i], obstacles.whole[i], obstacles.roots[i] = kind, 1, i
+        for k in range(PRIMITIVE):
+            obstacles.primitives[PRIMITIVE * i + k] = row[k]
+        _box_about(kind, row, boxes, AROUND * (i // LANES) + i % LANES)
+        for k in range(3):
+            parts.balls[BALL_ROW * i + k] = row[CENTRE + k]
+        parts.balls[BALL_ROW * i + RADIUS] = _radius(kind, row)
+        node, shape = LINK * i, SHAPE * i
+        parts.links[node + LEFT], parts.links[node + RIGHT], parts.links[node + OWN] = -1, -1, i
+        parts.shapes[shape + KIND] = POLYTOPE if kind == BOX else kind
+        parts.shapes[shape + FIRST_BLOCK], parts.shapes[shape + BLOCKS] = blocks, 1 if kind == BOX else 0
+        if kind == BOX:
+            _corners(row, parts.vertices, BLOCK * blocks)
+            blocks += 1
+        else:
+            _round(kind, row, parts.numbers, PART * i)
+    return begins

@@ -10,7 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 from numba import boolean, int64, types
+from numba.extending import intrinsic
 
 from guidefield.kernels.collide.gjk import AXIS, bodies_apart, parts_apart, write_axis
 from guidefield.kernels.collide.layout import (
@@ -45,8 +47,8 @@ from guidefield.kernels.collide.layout import (
     pair_of,
     pairs_of,
 )
+from guidefield.kernels.collide.obstacle_narrowphase import keep_axis, lowest_ball, lowest_vertex, no_axis
 from guidefield.kernels.collide.parts import ball_radius, balls_meet, part_of, placed_ball, polytope_of
-from guidefield.kernels.collide.separating_axes import keep_axis, lowest_ball, lowest_vertex, no_axis
 from guidefield.kernels.jit.arrays import (
     DOUBLE_POINTER,
     FLOAT_POINTER,
@@ -69,7 +71,6 @@ from guidefield.kernels.kinematics.poses import (
     write_product,
     write_turned,
 )
-from guidefield.kernels.simd.atomic_allocator import claimed
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import LANES, below, first_lane, largest_of, load, rint, smallest_of, splat, store
 
@@ -222,6 +223,29 @@ def _judged_first(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift:
     return known if known != UNKNOWN else judge_cell(robot, meeting, a, b, c, shift, BAND)
 
 
+@intrinsic
+def _added(typing: Any, numbers: Any, amount: Any) -> Any:  # noqa: ARG001 - numba's
+    """Add to the first of some int32 at once for all threads; what it was before."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:  # noqa: ARG001 - numba's
+        more = builder.trunc(args[1], ir.IntType(32))
+        return builder.sext(builder.atomic_rmw("add", args[0], more, "seq_cst"), ir.IntType(64))
+
+    return types.int64(types.CPointer(types.int32), types.int64), generate
+
+
+@lane_part
+def _claim(cells: Any, amount: int, size: int) -> int:
+    """Return the first of `amount` numbers of cells (size,) that no thread has; -1 if there aren't that many left.
+
+    The first number of `cells` says from where on they are free.
+    """
+    if cells[0] + amount > size:
+        return -1
+    first = _added(cells, amount)
+    return first if first + amount <= size else -1
+
+
 @lane_part
 def _find_verdict(robot: LaneAlone, meeting: int, chosen: int) -> int:
     """Return the verdict on a meeting's bodies at a lane's configuration, by the smallest cell that has to be asked."""
@@ -238,7 +262,7 @@ def _find_verdict(robot: LaneAlone, meeting: int, chosen: int) -> int:
             else:
                 known = judge_cell(robot, meeting, a, b, c, shift, BAND)
             if known == UNKNOWN and shift > 0:
-                known = max(UNKNOWN, claimed(cells, CHILDREN, bodies.n_cells))
+                known = max(UNKNOWN, _claim(cells, CHILDREN, bodies.n_cells))
             cells[at] = known
         if known <= TOUCHING:
             if known == APART and at == largest:

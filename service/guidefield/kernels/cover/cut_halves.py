@@ -22,8 +22,7 @@ from guidefield.kernels.jit.arrays import (
     RowsOut,
     TruthsOut,
 )
-from guidefield.kernels.jit.compilers import part
-from guidefield.kernels.jit.decorators import exact_kernel, kernel
+from guidefield.kernels.jit.decorators import exact_kernel, exact_part, kernel
 from guidefield.kernels.simd.packing import fused
 
 
@@ -63,7 +62,7 @@ def beyond_any(points: Rows, planes: Rows, rounding: float, beyond_out: TruthsOu
 CORNERS = 3  # of a triangle
 
 
-@part
+@exact_part
 def _is_across(along: Floats, t: int, place: float) -> bool:
     """Tell if a plane meets triangle t, which isn't within a plane across the axis."""
     low, high = min(along[t, 0], along[t, 1], along[t, 2]), max(along[t, 0], along[t, 1], along[t, 2])
@@ -71,7 +70,7 @@ def _is_across(along: Floats, t: int, place: float) -> bool:
     return across
 
 
-@part
+@exact_part
 def _below(along: Floats, t: int, side: float, place: float) -> int:
     """Number of corners of triangle t in the half on a side of a plane."""
     count = 0
@@ -93,7 +92,7 @@ def count_cut(along: Rows, places: Row) -> int:
     return count
 
 
-@part
+@exact_part
 def _cut(corners: Floats, along: Floats, t: int, i: int, j: int, place: float, point_out: Floats) -> None:
     """The point at which the edge from corner i, in the half, to corner j of triangle t meets a plane."""
     here, there = along[t, i] - place, along[t, j] - place
@@ -142,7 +141,7 @@ def cut_halves(corners: Blocks, along: Rows, places: Row, points_out: RowsOut, f
     first_out[half] = at
 
 
-@part
+@exact_part
 def _further(x: float, y: float, z: float, directions: Floats, i: int, best_out: Floats, which_out: Integers) -> None:
     """Take in point i, where it is further in a direction than those before; `directions` has shape (3, d)."""
     for d in range(directions.shape[1]):

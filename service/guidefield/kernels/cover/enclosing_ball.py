@@ -1,6 +1,9 @@
-"""The smallest ball around points, a small ball around balls, and largest distances from given centres.
+"""Smallest balls around points and circles around points of a plane, small balls around balls, largest distances.
 
 Covers and collision tests rely on balls that contain everything, whatever rounding does: `SLACK` may grow, not shrink.
+A circle's radius is the distance of its farthest point; `robot/link_charges.py`, which fits capsules about links with
+it, widens it by `SLACK`. A smallest ball or circle takes in the farthest point outside until there is none: the one
+that the few points hold grows each time, so that no such set returns.
 """
 
 from __future__ import annotations
@@ -9,17 +12,22 @@ import math
 
 import numpy as np
 
-from guidefield.kernels.jit.arrays import Floats, Indices, RowOut, Rows, RowsOut
-from guidefield.kernels.jit.decorators import exact_kernel, inlined, kernel
+from guidefield.kernels.jit.arrays import Floats, Indices, Integers, RowOut, Rows, RowsOut
+from guidefield.kernels.jit.decorators import exact_kernel, exact_part, inlined, kernel
+from guidefield.kernels.simd.packing import fused
 
 SLACK = 1.0 + 1e-12
-"""Radius over the farthest point's distance, so that rounding leaves no point outside."""
+"""A point farther than the radius by this factor counts as inside; radii of balls are larger by it."""
 
 _FLAT = 1e-12
 """Determinant over the product of squared lengths, below which points count as lying in a plane or on a line."""
 
 _HELD = 5  # points that a ball is held by, and the next one outside
 _STEPS = 200  # rounds at most; a ball that is left early is widened to contain all, and a little larger than it need be
+
+_HELD_BY_CIRCLE = 4  # points that a circle is held by, and the next one outside
+_FLAT_TRIANGLE = 1e-24
+"""Square of twice a triangle's area over those of two sides, below which its corners lie on a line."""
 
 
 @inlined
@@ -168,3 +176,79 @@ def ball_around_balls(balls: Rows, ball_out: RowOut) -> None:
         share = reach / (step + 2.0) / gap
         for a in range(3):
             centre[a] += share * (balls[farthest, a] - centre[a])
+
+
+@exact_part
+def _farthest_in_plane(points: Floats, x: float, y: float) -> tuple[float, int]:
+    """Distance of the farthest of points (n, 2) from a centre, and which it is, the first of several."""
+    best, which = -1.0, 0
+    for i in range(points.shape[0]):
+        dx, dy = points[i, 0] - x, points[i, 1] - y
+        distance = math.sqrt(dx * dx + dy * dy)
+        if distance > best:
+            best, which = distance, i
+    return best, which
+
+
+@exact_part
+def _circumcentre(points: Floats, i: int, j: int, k: int) -> tuple[bool, float, float]:
+    """Tell if there is a circle through three points, and its centre."""
+    ux, uy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+    vx, vy = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
+    twice_area = ux * vy - uy * vx
+    uu, vv = fused(uy, uy, ux * ux), fused(vy, vy, vx * vx)
+    if twice_area * twice_area <= _FLAT_TRIANGLE * uu * vv:
+        return False, 0.0, 0.0
+    over = 2.0 * twice_area
+    return True, points[i, 0] + (vy * uu - uy * vv) / over, points[i, 1] + (ux * vv - vx * uu) / over
+
+
+@exact_part
+def _smallest_circle_of_few(points: Floats, circle_out: Floats, holding_out: Integers) -> int:
+    """The smallest circle around one to four points, and which of them hold it: how many, and their places."""
+    count = points.shape[0]
+    circle_out[0], circle_out[1] = points[0, 0], points[0, 1]
+    circle_out[2] = _farthest_in_plane(points, points[0, 0], points[0, 1])[0]
+    held: int = count
+    for i in range(count):
+        holding_out[i] = i
+    for i in range(count):
+        for j in range(i + 1, count):
+            x, y = 0.5 * (points[i, 0] + points[j, 0]), 0.5 * (points[i, 1] + points[j, 1])
+            radius = _farthest_in_plane(points, x, y)[0]
+            if radius < circle_out[2]:
+                circle_out[0], circle_out[1], circle_out[2] = x, y, radius
+                holding_out[0], holding_out[1] = i, j
+                held = 2
+    for i in range(count):
+        for j in range(i + 1, count):
+            for k in range(j + 1, count):
+                there, x, y = _circumcentre(points, i, j, k)
+                radius = _farthest_in_plane(points, x, y)[0] if there else math.inf
+                if radius < circle_out[2]:
+                    circle_out[0], circle_out[1], circle_out[2] = x, y, radius
+                    holding_out[0], holding_out[1], holding_out[2] = i, j, k
+                    held = 3
+    return held
+
+
+@exact_kernel
+def enclosing_circle(points: Rows, circle_out: RowOut) -> None:
+    """Find the smallest circle (3,) around `points` (n, 2), n >= 1 [m]: its centre, the farthest point's distance."""
+    held, kept = np.empty((_HELD_BY_CIRCLE, 2)), np.empty((_HELD_BY_CIRCLE, 2))
+    holding = np.empty(_HELD_BY_CIRCLE, np.int64)
+    held[0] = points[0]
+    count, radius = 1, -1.0
+    while True:
+        few = _smallest_circle_of_few(held[:count], circle_out, holding)
+        distance, farthest = _farthest_in_plane(points, circle_out[0], circle_out[1])
+        grown = circle_out[2]
+        if distance <= grown * SLACK or grown <= radius:
+            circle_out[2] = distance
+            return
+        radius = grown
+        for i in range(few):
+            kept[i] = held[holding[i]]
+        held[:few] = kept[:few]
+        held[few] = points[farthest]
+        count = few + 1

@@ -12,7 +12,6 @@ import math
 
 import numpy as np
 
-from guidefield.kernels.distance.ray_winding import ray_winding
 from guidefield.kernels.distance.triangle_distance import (
     Span,
     SurfaceTables,
@@ -20,6 +19,7 @@ from guidefield.kernels.distance.triangle_distance import (
     nearest_triangle,
     surface_distance,
 )
+from guidefield.kernels.distance.winding import ray_winding
 from guidefield.kernels.jit.arrays import Floats, IndexRows, Indices, Integers, RowOut, Rows, RowsOut
 from guidefield.kernels.jit.decorators import inlined, kernel
 

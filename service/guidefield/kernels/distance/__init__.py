@@ -1,1 +1,1 @@
-"""Signed distances of points from bodies, and the trees of boxes, triangles and points that they search."""
+"""Signed distances of points from bodies, insides, and the trees of boxes, triangles and points that they search."""

@@ -1,9 +1,10 @@
-"""Builders of bounding volume hierarchies over triangles, points and boxes, their refit, and the overlaps of boxes.
+"""Bounding volume hierarchies over triangles, points and boxes: orders, builders, a refit, the overlaps of boxes.
 
 Triangles and points are halved at the median along the widest side of their box (Hoare's selection); boxes stand in the
-order that their caller gives them. The levels of boxes above are a refit: they are found from the leaves up. Queries
-compute children from a node's number: the layouts of `boxes_of_pairs` (`triangle_distance`, `distance`, `ray_winding`,
-`points_distance`), `fill_tree` (`point_tree`) and `boxes_above` (`boxes_met`) are theirs, too.
+order that their caller gives them, such as that of the Morton curve (`geometry/curve_order.py`). The levels of boxes
+above are a refit: they are found from the leaves up. Queries compute children from a node's number: the layouts of
+`boxes_of_pairs` (`triangle_distance`, `distance`, `winding`, `points_distance`), `fill_tree` (`point_tree`) and
+`boxes_above` (`boxes_met`) are theirs, too.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from guidefield.kernels.jit.arrays import (
     Indices,
     IndicesOut,
     Integers,
+    Row,
     RowOut,
     Rows,
     RowsOut,
@@ -277,3 +279,73 @@ def overlaps_in_tree(
                 pairs_out[count, 0], pairs_out[count, 1] = asked, met[k]
             count += 1
     return count
+
+
+@lane_part
+def _spread_bits(cell: int) -> int:
+    cell = (cell | cell << 32) & 0x001F00000000FFFF
+    cell = (cell | cell << 16) & 0x001F0000FF0000FF
+    cell = (cell | cell << 8) & 0x100F00F00F00F00F
+    cell = (cell | cell << 4) & 0x10C30C30C30C30C3
+    return (cell | cell << 2) & 0x1249249249249249
+
+
+@exact_kernel
+def curve_places(points: Rows, least: Row, size: float, most: int, places: IndicesOut) -> None:
+    """Write the places of `points` (n, 3) along the Morton curve: the bits of their coordinates' cells in turn, (n,).
+
+    The cube has its least corner at `least` (3,) and the side `size`; `most` is the last cell along a side, below 2^21.
+    """
+    for i in range(points.shape[0]):
+        x = int((points[i, 0] - least[0]) / size * most)
+        y = int((points[i, 1] - least[1]) / size * most)
+        z = int((points[i, 2] - least[2]) / size * most)
+        places[i] = _spread_bits(x) | _spread_bits(y) << 1 | _spread_bits(z) << 2
+
+
+@exact_kernel
+def changed_order(
+    order: Indices,
+    places: Indices,
+    now: Indices,
+    fresh: Indices,
+    fresh_places: Indices,
+    order_out: IndicesOut,
+    places_out: IndicesOut,
+    runs_out: IndexRowsOut,
+) -> int:
+    """Merge the points that are left of an order with `fresh` ones (k,); those of one place go by their numbers.
+
+    `order` and `places` (m,) are those before, `now` has the number that each has now, -1 of those that are gone; those
+    left keep their order. Writes the order and its places (n,), and in `runs_out` (r, 2) where runs that stand as
+    before began and their lengths, -1 and the length of runs of fresh ones. Returns the number of runs.
+    """
+    at = others = runs = 0
+    last = -2  # where in the order the last one stood, -1 of another
+    for i in range(order.shape[0] + 1):
+        end = i == order.shape[0]
+        point = -1 if end else now[order[i]]
+        if point < 0 and not end:
+            continue
+        while others < fresh.shape[0] and (
+            end or fresh_places[others] < places[i] or (fresh_places[others] == places[i] and fresh[others] < point)
+        ):
+            order_out[at], places_out[at] = fresh[others], fresh_places[others]
+            if last == -1:
+                runs_out[runs - 1, 1] += 1
+            else:
+                runs_out[runs, 0], runs_out[runs, 1] = -1, 1
+                runs += 1
+            last = -1
+            at, others = at + 1, others + 1
+        if end:
+            break
+        order_out[at], places_out[at] = point, places[i]
+        if last >= 0 and last == i - 1:
+            runs_out[runs - 1, 1] += 1
+        else:
+            runs_out[runs, 0], runs_out[runs, 1] = i, 1
+            runs += 1
+        last = i
+        at += 1
+    return runs

@@ -15,7 +15,6 @@ from llvmlite import ir
 from numba import boolean, float64, int64, types
 from numba.extending import intrinsic
 
-from guidefield.kernels.distance.shape_distance import Signed
 from guidefield.kernels.jit.arrays import INTEGER_POINTER, Floats32, Indices, Singles, SinglesOut, numba_type
 from guidefield.kernels.jit.decorators import lane_part, lane_step
 from guidefield.kernels.simd.packing import AROUND, BLOCK, point_at, pointed, points_at, unpacked
@@ -212,7 +211,7 @@ def cloud_beyond(address: int, x: float, y: float, z: float, reach: float) -> bo
 
 
 @lane_step(types.UniTuple(float64, 4)(int64, float64, float64, float64, float64))
-def cloud_distance(address: int, x: float, y: float, z: float, cutoff: float) -> Signed:
+def cloud_distance(address: int, x: float, y: float, z: float, cutoff: float) -> tuple[float, float, float, float]:
     """Return the signed distance of a point to the nearest ball of a cloud [m], and the vector along which it grows.
 
     The point is in the cloud's frame. Points are in float32, of which the nearest may be missed by another that is as

@@ -133,7 +133,7 @@ def _gap_squared(p: Lanes3, box: Floats) -> Vector:
 
 @uncounted
 def _away_from_box(p: Lanes3, half: Floats) -> SquareAndDirection:
-    """`shape_distance.box_distance` of points."""
+    """`distance.box_distance` of points."""
     ex, ey, ez = magnitude(p[0]) - half[0], magnitude(p[1]) - half[1], magnitude(p[2]) - half[2]
     ox, oy, oz = largest_of(ex, 0.0), largest_of(ey, 0.0), largest_of(ez, 0.0)
     square = ox * ox + oy * oy + oz * oz
@@ -155,7 +155,7 @@ def _with_sign(length: Vector, by: Vector) -> Vector:
 
 @uncounted
 def _away_from_cylinder(p: Lanes3, size: Floats) -> SquareAndDirection:
-    """`shape_distance.cylinder_distance`, of its radius and half its length."""
+    """`distance.cylinder_distance`, of its radius and half its length."""
     rho = root(p[0] * p[0] + p[1] * p[1])
     over = 1.0 / largest_of(rho, _TINY)
     side, end = rho - size[0], magnitude(p[2]) - size[1]
@@ -173,7 +173,7 @@ def _away_from_cylinder(p: Lanes3, size: Floats) -> SquareAndDirection:
 
 @uncounted
 def _away_from_capsule(p: Lanes3, size: Floats) -> SquareAndDirection:
-    """`shape_distance.capsule_distance`, of its radius and half its length."""
+    """`distance.capsule_distance`, of its radius and half its length."""
     z = p[2] - largest_of(smallest_of(p[2], size[1]), -size[1])
     distance = root(p[0] * p[0] + p[1] * p[1] + z * z)
     over = 1.0 / largest_of(distance, _TINY)

@@ -17,8 +17,7 @@ import numpy as np
 from numba import void
 
 from guidefield.kernels.field.box import capsule_at
-from guidefield.kernels.field.field import LANES, add_field, add_potential
-from guidefield.kernels.field.field_tables import CAPSULE_RADIUS, TABLES, TABLES_32
+from guidefield.kernels.field.field import CAPSULE_RADIUS, LANES, TABLES, TABLES_32, add_field, add_potential
 from guidefield.kernels.jit.arrays import (
     BLOCKS_OUT,
     MATRIX,

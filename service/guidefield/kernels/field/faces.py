@@ -302,7 +302,7 @@ def block_at(  # noqa: PLR0915 - corners, triangles, quads, corners
     """Return the field of a block of unit charge per area: Phi, gradient (3), curvature, half the solid angles.
 
     p are points in the frame of the tables [m], three lanes; `scratch` has 4 * step elements for every vertex (v, 3) of
-    the block, `link` is its row of `FieldTables.links` (field_tables.py). Triangles have vertices (t, 3), the longest
+    the block, `link` is its row of `FieldTables.links` (field.py). Triangles have vertices (t, 3), the longest
     edge from the first to the second, and rows of plane and half (t, 20); quads two triangles each (q, 6), and plane
     and two halves (q, 34).
     """

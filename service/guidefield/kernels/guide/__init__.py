@@ -1,1 +1,1 @@
-"""Kernels of guide planes: descents on them, rounds towards them, free areas about points, a coarse way for the tip."""
+"""Kernels of guide planes: descents on them, rounds towards them, free space and a coarse path for the tip."""

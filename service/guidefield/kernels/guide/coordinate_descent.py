@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
+from guidefield.kernels.collide.swept_bounds import SWEPT, motion_apart
 from guidefield.kernels.distance.distance import TABLES as BODIES
 from guidefield.kernels.field.energy import ROBOT, link_wrenches, place_points
-from guidefield.kernels.field.field import LANES
-from guidefield.kernels.field.field_tables import TABLES_32
+from guidefield.kernels.field.field import LANES, TABLES_32
 from guidefield.kernels.guide.tip_constraint import COUNTS_OUT, EVALUATIONS, GUARD, JUDGED, allows
 from guidefield.kernels.jit.arrays import INDICES, MATRIX_OUT, VECTOR, Floats, Vector3, numba_type
 from guidefield.kernels.jit.decorators import compiled, inlined
@@ -31,7 +31,6 @@ from guidefield.kernels.kinematics.link_chain import (
     turn_from,
     turn_towards,
 )
-from guidefield.kernels.sweep.swept_bounds import SWEPT, motion_apart
 
 SLIDE_END, SLIDE_WHOLE, TURN_TOWARDS, TURN_PAIR, TURN_FROM = range(5)
 """Searches: the last link slides; the chain slides; a link turns about its far end; two about a line; one about its

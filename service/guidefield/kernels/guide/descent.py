@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
+from guidefield.kernels.collide.swept_bounds import SWEPT, motion_apart
 from guidefield.kernels.distance.distance import TABLES as BODIES
 from guidefield.kernels.field.energy import ROBOT, forces, potential
-from guidefield.kernels.field.field_tables import TABLES_32
+from guidefield.kernels.field.field import TABLES_32
 from guidefield.kernels.guide.tip_constraint import (
     CONSTRAINT,
     COUNTS_OUT,
@@ -34,7 +35,6 @@ from guidefield.kernels.kinematics.articulated_body import empty_factors, factor
 from guidefield.kernels.kinematics.forward_kinematics import chart_values, joint_placements, motion_subspaces
 from guidefield.kernels.kinematics.integrate import MOVER, clamp, integrate, tip_position
 from guidefield.kernels.linalg.small_systems import invert
-from guidefield.kernels.sweep.swept_bounds import SWEPT, motion_apart
 
 _AT_LIMIT = 1e-9  # a value this close to a limit is at it [rad or m]
 

@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
+from guidefield.kernels.collide.swept_bounds import SWEPT, SweptRobot, motion_apart
 from guidefield.kernels.distance.distance import TABLES as BODIES, DistanceTables
 from guidefield.kernels.field.energy import ROBOT
-from guidefield.kernels.field.field_tables import TABLES_32
+from guidefield.kernels.field.field import TABLES_32
 from guidefield.kernels.guide.descent import SETTINGS, TRIAL, Settings, descend
 from guidefield.kernels.guide.tip_constraint import (
     COUNTS,
@@ -35,7 +36,6 @@ from guidefield.kernels.jit.arrays import VECTOR, Floats, IndicesOut, Row, RowOu
 from guidefield.kernels.jit.decorators import compiled, inlined, inner_kernel
 from guidefield.kernels.kinematics.forward_kinematics import chart_values, joint_placements
 from guidefield.kernels.kinematics.integrate import MOVER, reach, tip_position
-from guidefield.kernels.sweep.swept_bounds import SWEPT, SweptRobot, motion_apart
 
 NEARER, ARRIVED, BLOCKED = range(3)  # ends of the last round
 ADVANCED, DESCENDED = range(2)  # kinds of steps

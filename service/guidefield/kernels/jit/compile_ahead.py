@@ -21,35 +21,34 @@ from collections.abc import Callable, Iterable
 
 from guidefield.first_start import READY, UNTIL_READY, compiled_marker, ready_marker, target_variables
 from guidefield.kernels.jit.cache import compile_alone, is_wanted, note_compiled, sources, uncompiled
-from guidefield.kernels.jit.compilers import load, quicken
+from guidefield.kernels.jit.decorators import load, quicken
 from guidefield.parallel import usable_processors
 
 Told = Callable[[str], None]  # told, in one sentence, how far it is
 
 FIRST = (
-    "barrier.obstacle_barrier",
-    "barrier.self_barrier",
     "collide.batch_collision",
+    "collide.layout",
     "collide.near_pairs",
     "collide.parts",
     "collide.primitive",
-    "collide.primitives_layout",
     "cover.ball_cover",
     "cover.crop_to_ball",
     "cover.cut_halves",
     "cover.enclosing_ball",
-    "cover.enclosing_circle",
     "cover.inscribed",
     "cover.merge_points",
     "cover.pieces",
-    "cover.small_surfaces",
-    "cover.winding",
-    "distance.convex_polygon",
     "distance.distance",
+    "distance.polygons",
+    "distance.triangle_rows",
+    "distance.winding",
     "kinematics.inverse_kinematics",
     "linalg.small_systems",
     "optimize.clearance_model",
     "optimize.newton_descent",
+    "optimize.obstacle_barrier",
+    "optimize.robot_barrier",
     "prove.placement",
     "prove.search",
     "timing.hermite",

@@ -13,7 +13,7 @@ functions that numba knows are for callers that are yet to be compiled.
 All of it relies on what is inside the versions of numba that `first_start.KNOWN_NUMBA` names. Typing that is
 remembered, silence and lazy reading save time alone. Without `_interned` threads make two of one type; and as kernels
 call each other by name, a process crashes without `_KernelFlags` (the same name in every process) or another order in
-`Kernel.load`. Results have to be those of `plain_compiler`, up to rounding.
+`Kernel.load`. Results have to be those of plain numba, up to rounding.
 """
 
 from __future__ import annotations
@@ -286,7 +286,7 @@ def load(module: ModuleType) -> None:
 
 
 def part(function: Callable[..., Any], optimized: bool, counting: bool | None, **options: Any) -> Part:
-    """Make a part of kernels from its source, as `compilers.part` says."""
+    """Make a part of kernels from its source, as `decorators` says."""
     options = {"nopython": True, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}
     if counting is not None:
         options["_nrt"] = counting

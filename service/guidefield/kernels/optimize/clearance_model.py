@@ -21,10 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.barrier.moving_bodies import MOVING, MovingBodies, moved_bodies
-from guidefield.kernels.barrier.obstacle_barrier import NEAR_BODIES, NearBodies
-from guidefield.kernels.barrier.robot_barrier import robot_barrier
-from guidefield.kernels.barrier.sampled_robot import ROBOT, SampledRobot, workspace
 from guidefield.kernels.distance.distance import TABLES, DistanceTables
 from guidefield.kernels.jit.arrays import (
     BLOCKS_OUT,
@@ -42,6 +38,9 @@ from guidefield.kernels.jit.arrays import (
     numba_type,
 )
 from guidefield.kernels.jit.decorators import compiled, uncounted
+from guidefield.kernels.optimize.barrier import MOVING, ROBOT, MovingBodies, SampledRobot, moved_bodies, workspace
+from guidefield.kernels.optimize.obstacle_barrier import NEAR_BODIES, NearBodies
+from guidefield.kernels.optimize.robot_barrier import robot_barrier
 
 
 class MotionSamples(NamedTuple):

@@ -36,12 +36,6 @@ from guidefield.kernels.optimize.clearance_model import (
     expanded,
     expanded_value,
 )
-from guidefield.kernels.optimize.constraint_penalty import (
-    KEPT_SAMPLES,
-    KeptSamples,
-    add_constraint_penalty,
-    constraint_penalty,
-)
 from guidefield.kernels.optimize.limit_barrier import (
     LIMITS,
     TIMES,
@@ -52,7 +46,16 @@ from guidefield.kernels.optimize.limit_barrier import (
     limit_barrier,
     time_barrier,
 )
-from guidefield.kernels.optimize.load_penalty import LOADS, LoadModel, add_load_penalty, load_penalty
+from guidefield.kernels.optimize.penalties import (
+    KEPT_SAMPLES,
+    LOADS,
+    KeptSamples,
+    LoadModel,
+    add_constraint_penalty,
+    add_load_penalty,
+    constraint_penalty,
+    load_penalty,
+)
 
 ENDS = 3  # control points at each end that are the end's
 

@@ -23,9 +23,7 @@ from guidefield.kernels.linalg.bordered_band import (
     solve_factorized,
 )
 from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel
-from guidefield.kernels.optimize.constraint_penalty import KEPT_SAMPLES, KeptSamples
 from guidefield.kernels.optimize.limit_barrier import LIMITS, TIMES, MotionLimits, TimeLimits
-from guidefield.kernels.optimize.load_penalty import LOADS, LoadModel
 from guidefield.kernels.optimize.motion_objective import (
     ENDS,
     STATES,
@@ -34,6 +32,7 @@ from guidefield.kernels.optimize.motion_objective import (
     objective_value,
     place_ends,
 )
+from guidefield.kernels.optimize.penalties import KEPT_SAMPLES, LOADS, KeptSamples, LoadModel
 
 
 @uncounted

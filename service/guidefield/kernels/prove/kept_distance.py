@@ -26,16 +26,11 @@ from guidefield.kernels.collide.gjk import (
     POSE_B,
     ROUNDS,
     STACK,
-    X,
-    Y,
-    Z,
     axis_in,
     axis_length,
     divides_first,
     origins_apart,
     parts_distance,
-    place_ball,
-    place_part_of,
     support,
 )
 from guidefield.kernels.collide.parts import (
@@ -45,11 +40,16 @@ from guidefield.kernels.collide.parts import (
     POINTED_PARTS,
     RIGHT,
     Parts,
+    X,
+    Y,
+    Z,
     ball_radius,
     child_of,
     is_leaf,
     kind_of,
     part_of,
+    place_ball,
+    place_part_of,
 )
 from guidefield.kernels.collide.primitive import HALF_SPACE
 from guidefield.kernels.jit.arrays import DOUBLE_POINTER, Floats

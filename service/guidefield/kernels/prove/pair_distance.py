@@ -1,7 +1,9 @@
-"""Distances of a pair of bodies at a placement: bounds by spheres and boxes, by convex parts, and over a segment.
+"""Distances of pairs of bodies at a placement: of one pair by spheres, boxes and convex parts, and lists of near ones.
 
-Each pair's next search begins with the axis and the leaves of its last one (`DistanceQuery.last`): a matter of speed.
-Distances from a moving obstacle are less by what is kept in addition, as it may have left its motion.
+Proofs judge no other pairs than those listed (`search.py`, `samples.py`): a list may name a pair that is far, and must
+not miss a near one. Each pair's next search begins with the axis and the leaves of its last one (`DistanceQuery.last`):
+a matter of speed. Distances from a moving obstacle are less by what is kept in addition, as it may have left its
+motion.
 """
 
 from __future__ import annotations
@@ -12,18 +14,26 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.collide.gjk import LEAF_A, LEAF_B, WORK, axis_in, bodies_distance, write_axis
-from guidefield.kernels.collide.near_pairs import squared_gap_to_box
-from guidefield.kernels.jit.arrays import Floats
+from guidefield.kernels.collide.near_pairs import BoxedObstacles, find_boxes_near, is_left_out, squared_gap_to_box
+from guidefield.kernels.jit.arrays import Floats, Integers
 from guidefield.kernels.jit.decorators import counted, uncounted
 from guidefield.kernels.prove.kept_distance import LOG_COUNT, LOG_PAIR, bodies_keep
 from guidefield.kernels.prove.placement import NOW, BodyPoses, kept_from_mover, place_mover, seen_by_mover
-from guidefield.kernels.prove.tables import MovingRobot, RobotBodies, first_body, obstacle_of
+from guidefield.kernels.prove.tables import (
+    AT_REST,
+    IN_MOTION,
+    MovingRobot,
+    RobotBodies,
+    first_body,
+    is_judged,
+    obstacle_of,
+)
 from guidefield.kernels.simd.packing import pointers
 
 LAST_AXIS, LAST_A, LAST_B, LAST = 0, 3, 4, 5
 """Columns of what is remembered of a pair: an axis, a leaf of each body, as in GJK's scratch; then their number."""
 
-FIRST, SECOND, AT_REST, POSES = range(4)
+FIRST, SECOND, RESTING, POSES = range(4)
 """Rows of poses: of a robot body, of the other body, and the identity for what rests; then their number."""
 
 
@@ -42,7 +52,7 @@ def new_query(moving: MovingRobot, log: Floats) -> DistanceQuery:
     """Return scratch in which nothing is remembered, with a log of shape (n,)."""
     poses = np.zeros((POSES, 12))
     for k in (0, 5, 10):
-        poses[AT_REST, k] = 1.0
+        poses[RESTING, k] = 1.0
     pairs = moving.pairs.own.shape[0] + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]
     return DistanceQuery(np.zeros((pairs, LAST)), poses, np.zeros(WORK), log)
 
@@ -152,7 +162,7 @@ def _begin_query(moving: MovingRobot, pair: int, place: BodyPoses, query: Distan
         _write_pose(robot, robot.carriers[pairs.own[pair, 1]], place, query.poses[SECOND])
         return scratch
     mover = moving.obstacles.movers[obstacle_of(pairs, moving.obstacles, pair)]
-    source = query.poses[AT_REST]
+    source = query.poses[RESTING]
     if mover >= 0:
         place_mover(moving.movers, mover, place)
         if moving.movers.endless[mover] == 1:  # its plane is known where it is at first: the body is brought there
@@ -195,3 +205,85 @@ def _write_pose(robot: RobotBodies, joint: int, place: BodyPoses, pose_out: Floa
             pose_out[4 * r + c] = place.poses[joint, r, c]
         if joint == 0:
             pose_out[4 * r + 3] += robot.anchor[r]
+
+
+class NearBoxes(NamedTuple):
+    """Scratch to find boxes near a place."""
+
+    box: Floats  # corners of a box, shape (2, 3) [m]
+    stack: Integers  # of boxes of the tree, shape (children * levels, 2)
+    met: Integers  # obstacles, shape (o,)
+
+
+@counted
+def new_near_boxes(boxes: BoxedObstacles) -> NearBoxes:
+    """Return the scratch for a tree of boxes."""
+    stack = np.empty((boxes.children * boxes.levels.shape[0], 2), np.int64)
+    return NearBoxes(np.empty((2, 3)), stack, np.empty(boxes.axes.shape[0], np.int64))
+
+
+@uncounted
+def _add(
+    moving: MovingRobot,
+    row: int,
+    o: int,
+    reach: float,
+    place: BodyPoses,
+    pairs_out: Integers,
+    start: int,
+    capacity: int,
+    count: int,
+) -> int:
+    """Add the pair of a moving body, by its row, and an obstacle if it may be within reach; return the new count."""
+    mixed = row * moving.obstacles.roots.shape[0] + o
+    pair = moving.pairs.own.shape[0] + mixed
+    if squared_gap(moving, pair, place) > reach * reach or is_left_out(moving.pairs.left_out, mixed):
+        return count
+    if count < capacity:
+        pairs_out[start + count] = pair
+    return count + 1
+
+
+@uncounted
+def list_near(
+    moving: MovingRobot,
+    verdict: Floats,
+    row: int,
+    reach: float,
+    mover_reach: Floats,
+    place: BodyPoses,
+    near: NearBoxes,
+    pairs_out: Integers,
+    start: int,
+    capacity: int,
+    count: int,
+) -> int:
+    """List the obstacles within reach of the centre of a body's bounding sphere, from `start` on; return the new count.
+
+    The body is given by its row of the moving ones, kinds of pairs by a verdict (VERDICT,), `mover_reach` (v,) is how
+    much farther each moving obstacle reaches [m]; pairs beyond the capacity of `pairs_out` (n,) are counted only.
+    """
+    obstacles, boxes = moving.obstacles, moving.obstacles.boxes
+    resting, in_motion = is_judged(verdict, AT_REST), is_judged(verdict, IN_MOTION)
+    for k in range(boxes.apart.shape[0]):
+        o = boxes.apart[k]
+        mover = obstacles.movers[o]
+        if (mover < 0 and resting) or (mover >= 0 and in_motion):
+            within = reach + (mover_reach[mover] if mover >= 0 else 0.0)
+            count = _add(moving, row, o, within, place, pairs_out, start, capacity, count)
+    if resting:
+        centre = place.centres[moving.pairs.moving[row]]
+        for k in range(find_boxes_near(boxes, centre, reach, near.box, near.stack, near.met)):
+            count = _add(moving, row, near.met[k], reach, place, pairs_out, start, capacity, count)
+    return count
+
+
+@uncounted
+def nearest_within(moving: MovingRobot, pairs: Integers, count: int, place: BodyPoses, gaps_out: Floats) -> int:
+    """Write the distances (n,) of pairs by spheres and boxes [m]; return the index of the smallest, -1 without one."""
+    nearest = -1
+    for index in range(count):
+        gaps_out[index] = least_distance(moving, pairs[index], place)
+        if nearest < 0 or gaps_out[index] < gaps_out[nearest]:
+            nearest = index
+    return nearest

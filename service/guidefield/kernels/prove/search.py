@@ -31,10 +31,10 @@ from guidefield.kernels.prove.motion_bounds import (
     find_moves,
     mover_reach,
 )
-from guidefield.kernels.prove.near import list_near
 from guidefield.kernels.prove.pair_distance import (
     kept_in_addition,
     least_distance,
+    list_near,
     pair_distance,
     pair_keeps,
     squared_gap,

@@ -1,1 +1,1 @@
-"""Kernels of streams: limits of a commit (`judge`), its piece and stop (`way`), schedules among obstacles (`dodge`)."""
+"""Kernels of streams: a commit's piece, stop and limits (`phases`), schedules among obstacles (`dodge`)."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.collide.drift import write_gaps
+from guidefield.kernels.collide.broadphase import write_gaps
 from guidefield.kernels.jit.arrays import Floats, Floats32, IndexRows, Indices, IndicesOut, Integers, Row, Rows, RowsOut
 from guidefield.kernels.jit.decorators import inlined, kernel
 from guidefield.kernels.linalg.small_systems import write_stable_order

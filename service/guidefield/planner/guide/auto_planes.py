@@ -18,8 +18,13 @@ import numpy as np
 
 from guidefield.errors import SceneInvalid
 from guidefield.kernels.distance.distance import DistanceTables, distance_at_points
-from guidefield.kernels.guide.grid_astar import CAP, wavefront
-from guidefield.kernels.guide.visibility_polygon import free_section, is_enclosed, open_areas as open_areas_kernel
+from guidefield.kernels.guide.free_space import (
+    CAP,
+    free_section,
+    is_enclosed,
+    open_areas as open_areas_kernel,
+    wavefront,
+)
 from guidefield.messages import scene as messages
 from guidefield.planner.guide.guide import arm_reach, tip_radius
 from guidefield.planner.task.problem import Problem

@@ -26,7 +26,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.errors import InvalidGroup, Status
 from guidefield.geometry.convex import balls_as_capsules
 from guidefield.kernels.distance.distance import DistanceTables, distance_at_points
-from guidefield.kernels.field.field_tables import frozen
+from guidefield.kernels.field.field import frozen
 from guidefield.kernels.guide.coordinate_descent import Searching, sweep
 from guidefield.kernels.guide.tip_constraint import COUNTS, EVALUATIONS, JUDGED, TipGuard
 from guidefield.kernels.kinematics.link_chain import chain_configuration, close_chain

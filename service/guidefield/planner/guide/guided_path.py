@@ -22,10 +22,10 @@ import coal
 import numpy as np
 
 from guidefield.collision.world import World
+from guidefield.kernels.collide.swept_bounds import SweptRobot, motion_apart
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.kinematics.forward_kinematics import chart_values
 from guidefield.kernels.kinematics.integrate import reach
-from guidefield.kernels.sweep.swept_bounds import SweptRobot, motion_apart
 from guidefield.memo import memoized
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, Step, StepKind

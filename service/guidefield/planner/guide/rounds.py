@@ -21,7 +21,7 @@ from typing import Protocol
 
 import numpy as np
 
-from guidefield.kernels.field.field_tables import frozen
+from guidefield.kernels.field.field import frozen
 from guidefield.kernels.guide import plane_rounds as kernel
 from guidefield.kernels.guide.descent import (
     ENDED,

@@ -3,7 +3,7 @@
 All of it is the objective of the optimisation, a proposal: the constants change the motion that comes out, how often
 the certificate refuses it, and the time; service/docs/algorithm.md, "Optimise", repeats `LEAST_RANGE_SHARE`,
 `CONSTRAINT_ROOM` and half of `CONSTRAINT_WEIGHT`. The order of points (the few of a link first, in blocks of lanes) is
-the kernels' (kernels/barrier).
+the kernels' (kernels/optimize/barrier.py).
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from typing import cast
 import numpy as np
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.kernels.barrier.obstacle_barrier import moving_distance, nothing_remembered, obstacle_distance
-from guidefield.kernels.barrier.sampled_robot import FIRST, JOINT, PAST, PAST_FEW, SampledRobot
-from guidefield.kernels.barrier.self_barrier import pair_distances
 from guidefield.kernels.distance.distance import DistanceTables
+from guidefield.kernels.optimize.barrier import FIRST, JOINT, PAST, PAST_FEW, SampledRobot
 from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along
-from guidefield.kernels.optimize.constraint_penalty import KeptSamples
+from guidefield.kernels.optimize.obstacle_barrier import moving_distance, nothing_remembered, obstacle_distance
+from guidefield.kernels.optimize.penalties import KeptSamples
+from guidefield.kernels.optimize.robot_barrier import pair_distances
 from guidefield.kernels.simd.vector import LANES_64
 from guidefield.memo import memoized_by_value
 from guidefield.planner.motion.bspline import BSpline, basis

@@ -18,18 +18,20 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from guidefield.kernels.barrier.moving_bodies import MovingBodies
-from guidefield.kernels.barrier.obstacle_barrier import NearBodies, nothing_remembered
-from guidefield.kernels.barrier.sampled_robot import SampledRobot
 from guidefield.kernels.distance.distance import DistanceTables
+from guidefield.kernels.optimize.barrier import MovingBodies, SampledRobot
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
-from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier, time_barrier
-from guidefield.kernels.optimize.load_penalty import LoadModel, load_penalty
+from guidefield.kernels.optimize.load_expansions import (
+    expand_speed_loads,
+    expand_torque_loads,
+    largest_speed_loads,
+    largest_torque_loads,
+)
 from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRoom, DescentRules, newton_descent, room_for_descent
-from guidefield.kernels.optimize.speed_loads import expand_speed_loads, largest_speed_loads
-from guidefield.kernels.optimize.torque_loads import expand_torque_loads, largest_torque_loads
+from guidefield.kernels.optimize.obstacle_barrier import NearBodies, nothing_remembered
+from guidefield.kernels.optimize.penalties import KeptSamples, LoadModel, constraint_penalty, load_penalty
 from guidefield.memo import memoized_by_value
 from guidefield.planner.motion.bspline import BSpline, basis, basis_bends, basis_slopes
 from guidefield.planner.optimize.clearance_samples import Sections, clearance_samples, constraint_samples

@@ -25,7 +25,7 @@ from typing import Any, cast
 import numpy as np
 import pinocchio as pin
 
-from guidefield.kernels.field.field_tables import frozen
+from guidefield.kernels.field.field import frozen
 from guidefield.kernels.kinematics.forward_kinematics import (
     FLOATING,
     PLANAR,

@@ -25,7 +25,7 @@ from guidefield.geometry.convex import bvh, convex, convex_hull
 from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.geometry.solid import Solid, find_nested, near_solid_of_mesh, solid_of_mesh, stand_off
 from guidefield.geometry.surfaces import Surface, surface
-from guidefield.kernels.jit.compilers import load_imported
+from guidefield.kernels.jit.decorators import load_imported
 from guidefield.memory import TRIANGULATIONS, BoundedMap, content_key
 from guidefield.parallel import run_queue, usable_processors
 from guidefield.robot.mesh_files.numbers import MeshFault

@@ -9,12 +9,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.kernels.barrier.obstacle_barrier import nothing_remembered, obstacle_distance
-from guidefield.kernels.barrier.sampled_robot import SOFT, STEEPNESS, SampledRobot
-from guidefield.kernels.barrier.self_barrier import pair_distances
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.linalg.bordered_band import COUPLED
+from guidefield.kernels.optimize.barrier import SOFT, STEEPNESS, SampledRobot
 from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along
+from guidefield.kernels.optimize.obstacle_barrier import nothing_remembered, obstacle_distance
+from guidefield.kernels.optimize.robot_barrier import pair_distances
 from guidefield.planner.optimize.clearance_samples import LEAST_RANGE, POINTS_WEIGHT, RANGE, sampled_robot
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup

@@ -21,21 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.barrier.moving_bodies import MOVING, MovedBodies, MovingBodies, moved_bodies, place_moved
-from guidefield.kernels.barrier.sampled_robot import (
-    FIRST,
-    JOINT,
-    PAST,
-    RADIUS,
-    ROBOT,
-    SampledRobot,
-    Workspace,
-    barrier,
-    deficit,
-    lower_gaps,
-    place,
-    workspace,
-)
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, bounds_near, nearest_body
 from guidefield.kernels.distance.points_distance import Lanes3, signed_distance_of_each
 from guidefield.kernels.distance.triangle_distance import box_gap_squared
@@ -52,6 +37,25 @@ from guidefield.kernels.jit.arrays import (
 )
 from guidefield.kernels.jit.decorators import compiled, uncounted
 from guidefield.kernels.kinematics.poses import moved_by
+from guidefield.kernels.optimize.barrier import (
+    FIRST,
+    JOINT,
+    MOVING,
+    PAST,
+    RADIUS,
+    ROBOT,
+    MovedBodies,
+    MovingBodies,
+    SampledRobot,
+    Workspace,
+    barrier,
+    deficit,
+    lower_gaps,
+    moved_bodies,
+    place,
+    place_moved,
+    workspace,
+)
 from guidefield.kernels.simd.vector import LANES_64, Vector, load, select, store, total as total_of
 
 MARGIN = 0.04  # a group may move this far before bodies near it are searched again [m], at size 1

@@ -1,4 +1,4 @@
-"""The penalty of loads: its value by Pinocchio, and its derivatives by differences of the value."""
+"""The penalties of loads and of path constraints: their values by Pinocchio, derivatives by it and by differences."""
 
 import math
 from collections.abc import Callable
@@ -8,14 +8,23 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.kernels.optimize.load_penalty import load_penalty
-from guidefield.kernels.optimize.torque_loads import expand_torque_loads
+from guidefield.kernels.linalg.bordered_band import COUPLED
+from guidefield.kernels.optimize.load_expansions import expand_torque_loads
+from guidefield.kernels.optimize.penalties import KeptSamples, add_constraint_penalty, constraint_penalty, load_penalty
 from guidefield.planner.motion.bspline import BSpline, End
+from guidefield.planner.optimize.clearance_samples import (
+    CONSTRAINT_ROOM,
+    CONSTRAINT_WEIGHT,
+    Sections,
+    constraint_samples,
+)
 from guidefield.planner.optimize.interior_point import FREE_SHARE, LoadSamples
 from guidefield.planner.task.effort import EffortLimit, tree_of
 from guidefield.planner.task.motion_limits import MotionLimit, frame_limit, link_limit
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.path_constraints import ConstrainedFrames
 from tests.kernels.optimize.test_motion_objective import moved, objective_of_loads
+from tests.kernels.tree.test_path_constraints import random_frames
 from tests.planner.task.test_effort import KINDS, weighty_chain
 from tests.robots import group
 
@@ -108,3 +117,68 @@ def test_derivatives_of_torques_are_pinocchios(kinds, seed) -> None:
     mass = np.triu(by[2]) + np.triu(by[2], 1).T
     for got, row in zip(slopes.swapaxes(0, 1), (by[0], by[1], mass), strict=True):
         np.testing.assert_allclose(got, row, rtol=1e-9, atol=1e-9)
+
+
+CONSTRAINED_PIECES, SAMPLES_A_PIECE = 7, 2
+PLACES = (np.arange(CONSTRAINED_PIECES * SAMPLES_A_PIECE) + 0.5) / SAMPLES_A_PIECE
+
+
+def constrained_motion(name: str, spread: float) -> tuple[ConstrainedFrames, BSpline, KeptSamples]:
+    """A motion about a random configuration, and where its six constraints are looked at."""
+    rng = np.random.default_rng(3)
+    frames = random_frames(name, rng)
+    z = frames.group.chart(frames.group.random(rng))
+    points = z + spread * rng.normal(size=(CONSTRAINED_PIECES + 3, len(z)))
+    ends = End.at_rest(points[0]), End.at_rest(points[-1])
+    spline = BSpline.between(*ends, points[3:-3], 0.1)
+    return frames, spline, constraint_samples(Sections.whole(frames), spline.pieces, (), 1)
+
+
+def differentiate(kept: KeptSamples, points: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """The penalty, its gradient and its whole Hessian, shape (n nv, n nv)."""
+    n, nv = points.shape
+    gradient, blocks = np.zeros((n, nv)), np.zeros((n, nv, (COUPLED + 1) * nv))
+    value = add_constraint_penalty(kept, points, gradient, blocks)
+    hessian = np.zeros((n, nv, n, nv))
+    for i in range(n):
+        for c in range(COUPLED + 1):
+            if (k := i - COUPLED + c) >= 0:
+                hessian[i, :, k] = blocks[i, :, c * nv : (c + 1) * nv]
+                hessian[k, :, i] = hessian[i, :, k].T
+    return value, gradient, hessian.reshape(n * nv, n * nv)
+
+
+def find_shares(frames: ConstrainedFrames, spline: BSpline) -> tuple[np.ndarray, np.ndarray]:
+    """Pinocchio's shares of limits at all samples, shape (s, k), and their derivatives by points, (s, k, n nv)."""
+    zs = spline.at(PLACES)
+    pairs = [frames.values_and_rows(z) for z in zs]
+    rows = np.zeros((len(zs), len(frames.limits), *spline.points.shape))
+    pieces, t = spline.piece_of(PLACES)
+    s = 1.0 - t
+    basis = np.column_stack([s**3, 3 * t**3 - 6 * t**2 + 4, 3 * s**3 - 6 * s**2 + 4, t**3]) / 6.0
+    for k, (_, by_z) in enumerate(pairs):
+        for a in range(4):
+            rows[k, :, pieces[k] + a] = basis[k, a] * by_z / frames.limits[:, None]
+    return np.array([values for values, _ in pairs]) / frames.limits, rows.reshape(*rows.shape[:2], -1)
+
+
+@pytest.mark.parametrize("name", ["panda", "continuous y oblique-continuous mimic"])
+def test_the_penalty_of_constraints_is_the_formula_by_pinocchio(name: str) -> None:
+    frames, spline, kept = constrained_motion(name, 0.2)
+    shares, _ = find_shares(frames, spline)
+    beyond = np.maximum(shares - CONSTRAINT_ROOM, 0.0)
+    expected = 0.5 * CONSTRAINT_WEIGHT / len(PLACES) * (beyond**2).sum()
+    assert expected > 0.0
+    assert constraint_penalty(kept, spline.points) == pytest.approx(expected, rel=1e-9)
+    assert differentiate(kept, spline.points)[0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["panda", "slide oblique screw x"])
+def test_its_gradient_is_that_of_finite_differences(name: str) -> None:
+    _, spline, kept = constrained_motion(name, 0.05)
+    _, gradient, _ = differentiate(kept, spline.points)
+    h = 1e-6
+    for along in np.random.default_rng(1).normal(size=(4, *spline.points.shape)):
+        ahead, behind = (constraint_penalty(kept, spline.points + by * along) for by in (h, -h))
+        scale = np.abs(gradient * along).sum()
+        assert (ahead - behind) / (2.0 * h) == pytest.approx((gradient * along).sum(), abs=1e-5 * scale)

@@ -1,8 +1,9 @@
-"""Derivatives of torques by coordinates, velocities and accelerations: for expansions by `torque_loads`.
+"""Loads of a motion at samples, torques and speeds in space, and their linear expansions: rows of `LoadModel`.
 
-The optimizer alone goes by them: with wrong ones it finds worse motions, while limits of torques are kept all the same.
+They lead the optimizer alone: limits are checked by `planner/task`, on bounds, so that wrong derivatives find worse
+motions and break no limit. Sums of squares have to be those of `penalties.load_penalty`, which Newton's method lowers.
 
-With S_j the twist of coordinate j in the world, v and a the twist and its derivative before it, let
+Torques: with S_j the twist of coordinate j in the world, v and a the twist and its derivative before it, let
 
     ψ_j = v x S_j        A_j = a x S_j + v x ψ_j
 
@@ -14,20 +15,33 @@ A body's wrench Y a' + v' x* Y v' then changes by Y A_j + D ψ_j with coordinate
 keeps three numbers and a matrix of nine. Sums of Y and D over what a joint carries give the torque's. Source:
 J. Carpentier and N. Mansard, "Analytical derivatives of rigid body dynamics algorithms", Robotics: Science and Systems
 XIV, 2018.
+
+Speeds: the velocity of a carried point p is the sum of J_j z'_j, with J_j the velocity by joint j alone. Joint j turns
+those by later joints, and moves p, which those by itself and earlier joints turn about their axes: with w the joints'
+axes,
+
+    dv/dz_j = w_j x (velocity by later joints) + (turning of joints up to j) x J_j
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.jit.arrays import BlocksOut, Floats, RowsOut, Vector3
-from guidefield.kernels.jit.decorators import counted, uncounted
-from guidefield.kernels.kinematics.forward_kinematics import JointPlaces
+from guidefield.kernels.jit.arrays import Blocks, BlocksOut, Floats, IndicesOut, Row, RowOut, Rows, RowsOut, Vector3
+from guidefield.kernels.jit.decorators import counted, kernel, uncounted
+from guidefield.kernels.kinematics.forward_kinematics import (
+    JointPlaces,
+    joint_places,
+    place_group,
+    velocity_by,
+    write_twists,
+)
 from guidefield.kernels.kinematics.poses import moved_by
-from guidefield.kernels.timing.carried_rates import CoordinateBounds
-from guidefield.kernels.timing.torques import MassTree, TorqueRoom
+from guidefield.kernels.timing.carried_rates import CarriedBody, CoordinateBounds, empty_bounds
+from guidefield.kernels.timing.torques import MassTree, TorqueRoom, place_tree, torque_room, write_torques
 
 MASS, MOMENT, INERTIA, MOMENTUM, TURNING = 0, 1, 4, 10, 13  # columns of `DerivativeRoom.carried`
 CARRIED = 22  # their number
@@ -233,3 +247,191 @@ def write_torque_derivatives(
                 by[0, there, here] += both * _dot(earlier, made.wrenches[row, 9:15])
                 by[1, there, here] += both * _dot(earlier, made.wrenches[row, 15:21])
                 by[2, there, here] += mass
+
+
+@uncounted
+def write_sample(points: Floats, piece: int, step: float, bases: Floats, state: CoordinateBounds) -> None:
+    """Write point, velocity and acceleration at a sample of a piece, by the bases (3, 4) there."""
+    for j in range(points.shape[1]):
+        z = dz = ddz = 0.0
+        for a in range(4):
+            z += bases[0, a] * points[piece + a, j]
+            dz += bases[1, a] * points[piece + a, j]
+            ddz += bases[2, a] * points[piece + a, j]
+        state.z[j], state.dz[j], state.ddz[j] = z, dz / step, ddz / (step * step)
+
+
+@kernel
+def largest_torque_loads(
+    tree: MassTree, limits: Row, points: Rows, step: float, bases: Blocks, share: float, loads_out: RowOut
+) -> float:
+    """Write the largest load at each sample, shape (pieces samples,); return the sum of squares beyond a share.
+
+    The sum has to be that in `load_penalty`, which is what is minimized; so has that of `largest_speed_loads`.
+
+    Args:
+        tree: The bodies.
+        limits: Of each coordinate, shape (nv,), infinite where there is none [N m or N].
+        points: Control points, shape (n, nv).
+        step: Length of pieces [s].
+        bases: Of samples on a piece of length 1, shape (s, 3, 4).
+        share: Of limits.
+        loads_out: Of the samples of each piece, one after the other.
+    """
+    nv, m, pieces = points.shape[1], tree.joints.sources.shape[0], points.shape[0] - 3
+    n, chain = tree.joints.table.parents.shape[0], tree.chains.shape[1]
+    places, state, room = joint_places(tree.joints), empty_bounds(nv, m), torque_room(n, nv, chain)
+    total = 0.0
+    for at in range(pieces * bases.shape[0]):
+        write_sample(points, at // bases.shape[0], step, bases[at % bases.shape[0]], state)
+        place_tree(tree, state, places)
+        write_torques(tree, state, places, room, room.torques)
+        loads_out[at] = 0.0
+        for j in range(nv):
+            load = abs(room.torques[j]) / limits[j]
+            loads_out[at] = max(loads_out[at], load)
+            total += max(load - share, 0.0) ** 2
+    return total
+
+
+@kernel
+def expand_torque_loads(
+    tree: MassTree,
+    limits: Row,
+    points: Rows,
+    step: float,
+    bases: Blocks,
+    loads: Row,
+    near: float,
+    pieces_out: IndicesOut,
+    samples_out: IndicesOut,
+    values_out: RowOut,
+    slopes_out: BlocksOut,
+) -> int:
+    """Expand loads above a share linearly; return how many there are.
+
+    Args:
+        tree, limits, points, step, bases: As of `largest_torque_loads`.
+        loads: The largest at each sample.
+        near: The share.
+        pieces_out, samples_out, values_out, slopes_out: As in `LoadModel`, with room for all loads.
+    """
+    nv, m, count = points.shape[1], tree.joints.sources.shape[0], 0
+    n, chain = tree.joints.table.parents.shape[0], tree.chains.shape[1]
+    places, state, room = joint_places(tree.joints), empty_bounds(nv, m), torque_room(n, nv, chain)
+    made = derivative_room(n, m, nv)
+    for at in range(loads.shape[0]):
+        if loads[at] <= near:
+            continue
+        write_sample(points, at // bases.shape[0], step, bases[at % bases.shape[0]], state)
+        place_tree(tree, state, places)
+        write_torques(tree, state, places, room, room.torques)
+        write_torque_derivatives(tree, state, places, room, made)
+        for j in range(nv):
+            load = room.torques[j] / limits[j]
+            if abs(load) <= near:
+                continue
+            pieces_out[count], samples_out[count] = at // bases.shape[0], at % bases.shape[0]
+            rest = load
+            for p in range(nv):
+                for order in range(3):
+                    slopes_out[count, order, p] = made.by[order, j, p] / limits[j]
+                rest -= slopes_out[count, 0, p] * state.z[p] + slopes_out[count, 1, p] * state.dz[p]
+                rest -= slopes_out[count, 2, p] * state.ddz[p]
+            values_out[count] = rest
+            count += 1
+    return count
+
+
+@uncounted
+def _fastest(
+    body: CarriedBody, state: CoordinateBounds, places: JointPlaces, twist: Floats
+) -> tuple[float, float, float, float]:
+    """Return the largest speed of the points, and where that point is; write the body's twist."""
+    joints = body.joints
+    place_group(joints, state.z, places)
+    write_twists(joints, places)
+    twist[:] = 0.0
+    for row in range(joints.sources.shape[0]):
+        rate = joints.multipliers[row] * state.dz[joints.sources[row]]
+        for k in range(6):
+            twist[k] += rate * places.twists[row, k]
+    pose = places.poses[joints.table.parents.shape[0] - 1]
+    turning = math.sqrt(twist[3] ** 2 + twist[4] ** 2 + twist[5] ** 2)
+    fastest, px, py, pz = -1.0, 0.0, 0.0, 0.0
+    for k in range(body.points.shape[0]):
+        x, y, z = moved_by(pose, body.points[k, 0], body.points[k, 1], body.points[k, 2])
+        vx, vy, vz = velocity_by(twist, x, y, z)
+        speed = math.sqrt(vx * vx + vy * vy + vz * vz) + body.radii[k] * turning
+        if speed > fastest:
+            fastest, px, py, pz = speed, x, y, z
+    return fastest, px, py, pz
+
+
+@kernel
+def largest_speed_loads(
+    body: CarriedBody, limit: float, points: Rows, step: float, bases: Blocks, share: float, loads_out: RowOut
+) -> float:
+    """Write the load at each sample; return the sum of squares beyond a share, as `largest_torque_loads` does."""
+    nv, pieces, total = points.shape[1], points.shape[0] - 3, 0.0
+    places, state, twist = joint_places(body.joints), empty_bounds(nv, body.joints.sources.shape[0]), np.empty(6)
+    for at in range(pieces * bases.shape[0]):
+        write_sample(points, at // bases.shape[0], step, bases[at % bases.shape[0]], state)
+        loads_out[at] = _fastest(body, state, places, twist)[0] / limit
+        total += max(loads_out[at] - share, 0.0) ** 2
+    return total
+
+
+@kernel
+def expand_speed_loads(
+    body: CarriedBody,
+    limit: float,
+    points: Rows,
+    step: float,
+    bases: Blocks,
+    loads: Row,
+    near: float,
+    count: int,
+    pieces_out: IndicesOut,
+    samples_out: IndicesOut,
+    values_out: RowOut,
+    slopes_out: BlocksOut,
+) -> int:
+    """Expand loads above a share, three rows each, behind those that are there; return how many rows there are then.
+
+    See `expand_torque_loads`. Where points are balls their turning counts as if the velocity were longer:
+    `scale` follows what `_fastest` takes for the speed.
+    """
+    nv, joints = points.shape[1], body.joints
+    places, state, twist = joint_places(joints), empty_bounds(nv, joints.sources.shape[0]), np.empty(6)
+    up_to = np.empty(6)
+    for at in range(loads.shape[0]):
+        if loads[at] <= near:
+            continue
+        write_sample(points, at // bases.shape[0], step, bases[at % bases.shape[0]], state)
+        speed, x, y, z = _fastest(body, state, places, twist)
+        vx, vy, vz = velocity_by(twist, x, y, z)
+        scale = speed / (limit * max(math.sqrt(vx * vx + vy * vy + vz * vz), 1e-300))
+        slopes_out[count : count + 3, :, :] = 0.0
+        up_to[:] = 0.0
+        for row in range(joints.sources.shape[0]):
+            s, source, by = places.twists[row], joints.sources[row], joints.multipliers[row]
+            for k in range(6):
+                up_to[k] += by * state.dz[source] * s[k]
+            jx, jy, jz = velocity_by(s, x, y, z)
+            hx, hy, hz = velocity_by(up_to, x, y, z)
+            rx, ry, rz = vx - hx, vy - hy, vz - hz
+            by *= scale
+            slopes_out[count, 1, source] += by * jx
+            slopes_out[count + 1, 1, source] += by * jy
+            slopes_out[count + 2, 1, source] += by * jz
+            slopes_out[count, 0, source] += by * (s[4] * rz - s[5] * ry + up_to[4] * jz - up_to[5] * jy)
+            slopes_out[count + 1, 0, source] += by * (s[5] * rx - s[3] * rz + up_to[5] * jx - up_to[3] * jz)
+            slopes_out[count + 2, 0, source] += by * (s[3] * ry - s[4] * rx + up_to[3] * jy - up_to[4] * jx)
+        values_out[count], values_out[count + 1], values_out[count + 2] = scale * vx, scale * vy, scale * vz
+        for _ in range(3):
+            pieces_out[count], samples_out[count] = at // bases.shape[0], at % bases.shape[0]
+            for p in range(nv):
+                values_out[count] -= slopes_out[count, 0, p] * state.z[p] + slopes_out[count, 1, p] * state.dz[p]
+            count += 1
+    return count

@@ -1,1 +1,0 @@
-"""A test that a robot's capsules stay apart from everything along a motion."""
