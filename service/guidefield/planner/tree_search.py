@@ -4,7 +4,8 @@ The kernels are kernels/tree/rrt_connect.py and, within path constraints, constr
 the box that samples are drawn from, stay with each thread. Motions are free at samples: every user of a path certifies
 what becomes of it, so the constants change which path a seed leads to and the time, `FIRST_CAPACITY` too: samples are
 lost where a tree outgrows it. Those of a check change how late a deadline is noticed; `MOST_ROOTS_TRIED` and the
-escapes, when a search is given up. service/docs/algorithm.md repeats `RESOLUTION` and `STRIDE`.
+escapes, when a search is given up; `HARD_TO_LEAVE`, the sentence about a failed one. service/docs/algorithm.md repeats
+`RESOLUTION` and `STRIDE`.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 `Projected`, the `Minimizer` for any joints, descends on the manifold of configurations on a plane. A round is made step
 by step, or several of them in one kernel if nothing has to be judged outside it: if `Projected` slides and reorients at
-once (`Blocks.ONE`), and all shapes of the robot are capsules (`SweptWorld.exact`). Both have to do the same:
-kernels/guide/plane_rounds.py and descent.py, which get the constants from here.
+once (`Blocks.ONE`), and all shapes of the robot are capsules (`SweptWorld.exact`). Both ways have to do the same. The
+kernels (kernels/guide/plane_rounds.py and descent.py) get the constants from here.
 
 A step is taken if it is free, so the constants change clearance, success and time of the way to a plane, and that
 document repeats most; `ROUNDS_PER_CHECK` leaves the way. `Unrecorded`: nobody knows what chose a constant; measure
