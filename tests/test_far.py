@@ -220,7 +220,7 @@ OF_JOINTS = ("start", "path", "positions", "configuration", "configurations", "s
 """Fields of joint values, which those of a base are among."""
 
 ELSEWHERE = {
-    "obstacles, which scenes see": "Box Sphere Cylinder Capsule Mesh Polygon HalfSpace PointCloud ObstacleTrajectory",
+    "obstacles, which scenes see": "Placed Sphere Polygon HalfSpace PointCloud ObstacleTrajectory",
     "in that of a link or object": "AttachedObject Attach.centre_of_mass Payload RelativeGoal OrientationCone.axis",
     "directions": "OrientationCone.target_axis PlaneConstraint.normal LineConstraint.direction LinkWrench.force "
     "LinkWrench.torque Dynamics.gravity PointPotentialReply.gradient Observation.velocity Observation.angular_velocity",
@@ -233,7 +233,7 @@ ELSEWHERE = {
     "PlanReply.path Trajectory.positions ExecutionFigures.positions Place.configuration",
     "by which a scene is changed before it is seen": "SceneDiff.move RequestScene.move",
     "observed in the world, less the stream's origin": "Observation.placement",
-    "of whatever holds it": "Placement _Placed",
+    "of whatever holds it": "Placement",
     "of a file": "UrdfFile.path",
 }
 """Fields that speak of places, or look so, and aren't in the table of messages that are moved; and why."""
@@ -258,9 +258,9 @@ def test_no_field_that_speaks_of_places_is_forgotten() -> None:
                 continue
             for field, annotation in typing.get_type_hints(kind).items():
                 of_places = {tuple, Placement, Float32Array}.intersection(kinds(annotation)) or field in OF_JOINTS
-                if field not in kind.__struct_fields__ or not of_places or field in anchor._WORLD.get(kind, {}):
+                if field not in kind.__struct_fields__ or not of_places or field in anchor.world_fields(kind):
                     continue
-                known = {name, f"{name}.{field}"} & told
+                known = {f"{name}.{field}", *(base.__name__ for base in kind.__mro__)} & told
                 found |= known
                 if not known:
                     forgotten.append(f"{name}.{field}")

@@ -18,9 +18,8 @@ from guidefield.messages.values import JointSetGoal, JointsGoal
 from guidefield.planner.task.effort import EffortLimit, tree_of
 from guidefield.planner.task.motion_limits import CartesianLimit, frame_limit, link_limit
 from guidefield.planner.task.problem import ControllerModel, Interpolation
-from guidefield.robot.group import path_constraints
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.path_constraints import Cone, PathConstraint
+from guidefield.robot.group.path_constraints import PathConstraint, build_constraint
 from guidefield.robot.model.configuration import (
     LimitFault,
     clamp,
@@ -199,7 +198,12 @@ def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathCo
             f" {', '.join(several)}; a `group` may leave it out",
             joints=several,
         )
-    return tuple(_build_constraint(one, index, group) for index, one in enumerate(request.path_constraints))
+    constraints = []
+    for index, one in enumerate(request.path_constraints):
+        with at_path(f"$.path_constraints[{index}].frame"):
+            group.robot.frame_id(one.frame)
+        constraints.append(build_constraint(one, f"path_constraints[{index}]"))
+    return tuple(constraints)
 
 
 def effort_limit_of(request: MotionRequest, group: PlanningGroup) -> EffortLimit | None:
@@ -256,24 +260,3 @@ def _build_cartesian_limit(one: requests.CartesianLimit, index: int, group: Plan
             return frame_limit(group, one.frame, one.speed, acceleration)
         assert one.link is not None, "there is one of both"
         return link_limit(group, one.link, one.speed, acceleration)
-
-
-def _build_constraint(one: requests.PathConstraint, index: int, group: PlanningGroup) -> PathConstraint:
-    with at_path(f"$.path_constraints[{index}].frame"):
-        group.robot.frame_id(one.frame)
-    where = f"`path_constraints[{index}]"
-    if isinstance(one, requests.OrientationCone):
-        axis, target = _unit(one.axis, f"{where}.axis`"), _unit(one.target_axis, f"{where}.target_axis`")
-        return Cone(one.frame, axis, target, one.half_angle)
-    point = np.array(one.point)
-    if isinstance(one, requests.PlaneConstraint):
-        return path_constraints.plane(one.frame, point, _unit(one.normal, f"{where}.normal`"), one.tolerance)
-    return path_constraints.line(one.frame, point, _unit(one.direction, f"{where}.direction`"), one.tolerance)
-
-
-def _unit(vector: tuple[float, float, float], where: str) -> np.ndarray:
-    length = float(np.linalg.norm(vector))
-    if not (np.isfinite(length) and length > 1e-9):
-        raise MalformedRequest(f"{where} must be a finite direction that isn't zero, got {list(vector)}")
-    unit: np.ndarray = np.array(vector) / length
-    return unit

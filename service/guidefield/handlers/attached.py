@@ -36,7 +36,7 @@ from guidefield.scene.content import are_many, content_of, count_of
 from guidefield.scene.motion import put_at
 from guidefield.scene.scene import Scene
 
-CARRIED = (messages.Box, messages.Sphere, messages.Cylinder, messages.Capsule, messages.Mesh)
+CARRIED = (messages.Placed, messages.Sphere)
 """Kinds of obstacles that can be picked up and put down."""
 
 

@@ -24,6 +24,7 @@ from guidefield.messages.values import (
     RootJoint,
     UrdfCharacters,
     Vector3,
+    WorldPoint,
     require_limit,
     require_load,
 )
@@ -141,7 +142,7 @@ class PlaneConstraint(Message, tag_field="type", tag="plane"):
     """
 
     frame: Name
-    point: Vector3
+    point: WorldPoint
     normal: Vector3
     tolerance: Positive
 
@@ -157,7 +158,7 @@ class LineConstraint(Message, tag_field="type", tag="line"):
     """
 
     frame: Name
-    point: Vector3
+    point: WorldPoint
     direction: Vector3
     tolerance: Positive
 

@@ -29,6 +29,7 @@ from guidefield.messages.values import (
     Reply,
     Tolerance3,
     Vector3,
+    WorldPoint,
     require_finite,
     require_finite_configurations,
     require_finite_number,
@@ -85,7 +86,7 @@ JointRates = Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATI
 class TargetPose(Message):
     """A pose for inverse kinematics; the fields are those of `PoseGoal`, a tolerance of 0 means rounding error."""
 
-    position: Vector3
+    position: WorldPoint
     quaternion_xyzw: QuaternionXYZW
     position_tolerance: Tolerance3 = (0.0, 0.0, 0.0)
     orientation_tolerance: Tolerance3 = (0.0, 0.0, 0.0)

@@ -182,7 +182,7 @@ class _Obstacle(Message, tag_field="type"):
         require_finite_number("charge", self.charge)
 
 
-class _Placed(_Obstacle, kw_only=True):
+class Placed(_Obstacle, kw_only=True):
     """An obstacle with a placement of its own frame in the world.
 
     Attributes:
@@ -199,7 +199,7 @@ class _Placed(_Obstacle, kw_only=True):
         require_unit_quaternion("quaternion_xyzw", self.quaternion_xyzw)
 
 
-class Box(_Placed, tag="box", kw_only=True):
+class Box(Placed, tag="box", kw_only=True):
     """A box; `size` is its full extents along its own axes [m], the placement of its middle in the world."""
 
     size: tuple[Positive, Positive, Positive]
@@ -224,7 +224,7 @@ class Sphere(_Obstacle, tag="sphere", kw_only=True):
         require_finite_number("radius", self.radius)
 
 
-class Cylinder(_Placed, tag="cylinder", kw_only=True):
+class Cylinder(Placed, tag="cylinder", kw_only=True):
     """A cylinder of `radius` [m] with flat ends along its own z; `length` from end to end [m]."""
 
     radius: Positive
@@ -236,7 +236,7 @@ class Cylinder(_Placed, tag="cylinder", kw_only=True):
         require_finite_number("length", self.length)
 
 
-class Capsule(_Placed, tag="capsule", kw_only=True):
+class Capsule(Placed, tag="capsule", kw_only=True):
     """A capsule of `radius` [m] along its own z; `length` is that of the straight part, without the caps [m]."""
 
     radius: Positive
@@ -248,7 +248,7 @@ class Capsule(_Placed, tag="capsule", kw_only=True):
         require_finite_number("length", self.length)
 
 
-class Mesh(_Placed, tag="mesh", kw_only=True):
+class Mesh(Placed, tag="mesh", kw_only=True):
     """A triangle mesh in its own frame [m]; triangles counter-clockwise from outside. Closed, it is solid.
 
     Cracks between corners at most 1 mm apart are closed; an open mesh is a thin wall without an inside. A warning in

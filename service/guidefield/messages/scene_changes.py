@@ -18,7 +18,7 @@ import msgspec
 
 from guidefield.errors import SceneInvalid
 from guidefield.messages.faults import list_choices, suggest
-from guidefield.messages.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Scene, Sphere
+from guidefield.messages.scene import Obstacle, Placed, Scene, Sphere
 from guidefield.messages.values import Message, Name, Placement, Reply
 
 _Declared = TypeVar("_Declared", bound=msgspec.Struct)
@@ -313,7 +313,7 @@ def _require_new(scene: str, there: NameIndex, coming: Sequence[Obstacle]) -> No
 
 def _place_obstacle(obstacle: Obstacle, placement: Placement) -> Obstacle:
     where: dict[str, Any] = {"position": placement.position}
-    if isinstance(obstacle, Box | Cylinder | Capsule | Mesh):
+    if isinstance(obstacle, Placed):
         where["quaternion_xyzw"] = placement.quaternion_xyzw
     elif not isinstance(obstacle, Sphere):
         kind = type(obstacle).__struct_config__.tag

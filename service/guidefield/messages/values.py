@@ -13,6 +13,8 @@ from typing import Annotated, Literal
 import msgspec
 
 Vector3 = tuple[float, float, float]
+WorldPoint = Annotated[Vector3, msgspec.Meta(extra={"frame": "world"})]
+"""A point in the world [m]: scene/anchor.py moves each field of this type, for robots far away."""
 QuaternionXYZW = tuple[float, float, float, float]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
@@ -219,7 +221,7 @@ class PoseGoal(Message, tag_field="type", tag="pose"):
         orientation_tolerance: Largest components of the rotation vector in that frame [rad]; null leaves one free.
     """
 
-    position: Vector3
+    position: WorldPoint
     quaternion_xyzw: QuaternionXYZW
     position_tolerance: Tolerance3 = (1e-4, 1e-4, 1e-4)
     orientation_tolerance: Tolerance3 = (1e-3, 1e-3, 1e-3)

@@ -139,9 +139,8 @@ def _move_to_anchor(told: Fields, anchor: np.ndarray) -> Fields:
         kind = one.get("type", "")
         if kind == "half_space":
             return {**one, "offset": one["offset"] - np.array(one["normal"], float) @ anchor}
-        field = {"polygon": "vertices", "point_cloud": "points", "plane": "point", "line": "point"}.get(
-            kind, "position"
-        )
+        own = "point" if "point" in one else "position"
+        field = {"polygon": "vertices", "point_cloud": "points"}.get(kind, own)
         points = points_of(one.get(field, (0.0, 0.0, 0.0))) - anchor
         return {**one, field: points if kind in ("polygon", "point_cloud") else points[0]}
 

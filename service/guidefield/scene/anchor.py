@@ -1,12 +1,15 @@
 """Express requests, replies and scenes relative to an anchor: a point near a robot that is far from the world's origin.
 
 An anchor has whole metres: positions near it are counted from it without rounding, and single precision holds it in
-recordings. A new field with places in the world, of a request or reply, has to be added to `_WORLD`, one with joint
-values to `_shift_columns`: what isn't listed there stays as it is, and is wrong for robots far away.
+recordings. A new field of a request or reply with a point of the world has the type `WorldPoint`; with other places in
+the world it has to be added to `_WORLD`, with joint values to `_shift_columns`: what isn't listed there stays as it is,
+and is wrong for robots far away.
 """
 
 from __future__ import annotations
 
+import functools
+import typing
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar, cast
 
@@ -21,7 +24,7 @@ from guidefield.messages.kinematics import PackedClearance
 from guidefield.messages.kinematics_parts import PackedNumbers
 from guidefield.messages.scene import Points
 from guidefield.messages.streams import StreamOpen
-from guidefield.messages.values import ORIGIN, Float32Array, Placement, Vector3
+from guidefield.messages.values import ORIGIN, Float32Array, Placement, Vector3, WorldPoint
 from guidefield.scene.content import points_in
 from guidefield.scene.scene import Scene, build
 
@@ -193,7 +196,8 @@ def _points(points: Points, by: np.ndarray) -> Points:
 
 def _shift_message(message: Any, anchor: Anchor, sign: float) -> Any:
     """Shift all places of a message in the world by the anchor's place, or back where the sign is -1."""
-    fields = _WORLD.get(type(message), {})
+    kind: Any = type(message)
+    fields = world_fields(kind)
     found = {field: value for field in fields if (value := getattr(message, field)) is not None}
     changed = {field: fields[field](value, anchor, sign) for field, value in found.items()}
     if anchor.joint and isinstance(message, _OF_COLUMNS):
@@ -303,13 +307,17 @@ _WORLD: dict[type, dict[str, Callable[[Any, Anchor, float], Any]]] = {
     StreamOpen: {**_PLACED, "goal": _inner},
     requests.JointsGoal: {"positions": _configurations},
     requests.JointSetGoal: {"positions": _configurations},
-    requests.PoseGoal: {"position": _vector},
-    requests.TargetPose: {"position": _vector},
-    requests.PlaneConstraint: {"point": _vector},
-    requests.LineConstraint: {"point": _vector},
     messages.GuidePlane: {"vertices": _vectors},
     replies.PlanReply: {"guide_planes": _inner},
     replies.ClearanceReply: {"witness_points": _vectors, "packed": _inner},
     PackedClearance: {"witness_points": _shift_numbers},
 }
-"""The fields in the world's coordinates of requests and replies about a robot, and how each is shifted."""
+"""The fields in the world's coordinates of requests and replies about a robot, but `WorldPoint`s, and their shifts."""
+
+
+@functools.cache
+def world_fields(kind: Any) -> dict[str, Callable[[Any, Anchor, float], Any]]:
+    """Return the fields of a kind of message in the world's coordinates, and how each is shifted."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    points = [field for field in kind.__struct_fields__ if hints[field] == WorldPoint]
+    return {**dict.fromkeys(points, _vector), **_WORLD.get(kind, {})}

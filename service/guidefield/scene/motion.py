@@ -1,7 +1,7 @@
 """The motion of an obstacle: placements at times, on a screw from each to the next, at rest before and after.
 
 Proofs bound distances by its speeds, so these may be larger, never smaller; the referee has this motion, too, by code
-of its own. A further kind of obstacle needs a function in `POSED`.
+of its own. A further kind of obstacle that isn't `messages.Placed` needs a function in `_POSED`.
 """
 
 from __future__ import annotations
@@ -97,7 +97,8 @@ def put_at(message: messages.Obstacle, placement: Any) -> messages.Obstacle:
     Where the kind has a pose, it is replaced; the corners of a polygon, points of a cloud and plane of a half-space
     are moved.
     """
-    return POSED[type(message)](message, placement)
+    pose = _place if isinstance(message, messages.Placed) else _POSED[type(message)]
+    return pose(message, placement)
 
 
 def _place(message: Any, placement: Any) -> messages.Obstacle:
@@ -127,17 +128,13 @@ def _points(message: Any, placement: Any) -> messages.Obstacle:
     return _replace(message, points=transform_points(placement, points_in(message.points)).tolist())
 
 
-POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = {
-    messages.Box: _place,
-    messages.Cylinder: _place,
-    messages.Capsule: _place,
-    messages.Mesh: _place,
+_POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = {
     messages.Sphere: _place_centre,
     messages.Polygon: _place_corners,
     messages.HalfSpace: _plane,
     messages.PointCloud: _points,
 }
-"""Functions that pose the message of each kind."""
+"""Functions that pose the message of each kind that isn't `Placed`."""
 
 
 def _replace(message: Any, **fields: Any) -> messages.Obstacle:

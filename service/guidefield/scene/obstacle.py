@@ -2,8 +2,8 @@
 
 Its parts are made on demand by a `Recipe`, and must all mean one shape; a primitive's row for kernels is made at once
 (`primitive.PLACED`, read by kernels/collide and `distance_tables.py`). A further kind of obstacle needs an
-entry in `BUILDERS` (a primitive in `PRIMITIVES`), and in `motion.POSED`; messages/scene_changes.py, content.py,
-anchor.py, prove/tables.py, case_file.py and the referee tell kinds apart, too.
+entry in `BUILDERS` (a primitive in `PRIMITIVES`), and one of the referee's. If it isn't `messages.Placed`, motion.py,
+anchor.py and prove/tables.py have to move it; if it may have very many numbers, content.py has to hash them.
 """
 
 from __future__ import annotations

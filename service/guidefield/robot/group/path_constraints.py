@@ -2,7 +2,7 @@
 
 Each is a number that must not exceed a limit, with its gradient, and a bound of its change under motion of the frame,
 which certificates rest on (`prove/certificate.py`). A further kind needs all methods of `Cone`, a row for kernels in
-`_KINDS` and `_vectors`, and a branch in kernels/tree/path_constraints.py.
+`_KINDS` and `_vectors`, a branch in kernels/tree/path_constraints.py, and one in `build_constraint` for its message.
 """
 
 from __future__ import annotations
@@ -16,9 +16,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from guidefield.errors import MalformedRequest
 from guidefield.kernels.kinematics.tip_chain import TipChain
 from guidefield.kernels.tree.path_constraints import CONE, EVEN_TURN, NEAR, VECTORS, KeptFrames
 from guidefield.memo import memoized
+from guidefield.messages import conditions
+from guidefield.messages.values import Vector3
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import chain_to, lent_data
@@ -165,6 +168,25 @@ moves by `shift` [m] and the frame turns by `turn` [rad]; and the parts of linea
 as rows (k, 3) of orthogonal projections. Those of the linear velocity are the same everywhere, those of the angular
 velocity turn with the frame.
 """
+
+
+def build_constraint(one: conditions.PathConstraint, where: str) -> PathConstraint:
+    """Build the path constraint of a request, named `where` in it; raises MalformedRequest if a direction is zero."""
+    if isinstance(one, conditions.OrientationCone):
+        axis, target = _unit(one.axis, f"`{where}.axis`"), _unit(one.target_axis, f"`{where}.target_axis`")
+        return Cone(one.frame, axis, target, one.half_angle)
+    place = np.array(one.point)
+    if isinstance(one, conditions.PlaneConstraint):
+        return plane(one.frame, place, _unit(one.normal, f"`{where}.normal`"), one.tolerance)
+    return line(one.frame, place, _unit(one.direction, f"`{where}.direction`"), one.tolerance)
+
+
+def _unit(vector: Vector3, where: str) -> np.ndarray:
+    size = float(np.linalg.norm(vector))
+    if not (np.isfinite(size) and size > 1e-9):
+        raise MalformedRequest(f"{where} must be a finite direction that isn't zero, got {list(vector)}")
+    unit: np.ndarray = np.array(vector) / size
+    return unit
 
 
 class ConstrainedFrames:
