@@ -1,17 +1,22 @@
-"""Kernels call each other's machine code by name, parts have none, and remembered types are those that numba finds."""
+"""Kernels call machine code by name, parts have none; remembered types are those that numba finds, equal ones one."""
 
 import operator
 import os
 import shutil
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numba import types
 from numba.core.registry import cpu_target
 from numba.core.targetconfig import TargetConfig
+from numba.core.types import abstract
+from numba.core.types.abstract import _TypeMetaclass
 from numba.core.types.functions import BaseFunction
 from numba.np import arrayobj
 
@@ -120,3 +125,25 @@ def test_remembered_signatures_are_those_that_numba_finds(asked: object) -> None
     for arguments in of.get(asked, both):
         found = [patched_compiler._call_type(function, context, arguments, {}) for _ in range(2)]
         assert found[0] == found[1] == patched_compiler._ask(function, context, arguments, {})
+
+
+class SlowLookUp(dict[Any, Any]):
+    """Who looks up what isn't there is interrupted right after."""
+
+    def get(self, key: Any, default: Any = None) -> Any:
+        found = super().get(key, default)
+        time.sleep(0.02)
+        return found
+
+
+def made_at_once(length: int) -> list[Any]:
+    with ThreadPoolExecutor(4) as threads:
+        return list(threads.map(lambda _: types.UniTuple(types.float64, length), range(4)))
+
+
+def test_equal_types_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert patched_compiler.part, "who has kernels has the change"
+    assert _TypeMetaclass._intern is patched_compiler._interned
+    monkeypatch.setattr(abstract, "_typecache", SlowLookUp(abstract._typecache))
+    made = made_at_once(70_001)
+    assert all(one is made[0] for one in made)
