@@ -23,7 +23,7 @@ from guidefield.engine import Engine  # noqa: E402
 from guidefield.errors import GuidefieldError, InternalFailure  # noqa: E402
 from guidefield.messages.requests import JointsGoal, PlanRequest, RobotReference, UrdfFile  # noqa: E402
 from guidefield.messages.scene import Scene  # noqa: E402
-from guidefield.robot.urdf.xacro_files import is_xacro  # noqa: E402
+from guidefield.robot.urdf.xml import is_xacro  # noqa: E402
 
 PLANS = 2
 DRAWS = 60

@@ -44,18 +44,16 @@ from guidefield.robot.mjcf_compilation import (
 )
 from guidefield.robot.mjcf_conversion import convert, root_is_fixed
 from guidefield.robot.model.joints import RobotConfiguration
-from guidefield.robot.model.loading import default_tip, load
+from guidefield.robot.model.loading import crosscheck, default_tip, load
 from guidefield.robot.model.mimic_joints import find_unwrapped
 from guidefield.robot.model.model import RobotModel, RobotSource, with_ball_joints
 from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
 from guidefield.robot.model.pairs import random_configuration
-from guidefield.robot.model.yourdfpy_crosscheck import crosscheck
 from guidefield.robot.urdf import srdf
 from guidefield.robot.urdf.elements import JOINT_DOF
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.urdf_validation import check_urdf
-from guidefield.robot.urdf.xacro_files import ArgumentValue, Expanded, expand, is_xacro
-from guidefield.robot.urdf.xml import read_xml
+from guidefield.robot.urdf.xml import ArgumentValue, Expanded, expand, is_xacro, read_xml
 
 PLACEMENT_TOLERANCE = 1e-9
 """Placements that differ by more than this [m, or 1], for each metre from the world's origin, are not the same."""

@@ -27,8 +27,7 @@ from guidefield.robot.mesh_files.three_mf import UNITS
 from guidefield.robot.mjcf_compilation import body_names, compile_file, import_mujoco, is_mjcf, named
 from guidefield.robot.mjcf_conversion import find_colliding, rest_configuration
 from guidefield.robot.urdf.meshes import MESH_SUFFIXES
-from guidefield.robot.urdf.xacro_files import ArgumentValue, is_xacro
-from guidefield.robot.urdf.xml import fault, read_xml, root_of
+from guidefield.robot.urdf.xml import ArgumentValue, fault, is_xacro, read_xml, root_of
 from guidefield.scene_files import clouds, sdf
 from guidefield.scene_files.builder import TO_Z_UP, Kind, SceneBuilder, cone, ellipsoid, located
 

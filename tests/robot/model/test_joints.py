@@ -29,7 +29,7 @@ def random_chart(seed: int, nv: int) -> np.ndarray:
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 def test_chart_and_configuration_are_inverse(seed: int) -> None:
     group = planned()
     z = random_chart(seed, group.nv)
@@ -40,7 +40,7 @@ def test_chart_and_configuration_are_inverse(seed: int) -> None:
 
 
 @given(seed=st.integers(0, 10_000), angle=st.sampled_from([0.0, 1e-9, 1e-5, 1e-3, 1.0, np.pi, 4.0, 2.0 * np.pi]))
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 def test_a_rotation_is_the_one_of_pinocchios_matrices(seed: int, angle: float) -> None:
     rng = np.random.default_rng(seed)
     joint = next(j for j in planned().joints if j.kind is JointKind.FLOATING)
@@ -58,7 +58,7 @@ def test_a_rotation_is_the_one_of_pinocchios_matrices(seed: int, angle: float) -
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 def test_the_tangent_map_is_the_chart_velocity_seen_by_pinocchio(seed: int) -> None:
     group = planned()
     z, dz = random_chart(seed, group.nv), random_chart(seed + 1, group.nv)
@@ -68,7 +68,7 @@ def test_the_tangent_map_is_the_chart_velocity_seen_by_pinocchio(seed: int) -> N
 
 
 @given(seed=st.integers(0, 10_000), short=st.floats(-3.0, -0.5))
-@settings(deadline=None, max_examples=18)
+@settings(max_examples=18)
 def test_a_rotation_vector_is_as_certain_near_half_a_turn_as_elsewhere(seed: int, short: float) -> None:
     """By a matrix's logarithm it was off by up to 6e-11 there, and shares of limits by 8e-8; found by tools/doubt."""
     body, rng = planned(), np.random.default_rng(seed)

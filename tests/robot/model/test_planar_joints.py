@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.engine import answer
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.model.loading import plane_rotation
+from guidefield.robot.model.model import plane_rotation
 from tests.robots import load
 
 BOX = '<collision><origin xyz="0.1 0 0"/><geometry><box size="0.2 0.1 0.05"/></geometry></collision>'

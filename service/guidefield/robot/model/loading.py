@@ -2,26 +2,42 @@
 
 The order counts: each step needs those before. Default limits here are kept by motions where no file names others, and
 are stated in docs/robots.md; the sentences are warnings of every reply about a robot that doesn't come with guidefield.
+Such a URDF is read by yourdfpy too (`crosscheck`): only warnings come of that, and `SAME_PLACEMENT`, `MOST_TOLD` and
+`BENT_SHARE` choose how many.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import io
+import logging
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from lxml import etree
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.library import RobotCard
 from guidefield.robot.model import pairs, rest
 from guidefield.robot.model.collision_shapes import Meshes, choose_shapes, read_meshes
-from guidefield.robot.model.joints import Joint, JointKind, LimitSource, Mimic, position_names, velocity_names
+from guidefield.robot.model.configuration import scalar
+from guidefield.robot.model.joints import (
+    Joint,
+    JointKind,
+    LimitSource,
+    Mimic,
+    RobotConfiguration,
+    position_names,
+    velocity_names,
+)
 from guidefield.robot.model.mimic_joints import (
     bind_ranges,
     describe_bound_rates,
     find_unwrapped,
+    follow,
     mimic_laws,
     with_unwrapped,
 )
@@ -35,6 +51,7 @@ from guidefield.robot.model.model import (
     joint_indices,
     joints_to,
     moving_joint,
+    set_planar_axes,
     with_ball_joints,
 )
 from guidefield.robot.model.neutral_names import capture_stderr, neutral_names
@@ -43,6 +60,37 @@ from guidefield.robot.urdf.elements import UrdfFacts
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.srdf import Srdf, SrdfGroup
 from guidefield.robot.urdf.urdf_validation import check_geometry_complete, check_urdf
+
+DEFAULT_ROTATION_SPEED = 1.0  # velocity limit of a rotation where URDF, card and request name none [rad/s]
+DEFAULT_TRANSLATION_SPEED = 0.5  # velocity limit of a translation likewise [m/s]
+NO_SPEED_LIMIT = 1e6  # a velocity limit of this or more represents none [rad/s or m/s]
+TIME_TO_SPEED = 0.5  # default acceleration limits let a joint reach its velocity limit in this time [s]
+FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
+"""Limits beyond this stand for none, and are taken for it [rad or m]: a motion of millions of turns could not be
+judged."""
+
+ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
+
+VIRTUAL_ROOTS = {"planar": "planar", "floating": "free"}
+"""Root joint that a virtual joint of an SRDF means, by its type."""
+
+KINDS = {
+    **{f"JointModelR{axis}": JointKind.REVOLUTE for axis in ("X", "Y", "Z", "evoluteUnaligned")},
+    **{f"JointModelR{axis}": JointKind.CONTINUOUS for axis in ("UBX", "UBY", "UBZ", "evoluteUnboundedUnaligned")},
+    **{f"JointModelP{axis}": JointKind.PRISMATIC for axis in ("X", "Y", "Z", "rismaticUnaligned")},
+    "JointModelPlanar": JointKind.PLANAR,
+    "JointModelSpherical": JointKind.SPHERICAL,
+    "JointModelFreeFlyer": JointKind.FLOATING,
+}
+"""Kind of joint by Pinocchio's name of it."""
+
+SAME_PLACEMENT = 1e-6  # placements of links that differ by more than this [m, or 1] are not the same
+MOST_TOLD = 5  # differences that get a sentence each; the others are counted
+BENT_SHARE = 0.3
+"""Where in its range each joint stands while placements are compared; the value of those without limits [rad or m]."""
+_UNREAD = ("visual", "collision", "transmission", "gazebo")
+"""Elements that the other reader isn't given: it fails at shapes that it doesn't know, and would compare nothing."""
+_SCALAR = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
 
 
 def resolve_groups(
@@ -83,30 +131,6 @@ def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -
     for inner in group.groups:
         members |= _members(model, described, inner, visiting | {name})
     return members
-
-
-DEFAULT_ROTATION_SPEED = 1.0  # velocity limit of a rotation where URDF, card and request name none [rad/s]
-DEFAULT_TRANSLATION_SPEED = 0.5  # velocity limit of a translation likewise [m/s]
-NO_SPEED_LIMIT = 1e6  # a velocity limit of this or more represents none [rad/s or m/s]
-TIME_TO_SPEED = 0.5  # default acceleration limits let a joint reach its velocity limit in this time [s]
-FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
-"""Limits beyond this stand for none, and are taken for it [rad or m]: a motion of millions of turns could not be
-judged."""
-
-ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
-
-VIRTUAL_ROOTS = {"planar": "planar", "floating": "free"}
-"""Root joint that a virtual joint of an SRDF means, by its type."""
-
-KINDS = {
-    **{f"JointModelR{axis}": JointKind.REVOLUTE for axis in ("X", "Y", "Z", "evoluteUnaligned")},
-    **{f"JointModelR{axis}": JointKind.CONTINUOUS for axis in ("UBX", "UBY", "UBZ", "evoluteUnboundedUnaligned")},
-    **{f"JointModelP{axis}": JointKind.PRISMATIC for axis in ("X", "Y", "Z", "rismaticUnaligned")},
-    "JointModelPlanar": JointKind.PLANAR,
-    "JointModelSpherical": JointKind.SPHERICAL,
-    "JointModelFreeFlyer": JointKind.FLOATING,
-}
-"""Kind of joint by Pinocchio's name of it."""
 
 
 def load(
@@ -308,40 +332,115 @@ def default_tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:
     return str(bodies[max(range(len(bodies)), key=lambda i: (depth[i], i))].name)
 
 
-# if the axis has a larger share of x, its plane is spanned from the frame's y axis; values of planar joints follow
-NEARLY_ALONG_X = 0.9
+def crosscheck(robot: RobotModel) -> RobotModel:
+    """Add a warning for whatever yourdfpy reads otherwise than Pinocchio; faults are found by `check_urdf`.
 
-
-def plane_rotation(axis: np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) from a planar joint's own axes (first, second, normal) to the joint's frame.
-
-    The normal is the joint's axis (3,), of any length but zero. The first axis is the frame's x axis projected into the
-    plane, or its y axis where the normal is nearly along x; the second completes a right-handed frame.
+    Compared are capsules, which yourdfpy doesn't know, the joints that can be given, and the placement of each link
+    with every joint bent. Placements of robots with what yourdfpy doesn't know are not compared: joints of several
+    degrees of freedom, mimic joints of mimic joints, and rotations as quaternions (URDF 1.1). No file is opened.
     """
-    normal = axis / np.abs(axis).max()
-    normal = normal / np.linalg.norm(normal)
-    start = np.eye(3)[0 if abs(normal[0]) <= NEARLY_ALONG_X else 1]
-    first = start - (start @ normal) * normal
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(normal, first), normal]) + 0.0
+    root = etree.fromstring(robot.source.urdf_text.encode())
+    told = [*_describe_capsules(robot, root), *_find_placed_otherwise(robot, root)]
+    if len(told) > MOST_TOLD:
+        told = [*told[:MOST_TOLD], f"yourdfpy reads {len(told) - MOST_TOLD} more things otherwise"]
+    return dataclasses.replace(robot, warnings=(*robot.warnings, *told)) if told else robot
 
 
-def set_planar_axes(model: Any, geometry: Any | None, axes: Mapping[int, np.ndarray]) -> None:
-    """Let planar joints move, in place, in the plane normal to their axis (3,), by index, and turn about it.
+def _describe_capsules(robot: RobotModel, root: Any) -> list[str]:
+    """Return sentences about capsules, also by `<collision_checking>`, which Pinocchio alone reads."""
+    shapes = {link.get("name"): [shape.tag for shape in link.iterfind("collision/geometry/*")] for link in root}
+    rounded = dict.fromkeys(
+        choice.link
+        for choice in robot.geometry_choices
+        if choice.shape == "capsule" and "cylinder" in shapes.get(choice.link, ())
+    )
+    unknown = [link for link, tags in shapes.items() if "capsule" in tags]
+    told = (
+        (rounded, "by <collision_checking> a cylinder is a capsule; yourdfpy and other tools read flat ends"),
+        (unknown, "yourdfpy and other tools don't know <capsule>, and see nothing there"),
+    )
+    return [f"link {', '.join(map(repr, links))}: {what}" for links, what in told if links]
 
-    The joint's own frame is turned so that its z axis is the joint's axis. What the joint carries is turned back, so
-    that links, frames and shapes stay where the URDF has them.
+
+def _find_placed_otherwise(robot: RobotModel, root: Any) -> list[str]:
+    if not _is_known_to_both(robot, root):
+        return []
+    try:
+        other = _read_by_yourdfpy(root)
+    except Exception as error:  # it raises whatever its Python raises, and a warning is all that comes of it
+        return [f"yourdfpy can't read this URDF: {type(error).__name__}: {error}"]
+    q = _choose_configuration(robot)
+    given = {joint.name: scalar(joint, q) for joint in _own_joints(robot) if joint.mimic is None}
+    if alone := given.keys() ^ set(other.actuated_joint_names):
+        return [f"yourdfpy has other joints to move: {', '.join(sorted(alone))} are not in both"]
+    other.update_cfg(given)
+    return _find_misplaced(robot, q, other)
+
+
+def _own_joints(robot: RobotModel) -> list[Joint]:
+    return list(robot.joints if robot.source.root_joint == "fixed" else robot.joints[1:])
+
+
+def _is_known_to_both(robot: RobotModel, root: Any) -> bool:
+    joints = _own_joints(robot)
+    scalar_joints = all(joint.kind in _SCALAR for joint in joints)
+    followed = {mimic.get("joint") for mimic in root.findall("joint/mimic")}
+    chained = any(joint.mimic is not None and joint.name in followed for joint in joints)
+    return scalar_joints and not chained and not root.findall(".//origin[@quat_xyzw]")
+
+
+def _read_by_yourdfpy(root: Any) -> Any:
+    import yourdfpy
+
+    for element in [found for tag in _UNREAD for found in root.iter(tag)]:
+        element.getparent().remove(element)
+    for axis in [axis for axis in root.iter("axis") if axis.get("xyz")]:  # it slides by as much as a long axis says
+        direction = np.array(axis.get("xyz").split(), float)
+        length = np.linalg.norm(direction)
+        if length > 0.0:  # that of a fixed joint may be anything
+            axis.set("xyz", " ".join(map(repr, (direction / length).tolist())))
+    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)  # what it finds is reported in the robot's warnings
+    return yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), load_meshes=False, filename_handler=str)
+
+
+def _find_misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> list[str]:
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    root = data.oMf[robot.frame_id(other.base_link)]
+    told, placed = [], _placements(other)
+    for link in other.link_map:
+        ours = root.actInv(data.oMf[robot.frame_id(link)]).homogeneous
+        apart = float(np.abs(ours - placed[link]).max())
+        if not apart <= SAME_PLACEMENT * max(1.0, float(np.abs(ours).max())):
+            told.append(f"yourdfpy places link {link!r} otherwise, by {apart:.3g}")
+    return told
+
+
+def _placements(other: Any) -> dict[str, np.ndarray]:
+    """Return the placement of each link relative to the root, (4, 4), as yourdfpy has them, joint by joint.
+
+    Asked for the root's, it optimises the order of the matrix product, in a time that grows with the cube of its
+    length.
     """
-    for index, axis in axes.items():
-        turn = pin.SE3(plane_rotation(axis), np.zeros(3))
-        if turn.isIdentity(0.0):
-            continue
-        back = turn.inverse()
-        model.jointPlacements[index] = model.jointPlacements[index] * turn
-        model.inertias[index] = back.act(model.inertias[index])
-        for child in range(1, model.njoints):
-            if model.parents[child] == index:
-                model.jointPlacements[child] = back * model.jointPlacements[child]
-        for carried in (*model.frames, *(geometry.geometryObjects if geometry is not None else ())):
-            if carried.parentJoint == index:
-                carried.placement = back * carried.placement
+    children: dict[str, list[str]] = defaultdict(list)
+    for joint in other.joint_map.values():
+        children[joint.parent].append(joint.child)
+    placed, left = {other.base_link: np.eye(4)}, [other.base_link]
+    while left:
+        link = left.pop()
+        for child in children[link]:
+            placed[child] = placed[link] @ other.get_transform(child, link)
+            left.append(child)
+    return placed
+
+
+def _choose_configuration(robot: RobotModel) -> RobotConfiguration:
+    """Return a configuration (nq,) with every joint away from zero and from its limits; mimic joints follow."""
+    q = robot.rest.copy()
+    for joint in robot.joints:
+        if joint.kind in _SCALAR:
+            limited = bool(np.isfinite([joint.lower[0], joint.upper[0]]).all())
+            value = joint.lower[0] + BENT_SHARE * (joint.upper[0] - joint.lower[0]) if limited else BENT_SHARE
+            q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+    follow(robot.joints, q)
+    return q

@@ -1,7 +1,7 @@
 """The robot as a value: Pinocchio's model with its joints and frames, the collision geometry that counts, and limits.
 
-Links and joints may share a name, and then the link's frame is meant. A model whose joints are replaced or locked keeps
-the indices of its frames.
+Links and joints may share a name, and then the link's frame is meant. A model whose joints are turned, replaced or
+locked keeps the indices of its frames.
 
 Lengths that were chosen (margins, steps, spacings) are stated for a usual arm, and scale with a robot's size. A Panda,
 a UR5, a Fetch and a Baxter reach 1.1 to 1.5 m: all lengths were chosen with them. So robots of about their reach have
@@ -60,6 +60,9 @@ corners; paths are 0.5 % longer (`tools/bench connect`). It holds for steps of t
 obstacles, and links that are in contact at the stated rest. `least_floor` of `planner/optimize/settings.py`, the lowest
 clearance of the optimiser, has the same value written out.
 """
+
+NEARLY_ALONG_X = 0.9
+"""If the axis of a planar joint has a larger share of x, its plane is spanned from the frame's y axis."""
 
 FREE = ("JointModelPlanar", "JointModelFreeFlyer")  # Pinocchio's names of joints that turn a whole robot
 
@@ -307,6 +310,41 @@ def with_ball_joints(name: str, model: Any, marked: Collection[str]) -> Any:
         if model.joints[indices[joint]].shortname() != "JointModelFreeFlyer":
             raise RobotInvalid(f"robot {name!r}: joint {joint!r} is marked as a ball but isn't floating", joint=joint)
     return with_joints(model, {indices[joint]: pin.JointModelSpherical() for joint in marked})
+
+
+def plane_rotation(axis: np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) from a planar joint's own axes (first, second, normal) to the joint's frame.
+
+    The normal is the joint's axis (3,), of any length but zero. The first axis is the frame's x axis projected into the
+    plane, or its y axis where the normal is nearly along x; the second completes a right-handed frame.
+    """
+    normal = axis / np.abs(axis).max()
+    normal = normal / np.linalg.norm(normal)
+    start = np.eye(3)[0 if abs(normal[0]) <= NEARLY_ALONG_X else 1]
+    first = start - (start @ normal) * normal
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(normal, first), normal]) + 0.0
+
+
+def set_planar_axes(model: Any, geometry: Any | None, axes: Mapping[int, np.ndarray]) -> None:
+    """Let planar joints move, in place, in the plane normal to their axis (3,), by index, and turn about it.
+
+    The joint's own frame is turned so that its z axis is the joint's axis. What the joint carries is turned back, so
+    that links, frames and shapes stay where the URDF has them.
+    """
+    for index, axis in axes.items():
+        turn = pin.SE3(plane_rotation(axis), np.zeros(3))
+        if turn.isIdentity(0.0):
+            continue
+        back = turn.inverse()
+        model.jointPlacements[index] = model.jointPlacements[index] * turn
+        model.inertias[index] = back.act(model.inertias[index])
+        for child in range(1, model.njoints):
+            if model.parents[child] == index:
+                model.jointPlacements[child] = back * model.jointPlacements[child]
+        for carried in (*model.frames, *(geometry.geometryObjects if geometry is not None else ())):
+            if carried.parentJoint == index:
+                carried.placement = back * carried.placement
 
 
 def find_size(model: Any, geometry: Any, meshes: Mapping[str, np.ndarray]) -> float:

@@ -1,17 +1,23 @@
-"""Parse the XML of robots: its encoding, elements, their numbers, and faults that name line and element.
+"""Read the XML of robots: xacro files expanded, text decoded, elements and numbers checked, faults by line and element.
 
-Text may come from clients: entities, DOCTYPEs and network access stay off (`_STRICT`).
+Text may come from clients: entities, DOCTYPEs and network access stay off (`_STRICT`). Expressions in a xacro file are
+evaluated as Python by the package xacro: only local files are expanded, never text from a client. Packages are found as
+meshes are (`meshes.py`).
 """
 
 from __future__ import annotations
 
 import codecs
 import contextlib
+import io
 import math
 import re
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.parsers.expat import ExpatError
 
 from lxml import etree
 
@@ -33,6 +39,41 @@ WIDE = {b"<\x00": "utf-16-le", b"\x00<": "utf-16-be"}  # first bytes of XML in U
 
 _DECLARED = re.compile(r"""(?:\s|<!--.*?-->)*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""", re.DOTALL)
 _LONGEST_DECLARATION = 1024
+
+Element = Any  # an element of lxml, for which there are no types
+
+LARGEST_LENGTH = 1e6
+"""No part of a robot is larger, or further from the next one [m]; beyond, placements would lose all digits."""
+
+_LATE_HEAD = re.compile(r"(?!<\?xml)\s*(?:<!--(?:(?!-->).)*-->\s*)*<\?xml\s[^>]*\?>", re.DOTALL)
+"""An XML declaration behind blank lines or comments, where XML has none."""
+
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+_A = {"URDF": "a", "SRDF": "an", "MJCF": "an", "SDF": "an"}
+EXPAND_IT = "expand it first (xacro robot.urdf.xacro > robot.urdf); a local file that ends in .xacro is expanded"
+_XACRO = "http://www.ros.org/wiki/xacro"
+_XACRO_DEFINITIONS = ("macro", "property", "arg")
+_XACRO_CONTENT = ("include", "if", "unless", "insert_block", "call", "element", "attribute")
+"""Elements of xacro that stand for parts of the robot."""
+_UNDECLARED = "NS_ERR_UNDEFINED_NAMESPACE"  # libxml2's name of the fault that a prefix isn't declared
+_STRICT = {
+    "encoding": "utf-8",
+    "resolve_entities": False,
+    "no_network": True,
+    "load_dtd": False,
+    "huge_tree": False,
+    "remove_comments": True,
+    "remove_pis": True,
+}
+
+XACRO_SUFFIX = ".xacro"
+ArgumentValue = str | bool | int | float
+
+_LOCK = threading.Lock()  # the package keeps its state in its module, so that one file is expanded at a time
+_DECLARED_ARGUMENT = re.compile(r"""<xacro:arg\s[^>]*?\bname\s*=\s*["']([^"']+)["']""")
+_USED_ARGUMENT = re.compile(r"""\$\(arg\s+([^\s)]+)\s*\)|xacro\.arg\(\s*["']([^"']+)["']\s*\)""")
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
 def read_xml(path: Path) -> str:
@@ -89,35 +130,6 @@ def _encoding_of(content: bytes, path: Path) -> str:
             f"line 1: {path.name!r} declares the unknown encoding {declared[1]!r}", line=1, path=path.name
         ) from None
     return wide if wide and encoding.startswith("utf-16") else encoding
-
-
-Element = Any  # an element of lxml, for which there are no types
-
-LARGEST_LENGTH = 1e6
-"""No part of a robot is larger, or further from the next one [m]; beyond, placements would lose all digits."""
-
-_LATE_HEAD = re.compile(r"(?!<\?xml)\s*(?:<!--(?:(?!-->).)*-->\s*)*<\?xml\s[^>]*\?>", re.DOTALL)
-"""An XML declaration behind blank lines or comments, where XML has none."""
-
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-
-
-_A = {"URDF": "a", "SRDF": "an", "MJCF": "an", "SDF": "an"}
-EXPAND_IT = "expand it first (xacro robot.urdf.xacro > robot.urdf); a local file that ends in .xacro is expanded"
-_XACRO = "http://www.ros.org/wiki/xacro"
-_XACRO_DEFINITIONS = ("macro", "property", "arg")
-_XACRO_CONTENT = ("include", "if", "unless", "insert_block", "call", "element", "attribute")
-"""Elements of xacro that stand for parts of the robot."""
-_UNDECLARED = "NS_ERR_UNDEFINED_NAMESPACE"  # libxml2's name of the fault that a prefix isn't declared
-_STRICT = {
-    "encoding": "utf-8",
-    "resolve_entities": False,
-    "no_network": True,
-    "load_dtd": False,
-    "huge_tree": False,
-    "remove_comments": True,
-    "remove_pis": True,
-}
 
 
 def parse(text: str, warnings: list[str] | None = None) -> Element:
@@ -308,3 +320,130 @@ def _drop_default_namespace(root: Element) -> None:
         if name.namespace and element.prefix is None:
             element.tag = name.localname
     etree.cleanup_namespaces(root)
+
+
+@dataclass(frozen=True)
+class Expanded:
+    """An expanded xacro file: its XML, all files that were read or optionally looked for, and xacro's warnings."""
+
+    text: str
+    files: tuple[Path, ...]
+    warnings: tuple[str, ...]
+
+
+def is_xacro(path: Path) -> bool:
+    """Tell whether a file is to be expanded, by the end of its name."""
+    return path.suffix.lower() == XACRO_SUFFIX
+
+
+def expand(
+    path: Path,
+    arguments: Mapping[str, ArgumentValue],
+    find_package: Callable[[str, list[str]], Path | None],
+    *,
+    strict: bool = True,
+) -> Expanded:
+    """Expand a xacro file.
+
+    Args:
+        arguments: Values of its arguments by name.
+        find_package: Returns the folder of a package, for `$(find name)`; gets the name and the paths in the package
+            that the file names after it.
+        strict: Refuse arguments that neither the file nor one that it includes has.
+
+    Raises:
+        RobotInvalid: if the package xacro is missing, or the file can't be expanded; names the file and the cause.
+    """
+    try:
+        import xacro
+        from xacro import substitution_args
+    except ImportError:
+        raise RobotInvalid(
+            f"{path.name} is a xacro file, which the package xacro expands: pip install 'guidefield[xacro]'",
+            path=str(path),
+        ) from None
+
+    def find(name: str) -> str:
+        named = re.compile(rf"\$\(find\s+{re.escape(name)}\s*\)/([^\s\"'<>$]+)")
+        files = dict.fromkeys((*reversed(xacro.filestack), *xacro.all_includes))
+        folder = find_package(name, [path for file in files for path in named.findall(_read_text(Path(file)))])
+        if folder is None:
+            raise RobotInvalid(f"package {name!r} was not found; name its folder: `package_dirs`, or --package-dir")
+        return str(folder)
+
+    said = io.StringIO()
+    with _LOCK, _patch(substitution_args, find), contextlib.redirect_stderr(said):
+        xacro.all_includes.clear()
+        xacro.init_stacks(str(path))
+        try:
+            document = xacro.parse(None, str(path))
+            given = {name: str(arg).lower() if isinstance(arg, bool) else str(arg) for name, arg in arguments.items()}
+            xacro.process_doc(document, mappings=given, verbosity=0)
+            text = document.toprettyxml(indent="  ")
+        except Exception as error:  # an expression in the file may raise anything
+            raise _expansion_fault(path, xacro, error) from None
+        finally:
+            files = tuple(dict.fromkeys(Path(name).absolute() for name in (str(path), *xacro.all_includes)))
+    if strict:
+        _check_arguments(path, files, arguments)
+    lines = [line.removeprefix("warning: ").strip() for line in said.getvalue().splitlines()]
+    return Expanded(text, files, tuple(f"xacro: {line}" for line in dict.fromkeys(lines) if line))
+
+
+@contextlib.contextmanager
+def _patch(module: Any, find: Callable[[str], str]) -> Iterator[None]:
+    """Let xacro find packages by our search, and not by that of an installed ROS."""
+    before = module._eval_find, module._eval_dict["find"]
+    module._eval_find = module._eval_dict["find"] = find
+    try:
+        yield
+    finally:
+        module._eval_find, module._eval_dict["find"] = before
+
+
+def _expansion_fault(path: Path, xacro: Any, error: Exception) -> RobotInvalid:
+    where = [Path(name) for name in xacro.filestack or [] if name] or [path]
+    cause: BaseException = error
+    while isinstance(getattr(cause, "exc", None), Exception):
+        cause = cause.exc  # type: ignore[attr-defined]
+    if isinstance(cause, xacro.substitution_args.ArgException):
+        how = f"`xacro_args`, or --xacro-arg {cause}:=VALUE on the command line"
+        reason = f"argument {str(cause)!r} has no value; give it: {how}"
+    elif isinstance(cause, RobotInvalid):
+        reason = cause.message
+    elif isinstance(cause, OSError):
+        reason = f"{cause.filename!r} can't be read: {cause.strerror}"
+    elif isinstance(cause, ExpatError):
+        reason = f"it is not XML: {cause}"
+    elif isinstance(cause, RecursionError):
+        reason = "it calls itself without end"
+    else:
+        said = cause if str(error).startswith("<class") else error  # the package repeats it behind its type
+        reason = " ".join(str(said).split()) or type(cause).__name__
+    inside = ""
+    if xacro.macrostack:
+        macro = xacro.macrostack[-1]
+        inside = f", in macro {macro.body.getAttribute('name')!r} of {Path(macro.history[-1][-1]).name}"
+    chain = f" (included by {where[-2].name})" if len(where) > 1 else ""
+    return RobotInvalid(f"{where[-1]}{chain}{inside}: {reason}", path=str(where[-1]))
+
+
+def _check_arguments(path: Path, files: tuple[Path, ...], arguments: Mapping[str, ArgumentValue]) -> None:
+    if not arguments:
+        return
+    known: set[str] = set()
+    for file in files:
+        text = _COMMENT.sub("", _read_text(file))
+        known.update(_DECLARED_ARGUMENT.findall(text))
+        known.update(first or second for first, second in _USED_ARGUMENT.findall(text))
+    for name in arguments:
+        if name not in known:
+            listed = f"it has {', '.join(sorted(known))}" if known else "it has none"
+            raise RobotInvalid(f"{path.name} has no xacro argument {name!r}; {listed}", path=str(path), argument=name)
+
+
+def _read_text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
