@@ -29,7 +29,7 @@ from guidefield import (
 )
 from guidefield.engine import Engine
 from guidefield.geometry import surfaces
-from guidefield.messages.kinematics_parts import TargetPose
+from guidefield.messages.conditions import TargetPose
 from guidefield.messages.requests import GivenTrajectory, LineConstraint, PlanStep
 from guidefield.messages.scene import HalfSpace, ObstacleTrajectory, PointCloud, Polygon
 from guidefield.messages.streams import Observation, StreamObstacle, StreamOpen, StreamUpdate

@@ -20,7 +20,7 @@ from guidefield import (
     UrdfText,
     answer,
 )
-from guidefield.messages.kinematics_parts import TargetPose
+from guidefield.messages.conditions import TargetPose
 from guidefield.messages.requests import OrientationCone, PlanStep
 from guidefield.messages.scene import GuidePlane, ObstacleTrajectory
 from guidefield.messages.values import Placement

@@ -7,7 +7,7 @@ import pytest
 import guidefield
 from guidefield.errors import InvalidConfiguration, MalformedRequest
 from guidefield.handlers.configurations import configurations_from, rates_from, whole_group
-from guidefield.messages.kinematics_parts import ConfigurationTable
+from guidefield.messages.conditions import ConfigurationTable
 from guidefield.messages.values import Placement
 from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.robot.model.joints import POSITION_SUFFIXES

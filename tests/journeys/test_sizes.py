@@ -16,7 +16,7 @@ from guidefield import (
     UrdfText,
     answer,
 )
-from guidefield.messages.kinematics_parts import TargetPose
+from guidefield.messages.conditions import TargetPose
 from tests.recorder.runs import Recording
 
 

@@ -598,7 +598,7 @@ def mcp(
 
     It asks a service, and never moves a robot: plan, certify, clearance, inverse kinematics, robots, scenes.
     """
-    from guidefield.mcp_server.server import serve_stdio
+    from guidefield.mcp_server import serve_stdio
 
     try:
         serve_stdio(tuple(connect or ()), name, config, user)

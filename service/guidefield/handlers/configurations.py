@@ -18,7 +18,7 @@ import numpy as np
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.errors import InvalidConfiguration, MalformedRequest, at_path
 from guidefield.geometry.surfaces import se3
-from guidefield.messages.kinematics_parts import ConfigurationBatch, ConfigurationTable, JointRates, PackedNumbers
+from guidefield.messages.conditions import ConfigurationBatch, ConfigurationTable, JointRates, PackedNumbers
 from guidefield.messages.requests import Positions
 from guidefield.messages.values import QUATERNION_TOLERANCE, Placement
 from guidefield.robot.group.group import PlanningGroup

@@ -14,24 +14,22 @@ from typing import Annotated, Literal
 import msgspec
 
 from guidefield.messages.conditions import (
-    AllowedCollisions,
-    AttachedObjects,
-    RobotReference,
-    SceneReference,
-    settle_scene,
-)
-from guidefield.messages.kinematics_parts import (
     MOST_POINTS,
     MOST_POSES,
     MOST_STARTS,
+    AllowedCollisions,
+    AttachedObjects,
     ConfigurationBatch,
     JointRates,
     PackedNumbers,
     Payload,
+    RobotReference,
+    SceneReference,
     TargetPose,
     require_finite_batch,
     require_finite_points,
     require_rates,
+    settle_scene,
 )
 from guidefield.messages.plan_reply import Rows
 from guidefield.messages.values import (

@@ -21,6 +21,7 @@ from guidefield.messages.certify_reply import (
     MotionClearance as MotionClearance,
     Place as Place,
 )
+from guidefield.messages.conditions import PackedNumbers as PackedNumbers
 from guidefield.messages.execution import ExecutionFigures as ExecutionFigures, MotionDeviation as MotionDeviation
 from guidefield.messages.kinematics import (
     ClearanceReply as ClearanceReply,
@@ -33,7 +34,6 @@ from guidefield.messages.kinematics import (
     PointPotentialReply as PointPotentialReply,
     RobotPotentialReply as RobotPotentialReply,
 )
-from guidefield.messages.kinematics_parts import PackedNumbers as PackedNumbers
 from guidefield.messages.plan_reply import (
     CartesianUse as CartesianUse,
     CertificateFigures as CertificateFigures,

@@ -10,14 +10,17 @@ from guidefield.messages.conditions import (
     ROBOT_DESCRIPTIONS as ROBOT_DESCRIPTIONS,
     AttachedObject as AttachedObject,
     CartesianLimit as CartesianLimit,
+    ConfigurationTable as ConfigurationTable,
     JointLimits as JointLimits,
     LineConstraint as LineConstraint,
     Objective as Objective,
     OrientationCone as OrientationCone,
     PathConstraint as PathConstraint,
+    Payload as Payload,
     PlaneConstraint as PlaneConstraint,
     RobotReference as RobotReference,
     SceneReference as SceneReference,
+    TargetPose as TargetPose,
     UrdfFile as UrdfFile,
     UrdfText as UrdfText,
 )
@@ -31,11 +34,6 @@ from guidefield.messages.kinematics import (
     KinematicsRequest as KinematicsRequest,
     Potential as Potential,
     ReferenceFrame as ReferenceFrame,
-)
-from guidefield.messages.kinematics_parts import (
-    ConfigurationTable as ConfigurationTable,
-    Payload as Payload,
-    TargetPose as TargetPose,
 )
 from guidefield.messages.plan_request import (
     Attach as Attach,

@@ -19,9 +19,9 @@ import numpy as np
 from guidefield.geometry.surfaces import se3
 from guidefield.memo import memoized
 from guidefield.messages import replies, requests, scene as messages
+from guidefield.messages.conditions import PackedNumbers
 from guidefield.messages.execution import ExecutionOptions
 from guidefield.messages.kinematics import PackedClearance
-from guidefield.messages.kinematics_parts import PackedNumbers
 from guidefield.messages.scene import Points
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import ORIGIN, Float32Array, Placement, Vector3, WorldPoint
