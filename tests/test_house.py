@@ -1,4 +1,4 @@
-"""The house itself: what is packaged, what its pages say, and the rules that no other tool keeps."""
+"""The house itself: what its pages say, and the rules that no other tool keeps."""
 
 import ast
 import re
@@ -270,3 +270,28 @@ def test_tools_in_python_are_linted_like_the_rest() -> None:
 def test_tools_can_be_run() -> None:
     for tool in ("tools/demo", "tools/test", "tools/environment", ".ci/run"):
         assert (HOUSE / tool).stat().st_mode & 0o111, tool
+
+
+ROOT = Path(__file__).parents[1]
+CONTRIBUTING_PACKAGE = ROOT / "service" / "guidefield"
+TEXT = (ROOT / "CONTRIBUTING.md").read_text()
+WALKS = TEXT.partition("## Three walks")[2].partition("## Where a change goes")[0]
+CHANGES = TEXT.partition("## Where a change goes")[2].partition("\n## ")[0]
+
+
+def defined(file: str) -> set[str]:
+    """Functions and methods of a file."""
+    nodes = ast.walk(ast.parse((CONTRIBUTING_PACKAGE / file).read_text()))
+    return {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)}
+
+
+def test_each_stop_of_a_walk_is_a_function_of_its_file() -> None:
+    stops = re.findall(r"`([a-z_/]+\.py)` `(\w+)`", WALKS)
+    assert len(stops) > 25
+    assert [f"{file} {name}" for file, name in stops if name not in defined(file)] == []
+
+
+def test_walks_and_changes_name_files_that_there_are() -> None:
+    files = set(re.findall(r"`([a-z_/]+\.py)`", WALKS + CHANGES))
+    assert sorted(file for file in files if not (CONTRIBUTING_PACKAGE / file).is_file()) == []
+    assert WALKS.count("\n10. ") == 3

@@ -1,4 +1,4 @@
-"""The files for systemd and for containers: their own tools find nothing wrong, and what they start is there."""
+"""Files for systemd, containers and releases: their own tools find nothing wrong, and they agree."""
 
 import json
 import re
@@ -6,10 +6,14 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 from typer.main import get_command
 
 from guidefield.cli import app
@@ -103,3 +107,40 @@ def test_the_container_starts_a_service_and_asks_for_its_health() -> None:
     assert f"http://127.0.0.1:{options['metrics']}/health" in check[-1]
     compile(check[-1], "health", "exec")
     assert told["USER"].isdecimal()
+
+
+PROJECT = tomllib.loads((HOUSE / "pyproject.toml").read_text())["project"]
+CONDA_NAMES = {"pin": "pinocchio", "mapbox-earcut": "mapbox_earcut", "xxhash": "python-xxhash"}
+"""Packages that conda-forge has by other names than PyPI."""
+
+
+def _read(name: str) -> Any:
+    return yaml.safe_load((HOUSE / name).read_text())
+
+
+def _needed() -> dict[str, SpecifierSet]:
+    needed = map(Requirement, PROJECT["dependencies"])
+    return {CONDA_NAMES.get(one.name, one.name): one.specifier for one in needed}
+
+
+def test_the_environment_of_conda_has_what_the_package_needs() -> None:
+    environment = tomllib.loads((HOUSE / "pixi.toml").read_text())
+    declared = environment["dependencies"] | environment["pypi-dependencies"]
+    own = {name: SpecifierSet(declared.pop(name).replace("*", "")) for name in ("python", "pip", "setuptools")}
+    assert own["python"].contains("3.11")
+    assert {name: SpecifierSet(text) for name, text in declared.items()} == _needed()
+
+
+def test_the_recipe_has_what_the_package_needs() -> None:
+    recipe = _read("tools/deploy/recipe.yaml")
+    lines = [line.partition(" ") for line in recipe["requirements"]["run"] if line != "__unix"]
+    declared = {name: SpecifierSet(text) for name, _, text in lines}
+    assert declared.pop("python") == SpecifierSet(PROJECT["requires-python"])
+    assert declared == _needed()
+    assert recipe["build"]["python"]["entry_points"] == [f"guidefield = {PROJECT['scripts']['guidefield']}"]
+
+
+def test_one_version_stands_everywhere() -> None:
+    told = {_read("CITATION.cff")["version"], _read("tools/deploy/recipe.yaml")["context"]["version"]}
+    told.add(re.findall(r"^## (\S+)", (HOUSE / "CHANGELOG.md").read_text(), re.MULTILINE)[0])
+    assert told == {PROJECT["version"]}

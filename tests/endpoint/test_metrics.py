@@ -1,4 +1,4 @@
-"""Metrics are what `info` tells, in a text that Prometheus' own parser reads; health answers from the first second."""
+"""Metrics, health and traces: Prometheus' own parser reads them, and every query has one span."""
 
 import json
 import re
@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from guidefield.cli.serving import free_port
-from guidefield.endpoint.monitoring import Meter, metrics_server
+from guidefield.endpoint.monitoring import Meter, metrics_server, no_trace, opentelemetry_trace
 from guidefield.endpoint.service import ServiceSettings, serve
 from guidefield.handlers.info import Figures, brief_info
 from guidefield.messages.replies import Disk, Health, InfoReply, UserFigures
@@ -146,3 +146,26 @@ def test_the_page_has_every_metric() -> None:
         families = list(parser.text_string_to_metric_families(_answer(port, "/metrics")[2]))
     there = {family.name + ("_total" if family.type == "counter" else "") for family in families}
     assert {name.removesuffix("_total") for name in told} == {name.removesuffix("_total") for name in there}
+
+
+def test_a_query_has_one_span() -> None:
+    reason = "OpenTelemetry is not installed: pip install 'guidefield[otel]'"
+    sdk = pytest.importorskip("opentelemetry.sdk.trace", reason=reason)
+    from opentelemetry.sdk.trace.export import SimpleSpanProcessor
+    from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
+
+    kept, provider = InMemorySpanExporter(), sdk.TracerProvider()
+    provider.add_span_processor(SimpleSpanProcessor(kept))
+    begin = opentelemetry_trace(provider)
+    first, second = begin("plan", "guidefield/local/plan"), begin("info", "guidefield/local/info")
+    second("answered")
+    first("refused")
+    told = [
+        (span.name, span.attributes["guidefield.key"], span.attributes["guidefield.outcome"])
+        for span in kept.get_finished_spans()
+    ]
+    assert told == [("info", "guidefield/local/info", "answered"), ("plan", "guidefield/local/plan", "refused")]
+
+
+def test_nothing_is_traced_unless_asked_for() -> None:
+    no_trace("plan", "guidefield/local/plan")("answered")

@@ -1,3 +1,5 @@
+"""The disk cache: computed once, again after an edit or damage; its files of arrays are read as they were written."""
+
 import ast
 import functools
 import logging
@@ -11,7 +13,15 @@ import numpy as np
 import pytest
 
 from guidefield.geometry import cache
-from guidefield.geometry.cache import find_or_compute, folder
+from guidefield.geometry.cache import (
+    MAPPED,
+    Draft,
+    allocate_in_memory,
+    find_or_compute,
+    folder,
+    read_arrays,
+    write_arrays,
+)
 
 SOURCES = Path(cache.__file__).parents[1]
 INPUTS = {"points": np.arange(12.0).reshape(4, 3), "delta": np.array(0.015)}
@@ -207,3 +217,58 @@ def test_what_a_source_names_is_what_python_reads_of_it() -> None:
             elif isinstance(node, ast.Import):
                 read.update(alias.name for alias in node.names)
         assert {name for name in read if name.startswith(cache._COMPUTING)} == cache._find_named(source), path
+
+
+MANY = 3 * MAPPED // 8
+LAYOUT = {"numbers": ("<f8", (MANY,)), "kinds": ("<i4", (3, 5)), "none": ("<f4", (0, 2)), "some": ("|u1", (7,))}
+
+
+def filled(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(0)
+    for array in arrays.values():
+        array[...] = rng.integers(0, 100, array.shape)
+    return arrays
+
+
+def check_arrays(arrays: dict[str, np.ndarray] | None, written: dict[str, np.ndarray]) -> None:
+    assert list(arrays) == list(written)
+    for name, array in arrays.items():
+        assert array.dtype == written[name].dtype
+        assert array.shape == written[name].shape
+        assert array.tobytes() == written[name].tobytes()
+        assert not array.flags.writeable
+        assert array.flags.c_contiguous
+        assert array.ctypes.data % array.itemsize == 0
+
+
+def test_what_is_made_in_place_is_read_again(tmp_path: Path) -> None:
+    path, wanted = tmp_path / "folder" / "entry", filled(allocate_in_memory(LAYOUT))
+    draft = Draft(path)
+    made = draft.allocate(LAYOUT)
+    assert not any(array.any() for array in made.values())
+    filled(made)
+    assert read_arrays(path) is None, "it isn't whole yet"
+    kept, size = draft.keep()
+    draft.drop()
+    assert size == path.stat().st_size > MAPPED
+    check_arrays(kept, wanted)
+    check_arrays(read_arrays(path), wanted)
+    assert list(path.parent.iterdir()) == [path]
+    in_place = path.read_bytes()
+    write_arrays(path, wanted)
+    assert path.read_bytes() == in_place, "it is the same file, whoever writes it"
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9999])
+@pytest.mark.parametrize("bit", [0, 7])
+def test_one_bit_that_is_another_is_found(
+    share: float, bit: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "entry"
+    write_arrays(path, filled(allocate_in_memory(LAYOUT)))
+    content = bytearray(path.read_bytes())
+    content[int(share * len(content))] ^= 1 << bit
+    path.write_bytes(content)
+    with caplog.at_level(logging.WARNING):
+        assert read_arrays(path) is None
+    assert "damaged" in caplog.text

@@ -1,17 +1,31 @@
-"""Configurations in every form of a request are the same array."""
+"""Configurations in every form, and rows of a client's columns, are the same arrays and local coordinates."""
 
 import msgspec
 import numpy as np
+import pinocchio as pin
 import pytest
+from hypothesis import given, settings, strategies as st
 
 import guidefield
 from guidefield.errors import InvalidConfiguration, MalformedRequest
-from guidefield.handlers.configurations import configurations_from, rates_from, whole_group
+from guidefield.handlers.configurations import (
+    Columns,
+    chart_points,
+    chart_rates,
+    configurations_from,
+    first_positions,
+    rates_from,
+    require_same_joints,
+    velocity_names_of,
+    whole_group,
+)
 from guidefield.messages.conditions import ConfigurationTable
 from guidefield.messages.values import Placement
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import configuration_from_wire
-from guidefield.robot.model.joints import POSITION_SUFFIXES
-from tests.robots import box_arm, load, robot
+from guidefield.robot.model.joints import POSITION_SUFFIXES, ROTATION, VELOCITY_SUFFIXES
+from tests.robots import box_arm, grouped, load, robot
 
 MIXED = box_arm("y floating planar y", 4)
 FRAMES = {"type": "forward_kinematics", "robot": "panda", "frames": ["panda_hand"]}
@@ -32,8 +46,8 @@ class TestForms:
         rows = np.random.default_rng(0).uniform(-1.0, 1.0, (5, len(names)))
         wanted = np.array([configuration_from_wire(model, one) for one in dicts(names, rows)])
         packed = ConfigurationTable(names, float64=rows.astype("<f8").tobytes())
-        for given in (dicts(names, rows), ConfigurationTable(names, rows=rows.tolist()), packed):
-            assert np.array_equal(configurations_from(model, given), wanted)
+        for form in (dicts(names, rows), ConfigurationTable(names, rows=rows.tolist()), packed):
+            assert np.array_equal(configurations_from(model, form), wanted)
         turned = [*reversed(names)]
         other = ConfigurationTable(turned, rows=rows[:, ::-1].tolist())
         assert np.array_equal(configurations_from(model, other), wanted)
@@ -52,8 +66,8 @@ class TestForms:
         assert np.array_equal(configurations_from(model, [values])[0], wanted)
 
     def test_nothing_asked_is_nothing_answered(self):
-        for given in ([], {"names": JOINTS, "rows": []}, {"names": JOINTS, "float64": b""}):
-            assert guidefield.answer({**FRAMES, "configurations": given}).placements == []
+        for form in ([], {"names": JOINTS, "rows": []}, {"names": JOINTS, "float64": b""}):
+            assert guidefield.answer({**FRAMES, "configurations": form}).placements == []
 
     def test_a_table_is_the_same_through_json(self):
         asked = {**FRAMES, "configurations": {"names": JOINTS, "float64": ROWS.tobytes()}, "packed": True}
@@ -110,3 +124,120 @@ class TestFaults:
     def test_what_is_no_table(self, given: object, told: str):
         with pytest.raises(MalformedRequest, match=told):
             guidefield.answer({**FRAMES, "configurations": given})
+
+
+SEEDS = st.integers(0, 2**32 - 1)
+KINDS = ("x slide continuous", "planar y", "floating x", "x mimic", "continuous gear", "wide continuous planar")
+
+
+def smooth(planned: PlanningGroup, seed: int, rows: int = 9) -> np.ndarray:
+    """Chart points (n, nv) one next to the other, several turns long where angles have no limits."""
+    rng = np.random.default_rng(seed)
+    z = planned.chart(planned.random(rng)) + np.cumsum(rng.uniform(-0.5, 0.9, size=(rows, planned.nv)), axis=0)
+    for joint in planned.joints:  # a rotation vector stays shorter than a turn
+        if joint.kind in ROTATION:
+            at = slice(joint.idx_v + joint.nv - 3, joint.idx_v + joint.nv)
+            z[:, at] *= 3.0 / max(3.0, np.linalg.norm(z[:, at], axis=1).max())
+    return z
+
+
+def columns_of(planned: PlanningGroup, names: list[str]) -> Columns:
+    return Columns.named("position_names", names, planned.robot, POSITION_SUFFIXES)
+
+
+def started_at(planned: PlanningGroup, columns: Columns, rows: np.ndarray) -> PlanningGroup:
+    """The same group with the first row as its origin."""
+    q = configuration_from_wire(planned.robot, first_positions(columns, rows, planned.robot))
+    return select(planned.robot, [joint.name for joint in planned.joints], None, q, pin.SE3.Identity())
+
+
+@settings(max_examples=12)
+@given(seed=SEEDS, kinds=st.sampled_from(KINDS))
+def test_columns_of_a_reply_in_any_order_are_the_same_motion(seed: int, kinds: str) -> None:
+    planned = grouped(box_arm(kinds, 0))
+    z = smooth(planned, seed)
+    order = np.random.default_rng(seed).permutation(len(planned.position_names))
+    rows = np.array([planned.wire_positions(point) for point in z])[:, order]
+    columns = columns_of(planned, [planned.position_names[k] for k in order])
+    placed = started_at(planned, columns, rows)
+    found, warnings = chart_points(columns, rows, placed, "path")
+    assert warnings == []
+    for point, given_ in zip(found, z, strict=True):
+        np.testing.assert_allclose(placed.expand_from_chart(point), planned.expand_from_chart(given_), atol=1e-9)
+    plain = [j.idx_v for j in planned.joints if j.nv == 1]
+    np.testing.assert_array_equal(found[:, plain], z[:, plain])
+
+
+@settings(max_examples=18)
+@given(seed=SEEDS)
+def test_angles_within_one_turn_go_the_shorter_way(seed: int) -> None:
+    planned = grouped(box_arm("continuous x", 0))
+    z = smooth(planned, seed, rows=20)
+    wrapped = z.copy()
+    wrapped[:, 0] = np.arctan2(np.sin(z[:, 0]), np.cos(z[:, 0]))
+    columns = columns_of(planned, planned.position_names)
+    found, warnings = chart_points(columns, wrapped.copy(), planned, "path")
+    np.testing.assert_allclose(np.diff(found, axis=0), np.diff(z, axis=0), atol=1e-9)
+    assert len(warnings) == int(np.abs(np.diff(wrapped[:, 0])).max() > np.pi)
+
+
+@settings(max_examples=18)
+@given(seed=SEEDS, kinds=st.sampled_from(KINDS))
+def test_velocities_are_tangents(seed: int, kinds: str) -> None:
+    planned = grouped(box_arm(kinds, 0))
+    z, rates = smooth(planned, seed), np.random.default_rng(seed).normal(size=(9, planned.nv))
+    rows = np.array([planned.tangent_map(point) @ rate for point, rate in zip(z, rates, strict=True)])
+    columns = Columns.named("velocity_names", planned.velocity_names, planned.robot, VELOCITY_SUFFIXES)
+    np.testing.assert_allclose(chart_rates(columns, rows, planned, z, "velocities"), rates, atol=1e-7)
+
+
+def test_a_follower_may_have_a_column_that_says_what_its_law_says() -> None:
+    planned = grouped(box_arm("x mimic", 0))
+    columns = columns_of(planned, ["j2", "j1"])
+    rows = np.array([[-0.5 * x + 0.2, x] for x in (0.0, 0.4, 1.0)])
+    np.testing.assert_array_equal(chart_points(columns, rows, planned, "path")[0], rows[:, 1:])
+    rows[2, 0] += 0.01
+    with pytest.raises(InvalidConfiguration, match=r"path\[2\].*'j2' follows 'j1'.*0.01 off"):
+        chart_points(columns, rows, planned, "path")
+    assert velocity_names_of(columns, planned.robot) == ["j2", "j1"]
+    rates = Columns.named("velocity_names", ["j2", "j1"], planned.robot, VELOCITY_SUFFIXES)
+    assert chart_rates(rates, np.array([[-0.5, 1.0]]), planned, rows[:1, 1:], "velocities").tolist() == [[1.0]]
+    with pytest.raises(InvalidConfiguration, match="follows 'j1'"):
+        chart_rates(rates, np.array([[0.5, 1.0]]), planned, rows[:1, 1:], "velocities")
+
+
+def test_a_follower_of_a_joint_without_a_column_stands_still() -> None:
+    planned = grouped(box_arm("x mimic y", 0))
+    alone = select(planned.robot, ["j3"], None, planned.robot.rest, pin.SE3.Identity())
+    columns = columns_of(alone, ["j2", "j3"])
+    assert chart_points(columns, np.array([[0.2, 0.0], [0.2, 0.7]]), alone, "path")[0].tolist() == [[0.0], [0.7]]
+    with pytest.raises(InvalidConfiguration, match=r"path\[1\].*follows 'j1'"):
+        chart_points(columns, np.array([[0.2, 0.0], [0.3, 0.7]]), alone, "path")
+
+
+@pytest.mark.parametrize(
+    ("names", "why"),
+    [
+        (["j1", "j9"], "'j9'"),
+        (["j1", "j1"], "2 times"),
+        (["j1", "j2.x", "j2.y"], "lacks 'j2.theta'"),
+        (["j1", "j2"], "'j2'"),
+    ],
+)
+def test_names_that_are_no_columns_are_refused(names: list[str], why: str) -> None:
+    with pytest.raises(InvalidConfiguration, match=why):
+        Columns.named("position_names", names, load(box_arm("x planar", 0)), POSITION_SUFFIXES)
+
+
+def test_rows_that_are_no_configurations_are_refused() -> None:
+    planned = grouped(box_arm("floating x", 0))
+    columns = columns_of(planned, planned.position_names)
+    row = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.3]
+    with pytest.raises(InvalidConfiguration, match=r"path\[1\].*norm 1, it has 1.1"):
+        chart_points(columns, np.array([row, [*row[:6], 1.1, 0.3]]), planned, "path")
+    with pytest.raises(InvalidConfiguration, match=r"path\[1\].*j2 may be 10000"):
+        chart_points(columns, np.array([row, [*row[:7], 1e5]]), planned, "path")
+    with pytest.raises(MalformedRequest, match="no column of joint 'j2'"):
+        require_same_joints(
+            columns, Columns.named("velocity_names", planned.velocity_names[:6], planned.robot, VELOCITY_SUFFIXES)
+        )

@@ -23,7 +23,7 @@ from guidefield.scene.crop import Ball, crop, nearest_obstacles
 from guidefield.scene.scene import Scene, build
 from tests.handlers.test_plan import PATIENT, READY
 from tests.robots import group, random_configuration, robot
-from tests.scene.test_crop_large import grid, mesh
+from tests.scene.test_crop import grid, mesh
 
 COUNT = 90  # squares a side: more than ten thousand triangles
 

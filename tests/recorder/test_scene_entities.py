@@ -1,4 +1,4 @@
-"""Obstacles that move, in a recording: where their motion has them, by plain arithmetic."""
+"""Obstacles and the field in a recording: where they are and move, by plain arithmetic."""
 
 import numpy as np
 import pinocchio as pin
@@ -6,6 +6,7 @@ import pinocchio as pin
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.recorder import entities
+from guidefield.recorder.entities import RESOLUTION, picture_of_plane
 from guidefield.scene.scene import build
 
 HINGE = (1.0, 0.0, 0.0)
@@ -54,3 +55,28 @@ def _corners(box: messages.Box) -> np.ndarray:
     """Of a box in its own frame, shape (8, 3)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return 0.5 * signs * box.size
+
+
+TIP = np.array([[-0.5, 0.0, 0.4], [0.0, 0.1, 0.5], [0.5, 0.0, 0.6]])
+
+
+def test_there_is_a_flat_picture_with_the_way_and_one_at_its_place() -> None:
+    ball = messages.Sphere(name="ball", radius=0.1, position=(0.0, 0.4, 0.5))
+    chunks = {
+        chunk.entity_path: chunk.to_record_batch()
+        for chunk in picture_of_plane(build(messages.Scene(name="s", obstacles=[ball])), TIP, (0.0, 0.0, 0.0))
+    }
+    assert set(chunks) == {"/field/picture", "/field/slice"}
+    corners = np.array(chunks["/field/slice"].column("Mesh3D:vertex_positions").to_pylist()[0])
+    across, down = corners[1] - corners[0], corners[3] - corners[0]
+    shares = (TIP - corners[0]) @ np.array([across / (across @ across), down / (down @ down)]).T
+    assert ((shares > 0.0) & (shares < 1.0)).all()
+    way = np.array(chunks["/field/picture"].column("LineStrips2D:strips").to_pylist()[0][0])
+    longest = max(np.linalg.norm(across), np.linalg.norm(down))
+    np.testing.assert_allclose(
+        np.linalg.norm(np.diff(way, axis=0), axis=1),
+        np.linalg.norm(np.diff(shares * [np.linalg.norm(across), np.linalg.norm(down)], axis=0), axis=1)
+        * RESOLUTION
+        / longest,
+        rtol=0.05,
+    )

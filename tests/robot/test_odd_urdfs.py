@@ -1,12 +1,16 @@
-"""Whatever a URDF and an SRDF say, a robot comes of it or a sentence: never another error."""
+"""Whatever a URDF, an SRDF and meshes say, a robot comes of it or a sentence: never another error."""
 
 import copy
 import os
 import random
+import subprocess
+import sys
+from pathlib import Path
 
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
+from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.catalog import Catalog
 
@@ -171,3 +175,11 @@ def refusal(robot: UrdfText, seed: int) -> str | None:
     except Exception as error:
         raise AssertionError(f"seed {seed}: {type(error).__name__}: {error}") from error
     return None
+
+
+def test_a_process_survives_them(tmp_path: Path) -> None:
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": str(cache_folder().parents[1])}
+    command = [sys.executable, "-X", "faulthandler", "-m", "tests.robot.odd_meshes", "2", "2"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "2 served\n3 served\n"

@@ -1,4 +1,4 @@
-"""Kernels call machine code by name, parts have none; remembered types are those that numba finds, equal ones one."""
+"""Kernels call each other's machine code by name, parts have none, and types are those that numba finds."""
 
 import operator
 import os
@@ -8,8 +8,9 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 import pytest
 from numba import types
@@ -20,8 +21,23 @@ from numba.core.types.abstract import _TypeMetaclass
 from numba.core.types.functions import BaseFunction
 from numba.np import arrayobj
 
+from guidefield.kernels.field.field import frozen
 from guidefield.kernels.jit import patched_compiler
-from guidefield.kernels.jit.arrays import SCALAR, VECTOR, VECTOR_OUT
+from guidefield.kernels.jit.arrays import (
+    SCALAR,
+    VECTOR,
+    VECTOR_OUT,
+    Bits,
+    Indices,
+    IndicesOut,
+    Row,
+    RowOut,
+    Rows,
+    RowsOut,
+    Singles,
+    array_types,
+    numba_type,
+)
 from guidefield.kernels.jit.decorators import inlined
 from guidefield.kernels.jit.patched_compiler import kernel, quicken
 from tests.kernels.jit.copies import compiling_package
@@ -147,3 +163,46 @@ def test_equal_types_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(abstract, "_typecache", SlowLookUp(abstract._typecache))
     made = made_at_once(70_001)
     assert all(one is made[0] for one in made)
+
+
+class Inner(NamedTuple):
+    """All alike, as numba tells such tuples from others."""
+
+    rows: Rows
+    more: Rows
+
+
+class Outer(NamedTuple):
+    """Something of each kind."""
+
+    size: int
+    share: float
+    inner: Inner
+    row: Row
+    row_out: RowOut
+    rows_out: RowsOut
+    indices: Indices
+    indices_out: IndicesOut
+    singles: Singles
+    bits: Bits
+
+
+def test_the_type_is_the_one_that_numba_finds_of_a_value() -> None:
+    rows = frozen(np.eye(3))
+    value = Outer(
+        size=3,
+        share=0.5,
+        inner=Inner(rows, rows),
+        row=frozen(np.ones(2)),
+        row_out=np.ones(2),
+        rows_out=np.eye(2),
+        indices=frozen(np.arange(3)),
+        indices_out=np.arange(3),
+        singles=frozen(np.ones(2, np.float32)),
+        bits=np.zeros(2, np.uint32),
+    )
+    assert numba_type(Outer) == numba.typeof(value)
+    assert numba_type(Inner) == numba.typeof(value.inner)
+    assert array_types(Outer) == {
+        name: array.dtype for name, array in value._asdict().items() if isinstance(array, np.ndarray)
+    }

@@ -1,13 +1,15 @@
-"""How the tip moves with the chart: against Pinocchio's Jacobian and against differences of its positions."""
+"""The tip's motion with the local coordinates: against Pinocchio's Jacobian, the tangent map and differences."""
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given, settings, strategies as st
 
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.catalog import Catalog
-from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.group.kinematics import Kinematics, tangent_accelerations, tangents
 from guidefield.robot.group.reduced_model import select
+from tests.robot.model.test_joints import planned
 from tests.robots import box_arm, group, grouped
 
 JOINTS = ["slide y x", "continuous y x", "y x mimic y", "continuous x screw y", "planar y x", "floating y"]
@@ -44,3 +46,23 @@ def test_a_tip_beside_other_arms_is_where_pinocchio_has_it() -> None:
         kinematics, zs = Kinematics(planned), np.random.default_rng(1).normal(size=(5, planned.nv))
         wanted = [kinematics.tip_position(planned.expand_from_chart(z)) for z in zs]
         np.testing.assert_allclose(kinematics.tip_positions(zs), wanted, atol=1e-12)
+
+
+SIZES = st.sampled_from([0.0, 1e-9, 1e-3, 0.1, 0.14, 0.15, 1.0, 2.5])
+
+
+@given(seed=st.integers(0, 2**32 - 1), size=SIZES)
+@settings(max_examples=12)
+def test_rows_are_what_the_tangent_map_makes_of_each(seed: int, size: float) -> None:
+    flying, rng = planned(), np.random.default_rng(seed)
+    zs, rates, accelerations = rng.normal(size=(3, 4, flying.nv))
+    zs *= size
+    maps = [flying.tangent_map(z) for z in zs]
+    expected = [T @ dz for T, dz in zip(maps, rates, strict=True)]
+    np.testing.assert_allclose(tangents(flying, zs, rates), expected, atol=1e-12)
+    h = 1e-5
+    for z, T, dz, ddz, found in zip(
+        zs, maps, rates, accelerations, tangent_accelerations(flying, zs, rates, accelerations), strict=True
+    ):
+        turning = (flying.tangent_map(z + h * dz) - flying.tangent_map(z - h * dz)) / (2.0 * h)
+        np.testing.assert_allclose(found, T @ ddz + turning @ dz, atol=1e-7)
