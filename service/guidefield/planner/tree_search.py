@@ -318,7 +318,7 @@ class _TreeMemory:
             judged=judged,
             hits=np.full(3 * SIEVE, -1, np.int64),
             path=np.empty(2 * nv * capacity),
-            buckets=buckets_for(nv, capacity if capacity > lane_nodes.LATE else 0),
+            buckets=buckets_for(nv, capacity if capacity >= lane_nodes.LATE else 0),
         )
         return cls.of(search)
 

@@ -70,3 +70,16 @@ def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
     filled, members = buckets.filled[buckets.n :], buckets.members[buckets.n * BUCKET :].reshape(-1, BUCKET)
     held = [members[i, : filled[i]] for i in range(state[STATE + 1])]
     np.testing.assert_array_equal(np.sort(np.concatenate(held)), np.arange(state[STATE + KNOWN]))
+
+
+def test_memory_for_as_many_nodes_as_are_examined_one_by_one_has_buckets() -> None:
+    """512 goals under path constraints make such a tree, and it may be full."""
+    rng, size = np.random.default_rng(0), lane_nodes.LATE
+    room, points = _TreeMemory.build(5, size), spread("even", size, rng).astype(np.float32)
+    held_by(room.search)[0][0, :, :size] = points.T
+    room.search.counters[lane_nodes.SIZE] = size
+    targets, nodes = spread("even", 50, rng).astype(np.float32), np.zeros(50, np.int64)
+    assert len(room.search.buckets.filled) > 0
+    sampling = sampling_of(0.0 * WRAPS)
+    nearest_nodes(room.words, pack(sampling), 0, targets, nodes)
+    np.testing.assert_array_equal(nodes, apart(points[None], targets[:, None], 0.0 * WRAPS).argmin(axis=1))

@@ -132,3 +132,19 @@ def test_turning_on_the_spot_may_take_its_time() -> None:
     refused = certify_straight(way, arm, turns, aside[None])
     assert refused.reason is Reason.PATH_CONSTRAINT
     assert refused.parameter == pytest.approx(0.0, abs=0.6)
+
+
+def test_a_refusal_names_the_first_piece_that_leaves_the_way() -> None:
+    """The elbow moves aside within the first piece, so that the second begins beside the way."""
+    arm = group("panda")
+    kinematics, z = Kinematics(arm), arm.chart(arm.random(np.random.default_rng(3)))
+    last = z.copy()
+    last[-1] = z[-1] + 0.5
+    ends = [kinematics.frame_placement(arm.expand_from_chart(one), arm.tip_id) for one in (z, last)]
+    aside = z + np.array([0.0, 0.5, 1.0])[:, None] * (last - z)
+    aside[1:, 3] += 1e-2
+    pieces = np.stack([aside[:-1], aside[1:]], axis=1)
+    way = StraightWay(arm.tip, *ends, 1e-4, 1e-3)
+    refused = certify_straight(way, arm, World.build(arm, scene_of()).bodies.turns, pieces)
+    assert refused.piece == 0
+    assert 0.0 < refused.parameter < 0.1

@@ -245,12 +245,16 @@ def certify_straight(
             index, start, _, control = batch[0]
             return Verdict(Reason.STOPPED, evaluations, index, start, (index, start), None, control[0])
         evaluations += len(batch)
-        halves = []
-        for (index, start, end, control), bound in zip(batch, frame.bounds([one[-1] for one in batch]), strict=True):
+        halves: list[tuple[int, float, float, ChartPoints]] = []
+        for place, bound in enumerate(frame.bounds([one[-1] for one in batch])):
             if bound.within(way):
                 continue
+            index, start, end, control = batch[place]
             narrow = np.ptp(control, axis=0).max() <= CONSTRAINT_RESOLUTION
             if narrow or not frame.off(control[0]).within(way):
+                if halves:  # whether the way is left before this isn't decided yet
+                    waiting.extendleft(reversed(batch[place:]))
+                    break
                 return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, control[0])
             (one, other), half = halve_curves(control[None]), 0.5 * (start + end)
             halves += [(index, start, half, one), (index, half, end, other)]
