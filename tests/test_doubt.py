@@ -199,7 +199,7 @@ def test_hpp_finds_contacts_along_cubics_of_an_arm(tmp_path: Path) -> None:
             asked.append(one)
             replies.append(reply.certificate)
     assert {reply.reason for reply in replies} == {"free", "contact"}, replies
-    for said, reply in zip(hpp.heard([hpp.case(known.model, one) for one in asked], 120.0), replies, strict=True):
+    for said, reply in zip(hpp.heard([hpp.case(one) for one in asked], 120.0), replies, strict=True):
         assert said.answer == reply.reason
         assert said.answer == "free" or said.at >= reply.free_until.time
 
@@ -261,9 +261,9 @@ def test_a_link_inside_of_another_is_refused_by_everybody(tmp_path: Path) -> Non
         came = doubted(known, asked)
         assert came.found == ()
         assert came.reply.certificate.reason == reason
-        assert refereed(known, asked, came.reply) == (Outcome.AGREES, [])
+        assert refereed(asked, came.reply) == (Outcome.AGREES, [])
     lie = certified(ENGINE.answer(replace(asked, path=[[0.0, 0.0], [0.0, 0.1]])))
-    outcome, found = refereed(known, replace(asked, path=[[0.0, 0.0], [0.0, 0.1]]), lie)
+    outcome, found = refereed(replace(asked, path=[[0.0, 0.0], [0.0, 0.1]]), lie)
     assert outcome is Outcome.DISAGREES
     assert "inside a closed mesh" in found[0].said
 

@@ -25,21 +25,8 @@ from guidefield.robot.catalog import Catalog
 from guidefield.robot.model.model import RobotModel
 
 ARMS = (
-    "panda",
-    "ur5",
-    "ur5_joint_limited",
-    "ur10_joint_limited",
-    "ur3_joint_limited",
-    "xarm7",
-    "kinova",
-    "z1",
-    "so100",
-    "so101",
-    "talos_left_arm",
-    "tiago",
-    "baxter",
-    "pr2",
-    "anymal-kinova",
+    *("panda", "ur5", "ur5_joint_limited", "ur10_joint_limited", "ur3_joint_limited", "xarm7", "kinova", "z1"),
+    *("so100", "so101", "talos_left_arm", "tiago", "baxter", "pr2", "anymal-kinova"),
 )
 
 

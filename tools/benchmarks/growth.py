@@ -87,14 +87,13 @@ ANSWERS = 50
 Row = tuple[float, float, float]
 """Processor times [s] and memory [MB]."""
 
-_SCRIPT = f"import sys; sys.path.insert(0, {str(TOOLS)!r}); from benchmarks.growth_process import main; main()"
-
 
 def measure_in_process(subject: str, size: int) -> Row:
     """Measure a size in a process of its own, which finds no geometry on disk."""
     with tempfile.TemporaryDirectory(prefix="guidefield-") as cache:
         alone = {"XDG_CACHE_HOME": cache, "NUMBA_CACHE_DIR": str(cache_folder().parents[1])}
-        command = [sys.executable, "-c", _SCRIPT, subject, str(size)]
+        alone["PYTHONPATH"] = f"{TOOLS}{os.pathsep}{TOOLS.parent}"
+        command = [sys.executable, "-m", "benchmarks.growth_process", subject, str(size)]
         done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **alone}, check=False)
     if done.returncode:
         raise RuntimeError(f"{subject} {size}: {done.stderr[-2000:]}")

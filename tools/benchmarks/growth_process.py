@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.robots import box_arm
 
 import guidefield
 from benchmarks import grown
@@ -77,19 +78,11 @@ def held(count: int, draw: int) -> Made:
 
 
 def joints(count: int, draw: int) -> Made:
-    """An arm of cylinders, 4 m long, that bends a little; another draw is another arm."""
-    length, parts = 4.0 / count, [f'<robot name="arm{draw}"><link name="l0"/>']
-    for k in range(1, count + 1):
-        parts.append(
-            f'<link name="l{k}"><collision><origin xyz="0 0 {0.5 * length}"/><geometry>'
-            f'<cylinder radius="0.0{30 + draw}" length="{0.8 * length}"/></geometry></collision></link>'
-            f'<joint name="j{k}" type="revolute">'
-            f'<parent link="l{k - 1}"/><child link="l{k}"/><origin xyz="0 0 {length if k > 1 else 0.0}"/>'
-            f'<axis xyz="{k % 2} {1 - k % 2} 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
-        )
+    """An arm of boxes, 4 m long, that bends a little; another draw is another arm."""
+    arm = box_arm(" ".join("xy"[k % 2] for k in range(count)), count, (4.0 + 0.1 * draw) / (count + 1))
     far = [{"type": "box", "name": "far", "size": [0.1, 0.1, 0.1], "position": [9.0, 0.0, 0.0]}]
     bent = {f"j{k}": 0.3 / count for k in range(1, count + 1)}
-    robot = {"type": "urdf", "text": "".join([*parts, "</robot>"])}
+    robot = {"type": "urdf", "text": arm.text}
     return {**grown.plan(far), "robot": robot, "start": {}, "goal": {"type": "joints", "positions": bent}}
 
 
@@ -172,3 +165,7 @@ def main() -> None:
 def _memory(field: str) -> float:
     """What the system tells of this process's memory [MB]."""
     return int(Path("/proc/self/status").read_text().partition(f"{field}:")[2].split()[0]) / 1e3
+
+
+if __name__ == "__main__":
+    main()

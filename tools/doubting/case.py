@@ -88,7 +88,7 @@ def contradicted(loaded: Loaded, request: Request) -> tuple[Disagreement, ...]:
     came = doubted(loaded, request)
     if came.found or not isinstance(came.reply, CertifyReply) or not isinstance(request, CertifyRequest):
         return came.found
-    return tuple(refereed(loaded, request, came.reply)[1] or validated(loaded, request, came.reply)[1])
+    return tuple(refereed(request, came.reply)[1] or validated(loaded, request, came.reply)[1])
 
 
 def _smaller(request: Request) -> Iterator[Request]:

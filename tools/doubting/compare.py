@@ -130,12 +130,9 @@ def covered_from(covers: str, curve: Curve) -> float:
     _, _, after = covers.partition(" after ")
     if not after:
         return float(curve.times[0])
-    number = after.removeprefix("row ").removesuffix(" s")
     if after.startswith("row "):
-        row = float(number)
-        k = min(int(row), len(curve.times) - 2)
-        return float(curve.times[k] + (row - k) * (curve.times[k + 1] - curve.times[k]))
-    return float(number)
+        return time_of(curve, float(after.removeprefix("row ")))
+    return float(after.removesuffix(" s"))
 
 
 def about_plan(

@@ -12,17 +12,13 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from guidefield import case_file
-from guidefield.deadline import Deadline
-from guidefield.handlers.certify_problem import certify_problem
+from guidefield.engine import motions_of
 from guidefield.messages.requests import CertifyRequest
-from guidefield.robot.model.model import RobotModel
-from guidefield.scene.scene import build
 
 HERE = Path(__file__).resolve().parent
 VENV = HERE.parents[1] / ".venv-hpp"
@@ -68,22 +64,9 @@ def install() -> str:
     return "" if installed() else f"{WANTED} has no libraries where they are expected"
 
 
-def case(model: RobotModel, request: CertifyRequest) -> dict[str, Any]:
+def case(request: CertifyRequest) -> dict[str, Any]:
     """The motion of a request as the referee's file has it."""
-    problem, _ = certify_problem(request, model, build(request.scene), Deadline(time.monotonic() + 60.0))
-    motion = case_file.Motion(
-        world=problem.world,
-        placement=request.robot_placement,
-        held=request.attached_objects,
-        times=problem.motion.times,
-        positions=problem.motion.positions,
-        velocities=problem.motion.velocities,
-        jerk_limits=problem.jerk_limits,
-        min_clearance=request.min_clearance,
-        path_constraints=request.path_constraints,
-    )
-    (plain,) = json.loads(json.dumps(case_file.make_cases(motion)))
-    return {**plain}
+    return json.loads(json.dumps(case_file.make_cases(*motions_of(request))))[0]
 
 
 def heard(cases: list[dict[str, Any]], seconds: float) -> list[Heard]:

@@ -48,13 +48,13 @@ SAID_BY_HPP = {
 """How what HPP says stands to the certificate, where nothing contradicts it."""
 
 
-def refereed(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> tuple[Outcome, list[Disagreement]]:
+def refereed(request: CertifyRequest, reply: CertifyReply) -> tuple[Outcome, list[Disagreement]]:
     """Ask the referee about a motion that the certificate has judged."""
     verdict = reply.certificate
     refused = not verdict.collision_free
     if " after " in verdict.covers or (refused and verdict.reason not in ("contact", "too close", "undecided")):
         return Outcome.NOT_ASKED, []
-    case, extra = case_of(_told(loaded, request, reply)), 0.0
+    case, extra = case_of(_told(request, reply)), 0.0
     if refused:
         extra = MOVING if any(one.trajectory for one in _obstacles(request)) else OFF
         if verdict.pair and {*verdict.pair} not in map(set, Along(case, 0.0, 0.0, SECONDS).names):
@@ -77,7 +77,7 @@ def validated(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> t
     free = verdict.collision_free
     if not hpp.installed() or " after " in verdict.covers or not (free or verdict.reason == "contact"):
         return Outcome.NOT_ASKED, []
-    (heard,) = hpp.heard([hpp.case(loaded.model, request)], HPP_SECONDS)
+    (heard,) = hpp.heard([hpp.case(request)], HPP_SECONDS)
     until = verdict.free_until.row if verdict.free_until.time is None else verdict.free_until.time
     if heard.answer == "contact" and (free or heard.at < until - BEYOND):
         said = f"free until {until:.9g}, but HPP finds {heard.pair} in contact at {heard.at:.9g}"
@@ -103,9 +103,9 @@ def _obstacles(request: CertifyRequest) -> list[Obstacle]:
     return request.scene.obstacles
 
 
-def _told(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> dict[str, Any]:
+def _told(request: CertifyRequest, reply: CertifyReply) -> dict[str, Any]:
     """The motion as the referee's file has it, without limits of rates that the reply says are exceeded."""
-    case = hpp.case(loaded.model, request)
+    case = hpp.case(request)
     for rate in RATES:
         use = getattr(reply.limits, rate)
         if use.steps or (use.share is not None and use.share > 1.0):

@@ -13,6 +13,11 @@ from typing import Any
 
 HOUSE = Path(__file__).resolve().parents[2]
 FILE = "units.jsonl"
+GROUPS = (
+    *("aligned", "robot", "joint", "obstacle", "plan", "status", "mutant"),
+    *("verdict", "near", "left out", "referee", "proof", "hpp"),
+)
+"""Of counts that are told with their parts."""
 
 
 @dataclass(frozen=True)
@@ -80,21 +85,7 @@ def told(folder: Path) -> str:
         f" undecided {counts['referee undecided']}, not judged {counts['referee not judged']}",
         f"disagreements: {counts['disagreements']}",
     ]
-    for group in (
-        "aligned",
-        "robot",
-        "joint",
-        "obstacle",
-        "plan",
-        "status",
-        "mutant",
-        "verdict",
-        "near",
-        "left out",
-        "referee",
-        "proof",
-        "hpp",
-    ):
+    for group in GROUPS:
         rows = {key.partition(":")[2]: count for key, count in counts.items() if key.startswith(f"{group}:")}
         if rows:
             lines.append(f"{group}: " + ", ".join(f"{key} {rows[key]}" for key in sorted(rows, key=lambda k: -rows[k])))

@@ -59,10 +59,8 @@ class Work:
             return self.aligned(motions)
         began = time.monotonic()
         robot = robots.drawn(np.random.default_rng([self.seed]))
-        try:
-            loaded = Loaded.of(robot, self.folder / "robots", self.engine)
-        except GuidefieldError as error:
-            self.counts[f"left out:robot {type(error).__name__}"] += 1
+        loaded = self._load(robot, "robot")
+        if loaded is None:
             return self._ended(began)
         if not loaded.movable:
             self.counts["left out:robot that can't move"] += 1
@@ -71,10 +69,8 @@ class Work:
         size, larger = sized.drawn_size(np.random.default_rng([self.seed, 3]), robot), loaded
         if size != 1.0:
             self.counts[f"size:{'smaller' if size < 1.0 else 'larger'}"] += 1
-            try:
-                larger = Loaded.of(sized.sized_robot(robot, size), self.folder / "robots", self.engine)
-            except GuidefieldError as error:
-                self.counts[f"left out:sized robot {type(error).__name__}"] += 1
+            larger = self._load(sized.sized_robot(robot, size), "sized robot")
+            if larger is None:
                 return self._ended(began)
         for index in range(plans):
             self._plan(loaded, index, changed, larger, size)
@@ -83,10 +79,8 @@ class Work:
     def aligned(self, motions: int = ALIGNED) -> Unit:
         """Motions with exact symmetries, by one arm."""
         began, rng = time.monotonic(), np.random.default_rng([self.seed, 1])
-        try:
-            loaded = Loaded.of(aligned.arm(rng), self.folder / "robots", self.engine)
-        except GuidefieldError as error:
-            self.counts[f"left out:robot {type(error).__name__}"] += 1
+        loaded = self._load(aligned.arm(rng), "robot")
+        if loaded is None:
             return self._ended(began)
         self.counts["robot:aligned"] += 1
         for index in range(motions):
@@ -98,6 +92,14 @@ class Work:
             self.counts[f"aligned:{one.kind}"] += 1
             self._mutant(loaded, "aligned", one.request, f"seed {self.seed}, aligned {index}, {one.kind}", asked_too)
         return self._ended(began)
+
+    def _load(self, robot: robots.Robot, what: str) -> Loaded | None:
+        """Load a robot; None if the service refuses it, which is counted."""
+        try:
+            return Loaded.of(robot, self.folder / "robots", self.engine)
+        except GuidefieldError as error:
+            self.counts[f"left out:{what} {type(error).__name__}"] += 1
+            return None
 
     def _ended(self, began: float) -> Unit:
         return Unit(self.seed, time.monotonic() - began, dict(self.counts), self.files, commit())
@@ -154,17 +156,15 @@ class Work:
         other = robots.geared(rng, loaded.robot)
         if other is None or "mutant:geared" in self.counts:
             return
-        try:
-            changed = Loaded.of(other, self.folder / "robots", self.engine)
-        except GuidefieldError as error:
-            self.counts[f"left out:geared robot {type(error).__name__}"] += 1
+        changed = self._load(other, "geared robot")
+        if changed is None:
             return
         request = msgspec.structs.replace(request, robot=changed.reference)
         self._mutant(changed, "geared", request, f"{origin}, geared", asked_too=True)
 
     def _refereed(self, loaded: Loaded, kind: str, request: CertifyRequest, came: Doubted) -> Doubted:
         """The same with what the referee and HPP say."""
-        outcome, found = refereed(loaded, request, came.reply)
+        outcome, found = refereed(request, came.reply)
         if outcome is not Outcome.NOT_ASKED:
             self.counts["referee plans" if kind == "same" else "referee mutants"] += 1
             self.counts[f"referee:{outcome}"] += 1
