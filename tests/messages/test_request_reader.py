@@ -13,7 +13,7 @@ from guidefield.messages.codec import read_request
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import Box, Scene
 from guidefield.messages.values import Float32Array, Uint32Array
-from guidefield.scene.content import corners_in
+from guidefield.scene.obstacle_message import corners_in
 
 COUNT = 2500
 

@@ -32,8 +32,7 @@ from guidefield.robot.model.model import GeometryChoice, RobotModel, frame_index
 from guidefield.robot.urdf.elements import NO_LENGTH
 from guidefield.scene import obstacle, scene as scenes
 from guidefield.scene.cloud import MOST_IN_BODIES
-from guidefield.scene.content import are_many, content_of, count_of
-from guidefield.scene.motion import put_at
+from guidefield.scene.obstacle_message import are_many, content_of, count_of, put_at
 from guidefield.scene.scene import Scene
 
 CARRIED = (messages.Placed, messages.Sphere)

@@ -36,9 +36,9 @@ from guidefield.prove.tables import prepare_obstacles
 from guidefield.robot.link_bounds import COVERS, DELTA, MOST_PARTS, PARTS, ShapeTask, find_in_parallel
 from guidefield.robot.link_charges import link_bodies, surface_samples
 from guidefield.robot.model.model import RobotModel
-from guidefield.scene.content import are_many
 from guidefield.scene.crop import crop, has_large, has_many
 from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.obstacle_message import are_many
 from guidefield.scene.scene import Scene, unplaced
 
 _log = logging.getLogger(__name__)

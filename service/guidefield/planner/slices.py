@@ -30,10 +30,9 @@ from guidefield.robot.model.joints import ChartPoint
 from guidefield.robot.model.model import MARGIN
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.cloud import covering
-from guidefield.scene.content import count_of
-from guidefield.scene.motion import put_at
 from guidefield.scene.movers import MovingBall, motion_of, movers
 from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.obstacle_message import count_of, put_at
 
 
 @dataclass(frozen=True)

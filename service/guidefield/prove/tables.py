@@ -27,8 +27,8 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup, memoized_for_alike
 from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.joints import ChartPoint
-from guidefield.scene.content import points_in
 from guidefield.scene.movers import motion_of, movers
+from guidefield.scene.obstacle_message import points_in
 from guidefield.scene.scene import Scene, build, unplaced
 
 ROUNDED = 1e-5  # obstacles whose corners single precision rounds by more are seen from an anchor [m]

@@ -25,7 +25,7 @@ from guidefield.messages.kinematics import PackedClearance
 from guidefield.messages.scene import Points
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import ORIGIN, Float32Array, Placement, Vector3, WorldPoint
-from guidefield.scene.content import points_in
+from guidefield.scene.obstacle_message import points_in
 from guidefield.scene.scene import Scene, build
 
 FAR = 100.0

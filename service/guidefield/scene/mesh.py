@@ -31,7 +31,7 @@ from guidefield.geometry.surfaces import extents
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages.scene import Points, Triangles
 from guidefield.parallel import run_parallel
-from guidefield.scene.content import corners_in, count_of, points_in
+from guidefield.scene.obstacle_message import corners_in, count_of, points_in
 
 Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
 """Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface; not before they are needed."""

@@ -16,8 +16,8 @@ import numpy as np
 
 from guidefield.memo import memoized
 from guidefield.read_only import ReadOnly
-from guidefield.scene.motion import ObstacleMotion, ball_rates
 from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.obstacle_message import ObstacleMotion, ball_rates
 from guidefield.scene.scene import Scene
 
 ROUNDING = 1e-6  # margin of the boxes: this times 1 m plus the distance from the origin and the travel

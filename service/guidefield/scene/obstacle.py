@@ -2,8 +2,9 @@
 
 Its parts are made on demand by a `Recipe`, and must all mean one shape; a primitive's row for kernels is made at once
 (`primitive.PLACED`, read by kernels/collide and `distance_tables.py`). A further kind of obstacle needs an
-entry in `BUILDERS` (a primitive in `PRIMITIVES`), and one of the referee's. If it isn't `messages.Placed`, motion.py,
-anchor.py and prove/tables.py have to move it; if it may have very many numbers, content.py has to hash them.
+entry in `BUILDERS` (a primitive in `PRIMITIVES`), and one of the referee's. If it isn't `messages.Placed`,
+obstacle_message.py, anchor.py and prove/tables.py have to move it; if it may have very many numbers, the first has to
+hash them.
 """
 
 from __future__ import annotations
@@ -29,10 +30,9 @@ from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SP
 from guidefield.memory import BYTES_PER_FACE, OBSTACLES, BoundedMap
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
-from guidefield.scene.content import Content, content_of, points_in
 from guidefield.scene.guide_plane import Sheet, axes_across, build_sheets
 from guidefield.scene.mesh import CroppedSurface, JudgedMesh, extent_of, judge_mesh, solids_of
-from guidefield.scene.motion import ObstacleMotion, put_at
+from guidefield.scene.obstacle_message import Content, ObstacleMotion, content_of, points_in, put_at
 from guidefield.scene.recipe import Charges, Facets, Recipe
 
 HALF_SPACE_PATCH = 4.0  # side of the square that represents a half-space in drawings [m]

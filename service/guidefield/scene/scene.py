@@ -26,11 +26,10 @@ from guidefield.memory import BUILT_SCENES, BYTES_PER_FACE, BoundedMap, Limit, p
 from guidefield.messages import scene as messages
 from guidefield.messages.scene_changes import Derivation, FrozenFacts, frozen_facts
 from guidefield.scene import guide_plane, obstacle
-from guidefield.scene.content import Content, are_many, change_content, scene_content
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.incremental import Rows, incremental, note_change
-from guidefield.scene.motion import ObstacleMotion, put_at
 from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.obstacle_message import Content, ObstacleMotion, are_many, change_content, put_at, scene_content
 
 OPENING = 0.2
 """In the field, parts of a large mesh smaller than this times their distance are expanded: good to 5e-4, as

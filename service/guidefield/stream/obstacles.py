@@ -24,8 +24,8 @@ from guidefield.messages.values import ORIGIN, Vector3
 from guidefield.prove.tables import ARITHMETIC, parts_in_world, rounding_of
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.scene import obstacle as obstacles
-from guidefield.scene.motion import put_at
 from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.obstacle_message import put_at
 from guidefield.scene.scene import Scene
 from guidefield.stream.commit import ClosedSurface, SeenObstacles
 from guidefield.stream.shapes import StreamShape, read_only_views, shape_of

@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.scene.motion import ObstacleMotion, put_at
+from guidefield.scene.obstacle_message import ObstacleMotion, put_at
 from guidefield.scene.scene import build
 
 HALF = float(np.sqrt(0.5))
