@@ -175,7 +175,8 @@ def test_the_referee_and_hpp_contradict_what_is_false_alone(
     if judge == "validated" and not hpp.installed():
         pytest.skip("HPP isn't installed; `tools/doubt --hpp` does it")
     reply = change(ENGINE.answer(slide(until)))
-    outcome, found = getattr(refereed, judge)(loaded(tmp_path), slide(until), reply)
+    given = (slide(until), reply) if judge == "refereed" else (loaded(tmp_path), slide(until), reply)
+    outcome, found = getattr(refereed, judge)(*given)
     expected = (refereed.Outcome.DISAGREES, 1) if change in (certified, refused) else (refereed.Outcome.AGREES, 0)
     assert (outcome, len(found)) == expected
 
