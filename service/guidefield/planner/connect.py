@@ -7,7 +7,7 @@ Batches judge motions by samples only: what they find is a proposal to the certi
 that is optimised anyway need not be certified before, because that moves it away from where samples overlooked
 something; one within path constraints never is. So the constants here decide whether a path is found, which one for a
 request's seed, and how soon, never what counts as free or kept; those that count something stay above 0.
-service/docs/algorithm.md, "Connect", repeats some.
+service/docs/algorithm.md repeats some.
 """
 
 from __future__ import annotations

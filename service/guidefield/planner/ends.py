@@ -6,8 +6,8 @@ configuration that reaches it: twice the tolerance of the position, and twice th
 distance from the tip. Convex bodies that are deeper in each other than that touch at every configuration that reaches
 the target: else a plane would part them at one, and a way no longer than that along its normal would, too.
 
-`SURE_DEPTH` belongs to this proof, and must be more than Coal's error of a depth. The other numbers change which
-configurations are found for a request's seed, and how soon. Statuses and details are those of the wire.
+`SURE_DEPTH` belongs to this proof, and must be more than Coal's error of a depth. The other numbers change whether and
+which configurations are found for a request's seed, and how soon. Statuses and details are those of the wire.
 """
 
 from __future__ import annotations

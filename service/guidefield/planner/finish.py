@@ -11,8 +11,8 @@ come to rest before its limit or an obstacle, the plan is refused. Among obstacl
 and the run to the goal as they come to rest.
 
 Every motion that is returned has the certificate's verdict, whatever the numbers here; they change which motion it is,
-and the time. `LOST`, `OVERLOADED`, `STOPPING` and `STOPS` are warnings of replies; `_START` and `_GOAL` name fields of
-the wire.
+if one is free, and the time. `LOST`, `OVERLOADED`, `STOPPING` and `STOPS` are warnings of replies; `_START` and `_GOAL`
+name fields of the wire.
 """
 
 from __future__ import annotations

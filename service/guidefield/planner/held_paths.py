@@ -1,7 +1,7 @@
 """Connect to goals and planes; find paths as if moving obstacles were gone, or stood where they are at chosen times.
 
 `goal_among_movers.py` schedules and certifies the paths, `plan.py` and it the connections: the order of holdings and
-the shares of time (`WAYS` of slices.py) change which is tried first, not what is free. A holding's draw seeds
+the shares of time (here, and `WAYS` of slices.py) change which is found, not what is free. A holding's draw seeds
 its search, so a new one belongs at the end.
 """
 

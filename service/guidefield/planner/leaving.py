@@ -3,7 +3,7 @@
 Until bodies that touched at the start keep a distance again, `LEFT_DISTANCE` at least, they must not come closer, by
 more than `DISTANCE_ERROR`, at samples; all other pairs are certified until then, and from then on all are. So samples
 (`WAY_OUT_SAMPLES` of a plan's way out, `SPACING` and `INTERVAL` of given motions) enter the verdict on the way out of
-contact and nothing else: closer ones overlook less and take longer. Lengths and directions are a search.
+contact, and where it ends: closer ones overlook less. Lengths and directions without a way out refuse the plan.
 """
 
 from __future__ import annotations

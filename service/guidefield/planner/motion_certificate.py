@@ -2,7 +2,7 @@
 
 What plans and sequences call certified is what `judge` says here: free (`prove/`), within the path constraints and,
 of a drawn curve, within the limits of rates. Numbers of rows and of attempts change how often a motion is refused or
-slowed down, never the verdict about one; `CERTIFY_GRACE_S` lets answers come so much after the deadline.
+slowed down, never the verdict about one; `CERTIFY_GRACE_S` is of the 50 ms that docs/service.md lets answers be late.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ CERTIFY_GRACE_S = 0.03
 MOST_PARTS = 64
 """Most parts of a span between knots, by which rows are added until the drawn curve is certified: docs/execution.md."""
 REFINED = 0.5  # twice the rows must leave no more than this share of an excess, or the motion is slowed down. A choice
-MOST_SLOWED = 8  # how often a motion is slowed down at most until the drawn curve keeps all limits
+MOST_SLOWED = 8  # most times that a motion is slowed down, by 1e-9 more at first, then by ten times that each time
 
 
 @dataclass(frozen=True, eq=False)

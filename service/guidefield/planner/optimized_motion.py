@@ -3,8 +3,8 @@
 Among obstacles at rest, a motion that the certificate refuses is optimised again with more weight on the clearance and
 more samples; then with samples where it touched. Among obstacles that move there is a certified motion already: its
 wait stays a wait, the rest is optimised with every obstacle where it is at the time, the departure too if there is a
-wait, and the result is taken if it is better and certified. `LOOKS` changes how often that is tried, `GAINED` how fast
-motions within limits of the whole are.
+wait, and the result is taken if it is better and certified. `LOOKS` limits how often motions that are refused, or
+beyond torques and speeds, are optimised again, `GAINED` how fast motions within limits of the whole are.
 """
 
 from __future__ import annotations

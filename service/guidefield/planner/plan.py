@@ -1,7 +1,7 @@
 """Plan a motion, stage by stage: check the ends, cross guide planes, connect, optimise, certify.
 
 Guide planes are crossed by the guided planner; where it gets stuck, `auto` goes on by a connection. A `Plan` always has
-a verdict: one that failed has that of its path as far as it got. Handlers build the reply of it.
+a verdict: one that failed has that of its path as far as it got. `Planner` and stages' names are words of the wire.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Measure a motion: its distances from everything along the way, its length and its smoothness.
 
-The constants decide what a figure of a reply means; docs and messages state `END_LENGTH`, `LAST_SEARCH_S` and the
-accuracies. How many samples there are changes `mean`, `smoothness`, the recorded profile, and the depth of a motion in
-contact; smallest distances above 0 are exact anyway.
+The constants decide what a figure of a reply means; messages state `END_LENGTH` and `LAST_SEARCH_S`. How many samples
+there are changes `mean`, `smoothness`, the recorded profile, and the depth of a motion in contact; smallest distances
+above 0 have the search's tolerance anyway.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ LENGTH_STEPS = 100  # least number of chords by which the length of a path is me
 
 LENGTH_SHARE = 5e-5
 """Pieces are divided on where their lengths by chords and by chords twice as long differ by more, all together, than
-this share of the whole. The messages promise lengths to a share of 1e-4; of the public problems' motions they were off
-by 3e-7 at most."""
+this share of the whole. Tests hold lengths to a share of 1e-4; of the public problems' motions they were off by 3e-7
+at most."""
 
 LENGTH_LEVELS = 10  # divisions at most: a piece is 1000 times shorter by then, and so is what is missing
 
 SAMPLE_SPACING = 0.05
-"""Joint distance between samples of the clearance [rad, or m at size 1]: a choice, as the next five, that decides what
+"""Joint distance between samples of the clearance [rad, or m at size 1]: a choice, as the next four, that decides what
 a figure means."""
 
 MAX_SAMPLES = 100  # samples at most
@@ -103,7 +103,7 @@ class SmallestDistance:
 
     @property
     def exact(self) -> bool:
-        """True if no distance is smaller by more than the tolerance; in contact it is that of the deepest sample."""
+        """True if no distance is smaller by more than the tolerance; in contact it is the deepest measured."""
         return self.pair is None or self.distance <= 0.0 or self.distance - self.bound <= 1.01 * self.tolerance
 
 

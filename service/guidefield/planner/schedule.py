@@ -2,8 +2,8 @@
 
 A schedule is found on cells of the path and slices of time (kernels/timing/path_parameterization.py), by the numbers of
 `SCHEDULE` (slices.py). Its motion (`retime`) keeps the limits of rates exactly, or there is none; where the rate
-changes its curve is beside the path a little, so it is certified anew. `KNOTS` may be changed, for a motion closer to
-the schedule or fewer pieces; `ROUNDING` has to stay below `LIMIT_TOLERANCE` of prove/verdict.py, the certificate's.
+changes its curve is beside the path a little, so it is certified anew. `KNOTS` changes how close it is to the schedule,
+and how often it keeps limits; `ROUNDING` has to stay below `LIMIT_TOLERANCE` of prove/verdict.py, the certificate's.
 """
 
 from __future__ import annotations

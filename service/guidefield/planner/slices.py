@@ -1,9 +1,9 @@
 """Moving obstacles as obstacles at rest: copies over each slice of time, or standing where they are at chosen times.
 
 `SCHEDULE` and `WAYS` are the settings of schedules and of paths among what moves (`schedule.py`, goal_among_movers.py,
-held_paths.py): more of them find more, and take longer; but finer rates and steps reach `most_steps` and `most_states`
-sooner, and then find less. service/docs/algorithm.md repeats two. Schedules are proposals to the certificate; until
-when a place is free is its own verdict (`find_meeting`, `find_free_from`).
+held_paths.py): larger counts and finer slices find more, and take longer; but finer rates and steps reach `most_steps`
+and `most_states` sooner, and then find less. service/docs/algorithm.md has `rates` and `slice_length`. Schedules are
+proposals to the certificate; until when a place is free is its own verdict (`find_meeting`, `find_free_from`).
 """
 
 from __future__ import annotations
@@ -257,7 +257,7 @@ def _reach(world: World) -> tuple[np.ndarray, float]:
     return centre, float(away[bodies.joints > 0].max())
 
 
-KNOWN_TO = 0.01  # accuracy of the times until which, and from which on, a place is free [s]
+KNOWN_TO = 0.01  # accuracy of the times until which, and from which on, a place is free [s], above 0
 
 
 def find_meeting(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None]:

@@ -16,7 +16,7 @@ the axis of the earlier joint times the column of the later one, whose length R 
 at most; 1 for a slide. P and Q take what the constraint counts of a velocity; P turns with the frame, by t at most in
 all. If the smaller of both bounds can't exceed a limit, the curve keeps it; else it is halved.
 
-So every term has to stay an upper bound; `DEPTHS` alone is a matter of time, and of how deep a contact is said to be.
+So every term has to stay an upper bound; `DEPTHS`, from 2 on, changes time, and in contact depths, pairs and means.
 """
 
 from __future__ import annotations
@@ -232,8 +232,8 @@ def smallest_along(
 ) -> SearchResult:
     """Find the smallest distances along a motion among obstacles in time.
 
-    They are at most `search.TOLERANCE` too large, and Coal confirms each where it is. Where bodies are in contact the
-    smallest is the signed distance at the worst of `DEPTHS` samples in contact, the first and last among them.
+    They are at most `search.TOLERANCE` too large; Coal confirms each where it is. In contact it is the signed distance
+    at the worst of where contact was found and `DEPTHS` samples in contact with obstacles, first and last included.
 
     Args:
         samples: In order, the ends of the motion among them, shape (k,) [s].

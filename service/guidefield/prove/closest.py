@@ -1,7 +1,8 @@
 """Clearance and contact at many configurations: kernels find the candidates for the closest pair, Coal measures those.
 
-What is reported is always Coal's: the kernels' margins (`NEARLY` of kernels/prove/tables.py; `within`) must cover their
-error, or pairs are missed. `MAX_PAIRS` is memory and time.
+Distances are Coal's: the kernels' margins (`NEARLY` of kernels/prove/tables.py; `within`) must cover their error, or
+pairs are missed. Above `MAX_PAIRS` pairs Coal also decides what is within `NEARLY`, unconfirmed or not, and of pairs
+equally near, as all in contact may be, another may be named, with its points.
 """
 
 from __future__ import annotations
@@ -37,7 +38,6 @@ def world_at(world: World, time: float) -> World:
 def _find_enclosed_pairs_at(
     world: World, qs: Sequence[ModelConfiguration], times: Iterable[float], since: int = 0
 ) -> Iterator[list[int]]:
-    """Yield what `find_enclosed_pairs` does, among obstacles where they are at one time [s] for each configuration."""
     if not world.scene.moves or (world.scene.convex and not find_closed_bodies(world.group).any()):
         return find_enclosed_pairs(world, qs, since)
     each = zip(qs, times, strict=True)

@@ -1,7 +1,7 @@
 """Motions as Bezier curves: their points, halves and ranges, and by how much they exceed limits of position.
 
-A curve lies in the box of its control points (the convex hull property): certificates and limits rely on it. `EXACT` is
-far below the `LIMIT_TOLERANCE` that excesses are judged by (`verdict.py`), and has to stay so; less of it takes longer.
+A curve lies in the box of its control points (the convex hull property): certificates and limits rely on it. `EXACT`
+has to stay far below `LIMIT_TOLERANCE` of verdict.py, by which excesses are judged; few `MOST_HALVINGS` miss excesses.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ from guidefield.prove.tables import WorldTables, world_tables
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.scene.movers import motion_of, movers
 
-FIRST_ROWS = 4096  # rows of the log at first (a Panda's motion has some hundred); with too few the search is repeated
+FIRST_ROWS = 4096  # rows of the log at first, above 0 (a Panda's motion has some hundred): too few repeat the search
 
 CLAIM_MARGIN = 1e-6
 """A claimed distance is by this less than what was found, because a proof's numbers are in single precision [m].

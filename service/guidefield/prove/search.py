@@ -3,8 +3,8 @@
 Kernels search by branch and bound (`kernels.prove.search`), Coal confirms: at the place of a refusal it has to find the
 pair closer than required, within its accuracy; otherwise there is a bug, and an exception instead of an answer.
 `TOLERANCE` and `RESOLUTION_FLOOR` are what replies promise. The other numbers are time, which distance within
-`TOLERANCE` is found, and what is known when time is up; `LOOKAHEAD_PLACES` may turn the word of a refusal from
-undecided into contact, never free into refused.
+`TOLERANCE` is found, in contact which pair and depth, and what is known when time is up; `LOOKAHEAD_PLACES` may turn an
+undecided refusal into contact or too close, never free into refused.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ LAST_SEGMENTS = 256
 """Most segments that a verdict may need once time is up: some milliseconds; a Baxter's certificate takes a hundred."""
 
 OWN_SAMPLE_STRIDE = 34
-"""Pairs of the robot with itself are sampled at every 34th sample, and at the last: with 8 a UR5, whose own pairs are
-near each other all along, takes a tenth longer, and a Baxter a fiftieth less."""
+"""Pairs of the robot with itself are sampled at every 34th sample, and at the last: another number finds other depths
+in contact. With 8 a UR5, whose own pairs are near all along, takes a tenth longer, a Baxter a fiftieth less."""
 
 COARSE_SHARE = 1 / 15
 """In segments longer than this share of the motion only spheres and boxes are examined: twice or half of it takes a

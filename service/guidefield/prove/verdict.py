@@ -1,9 +1,9 @@
 """Verdicts of certificates: whether a motion is free, and where and why it is refused; tolerances of the decision.
 
 The values of `Reason` are on the wire and in recordings. A smaller accuracy of Coal's than it has would turn verdicts
-into contradictions. docs/certificate.md states `COAL_ACCURACY`, `COAL_RELATIVE` and `LIMIT_TOLERANCE`, and the referee
-has a tolerance of limits of its own (`referee/case.py`). A smaller `CONSTRAINT_RESOLUTION` refuses less, and takes
-longer.
+into contradictions, a larger one more of them into undecided. docs/certificate.md states `COAL_ACCURACY`,
+`COAL_RELATIVE` and `LIMIT_TOLERANCE`; the referee has a tolerance of limits of its own (`referee/case.py`). A smaller
+`CONSTRAINT_RESOLUTION` refuses less, and takes longer.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ narrowest, where free space turns into a passage (a taper is not narrowest at it
 planes don't see each other. Each is the free cross-section there, and is moved along the way to the smallest one
 nearby.
 
-A plane is a proposal: all constants may be changed, but change the planes, and so the motions. Lengths are for a robot
-of size 1 (`PlanningGroup.size`). The names of planes are in replies; `RAYS` is in that document, too.
+A plane is a proposal: other constants, above 0, give other planes or none, and so other motions. Lengths are for a
+robot of size 1 (`PlanningGroup.size`). The names of planes are in replies; `RAYS` is in that document, too.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ whatever `SWEPT_RESOLUTION`; a smaller one says yes more often, and takes longer
 robot's very shapes a no counts as contact: larger `SELF_MARGIN` and `SWEPT_RESOLUTION` refuse more of its motions.
 Descents whose kernels judge steps get both numbers, too.
 
-The other constants only choose between free ways; `COMFORTABLE` and `MARGINS` go to the kernel of whole rounds, too
-(`rounds.py`). Lengths in m are for a robot of size 1.
+`RESOLUTION` is time, but for what all but touches: samples refuse that. `COMFORTABLE`, `MARGINS` (also for the kernel
+of whole rounds, `rounds.py`) and `DIPS` choose between free ways. Lengths in m are for a robot of size 1.
 """
 
 from __future__ import annotations

@@ -5,9 +5,9 @@ by step, or several of them in one kernel if nothing has to be judged outside it
 once (`Blocks.ONE`), and all shapes of the robot are capsules (`SweptWorld.exact`). Both ways have to do the same. The
 kernels (kernels/guide/plane_rounds.py and descent.py) get the constants from here.
 
-A step is taken if it is free, so the constants change clearance, success and time of the way to a plane, and that
-document repeats most; `ROUNDS_PER_CHECK` leaves the way. `Unrecorded`: nobody knows what chose a constant; measure
-before a change.
+Steps are taken if free: the constants change clearance, success and time of the way to a plane; `ROUNDS_PER_CHECK`
+changes counts, and the pair that a standstill names. The document repeats `SMALLEST_STEP`, `GUARD`, `ON_PLANE`,
+`REGULARIZATION`, `TOLERANCE`, `CLOSE`, `FINE`. `Unrecorded`: nobody knows what chose a constant; measure first.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ TOLERANCE = 1e-3
 CLOSE = 0.015
 FINE = 1e-4  # .. with this tolerance: there the last thousandth of U is millimetres of clearance
 MOST_STEPS = 60  # it ends after this many steps. Unrecorded
-STEPS_AT_ONCE = 20  # steps between two checks of the deadline. Unrecorded
+STEPS_AT_ONCE = 20  # steps between two checks of the deadline, after which `FINE` gives way to `TOLERANCE`. Unrecorded
 MOST_ROUNDS = 6  # of slide and reorient on one plane. Unrecorded
 NEGLIGIBLE = 2e-3  # such rounds end where U falls by less than this share. Unrecorded
 

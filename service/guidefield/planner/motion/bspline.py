@@ -1,7 +1,7 @@
 """A motion as a uniform cubic B-spline in time: control points, and the length of its pieces.
 
 The ends' three control points follow from position, velocity and acceleration there; optimisation moves the inner ones.
-Kernels (timing, optimize) use the same basis.
+Kernels (timing, optimize) use the same basis and ends: no formula here may change alone.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from guidefield.kernels.timing.hermite import spline_points, spline_slopes
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRate, ChartRates
 
-ENDS = 3  # control points that an end takes: its position, velocity and acceleration
+ENDS = 3  # control points that an end takes, for its position, velocity and acceleration: no setting
 
 
 def basis(t: np.ndarray) -> np.ndarray:

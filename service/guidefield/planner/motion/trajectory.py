@@ -194,7 +194,7 @@ def bezier(knots: np.ndarray, values: ChartPoints, slopes: ChartRates) -> ChartC
 
 
 RAMP = 0.02  # where there is no limit of jerk, accelerations rise to their limit in this time [s]
-APART = 1e-9  # times that are closer than this are one [s]
+APART = 1e-9  # times that are closer than this are one [s]: with more, stops aren't exact
 ROUNDING = 1e-5  # share of a jerk limit that is left for the rounding of jerks in short pieces
 CLOSE = 5e-4  # in pieces shorter than this, rounding of jerks is more than that, at `CLOSE_JERK` [s]
 CLOSE_JERK = 100.0  # [rad/s³ or m/s³]

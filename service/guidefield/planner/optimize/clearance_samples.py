@@ -260,7 +260,7 @@ COMPARED = 64  # samples at which two motions among obstacles that move are comp
 # limits of path constraints up to this count in Newton's steps all through [rad or m]. With 0 one in six motions hardly
 # gets shorter, with 0.02 and 0.05 they are the same
 TIGHT = 0.03
-FARTHEST = 0.25  # largest distance that counts of an end from obstacles [m], at size 1. Unrecorded
+FARTHEST = 0.25  # most that counts of an end's distance [m], at size 1: caps floors at `FLOOR_SHARE` of it. Unrecorded
 SPACING = 0.05  # of samples at which a motion's distance from what moves is checked [s]. A choice
 
 

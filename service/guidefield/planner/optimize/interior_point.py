@@ -3,8 +3,8 @@
 A look evaluates clearance and loads (torques, speeds in space) with their derivatives, which takes far more time than
 all else. So Newton's method goes on with its quadratic model as long as that brings much, before the next look. The
 constants change the motion and the number of looks; limits of rates are kept whatever they are. Loads are measured
-again in the end: a motion beyond them that can't be slowed down is refused. service/docs/algorithm.md repeats
-`FREE_SHARE`.
+again in the end: a motion beyond them that can't be slowed down is refused. service/docs/algorithm.md and motions.md
+repeat `FREE_SHARE`.
 """
 
 from __future__ import annotations

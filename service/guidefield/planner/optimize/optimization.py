@@ -11,8 +11,9 @@ examined seldom: in between its expansion to second order represents it. Then th
 the curve as it is, and μ falls on. Steps are counted, not timed: the same problem has the same motion whatever the
 load, unless time runs out.
 
-The result is a proposal, examined at samples only: the certificate judges it. Limits of rates motions that
-begin or end in motion keep by their barrier, so `STRICTLY` has to be below 1; `optimized_motion.py` takes none beyond.
+The result is a proposal, examined at samples only: the certificate judges it. The constants change motions and time;
+`ROOM` and `LOOSENED` are above 1, `STRICTLY` is below, as the limits' barrier is infinite beyond. By it alone motions
+keep limits of rates that begin or end in motion: `optimized_motion.py` takes none beyond.
 """
 
 from __future__ import annotations
@@ -351,7 +352,6 @@ class _Descending:
         return _Coarse(coarse if settings.few else question, found, question.duration * found.cost)
 
     def fine(self, coarse: _Coarse) -> Evaluation:
-        """The motion with its pieces subdivided, after all fine weights."""
         if self.outcome is not None:
             return coarse.found.look
         settings = self._settings

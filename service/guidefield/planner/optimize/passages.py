@@ -37,11 +37,11 @@ from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRates
 from guidefield.scene.guide_plane import GuidePlane
 
 SPACING = 0.25  # of samples about where a motion came nearest, in pieces
-CLOSER = 0.125  # share of that with which samples are taken again
+CLOSER = 0.125  # share of that with which samples are taken again, below 1
 SHIFTS = 8  # how often samples are taken at most
 REACHED = 1e-6  # what may be missed in the end [m at size 1, or rad]
 CORRECTIONS = 60  # how often a motion is moved onto all places at most
-LEAST_SHARES = 1e-3  # least sum of squares of a place's shares of inner control points: below it, it is at an end
+LEAST_SHARES = 1e-3  # least sum of squares of a place's shares of inner control points, above 0: below, it is at an end
 SHORTEST = 1e-3  # a place that is nearer to a knot than this, in pieces, is the knot
 
 

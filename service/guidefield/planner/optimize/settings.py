@@ -4,9 +4,9 @@ Lengths are those at size 1, see `sized`; a coordinate in metres counts by the r
 
 "Problems" are 35 of the public ones of a Panda as pose goals, at 15 rad/s² and 500 rad/s³. Where it says *unrecorded*
 nobody wrote down how a number was chosen; a prototype's were chosen on 70 of the same sets, some of which are measured
-now. What no preset changes stands beside its use; service/docs/algorithm.md repeats some. All of them change motions
-and the time to find them; whether these are free is judged afterwards (`planner/optimized_motion.py`), and limits of
-rates are kept whatever they are.
+now. Other constants stand beside their use; service/docs/algorithm.md repeats some, docs/steps.md `MANY`. All change
+motions, the time to find them and how often they are refused: whether they are free is judged afterwards
+(`planner/optimized_motion.py`), limits of rates are kept anyway. `piece` stays above 0.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class OptimizationSettings:
     # weight of the mean barrier against the duration, which counts from 1. Problems: with 0.05 motions are 1 % faster
     # and keep 2 mm less on the way, with 0.2 1 % slower and 2 mm more
     weight: float = 0.1
-    range: float = 0.08  # of the barrier [m]. With 120 mm motions get 10 % slower
+    range: float = 0.08  # of the barrier, and `distance` of slices.py [m]. With 120 mm motions get 10 % slower
     end_weight: float = 0.0  # weight on top of the full one at an end, against the tighter range
     # what is nearer to obstacles than this beyond the clearance asked for costs more, far from the ends [m]. With 2 mm
     # instead two of 70 motions came nearer than 20 mm
@@ -77,7 +77,7 @@ class OptimizationSettings:
 
 BALANCED = OptimizationSettings()
 
-HEAVIER_LOADS = 20.0  # times as much is the weight of loads that exceed their limits after all; twice at most
+HEAVIER_LOADS = 20.0  # times as much is the weight of loads beyond their limits, twice at most; `unscaled` begins so
 
 OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
     {
@@ -99,7 +99,7 @@ def sized(settings: OptimizationSettings, size: float) -> OptimizationSettings:
     return dataclasses.replace(settings, **{name: size * getattr(settings, name) for name in lengths})
 
 
-MANY = 24  # what is optimised with more coordinates than this is optimised `of_many`
+MANY = 24  # motions of more coordinates are optimised `of_many`, and past goals not at all
 
 
 def of_many(settings: OptimizationSettings) -> OptimizationSettings:

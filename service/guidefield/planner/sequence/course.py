@@ -105,7 +105,7 @@ class Course(Protocol[S]):
         ...
 
 
-AWAY = 5e-3  # an object at this distance from an obstacle has left it [m]: the docs of `Attach` promise it
+AWAY = 5e-3  # an object at this distance from an obstacle has left it [m]: `Attach` and docs/steps.md promise it
 LOOKS_A_SECOND = 200.0  # distances of an object from an obstacle that it may touch are measured so often [Hz]
 MOST_LOOKS = 2000  # of these at most, over the whole time that it is held
 

@@ -3,9 +3,9 @@
 Ends of steps are examined, not the motions between them: each later step needs a configuration that is free there, and
 a straight way one from which the robot can follow it, from some configuration that the steps before it leave.
 
-With more `BRANCHES` and `DRAWS` fewer sequences that are possible are refused, for more time. With more `LOOKS` those
-that aren't are refused sooner, but also those whose later ends are among configurations that weren't drawn. What is
-kept is planned and certified as ever. Draw `k` takes the seed `seed + k`.
+With more `ENOUGH`, `BRANCHES` and `DRAWS`, all above 0, fewer possible sequences are refused, for more time. With more
+`LOOKS` impossible ones are refused sooner, but also those whose later ends are among configurations that weren't drawn.
+What is kept is planned and certified as ever. Draw `k` takes the seed `seed + k`.
 """
 
 from __future__ import annotations

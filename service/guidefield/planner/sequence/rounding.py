@@ -12,8 +12,8 @@ lengths counted from c, takes their place. It begins along A and ends along B, a
 nothing else of the curves is changed. (With u³ (2 - u) for u² the curvature has no step, and motions were 2 % slower,
 with limits of jerk up to 7 %.)
 
-Each part is certified, and has to pass its goal within the radius, so the constants change how fast motions are and how
-long they are searched for. `NO_RADIUS` must not be less than `passages.REACHED`.
+Each part is certified, and passes its goal within the radius: constants change how fast motions are, and the time to
+find them. `NO_RADIUS` is `passages.REACHED` at least, `MOST_OF_CURVE` a half at most; docs/steps.md has `TIME_SHARE`.
 """
 
 from __future__ import annotations
@@ -210,7 +210,7 @@ LOOKS = 8  # chords of each piece of a motion by which its length is measured
 RADIUS_SHARE = 0.9  # of a radius that a corner takes: a spline through its places stays within the radius, too
 MOST_OF_CURVE = 0.5  # share of a curve's length that a corner takes at most: the other end has as much
 LEAST_PLACES = 16  # on a corner, at least
-FINE_PLACES = 200  # places between which a corner's length is measured
+FINE_PLACES = 200  # places by which a corner is drawn, and its length measured
 
 
 class CurveByLength:

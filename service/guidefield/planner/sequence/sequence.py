@@ -53,7 +53,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.joints import ChartPoint, ChartPoints, ChartRates
 
-KNOT_TOLERANCE = 1e-6  # times that are this close to a knot become the knot's [s]
+KNOT_TOLERANCE = 1e-6  # times of permitted contacts become a knot's that is as close [s]: so much longer they may last
 
 STOPS = "to pass goals without stopping is no faster here, so the motion stops: `radius` is small for the limits"
 """Warning about steps that are not passed without stopping."""

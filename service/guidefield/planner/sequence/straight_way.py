@@ -2,9 +2,9 @@
 
 A motion of the joints along which the tip goes straight: inverse kinematics from place to place, then time.
 
-Where the certificate refuses it for its shape, the places are taken closer together. `certify_straight` is a proof by
-bounds (`_rests`), which may be larger, never smaller; it decides. The constants but `POINT` are a search for the
-motion: they change whether one is found, where and why it is said to end, and the time.
+Where the certificate refuses it for its shape, places are taken closer together. `certify_straight` decides by bounds
+(`_rests`), which may be larger, never smaller; `PIECES_AT_ONCE` changes which place it names. Others but `POINT` are a
+search: they change whether a motion is found, where it ends (docs/steps.md promises 1e-8) and why, and the time.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from guidefield.robot.group.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.model.joints import TRANSLATION, ChartCurves, ChartPoint, ChartPoints, Joint
 from guidefield.robot.model.model import frame_index
 
-POINT = 1e-9  # on a way no longer than this the tip turns on the spot [m]
+POINT = 1e-9  # on a way no longer than this the tip turns on the spot [m], if by more than this [rad]
 
 
 @dataclass(frozen=True, eq=False)

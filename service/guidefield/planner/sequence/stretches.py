@@ -1,6 +1,6 @@
 """Motions one after the other as one trajectory of all joints: joined past goals, each stretch certified.
 
-A stretch is a part of a step with the same permitted contacts, and the same straight way or none, all along.
+A stretch is a part of a step with the same permitted contacts and straight way, or none. `INSIDE` is the one setting.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ Limits of torque are in effort.py. What a motion reaches is known between sample
 
 A motion is refused where a bound is beyond `KEPT_SHARE` of its limit, which also judges rates (motion/limit_load.py)
 and torques. `_balls` has to contain the shape. `FEW_POINTS` changes what motions are optimised to, `PIECES_AT_ONCE`
-time alone.
+time, and bounds within the accuracies; a larger `CLOSE_ACCURACY` refuses more that is just within.
 """
 
 from __future__ import annotations

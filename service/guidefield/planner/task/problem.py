@@ -1,7 +1,7 @@
 """The problem of a plan: the conditions of its motion, and start, goal and guide planes.
 
-It is built by the handlers, and never changed: stages make others by `dataclasses.replace`. `ROUNDING` decides at which
-tick a controller's last command is; with less of `DRAWN` motions that a controller draws otherwise are slower.
+Handlers build it; stages make others by `dataclasses.replace`. `ROUNDING` decides a controller's rows and last tick.
+With less of `DRAWN` (docs/motions.md) motions that it draws otherwise are slower, with more beyond limits more often.
 """
 
 from __future__ import annotations

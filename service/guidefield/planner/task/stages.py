@@ -1,6 +1,6 @@
 """The stages of a plan as they run, with their times and outcomes; the endings of plans that fail, as sentences.
 
-Statuses and keys of details are the wire's; sentences may change, for people alone read them.
+Statuses, stages' names and keys of details are the wire's; sentences may change, for people alone read them.
 """
 
 from __future__ import annotations

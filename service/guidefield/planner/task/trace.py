@@ -2,7 +2,7 @@
 
 Packed logs are stored with runs, and hold fields of events and `_KINDS` by their order: a change of these needs another
 `MAGIC` in run_log.py, because a newer version may draw them. So does one of
-`MAX_ITERATIONS`, which chooses the paths that they hold. Words of kinds are those of recordings.
+`MAX_ITERATIONS`, which chooses the paths that they hold. Words of kinds are those of recordings and logs.
 """
 
 from __future__ import annotations
