@@ -114,10 +114,10 @@ def check(place: World, trajectory: Trajectory, found: SearchResult, count: int)
     least = np.minimum(even.min(axis=0), sampled(place, trajectory, np.concatenate(closer)).min(axis=0))
     for smallest_of, answer in zip(least, (*found.obstacle, found.own), strict=True):
         if smallest_of <= 1e-4 or answer.distance <= 1e-4:
-            assert answer.distance <= 1e-4 + TOLERANCE
+            assert answer.distance <= 1e-4 + answer.tolerance
             continue
-        assert answer.distance - TOLERANCE <= smallest_of + 2 * COAL_ACCURACY
-        assert answer.bound == answer.distance - TOLERANCE or answer.pair < 0
+        assert answer.distance - answer.tolerance <= smallest_of + 2 * COAL_ACCURACY
+        assert answer.bound == answer.distance - answer.tolerance or answer.pair < 0
         if answer.pair >= 0:
             assert plain_distance(place, trajectory, answer) == pytest.approx(answer.distance, abs=ACCURACY)
     if least.min() > 1e-4:
